@@ -21,7 +21,7 @@ from robotapp_scheduler.core.cycle.joint_problem import Posed
 from robotapp_scheduler.joint.problem import Problem
 from robotapp_scheduler.joint.search import first_plans
 from robotapp_scheduler.joint.solve import Limits, Solution, solve
-from robotapp_scheduler.shell.planner import IN_WORKER, Planner
+from robotapp_scheduler.shell.planner.planner import IN_WORKER, Planner
 
 
 def quantile(values: list[float], share: float) -> float:

@@ -22,7 +22,7 @@ from robotapp_scheduler.shell.gathering import Gathering
 from robotapp_scheduler.shell.group_report import GroupReporter
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.placing import Placer
-from robotapp_scheduler.shell.planner import Planner
+from robotapp_scheduler.shell.planner.planner import Planner
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import READY, Reserved
 

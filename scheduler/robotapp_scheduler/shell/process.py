@@ -47,7 +47,7 @@ from robotapp_scheduler.shell.metrics.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import Stopwatch, time_plugins
 from robotapp_scheduler.shell.placing import Placer
-from robotapp_scheduler.shell.planner import Planner
+from robotapp_scheduler.shell.planner.planner import Planner
 from robotapp_scheduler.shell.published import publish
 from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import Reserver, granted_pods

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_scheduler.shell.workers import started, stdin_of
+from robotapp_scheduler.shell.planner.subprocesses import started, stdin_of
 
 log = logging.getLogger(__name__)
 

@@ -13,7 +13,7 @@ from tests.support.ports import ask
 from tests.support.stage import Json, Stage, deployment, nodes
 
 from robotapp_api.model.names import API_VERSION, Label
-from robotapp_scheduler.shell.planner import WORKER
+from robotapp_scheduler.shell.planner.planner import WORKER
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.nodes import SimulatedNode, edge
 from robotapp_testbed.process import Process

@@ -11,7 +11,7 @@ from tests.support.clients import until
 from tests.support.joint_problems import field_problem
 
 from robotapp_scheduler.core.cycle.joint_problem import Posed
-from robotapp_scheduler.shell.planner import PAUSE_S, Planner
+from robotapp_scheduler.shell.planner.planner import PAUSE_S, Planner
 
 READY = "import sys, time; out = sys.stdout.buffer; out.write(bytes(4)); out.flush();"
 SILENT = (sys.executable, "-c", f"{READY} time.sleep(60)")

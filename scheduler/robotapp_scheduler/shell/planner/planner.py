@@ -20,12 +20,12 @@ from robotapp_scheduler.core.cycle.joint_problem import Posed
 from robotapp_scheduler.joint.message import decode_solution, encode_problem
 from robotapp_scheduler.joint.problem import Problem
 from robotapp_scheduler.joint.solve import Limits, Solution, solve
-from robotapp_scheduler.shell.planning_worker import LENGTH
-from robotapp_scheduler.shell.workers import started, stdin_of
+from robotapp_scheduler.shell.planner.subprocesses import started, stdin_of
+from robotapp_scheduler.shell.planner.worker import LENGTH
 
 log = logging.getLogger(__name__)
 
-WORKER: Final = (sys.executable, "-m", "robotapp_scheduler.shell.planning_worker")
+WORKER: Final = (sys.executable, "-m", "robotapp_scheduler.shell.planner.worker")
 SMALL: Final = 1024
 """Pods times rows times edges of a problem that is solved at once: it takes a few milliseconds."""
 AT_ONCE: Final = Limits(seconds=0.005, steps=8)

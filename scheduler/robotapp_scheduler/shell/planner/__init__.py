@@ -1,0 +1,1 @@
+"""Joint plans in a process beside the scheduler."""
