@@ -17,9 +17,9 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
-from robotapp_scheduler.shell import texts
 from robotapp_scheduler.shell.metrics.metrics import Metrics
-from robotapp_scheduler.shell.report import Events, utc_now
+from robotapp_scheduler.shell.status import messages
+from robotapp_scheduler.shell.status.pod_status import Events, utc_now
 
 log = logging.getLogger(__name__)
 
@@ -92,10 +92,10 @@ class Evictor:
     async def _evict(self, victim: Pod, node: str, preemptor: PodInfo) -> bool:
         """False: it is still there, and nobody deletes it."""
         meta = victim.metadata
-        condition = texts.disruption_patch(victim, by=preemptor.scheduler_name, now=self._now())
+        condition = messages.disruption_patch(victim, by=preemptor.scheduler_name, now=self._now())
 
         async def mark() -> None:
-            if not texts.is_disrupted(victim):
+            if not messages.is_disrupted(victim):
                 await self._patch(victim, condition)
 
         async def delete() -> None:
@@ -114,7 +114,7 @@ class Evictor:
             warning=False,
             reason=EventReason.PREEMPTED,
             action="Preempting",
-            note=texts.preempted(preemptor.uid, node),
+            note=messages.preempted(preemptor.uid, node),
             by=preemptor.scheduler_name,
         )
         return True
@@ -122,7 +122,7 @@ class Evictor:
     async def _take_promise(self, pod: PodInfo) -> None:
         """A waiter of lower priority no longer has its place on the node; a failure here is not critical."""
         self._core.cluster.nominations.nominate(pod, "")
-        patch = texts.nomination_patch(pod.pod, "")
+        patch = messages.nomination_patch(pod.pod, "")
         async with self._slots:
             await self._tried(lambda: self._patch(pod.pod, patch), pod.pod)
 

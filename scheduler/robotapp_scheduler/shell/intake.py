@@ -9,7 +9,7 @@ from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.pods.in_place_resize import held_per_container
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
-from robotapp_scheduler.shell.report import Reporter
+from robotapp_scheduler.shell.status.pod_status import Reporter
 
 
 class Intake:

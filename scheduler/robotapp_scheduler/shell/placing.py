@@ -26,9 +26,9 @@ from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
 from robotapp_scheduler.shell.claim_users import ClaimUsers
 from robotapp_scheduler.shell.metrics.metrics import AttemptResult, Metrics
 from robotapp_scheduler.shell.metrics.timing import PointTimer
-from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import READY, Readiness, Reserved, Reserver, wants
-from robotapp_scheduler.shell.texts import budget_without_end, device_busy
+from robotapp_scheduler.shell.status.messages import budget_without_end, device_busy
+from robotapp_scheduler.shell.status.pod_status import Reporter
 from robotapp_scheduler.shell.volume_writes import VolumeWriter
 
 log = logging.getLogger(__name__)

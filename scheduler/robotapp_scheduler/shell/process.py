@@ -34,14 +34,11 @@ from robotapp_scheduler.shell.binder import Binder
 from robotapp_scheduler.shell.claim_users import ClaimUsers
 from robotapp_scheduler.shell.config.reload import Reloader, Running, first
 from robotapp_scheduler.shell.config.sources import LastGood, NoSource, Source, sources
-from robotapp_scheduler.shell.events import PodEvents
 from robotapp_scheduler.shell.evict import Evictor
 from robotapp_scheduler.shell.explaining import Explainer
 from robotapp_scheduler.shell.feed import Feed
-from robotapp_scheduler.shell.group_report import GroupReporter
 from robotapp_scheduler.shell.health import Checks
 from robotapp_scheduler.shell.intake import Intake
-from robotapp_scheduler.shell.kubelet_refusals import KubeletRefusals
 from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics.metrics import Metrics
@@ -49,8 +46,11 @@ from robotapp_scheduler.shell.metrics.timing import Stopwatch, time_plugins
 from robotapp_scheduler.shell.placing import Placer
 from robotapp_scheduler.shell.planner.planner import Planner
 from robotapp_scheduler.shell.published import publish
-from robotapp_scheduler.shell.report import Reporter
 from robotapp_scheduler.shell.reserve import Reserver, granted_pods
+from robotapp_scheduler.shell.status.event_recorder import PodEvents
+from robotapp_scheduler.shell.status.kubelet_rejections import KubeletRefusals
+from robotapp_scheduler.shell.status.pod_group_status import GroupReporter
+from robotapp_scheduler.shell.status.pod_status import Reporter
 from robotapp_scheduler.shell.volume_writes import INTERESTING, VolumeWriter
 from robotapp_scheduler.shell.watchdog import Watchdog
 

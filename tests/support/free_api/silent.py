@@ -5,7 +5,7 @@ from typing import Any
 from unittest.mock import patch
 
 from robotapp_scheduler.main import main
-from robotapp_scheduler.shell.events import PodEvents
+from robotapp_scheduler.shell.status.event_recorder import PodEvents
 
 
 def nothing(*_: Any, **__: Any) -> None: ...

@@ -27,8 +27,8 @@ from robotapp_api.model.names import EventReason
 from robotapp_api.values.buckets import Buckets
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.schedule_result import skipped_deleting
-from robotapp_scheduler.shell import texts
-from robotapp_scheduler.shell.newest import Newest
+from robotapp_scheduler.shell.status import messages
+from robotapp_scheduler.shell.status.latest_queue import Newest
 
 log = logging.getLogger(__name__)
 
@@ -103,7 +103,7 @@ class Reporter:
         """The bind was confirmed; the API server itself has set PodScheduled=True. `more` is added to the Event's note."""
         self.forget(pod.metadata.uid)
         self._events.pod_event(
-            pod, warning=False, reason=EventReason.SCHEDULED, action="Binding", note=texts.assigned(pod, node) + more
+            pod, warning=False, reason=EventReason.SCHEDULED, action="Binding", note=messages.assigned(pod, node) + more
         )
 
     def unscheduled(
@@ -131,18 +131,18 @@ class Reporter:
         now_s = self._client.clock()
         self._held.pop(uid, None)
         wait_s = 0.0 if same else self._changes.wait_s(uid)
-        if wait_s and said is not None and texts.nominated(pod, nominate):
+        if wait_s and said is not None and messages.nominated(pod, nominate):
             again = partial(self.unscheduled, pod, reason=reason, message=message, nominate=nominate, event=event)
             self._held[uid] = (now_s + wait_s, again)
             return
         if not same or now_s - self._told_s.get(uid, now_s) >= AGAIN_S:
             self._told_s[uid] = now_s
-            self._events.pod_event(pod, warning=True, reason=event, action="Scheduling", note=texts.note(message))
-        if same and nominate in {None, known} and texts.nominated(pod, nominate):
+            self._events.pod_event(pod, warning=True, reason=event, action="Scheduling", note=messages.note(message))
+        if same and nominate in {None, known} and messages.nominated(pod, nominate):
             return
         self._remember(uid, (reason, message, known if nominate is None else nominate))
         # Only before our first word: later the pod may look as it did before a word of ours that is still on its way.
-        if said is None and texts.says_already(pod, reason=reason, message=message, nominate=nominate):
+        if said is None and messages.says_already(pod, reason=reason, message=message, nominate=nominate):
             return
         waiting = self._waiting.get(uid) or self._later.get(uid)
         if nominate is None and waiting is not None:
@@ -186,7 +186,7 @@ class Reporter:
         self._noted.move_to_end(uid)
         if len(self._noted) > REMEMBERED:
             self._noted.popitem(last=False)
-        self._events.pod_event(pod, warning=True, reason=reason, action="Scheduling", note=texts.note(text))
+        self._events.pod_event(pod, warning=True, reason=reason, action="Scheduling", note=messages.note(text))
 
     def deleting(self, pod: Pod) -> None:
         """The pod was deleted while it waited: one Warning, no condition."""
@@ -229,7 +229,7 @@ class Reporter:
 
     async def _write(self, text: _Text) -> None:
         meta = text.pod.metadata
-        patch = texts.unscheduled_patch(
+        patch = messages.unscheduled_patch(
             text.pod, reason=text.reason, message=text.message, now=self._now(), nominate=text.nominate
         )
         for attempt in range(TRIES):

@@ -21,7 +21,7 @@ from robotapp_api.client.transport.errors import (
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.pod_group import INITIALLY_SCHEDULED, GivenPodGroup
 from robotapp_scheduler.core.pods.pod_group_index import WORKLOADS
-from robotapp_scheduler.shell.group_report import GroupReporter
+from robotapp_scheduler.shell.status.pod_group_status import GroupReporter
 
 GANG = {"gang": {"minCount": 3}}
 NOW = "2026-01-01T00:00:00Z"

@@ -11,7 +11,7 @@ from robotapp_api.claims.identity import holder_of_app, holder_of_pod
 from robotapp_api.claims.repair import ClaimConflict
 from robotapp_api.client import ApiClient
 from robotapp_api.client.api.resources import EVENTS
-from robotapp_scheduler.shell.events import PodEvents
+from robotapp_scheduler.shell.status.event_recorder import PodEvents
 
 
 @pytest.fixture

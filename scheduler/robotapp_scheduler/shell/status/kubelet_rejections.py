@@ -13,9 +13,9 @@ from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.shell import texts
 from robotapp_scheduler.shell.metrics.metrics import Metrics
-from robotapp_scheduler.shell.report import Events
+from robotapp_scheduler.shell.status import messages
+from robotapp_scheduler.shell.status.pod_status import Events
 
 log = logging.getLogger(__name__)
 
@@ -65,7 +65,7 @@ class KubeletRefusals:
             warning=True,
             reason=EventReason.KUBELET_REJECTED,
             action="Binding",
-            note=texts.note(texts.refused_by_kubelet(pod.spec.node_name, reason, found.status.message)),
+            note=messages.note(messages.refused_by_kubelet(pod.spec.node_name, reason, found.status.message)),
         )
 
 

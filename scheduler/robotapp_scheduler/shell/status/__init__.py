@@ -1,0 +1,1 @@
+"""What users read about a pod: conditions, events, messages."""
