@@ -36,9 +36,9 @@ from robotapp_scheduler.shell.config.reload import Reloader, Running, first
 from robotapp_scheduler.shell.config.sources import LastGood, NoSource, Source, sources
 from robotapp_scheduler.shell.evict import Evictor
 from robotapp_scheduler.shell.explaining import Explainer
-from robotapp_scheduler.shell.feed import Feed
 from robotapp_scheduler.shell.health import Checks
-from robotapp_scheduler.shell.intake import Intake
+from robotapp_scheduler.shell.informers.informers import Feed
+from robotapp_scheduler.shell.informers.pod_handler import Intake
 from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics.metrics import Metrics

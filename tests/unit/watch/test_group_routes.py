@@ -14,8 +14,8 @@ from robotapp_api.client.api.resources import COSCHEDULING_PODGROUPS, ROBOTAPPS,
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_group_index import COSCHEDULING, GroupRef
-from robotapp_scheduler.shell import feed as feeding
-from robotapp_scheduler.shell.feed import Feed
+from robotapp_scheduler.shell.informers import informers as feeding
+from robotapp_scheduler.shell.informers.informers import Feed
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 
 

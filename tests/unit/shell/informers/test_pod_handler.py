@@ -11,7 +11,7 @@ from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
-from robotapp_scheduler.shell.intake import Intake
+from robotapp_scheduler.shell.informers.pod_handler import Intake
 
 OURS = "ours"
 

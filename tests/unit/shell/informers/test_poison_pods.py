@@ -18,7 +18,7 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import Decision
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
-from robotapp_scheduler.shell.intake import Intake
+from robotapp_scheduler.shell.informers.pod_handler import Intake
 
 NODES = 200
 POISON = poison_pods()

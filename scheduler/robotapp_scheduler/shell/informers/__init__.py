@@ -1,0 +1,1 @@
+"""Watch events into the cache and the queue."""
