@@ -30,8 +30,8 @@ from robotapp_api.client.api.resources import NODES, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.shell import reserve
-from robotapp_scheduler.shell.reserve import Readiness, Reserver
+from robotapp_scheduler.shell.binding import claim_reserver
+from robotapp_scheduler.shell.binding.claim_reserver import Readiness, Reserver
 from robotapp_testbed import ControlPlane, product
 from robotapp_testbed.namespaces import created
 
@@ -127,7 +127,7 @@ async def _noting(on: bool) -> AsyncIterator[None]:
         return claim
 
     with (
-        mock.patch.object(reserve, "ensure_pod_domain", as_before),
+        mock.patch.object(claim_reserver, "ensure_pod_domain", as_before),
         mock.patch("robotapp_api.claiming.bind_check.note_nodes", nothing),
     ):
         yield

@@ -21,12 +21,12 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
-from robotapp_scheduler.shell.binder import BindOutcome, BindResult
+from robotapp_scheduler.shell.binding.binder import BindOutcome, BindResult
+from robotapp_scheduler.shell.binding.binding_cycle import Placer
+from robotapp_scheduler.shell.binding.claim_reserver import READY, Reserved
 from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics.metrics import Metrics
-from robotapp_scheduler.shell.placing import Placer
 from robotapp_scheduler.shell.planner.planner import Planner
-from robotapp_scheduler.shell.reserve import READY, Reserved
 from robotapp_scheduler.shell.status.pod_group_status import GroupReporter
 
 OURS = "ours"

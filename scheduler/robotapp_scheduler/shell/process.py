@@ -30,11 +30,14 @@ from robotapp_scheduler.port.pages import pages
 from robotapp_scheduler.port.request_handler import RequestHandler
 from robotapp_scheduler.port.supervisor import PortSupervisor
 from robotapp_scheduler.shell import collector, huge_pages, vigil
-from robotapp_scheduler.shell.binder import Binder
-from robotapp_scheduler.shell.claim_users import ClaimUsers
+from robotapp_scheduler.shell.binding.binder import Binder
+from robotapp_scheduler.shell.binding.binding_cycle import Placer
+from robotapp_scheduler.shell.binding.claim_reserver import Reserver, granted_pods
+from robotapp_scheduler.shell.binding.evictor import Evictor
+from robotapp_scheduler.shell.binding.resource_claim_users import ClaimUsers
+from robotapp_scheduler.shell.binding.volume_binder import INTERESTING, VolumeWriter
 from robotapp_scheduler.shell.config.reload import Reloader, Running, first
 from robotapp_scheduler.shell.config.sources import LastGood, NoSource, Source, sources
-from robotapp_scheduler.shell.evict import Evictor
 from robotapp_scheduler.shell.explaining import Explainer
 from robotapp_scheduler.shell.health import Checks
 from robotapp_scheduler.shell.informers.informers import Feed
@@ -43,15 +46,12 @@ from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import Stopwatch, time_plugins
-from robotapp_scheduler.shell.placing import Placer
 from robotapp_scheduler.shell.planner.planner import Planner
 from robotapp_scheduler.shell.published import publish
-from robotapp_scheduler.shell.reserve import Reserver, granted_pods
 from robotapp_scheduler.shell.status.event_recorder import PodEvents
 from robotapp_scheduler.shell.status.kubelet_rejections import KubeletRefusals
 from robotapp_scheduler.shell.status.pod_group_status import GroupReporter
 from robotapp_scheduler.shell.status.pod_status import Reporter
-from robotapp_scheduler.shell.volume_writes import INTERESTING, VolumeWriter
 from robotapp_scheduler.shell.watchdog import Watchdog
 
 log = logging.getLogger(__name__)

@@ -58,7 +58,7 @@ ASKING: Final[Mapping[tuple[str, str], Callable[[Mapping[str, Any]], Asked]]] = 
     ("robotapp_scheduler.core.framework.queueing_hint", "wants"): lambda known: Asked(
         known["self"].plugin, "hint", known["pod"]
     ),
-    ("robotapp_scheduler.shell.bind_steps", "_ask"): lambda known: Asked(
+    ("robotapp_scheduler.shell.binding.extension_points", "_ask"): lambda known: Asked(
         known["loaded"].name, known["hook"], known["pod"]
     ),
 }

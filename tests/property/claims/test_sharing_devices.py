@@ -18,8 +18,8 @@ from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.device_index import Device, DeviceGrant
-from robotapp_scheduler.shell import reserve
-from robotapp_scheduler.shell.reserve import Readiness, Reserver
+from robotapp_scheduler.shell.binding import claim_reserver
+from robotapp_scheduler.shell.binding.claim_reserver import Readiness, Reserver
 
 NODE = "edge-1"
 CAN = Device(id="can-can0", type="can", interface="can0")
@@ -138,7 +138,7 @@ def looks_only(monkeypatch: pytest.MonkeyPatch) -> None:
             await device_sharing.end_sharing(client, found)
         return Reservation(found.ok, reason=found.reason, message=found.message)
 
-    monkeypatch.setattr(reserve, "begin_sharing", look)
+    monkeypatch.setattr(claim_reserver, "begin_sharing", look)
 
 
 def asks_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -147,7 +147,7 @@ def asks_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     async def nothing(*_: Any, **__: Any) -> Reservation:
         return Reservation(True)
 
-    monkeypatch.setattr(reserve, "shared_by_others", nothing)
+    monkeypatch.setattr(claim_reserver, "shared_by_others", nothing)
 
 
 @pytest.mark.parametrize("weak", [looks_only, asks_nobody])

@@ -19,7 +19,7 @@ from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import BindContext, PluginError
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell.bind_steps import BindSteps
+from robotapp_scheduler.shell.binding.extension_points import BindSteps
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import PointTimer
 from robotapp_scheduler.shell.vigil import DEATHS, MARK, MOST, Vigil, opened

@@ -23,7 +23,7 @@ from robotapp_scheduler.core.framework.interface import BindContext
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.framework.queueing_hint import Waker
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell.bind_steps import BindSteps
+from robotapp_scheduler.shell.binding.extension_points import BindSteps
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import PointTimer
 from robotapp_scheduler.shell.watchdog import Watchdog

@@ -19,7 +19,15 @@ from robotapp_api.model.names import Annotation, Label, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
-from robotapp_scheduler.shell.reserve import Readiness, Reserved, Reserver, domain_wish, granted_pods, holder_of, thing
+from robotapp_scheduler.shell.binding.claim_reserver import (
+    Readiness,
+    Reserved,
+    Reserver,
+    domain_wish,
+    granted_pods,
+    holder_of,
+    thing,
+)
 
 CAN = DeviceGrant("can0", "edge-1", Device(id="can-can0", type="can", interface="can0"), exclusive=True)
 

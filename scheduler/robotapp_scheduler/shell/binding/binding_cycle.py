@@ -21,15 +21,15 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod, Rejection
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
-from robotapp_scheduler.shell.bind_steps import BindSteps, Refused, failed_step
-from robotapp_scheduler.shell.binder import Binder, BindOutcome, BindResult
-from robotapp_scheduler.shell.claim_users import ClaimUsers
+from robotapp_scheduler.shell.binding.binder import Binder, BindOutcome, BindResult
+from robotapp_scheduler.shell.binding.claim_reserver import READY, Readiness, Reserved, Reserver, wants
+from robotapp_scheduler.shell.binding.extension_points import BindSteps, Refused, failed_step
+from robotapp_scheduler.shell.binding.resource_claim_users import ClaimUsers
+from robotapp_scheduler.shell.binding.volume_binder import VolumeWriter
 from robotapp_scheduler.shell.metrics.metrics import AttemptResult, Metrics
 from robotapp_scheduler.shell.metrics.timing import PointTimer
-from robotapp_scheduler.shell.reserve import READY, Readiness, Reserved, Reserver, wants
 from robotapp_scheduler.shell.status.messages import budget_without_end, device_busy
 from robotapp_scheduler.shell.status.pod_status import Reporter
-from robotapp_scheduler.shell.volume_writes import VolumeWriter
 
 log = logging.getLogger(__name__)
 

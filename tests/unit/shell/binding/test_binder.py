@@ -14,7 +14,7 @@ from robotapp_api.client.transport.errors import (
     Unreachable,
 )
 from robotapp_scheduler.core.api.core_v1 import Metadata, Pod, PodSpec
-from robotapp_scheduler.shell.binder import MOST_DOUBT_DELAY_S, Binder, BindOutcome, BindResult
+from robotapp_scheduler.shell.binding.binder import MOST_DOUBT_DELAY_S, Binder, BindOutcome, BindResult
 
 PATH = "/api/v1/namespaces/team-a/pods/drv-0/binding"
 

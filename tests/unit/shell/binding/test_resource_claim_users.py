@@ -10,7 +10,7 @@ from tests.support.scripted_client import ScriptedClient
 from robotapp_api.client.transport.errors import Conflict, NotFound
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaim
-from robotapp_scheduler.shell.claim_users import TRIES, ClaimUsers
+from robotapp_scheduler.shell.binding.resource_claim_users import TRIES, ClaimUsers
 
 OTHER = {"resource": "pods", "name": "other", "uid": "uid-other"}
 SELF = {"resource": "pods", "name": "p", "uid": "uid-p"}

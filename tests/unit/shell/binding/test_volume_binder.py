@@ -12,7 +12,7 @@ from tests.support.volumes import make_claim, make_volume, mounting
 from robotapp_api.client.transport.errors import Conflict
 from robotapp_scheduler.core.cache.cache import Cluster
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
-from robotapp_scheduler.shell.volume_writes import VolumeWriter, claim_patch, volume_patch
+from robotapp_scheduler.shell.binding.volume_binder import VolumeWriter, claim_patch, volume_patch
 
 MAP = ("default", "map")
 BINDING = VolumePlan("n0", bindings=((MAP, "v"),), provisions=(), timeout_s=5.0)

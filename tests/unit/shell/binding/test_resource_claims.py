@@ -1,6 +1,6 @@
 """A pod becomes a user of its resource claims on the way to its node."""
 
-from tests.unit.shell.test_placing import Rig
+from tests.unit.shell.binding.test_binding_cycle import Rig
 
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.api.core_v1 import ClaimReference

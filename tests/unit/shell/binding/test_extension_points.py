@@ -13,7 +13,7 @@ from robotapp_api.model.names import Annotation, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.interface import Code, Status
 from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef, Profile, ProfileSpec, build_profiles
-from robotapp_scheduler.shell.bind_steps import BindSteps, Promise, Refused
+from robotapp_scheduler.shell.binding.extension_points import BindSteps, Promise, Refused
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import PointTimer
 

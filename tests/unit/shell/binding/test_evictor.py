@@ -13,7 +13,7 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
-from robotapp_scheduler.shell.evict import Evictor
+from robotapp_scheduler.shell.binding.evictor import Evictor
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 
 NOW = "2026-11-21T00:00:00Z"

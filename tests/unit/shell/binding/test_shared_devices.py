@@ -5,7 +5,7 @@ from tests.support.placing import Rig
 from robotapp_api.claiming.devices import Reservation
 from robotapp_api.claims.identity import holder_of_pod
 from robotapp_api.claims.objects import Claim, ClaimSpec, Meta
-from robotapp_scheduler.shell.reserve import Readiness, Reserved
+from robotapp_scheduler.shell.binding.claim_reserver import Readiness, Reserved
 
 
 def sharing(version: str) -> Reserved:

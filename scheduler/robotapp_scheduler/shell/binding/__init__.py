@@ -1,0 +1,1 @@
+"""From the chosen node to the bound pod."""
