@@ -15,7 +15,7 @@ from robotapp_api.serving.pages import PathGate, asked, caller, problem, refused
 from robotapp_api.values.buckets import Buckets
 from robotapp_scheduler.port.frames import NOT_RECORDED, Request, Response
 from robotapp_scheduler.port.remote import Scheduler
-from robotapp_scheduler.shell.simulating import Simulator
+from robotapp_scheduler.port.simulate import Simulator
 
 A_ROLE_FOR_PODS: Final = "ClusterRole view may, ask for a RoleBinding of it there"
 EXPLAIN_PER_S, EXPLAIN_AT_ONCE = 10.0, 100

@@ -6,9 +6,9 @@ import msgspec
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import generate_latest
 
+from robotapp_scheduler.port.health import Checks
 from robotapp_scheduler.port.request_handler import Page
 from robotapp_scheduler.shell.config.reload import Running
-from robotapp_scheduler.shell.health import Checks
 from robotapp_scheduler.simulation.kinds import resources
 
 

@@ -28,7 +28,7 @@ from robotapp_scheduler.port.endpoints import AllowAll, Endpoints, Gate, applica
 from robotapp_scheduler.port.forked_worker import end_with_parent
 from robotapp_scheduler.port.frames import Request, Settings
 from robotapp_scheduler.port.remote import Remote
-from robotapp_scheduler.shell.simulating import Simulator
+from robotapp_scheduler.port.simulate import Simulator
 
 log = logging.getLogger(__name__)
 

@@ -26,6 +26,8 @@ from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.profiles import Catalogue, Profile
 from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.port.explain import Explainer
+from robotapp_scheduler.port.health import Checks
 from robotapp_scheduler.port.pages import pages
 from robotapp_scheduler.port.request_handler import RequestHandler
 from robotapp_scheduler.port.supervisor import PortSupervisor
@@ -38,8 +40,6 @@ from robotapp_scheduler.shell.binding.resource_claim_users import ClaimUsers
 from robotapp_scheduler.shell.binding.volume_binder import INTERESTING, VolumeWriter
 from robotapp_scheduler.shell.config.reload import Reloader, Running, first
 from robotapp_scheduler.shell.config.sources import LastGood, NoSource, Source, sources
-from robotapp_scheduler.shell.explaining import Explainer
-from robotapp_scheduler.shell.health import Checks
 from robotapp_scheduler.shell.informers.informers import Feed
 from robotapp_scheduler.shell.informers.pod_handler import Intake
 from robotapp_scheduler.shell.loop import SchedulerLoop

@@ -15,11 +15,11 @@ from tests.support.clients import until
 from tests.support.scheduling import Clock, make_core, make_node, make_pod
 
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.port.explain import Explainer
 from robotapp_scheduler.port.forked_worker import ForkedWorker, WorkerError
 from robotapp_scheduler.port.frames import NOT_RECORDED, Request, Response
 from robotapp_scheduler.port.remote import Remote
 from robotapp_scheduler.port.request_handler import STARTS_AT_ONCE, RequestHandler
-from robotapp_scheduler.shell.explaining import Explainer
 
 
 class World:

@@ -12,7 +12,7 @@ from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.shell.explaining import Explainer, without_nodes
+from robotapp_scheduler.port.explain import Explainer, without_nodes
 
 NOON = datetime(2026, 1, 2, 12, tzinfo=UTC)
 

@@ -11,8 +11,8 @@ from tests.support.scheduling import node_json, pod_json
 from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.port.pages import kinds, simulation_config
+from robotapp_scheduler.port.simulate import Simulated, Simulator
 from robotapp_scheduler.shell.config.reload import Running
-from robotapp_scheduler.shell.simulating import Simulated, Simulator
 
 SLEEPS = (sys.executable, "-c", "import sys, time; sys.stdin.buffer.read(); time.sleep(60)")
 BREAKS = (sys.executable, "-c", "raise SystemExit(3)")
