@@ -11,7 +11,7 @@ from robotapp_api.serving.port import PortError
 from robotapp_scheduler import tools
 from robotapp_scheduler.config import flags
 from robotapp_scheduler.config.load import ConfigError
-from robotapp_scheduler.shell import process
+from robotapp_scheduler.shell.process import process
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -24,9 +24,9 @@ from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.binding.binder import BindOutcome, BindResult
 from robotapp_scheduler.shell.binding.binding_cycle import Placer
 from robotapp_scheduler.shell.binding.claim_reserver import READY, Reserved
-from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.planner.planner import Planner
+from robotapp_scheduler.shell.process.loop import SchedulerLoop
 from robotapp_scheduler.shell.status.pod_group_status import GroupReporter
 
 OURS = "ours"

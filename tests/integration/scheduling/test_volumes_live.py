@@ -17,7 +17,7 @@ from tests.support.storage_live import (
     volume,
 )
 
-from robotapp_scheduler.shell.loop import IN_FLIGHT
+from robotapp_scheduler.shell.process.loop import IN_FLIGHT
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.nodes import edge
 from robotapp_testbed.process import Process

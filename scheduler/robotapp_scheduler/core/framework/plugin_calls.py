@@ -17,4 +17,4 @@ def asking(vigil: Asking | None, plugin: str, hook: str, pod: PodInfo) -> Abstra
 
 
 class Overdue(BaseException):
-    """Raised inside a hook that does not come back (shell.watchdog). No `except Exception` of the plugin's stops it."""
+    """Raised inside a hook that does not come back (shell.process.watchdog). No `except Exception` of the plugin's stops it."""

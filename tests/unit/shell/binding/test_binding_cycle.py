@@ -10,7 +10,7 @@ from robotapp_scheduler.core.api.core_v1 import ClaimReference
 from robotapp_scheduler.core.pods.pod_group_index import COSCHEDULING, POD_GROUP_LABEL, GroupRef
 from robotapp_scheduler.shell.binding.binder import BindOutcome, BindResult
 from robotapp_scheduler.shell.binding.claim_reserver import Readiness, Reserved
-from robotapp_scheduler.shell.loop import IN_FLIGHT, SLICE_S
+from robotapp_scheduler.shell.process.loop import IN_FLIGHT, SLICE_S
 
 
 async def test_a_pod_is_decided_assumed_bound_and_leaves_the_queue() -> None:

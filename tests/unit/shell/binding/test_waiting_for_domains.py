@@ -10,7 +10,7 @@ from robotapp_scheduler.core.cycle.diagnosis import DEVICE_PLUGIN, FULL_POOL
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.shell.binding.claim_reserver import Readiness, Reserved
-from robotapp_scheduler.shell.loop import POOLS_S
+from robotapp_scheduler.shell.process.loop import POOLS_S
 
 HOLDER = holder_of_pod(namespace="a", name="talker", uid="t")
 TEXT = "3 of 3 domain ids of pool default are claimed"

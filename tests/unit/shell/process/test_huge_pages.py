@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from robotapp_scheduler.shell import huge_pages
-from robotapp_scheduler.shell.huge_pages import SIZE, whole_pages
+from robotapp_scheduler.shell.process import huge_pages
+from robotapp_scheduler.shell.process.huge_pages import SIZE, whole_pages
 
 MIB = 1 << 20
 

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from robotapp_scheduler.shell.gathering import LEAST_S, MOST_S, TOGETHER, TURNS, Gathering
+from robotapp_scheduler.shell.process.response_batching import LEAST_S, MOST_S, TOGETHER, TURNS, Gathering
 
 
 class Course:

@@ -20,9 +20,9 @@ from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod, Rejection
 from robotapp_scheduler.shell.binding.binding_cycle import Placer
 from robotapp_scheduler.shell.binding.claim_reserver import READY, Reserved
-from robotapp_scheduler.shell.gathering import Gathering
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.planner.planner import Planner
+from robotapp_scheduler.shell.process.response_batching import Gathering
 from robotapp_scheduler.shell.status.pod_group_status import GroupReporter
 from robotapp_scheduler.shell.status.pod_status import Reporter
 

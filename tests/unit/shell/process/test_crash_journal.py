@@ -22,7 +22,7 @@ from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.binding.extension_points import BindSteps
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import PointTimer
-from robotapp_scheduler.shell.vigil import DEATHS, MARK, MOST, Vigil, opened
+from robotapp_scheduler.shell.process.crash_journal import DEATHS, MARK, MOST, Vigil, opened
 
 WEB = owner("ReplicaSet", "web", "rs-1")
 
@@ -190,7 +190,7 @@ def test_a_full_disk_is_told_and_the_vigil_is_off(
 HOLDS = """
 import sys
 from pathlib import Path
-from robotapp_scheduler.shell.vigil import Vigil
+from robotapp_scheduler.shell.process.crash_journal import Vigil
 vigil = Vigil(Path(sys.argv[1]), "d1")
 print("held", flush=True)
 sys.stdin.read()

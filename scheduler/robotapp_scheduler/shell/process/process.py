@@ -31,7 +31,6 @@ from robotapp_scheduler.port.health import Checks
 from robotapp_scheduler.port.pages import pages
 from robotapp_scheduler.port.request_handler import RequestHandler
 from robotapp_scheduler.port.supervisor import PortSupervisor
-from robotapp_scheduler.shell import collector, huge_pages, vigil
 from robotapp_scheduler.shell.binding.binder import Binder
 from robotapp_scheduler.shell.binding.binding_cycle import Placer
 from robotapp_scheduler.shell.binding.claim_reserver import Reserver, granted_pods
@@ -42,17 +41,18 @@ from robotapp_scheduler.shell.config.reload import Reloader, Running, first
 from robotapp_scheduler.shell.config.sources import LastGood, NoSource, Source, sources
 from robotapp_scheduler.shell.informers.informers import Feed
 from robotapp_scheduler.shell.informers.pod_handler import Intake
-from robotapp_scheduler.shell.loop import SchedulerLoop
 from robotapp_scheduler.shell.metrics.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import Stopwatch, time_plugins
 from robotapp_scheduler.shell.planner.planner import Planner
-from robotapp_scheduler.shell.published import publish
+from robotapp_scheduler.shell.process import crash_journal, garbage, huge_pages
+from robotapp_scheduler.shell.process.collectors import publish
+from robotapp_scheduler.shell.process.loop import SchedulerLoop
+from robotapp_scheduler.shell.process.watchdog import Watchdog
 from robotapp_scheduler.shell.status.event_recorder import PodEvents
 from robotapp_scheduler.shell.status.kubelet_rejections import KubeletRefusals
 from robotapp_scheduler.shell.status.pod_group_status import GroupReporter
 from robotapp_scheduler.shell.status.pod_status import Reporter
-from robotapp_scheduler.shell.watchdog import Watchdog
 
 log = logging.getLogger(__name__)
 
@@ -87,7 +87,7 @@ class Scheduler:
         self.port = 0
         """Where we serve, once `run` has opened it."""
         self.metrics = Metrics()
-        self._vigil = vigil.opened(options.state_dir, running.config.digest)
+        self._vigil = crash_journal.opened(options.state_dir, running.config.digest)
         self.core = self._made_core()
         self._make_intake()
         self._make_loop()
@@ -192,7 +192,7 @@ class Scheduler:
         supervisor = await PortSupervisor.opened(self._options, self.port_requests)
         self.port = supervisor.port
         log.info("serving health, metrics and explanations on port %d", supervisor.port)
-        collector.filling()
+        garbage.filling()
         try:
             async with asyncio.TaskGroup() as group:
                 background = [
@@ -202,7 +202,7 @@ class Scheduler:
                     group.create_task(self.reporter.run(), name="conditions"),
                     group.create_task(self.group_reporter.run(), name="conditions of groups"),
                     group.create_task(self._reloader.run(), name="configuration"),
-                    group.create_task(collector.run(), name="garbage"),
+                    group.create_task(garbage.run(), name="garbage"),
                     group.create_task(huge_pages.run(self.feed.synced), name="huge pages"),
                     group.create_task(self._watchdog().run(), name="watchdog"),
                 ]
@@ -212,7 +212,7 @@ class Scheduler:
                 for task in background:
                     task.cancel()
         finally:
-            collector.released()
+            garbage.released()
             await self.planner.close()
             supervisor.close()
         return 1 if self._lost else 0
@@ -234,7 +234,7 @@ class Scheduler:
 
     async def _lead(self) -> None:
         await self.feed.synced.wait()
-        collector.filled()
+        garbage.filled()
         log.info("caches are filled: %r", self.core.cluster)
         if self._election is None:
             self._leading.set()
@@ -347,7 +347,7 @@ class Scheduler:
     def _in_worker(self) -> None:
         """What a copy of the process asks a plugin, and dies of, is no word about us."""
         for name in self.core.scheduler_names:
-            vigil.unwatched(self.core.engine(name).profile)
+            crash_journal.unwatched(self.core.engine(name).profile)
 
     def _may_act(self) -> bool:
         """Whether our lease holds. Asked before every write of a leader: a process that was stopped wakes up in the

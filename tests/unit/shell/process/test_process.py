@@ -18,7 +18,7 @@ from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import Options, parse
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.config.reload import Running
-from robotapp_scheduler.shell.process import Scheduler
+from robotapp_scheduler.shell.process.process import Scheduler
 
 
 @pytest.fixture(autouse=True)

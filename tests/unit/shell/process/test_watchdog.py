@@ -26,7 +26,7 @@ from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.binding.extension_points import BindSteps
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import PointTimer
-from robotapp_scheduler.shell.watchdog import Watchdog
+from robotapp_scheduler.shell.process.watchdog import Watchdog
 
 LONG_S = 5.0
 """Nothing here may take so long: whatever is not broken off ends by itself then, and fails its test."""
