@@ -1,6 +1,5 @@
 """What a node of the pair needs of its middleware."""
 
-import os
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -42,14 +41,3 @@ class Bus(Protocol):
     def take_frames(self) -> list[int]:
         """Sizes of the camera images that came since the last call."""
         ...
-
-
-def connect(role: Role) -> Bus:
-    """By the environment the operator of RobotApp gave: a ROS 1 master, else DDS."""
-    if "ROS_MASTER_URI" in os.environ:
-        from ros_nodes.rospy_bus import RospyBus
-
-        return RospyBus(role)
-    from ros_nodes.dds_bus import DdsBus
-
-    return DdsBus(role, domain=int(os.environ["ROS_DOMAIN_ID"]))

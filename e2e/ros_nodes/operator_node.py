@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable
 from typing import TextIO
 
-from ros_nodes.bus import Bus, Stamp, connect
+from ros_nodes.bus import Bus, Stamp
+from ros_nodes.connect import connect
 from ros_nodes.trips import FOREIGN, FRAME, HEADER, READY, SENT, TRIP, Row
 
 _LONGEST_WAIT_S = 0.05

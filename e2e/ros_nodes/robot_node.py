@@ -4,7 +4,8 @@ import argparse
 import time
 from collections.abc import Callable
 
-from ros_nodes.bus import Bus, connect
+from ros_nodes.bus import Bus
+from ros_nodes.connect import connect
 
 _LONGEST_WAIT_S = 0.5
 

@@ -4,7 +4,8 @@ import io
 
 import pytest
 
-from ros_nodes.bus import Stamp, connect
+from ros_nodes.bus import Stamp
+from ros_nodes.connect import connect
 from ros_nodes.operator_node import OperatorNode
 from ros_nodes.robot_node import RobotNode
 from ros_nodes.trips import FOREIGN, FRAME, READY, SENT, TRIP, parse
