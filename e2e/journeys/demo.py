@@ -23,9 +23,10 @@ from robotapp_testbed import ControlPlane, TestbedError, guest, product
 from robotapp_testbed.assets import Assets
 from robotapp_testbed.detached import Cluster
 from robotapp_testbed.guest import GuestPlane
+from robotapp_testbed.network import Topology
 from robotapp_testbed.nodes import Device
 from robotapp_testbed.process import wait_until
-from robotapp_testbed.topology import SimulatedTelemetry, Topology, apply, fleet
+from robotapp_testbed.topology import SimulatedTelemetry, apply, fleet
 
 STORY: tuple[Callable[[Stage, World], None], ...] = (
     apply_teleop,

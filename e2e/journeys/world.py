@@ -12,7 +12,7 @@ import yaml
 
 from robotapp_testbed import ControlPlane, Process
 from robotapp_testbed.guest import GUEST_LABEL, TOLERATION
-from robotapp_testbed.topology import Topology
+from robotapp_testbed.network import Topology
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMESPACE = "demo"

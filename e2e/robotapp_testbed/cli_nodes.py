@@ -13,13 +13,13 @@ from robotapp_testbed import components_as_pods, fleet_file, images
 from robotapp_testbed.assets import Assets
 from robotapp_testbed.detached import State
 from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.network import Topology
 from robotapp_testbed.nodes import SimulatedNode, cloud, edge, robot
 from robotapp_testbed.real import RealNodes, cluster, parts, prerequisites
 from robotapp_testbed.switch.control import Control
 from robotapp_testbed.switch.links import LIMITS, Link, problem_of
 from robotapp_testbed.switch.replay import Replay
 from robotapp_testbed.switch.traces import Step, Trace
-from robotapp_testbed.topology import Topology
 
 EXAMPLES = """\
   python -m robotapp_testbed doctor                      can this machine run real nodes, and what is missing

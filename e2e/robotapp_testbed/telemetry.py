@@ -5,17 +5,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from math import isinf
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_api.model.telemetry import node_owner
 from robotapp_testbed.controlplane import ControlPlane
 from robotapp_testbed.failures import ApiStatusError, TestbedError
 from robotapp_testbed.heartbeat import Heartbeat
+from robotapp_testbed.network import Topology
 from robotapp_testbed.nodes import Device
-
-if TYPE_CHECKING:
-    from robotapp_testbed.topology import Topology
 
 PATH = f"/apis/{API_VERSION}/nodetelemetries"
 _NODES = "/api/v1/nodes"
@@ -40,7 +38,7 @@ class SimulatedTelemetry:
     A round trip has no jitter: median and 95th percentile are the value of the topology.
     """
 
-    def __init__(self, cp: ControlPlane, topology: "Topology", *, interval_s: int | None = None) -> None:
+    def __init__(self, cp: ControlPlane, topology: Topology, *, interval_s: int | None = None) -> None:
         self._cp = cp
         self._topology = topology
         self._interval_s = interval_s or max(_SHORTEST_INTERVAL_S, len(topology) // _NODES_PER_INTERVAL_SECOND)

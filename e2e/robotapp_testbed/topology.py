@@ -6,11 +6,12 @@ with SimulatedTelemetry(cp, nodes) as telemetry:
     telemetry.set_rtt("edge-1", "amr-07", 45.0)
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from robotapp_testbed.controlplane import ControlPlane
-from robotapp_testbed.failures import ApiStatusError, TestbedError
+from robotapp_testbed.failures import ApiStatusError
+from robotapp_testbed.network import Topology
 from robotapp_testbed.nodes import Device, SimulatedNode, Tier, cloud, edge, robot
 from robotapp_testbed.telemetry import PATH as TELEMETRY
 from robotapp_testbed.telemetry import SimulatedTelemetry
@@ -29,48 +30,7 @@ __all__ = [
     "robot",
 ]
 
-NEAR_MS = 2.0
-FAR_MS = 15.0
-CLOUD_MS = 60.0
 _NODES = "/api/v1/nodes"
-
-
-class Topology:
-    """Nodes and the round-trip time of every pair, in milliseconds.
-
-    Unless a pair is given in `rtt_ms`, it follows from the zones: 2 within a zone, 15 between zones on site, 60 to the cloud.
-    """
-
-    def __init__(
-        self, nodes: Iterable[SimulatedNode], *, rtt_ms: Mapping[tuple[str, str], float] | None = None
-    ) -> None:
-        self.nodes = {node.name: node for node in nodes}
-        self._pairs: dict[frozenset[str], float] = {}
-        for (one, other), value in (rtt_ms or {}).items():
-            self.set_rtt(one, other, value)
-
-    def __iter__(self) -> Iterator[SimulatedNode]:
-        return iter(self.nodes.values())
-
-    def __len__(self) -> int:
-        return len(self.nodes)
-
-    def __repr__(self) -> str:
-        return f"<Topology {', '.join(f'{node.name}@{node.zone}' for node in self)}>"
-
-    def node(self, name: str) -> SimulatedNode:
-        try:
-            return self.nodes[name]
-        except KeyError:
-            raise TestbedError(f"no simulated node {name!r}, there are {', '.join(self.nodes)}") from None
-
-    def rtt_ms(self, one: str, other: str) -> float:
-        given = self._pairs.get(frozenset((one, other)))
-        return given if given is not None else _default_rtt_ms(self.node(one), self.node(other))
-
-    def set_rtt(self, one: str, other: str, value_ms: float) -> None:
-        """Both directions: a round trip has none."""
-        self._pairs[frozenset((self.node(one).name, self.node(other).name))] = value_ms
 
 
 def fleet(
@@ -131,14 +91,6 @@ def _apply_one(cp: ControlPlane, node: SimulatedNode) -> None:
         cp.api.patch(f"{path}/status", {"status": manifest["status"]})
     if stored["spec"].get("taints", []) != manifest["spec"]["taints"]:  # admission taints every new node as not ready
         cp.api.patch(path, {"spec": manifest["spec"]})
-
-
-def _default_rtt_ms(one: SimulatedNode, other: SimulatedNode) -> float:
-    if one.name == other.name:
-        return 0.0
-    if one.zone == other.zone:
-        return NEAR_MS
-    return CLOUD_MS if Tier.CLOUD in {one.tier, other.tier} else FAR_MS
 
 
 def _names(tier: Tier, wanted: int | Sequence[str]) -> list[str]:

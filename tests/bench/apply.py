@@ -25,7 +25,8 @@ from tests.support.world import World
 from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.schema.crd import schema_of
 from robotapp_testbed import ControlPlane, product
-from robotapp_testbed.topology import Topology, fleet
+from robotapp_testbed.network import Topology
+from robotapp_testbed.topology import fleet
 
 ROOT = Path(__file__).resolve().parents[2]
 IDS = "1-101,215-232"

@@ -22,7 +22,8 @@ from tests.support.world import APIS, Object, World, plain_app
 
 from robotapp_api.model.names import API_VERSION, Condition, Label
 from robotapp_testbed import ControlPlane, audit, product, wait_until
-from robotapp_testbed.topology import Topology, fleet
+from robotapp_testbed.network import Topology
+from robotapp_testbed.topology import fleet
 
 PODS_PER_EDGE = 100
 POOL = "shared"

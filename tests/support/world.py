@@ -14,7 +14,8 @@ from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SCHEDULER_MA
 from robotapp_testbed import ControlPlane, Process, product, topology, wait_until
 from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.namespaces import created
-from robotapp_testbed.topology import SimulatedTelemetry, Topology
+from robotapp_testbed.network import Topology
+from robotapp_testbed.topology import SimulatedTelemetry
 
 Object = dict[str, Any]
 APIS = f"/apis/{API_VERSION}"

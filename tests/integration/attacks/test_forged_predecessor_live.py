@@ -10,7 +10,8 @@ from tests.support.world import World, plain_app
 
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.namespaces import created
-from robotapp_testbed.topology import Topology, edge
+from robotapp_testbed.network import Topology
+from robotapp_testbed.topology import edge
 
 pytestmark = pytest.mark.live
 MARK = secrets.token_hex(2)

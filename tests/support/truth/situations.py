@@ -9,7 +9,8 @@ from tests.support.world import APIS, Object, World, plain_app
 
 from robotapp_api.model.names import Label
 from robotapp_testbed.components import SIMULATED_BY_KWOK
-from robotapp_testbed.topology import Device, Topology, fleet
+from robotapp_testbed.network import Topology
+from robotapp_testbed.topology import Device, fleet
 
 SEEN_S = 60.0
 CAN = Device("can0", "can", interface="can0")
