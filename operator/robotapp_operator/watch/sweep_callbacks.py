@@ -1,4 +1,4 @@
-"""What the sweep asks of the operator, and what it tells."""
+"""Callbacks of the sweep: what it needs from the operator's caches, and what it reports."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence

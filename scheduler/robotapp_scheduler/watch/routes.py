@@ -1,8 +1,7 @@
-"""Everything the scheduler looks at, and where it goes: one table for the watches, the export and the simulation.
+"""Everything the scheduler watches, and where it goes: one table for the watches, the export and the simulation.
 
-The watched resources of storage and devices. Without pods that claim any they are mirrored and never looked at.
-
-The watched resources of groups. An API server without them is asked again only while a pod waits for one.
+Storage and devices are mirrored and never looked at without pods that claim any. An API server without PodGroups is asked
+again only while a pod waits for one.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Requests that do not depend on each other, some at a time."""
+"""Runs independent requests, a bounded number at a time."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Collection

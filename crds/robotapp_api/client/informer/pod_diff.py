@@ -1,4 +1,4 @@
-"""News of a pod that is nearly what it was: recognised by its bytes, and only what is new in them is decoded.
+"""Events of pods that differ little from the last one: recognised by their bytes, and only the difference is decoded.
 
 A pod is told of three times on its way (made, bound, running). The second time it has got a node, the third a status;
 its metadata and its spec are the larger part of each. So their bytes are kept, but for the version of the object,

@@ -1,4 +1,4 @@
-"""Who uses which connection when: at most so many to one server, and a line of requests that find all of them busy."""
+"""The connection pool: a bounded number of connections to one server, and a queue of requests that find all of them busy."""
 
 import asyncio
 import functools

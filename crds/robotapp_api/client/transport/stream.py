@@ -1,4 +1,4 @@
-"""Answers that have no end: watches, each on a connection of its own.
+"""Responses without end: watches, each on a connection of its own.
 
 What arrives is handed on in the pieces the server sent, which for a watch are its lines, and in the moment it arrives:
 a task that waits for each would cost the scheduler more than a general client's reader does, with three events per pod.

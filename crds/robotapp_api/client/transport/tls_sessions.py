@@ -1,4 +1,4 @@
-"""TLS to a server spoken to before: a new connection takes up an earlier session, and nobody need be proved again.
+"""TLS session resumption: a new connection to a known server resumes an earlier session without a full handshake.
 
 Under load a scheduler opens some hundred connections at once. Of each handshake that saves a third of our CPU and three
 quarters of the API server's, which signs nothing.

@@ -1,4 +1,4 @@
-"""Volumes of the old in-tree kinds, as the CSI drivers see them that have replaced the code behind them.
+"""Translates volumes of the old in-tree kinds to the CSI drivers that replaced them.
 
 Which kinds are taken over, by whom and under which handle and zone label is that of kube-scheduler 1.37 (compared live:
 family "migrated-volumes"). vSphere and Azure File volumes are known to it too, but never translated.

@@ -1,4 +1,4 @@
-"""A PodGroup of either API, read so that nothing its author wrote can keep us from saying what is wrong with it.
+"""A PodGroup of either API, decoded leniently: a wrong field is reported on the object and does not fail the watch.
 
 The CRD of `scheduling.x-k8s.io` may be installed without a schema: then anything may stand in any field.
 """

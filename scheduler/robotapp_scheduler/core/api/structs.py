@@ -1,4 +1,4 @@
-"""Bases of the structs decoded from the API server's bytes (`gc=False`: the collector would walk 50,000 pods)."""
+"""Base classes of the structs that are decoded from the API server's bytes (`gc=False`: the collector would walk 50,000 pods)."""
 
 import msgspec
 

@@ -1,4 +1,4 @@
-"""Which pods belong together without saying so: the selectors of their Services and of the workload that owns them."""
+"""Default selectors of pods: those of their Services and of the workload that owns them."""
 
 from typing import Any, Final
 

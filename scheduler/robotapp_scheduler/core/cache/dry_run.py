@@ -1,4 +1,4 @@
-"""What if: the cluster with some pods taken off or put on, looked at, and put back exactly as it was.
+"""Dry run: takes pods off the cache or puts pods on it, and restores it exactly afterwards.
 
 The real rows and indexes are changed and changed back, so every rule sees the trial through the same code as always.
 Meanwhile the change log is another one, whose positions nobody has seen: what remembers a position (pod classes, counts)

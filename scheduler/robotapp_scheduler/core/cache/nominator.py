@@ -1,4 +1,4 @@
-"""Waiting pods that were promised a node: pods of lower or equal importance must leave them their place.
+"""Waiting pods that are nominated to a node: pods of lower or equal importance must leave them their place.
 
 A nomination is made in memory at the decision and stored in status.nominatedNodeName, from where it survives a restart.
 """

@@ -1,9 +1,8 @@
-"""What pods hold once they are placed: worked out once per shape, copied for each replica.
+"""Records of placed pods: computed once per pod signature, copied for each replica.
 
-Labels the API server copies from a node to each pod bound to it, where the pod has none of that name: zone and region.
-
-It does so since 1.33 (PodTopologyLabelsAdmission) unless that is off. Who counts a pod without them before its bind is confirmed
-has to take it off its node and put it on again, which is dearer than the decision was.
+`Stamps` predicts the zone and region labels that the API server copies from a node to each pod bound to it, where the pod
+has none of that name. It does so since 1.33 (PodTopologyLabelsAdmission) unless that is off. Without the prediction each
+confirmed bind takes the pod off its node and puts it on again, which costs more than the decision did.
 """
 
 from collections.abc import Callable

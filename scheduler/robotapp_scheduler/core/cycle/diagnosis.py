@@ -1,6 +1,6 @@
-"""A pod that got no node: the decision with upstream's words, and what its profile wants to do about it.
+"""The result for a pod that got no node: the reason in upstream's words, and what its profile does about it (PostFilter).
 
-What may help a pod that was refused by none of its profile's plugins, but by a name that stands for one.
+`WAKERS` are the queueing hints of the names that stand for a plugin in such a result, such as a full pool.
 """
 
 from typing import Final

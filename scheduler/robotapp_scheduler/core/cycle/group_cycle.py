@@ -1,9 +1,8 @@
 """The pods of one group, placed in one go against each other's assumed places.
 
 Greedy, along the edges of the app; a pod that finds no place is moved to the front and the plan starts over. What must
-be placed whole is placed whole or not at all (core.cycle.all_or_nothing).
-
-In which order the pods of a group are placed one by one: nobody is left between two neighbours that are far apart.
+be placed whole is placed whole or not at all (core.cycle.all_or_nothing). The pods are placed in an order in which none
+is left between two neighbours that are far apart.
 """
 
 import heapq

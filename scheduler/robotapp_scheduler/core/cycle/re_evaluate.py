@@ -1,4 +1,4 @@
-"""What would be decided about a known pod now: its record and the whole table over all nodes, made when somebody asks.
+"""Evaluates a known pod again on request: its record and the table over all nodes as they would be now.
 
 Nothing of it is kept: neither the ring, nor the caches, nor the counters notice. A bound pod is taken off its node while
 it is looked at, so that it does not stand in its own way.

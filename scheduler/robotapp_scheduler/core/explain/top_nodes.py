@@ -1,4 +1,4 @@
-"""The best rows of a pod class as one decision saw them: kept as they are, put in order when somebody asks."""
+"""The best nodes of a pod class at the time of a decision; they are put in order only when a record is read."""
 
 from typing import Final, NamedTuple
 

@@ -1,4 +1,4 @@
-"""A question to a plugin of somebody else's, as whoever keeps watch over the process hears of it."""
+"""The context in which a third-party plugin is called, and the exception that ends a call without return."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext

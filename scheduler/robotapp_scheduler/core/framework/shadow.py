@@ -1,4 +1,4 @@
-"""Shadow plugins: asked like any other, believed never, and harmless when they break."""
+"""Shadow plugins: called as any other, without effect on decisions, and harmless when they fail."""
 
 import logging
 from collections.abc import Callable

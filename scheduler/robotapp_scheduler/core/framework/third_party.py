@@ -1,4 +1,4 @@
-"""Hooks of plugins that are not ours: whatever they raise or answer wrongly becomes a `PluginError` that names them.
+"""Guards the hooks of third-party plugins: an exception or a wrong answer becomes a `PluginError` that names the plugin.
 
 Ours are trusted and asked directly. A PluginError fails the one pod (SchedulerError); it must never end the loop, a watch
 or the command that was typed, and what a plugin answers must not be believed before its shape is known.

@@ -1,4 +1,4 @@
-"""What a plugin class says about itself, checked when it is loaded: else only the first pod would notice."""
+"""Checks the attributes of a plugin class when it is loaded, so that a mistake is not found by the first pod."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any, Final

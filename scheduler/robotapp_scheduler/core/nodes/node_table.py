@@ -1,7 +1,4 @@
-"""Nodes as columns with stable rows.
-
-Amounts of single nodes as plain integers: for a handful of rows they are quicker than columns.
-"""
+"""Nodes as columns with stable rows, and the amounts of single nodes as plain integers, which are quicker for a few rows."""
 
 from hashlib import blake2b
 from typing import Final, NamedTuple

@@ -1,9 +1,8 @@
-"""What nodes offer and hold once more, as whole columns are quickest to reckon with: in float64, and what is left.
+"""Resource columns as float64 arrays, what is free of them, and the minimum that is free on every node.
 
 NumPy turns integers into floats for every division; for pods that are each a class of their own that was most of the
-work. Kept true by the change log, and made anew when a node comes, goes or offers something else.
-
-The least that is free on any node: a pod that asks for no more fits everywhere, and no row need be looked at.
+work. The arrays follow the change log, and are made anew when a node comes, goes or offers something else.
+A pod that requests no more than the minimum fits everywhere, so no row need be examined for it.
 """
 
 from operator import sub

@@ -1,4 +1,4 @@
-"""Answers worked out when first asked for, and kept."""
+"""A cached property for slotted classes."""
 
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar, overload

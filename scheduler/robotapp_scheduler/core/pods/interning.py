@@ -1,4 +1,4 @@
-"""Replicas share what they have in common: equal parts of pods of one owner become the same object.
+"""Interns equal parts of pods of one owner, so that replicas share the same objects.
 
 A decoded pod takes about 5 kB, most of it the same as in its siblings. Parts are compared with those of the last sibling
 and replaced when they are equal, which nobody can see but the memory.

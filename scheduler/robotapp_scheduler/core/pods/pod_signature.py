@@ -1,6 +1,6 @@
-"""What pods with the same spec, labels and owner have in common, worked out once: 2,000 replicas are one shape.
+"""What pods with the same spec, labels and owner have in common, computed once: 2,000 replicas share one `Shape`.
 
-Features of a kubelet that a pod's spec needs, by the names under which nodes declare them.
+`needs_of` finds the kubelet features that a spec needs, by the names under which nodes declare them.
 """
 
 from collections.abc import Hashable, Mapping

@@ -1,4 +1,4 @@
-"""Places promised to others: a node must take a pod both with its nominated pods counted in and without them."""
+"""Filters with nominated pods: a node must admit a pod both with its nominated pods counted and without them."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""Who must go from one node so that a pod fits, and what that costs.
+"""Selects the victims on one node so that a pod fits, and what it costs to evict them.
 
 All pods of lower priority are taken away; if the pod fits then, they are given back one by one, first those whose
 eviction would break a disruption budget, more important ones first, and those that no longer fit are the victims.

@@ -1,4 +1,4 @@
-"""The pods that may not be tried at all, by what may open their gates: a change is for those it concerns only."""
+"""Gated pods (PreEnqueue), indexed by what may open their gates."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Pods between pop and their return, and what was seen to change meanwhile."""
+"""Pods in flight between pop and their return, and the changes seen meanwhile."""
 
 from collections.abc import Iterator
 from typing import Any, Final

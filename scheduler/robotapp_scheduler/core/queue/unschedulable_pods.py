@@ -1,4 +1,4 @@
-"""Pods that wait until something happens that may help them: queueing hints, asked once per kind of pod.
+"""Unschedulable pods, and the queueing hints that move them back, called once per kind of pod.
 
 Waiting pods that the same plugins rejected and that are equal in everything those plugins' hints read share a bucket.
 An event costs one question per bucket, not per pod: 2,000 replicas of one Deployment are one question.

@@ -1,4 +1,4 @@
-"""A filter plugin's verdict per row, kept per value of what it reads and repaired from the change log."""
+"""Cached result of a filter plugin per node row, kept per value of what it reads and repaired from the change log."""
 
 from collections.abc import Sequence
 from math import isnan

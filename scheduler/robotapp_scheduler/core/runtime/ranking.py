@@ -1,6 +1,7 @@
-"""The total of every row, the best rows by it, and what was said about single ones.
+"""Total scores of all rows and the rows with the best ones, updated incrementally.
 
-The rows of one total: kept while rows join and leave one by one.
+`Level` is the set of rows that share one total, `Best` holds the levels from some total on, `Ranking` the totals and the
+single rows whose score was looked up.
 """
 
 from bisect import insort

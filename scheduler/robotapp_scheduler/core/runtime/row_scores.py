@@ -1,4 +1,4 @@
-"""What rows score by themselves: the weighted sum over the plugins whose score of a row depends on that row alone."""
+"""Scores that depend on one row alone: the weighted sum over the plugins that give them."""
 
 from typing import Final, NamedTuple
 

@@ -1,10 +1,10 @@
-"""Rows that only took pods since they were added up: a bound stands for their total until they come up as the best.
+"""Upper bounds on the total score of nodes that only gained pods, so that most need not be rescored.
 
 Where several classes take turns, each finds some twenty rows that the others have used. To add all of them up again costs
-as much as the rest of a decision, and most change once more before anybody asks for them. What such a row scores can
-fall, or rise to the ceiling its plugins name: it is true enough while it stays below those that are chosen.
+as much as the rest of a decision, and most change once more before their total is needed. What such a row scores can
+fall, or rise to the ceiling its plugins name: the bound is good enough while it stays below the rows that are chosen.
 
-When it pays to leave rows in doubt: not where pods come to the best rows only, or all must soon be added up anyway.
+`Patience` measures when bounds pay: not where pods come to the best rows only, or all rows must soon be added up anyway.
 """
 
 from collections.abc import Sequence

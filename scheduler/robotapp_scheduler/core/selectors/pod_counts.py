@@ -1,4 +1,4 @@
-"""How many placed pods a selector means, per row and per topology domain, kept up to date once somebody asked."""
+"""Counts of the placed pods that match a selector, per node row and per topology domain, kept up to date after the first use."""
 
 from collections import OrderedDict
 from enum import StrEnum

@@ -1,4 +1,4 @@
-"""Which pods a selector means: compiled once, hashable, and found again by one of the labels it asks for."""
+"""Compiled pod selectors: hashable, and indexed by one of the labels that they require."""
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from typing import Any, Generic, NamedTuple, TypeVar

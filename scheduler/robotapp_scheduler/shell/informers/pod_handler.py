@@ -1,4 +1,4 @@
-"""Where a pod goes that the watch shows: into the cluster, into the queue, or out of both."""
+"""Handles pod events: puts each pod into the cache or the queue, or removes it from both."""
 
 from collections.abc import Callable, Collection
 

@@ -1,4 +1,4 @@
-"""Metrics that are read when somebody scrapes: they cost nothing between scrapes."""
+"""Metric collectors that read their values on each scrape, and cost nothing between scrapes."""
 
 from collections.abc import Callable, Mapping
 

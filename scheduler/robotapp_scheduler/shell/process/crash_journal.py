@@ -1,4 +1,4 @@
-"""Remembers, in a folder that outlives the process, which plugin of somebody else's it died of, and about which pod.
+"""Records in a folder that outlives the process which call of a third-party plugin it died of, and for which pod.
 
 What is being asked stands in a page of memory that is also a file: the kernel keeps it whatever the process dies of. A
 hook that cannot be broken off is known after one death. Where the process died for an unknown reason while a plugin was

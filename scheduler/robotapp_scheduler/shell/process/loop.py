@@ -1,4 +1,4 @@
-"""The heart: pop, decide, hand over to the placer; one event loop, no threads.
+"""The scheduling loop: pop a pod, decide, hand over to the binding cycle; one event loop, no threads.
 
 Deciding is synchronous and takes microseconds; binding is concurrent and bounded. After a slice of decisions the loop
 yields, so that watch events and answers are taken in between.

@@ -1,4 +1,4 @@
-"""Under load the event loop lets answers gather for some milliseconds and takes them in one go.
+"""Batches responses under load: the event loop lets them gather for some milliseconds and reads them in one go.
 
 Who takes each answer as it comes shares the core with those who make them, switches to and fro, and finds its caches cold
 each time: beside a busy API server an eighth of our CPU, and a third of the cache misses. As long as many pods are on their

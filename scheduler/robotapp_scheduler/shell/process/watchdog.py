@@ -1,4 +1,4 @@
-"""Says what holds the event loop, and breaks off a plugin of somebody else's that does not come back.
+"""Logs what blocks the event loop, and interrupts a third-party plugin that does not return.
 
 While the loop turns an alarm is put off once a second, so it never rings. When it rings, its handler runs in the one
 thread there is, in the middle of what holds the loop: it sees which hook is asked about which pod, and may raise there.

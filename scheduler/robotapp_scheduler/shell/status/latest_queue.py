@@ -1,4 +1,4 @@
-"""A queue of what is to be said, in which only the newest word about each thing is kept."""
+"""A queue that keeps only the latest value per key."""
 
 import asyncio
 from collections import OrderedDict

@@ -1,4 +1,4 @@
-"""Says on a PodGroup of the API server's own API whether its pods were placed: the condition PodGroupInitiallyScheduled.
+"""Writes the condition PodGroupInitiallyScheduled of PodGroups of the API server's own API.
 
 False is written when an attempt failed, True once as many pods as it asks for are bound; what is true stays so. Groups of
 `scheduling.x-k8s.io` belong to another controller, whose status we leave alone.

@@ -1,4 +1,4 @@
-"""Tells the user what became of a pod: the PodScheduled condition and an Event, written when they say something new.
+"""Writes the PodScheduled condition and an Event of a pod when they change.
 
 A pod whose words change to and fro is told the newest ones every ten seconds, and those that came and went meanwhile not at all.
 What stays true is said again every few minutes: the recorder counts it on the Event that is there, which else were forgotten
