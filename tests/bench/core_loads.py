@@ -9,7 +9,7 @@ import numpy as np
 from tests.support.scheduling import default_profiles, make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -87,7 +87,7 @@ def preempting(nodes: int, kind: str, pods: int) -> dict[str, Any]:
 
 
 def _full(nodes: int) -> SchedulerCore:
-    cluster = Cluster(clock=time.monotonic)
+    cluster = Cache(clock=time.monotonic)
     for i in range(nodes):
         cluster.apply_node(make_node(f"node-{i}", labels={str(Label.ZONE): f"zone-{i % 10}"}, cpu="32", memory="256Gi"))
     for i in range(LOW_PER_NODE * nodes):

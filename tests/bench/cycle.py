@@ -19,7 +19,7 @@ from tests.support.scheduling import default_profiles, make_node, make_pod, tele
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Selecting
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 
 ZONES = 10
@@ -30,7 +30,7 @@ COMPANY = ("anti-affinity", "zone-affinity", "zone-spread", "default-spread")
 
 def build(nodes: int, placed: int = 0, *, service: bool = False) -> SchedulerCore:
     """Nodes of 32 CPU and 256 Gi in ten zones, agents that measure sixteen peers each; running pods, a third of them green."""
-    cluster = Cluster(clock=time.monotonic)
+    cluster = Cache(clock=time.monotonic)
     for i in range(nodes):
         zone = {str(Label.ZONE): f"zone-{i % ZONES}", "disk": "ssd" if i % 3 else "hdd"}
         cluster.apply_node(make_node(f"node-{i}", labels=zone, cpu="32", memory="256Gi"))

@@ -17,7 +17,7 @@ from typing import Any
 
 from tests.support.joint_problems import field_problem
 
-from robotapp_scheduler.core.cycle.joint_problem import Posed
+from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.joint.problem import Problem
 from robotapp_scheduler.joint.search import first_plans
 from robotapp_scheduler.joint.solve import Limits, Solution, solve
@@ -34,7 +34,7 @@ async def through_the_worker(problems: list[Problem]) -> tuple[list[float], dict
     planner, spent, ends = Planner(small=0), list[float](), dict[str, int]()
     try:
         for problem in (problems[0], *problems):
-            posed = Posed(problem, tuple(map(str, range(problem.pods))), tuple(map(str, range(problem.rows))))
+            posed = JointProblem(problem, tuple(map(str, range(problem.pods))), tuple(map(str, range(problem.rows))))
             began_s = time.perf_counter()
             advice = await planner.advise(posed)
             spent.append(time.perf_counter() - began_s)

@@ -8,7 +8,7 @@ from typing import Final
 from tests.support.scheduling import Clock, make_cluster, make_node, telemetry
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 
 MOST_PEERS: Final = 16
 WILD: Final = 0.1
@@ -63,7 +63,7 @@ def network(random: Random, *, nodes: int, zones: int, robots: float, jitter: fl
 
 def cluster_of(
     net: Network, *, order: list[str] | None = None, scale: float = 1.0, clock: Clock | None = None
-) -> Cluster:
+) -> Cache:
     """The scheduler's view once all agents have reported, in this order. `scale`: what all times are multiplied by."""
     nodes = [make_node(name, labels={str(Label.ZONE): zone}) for name, zone in net.zone.items()]
     cluster = make_cluster(*nodes, clock=clock)

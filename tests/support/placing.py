@@ -12,9 +12,9 @@ from tests.support.scripted_volumes import ScriptedVolumes
 from robotapp_api.client.transport.errors import ClientError, Unreachable
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Metadata, Node, NodeStatus, Pod, PodSpec
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -141,7 +141,7 @@ class Rig:
         self.now_s = 0.0
         catalogue = Catalogue(classes={"Fifo": Fifo, "Bind": Bind}, defaults=(PluginRef("Fifo"), PluginRef("Bind")))
         profiles = build_profiles([ProfileSpec(scheduler_name=OURS)], catalogue)
-        self.core = SchedulerCore(Cluster(clock=self.clock), profiles, clock=self.clock)
+        self.core = SchedulerCore(Cache(clock=self.clock), profiles, clock=self.clock)
         for index in range(nodes):
             status = NodeStatus(allocatable={"cpu": "4", "pods": "10"})
             self.core.cluster.apply_node(Node(metadata=Metadata(name=f"n{index}"), status=status))
@@ -208,7 +208,7 @@ class Rig:
         """Decisions about these pods have volumes to be bound first."""
         decide = self.core.schedule
 
-        def decided(batch: Any, **options: Any) -> list[Decision]:
+        def decided(batch: Any, **options: Any) -> list[ScheduleResult]:
             decisions = decide(batch, **options)
             for decision in decisions:
                 if decision.placed and decision.pod.name in names:

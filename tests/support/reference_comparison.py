@@ -18,7 +18,7 @@ from robotapp_scheduler.core.api import storage_v1
 from robotapp_scheduler.core.api.core_v1 import Namespace, Selecting
 from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.cycle.schedule_result import Decision as Found
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult as Found
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaim

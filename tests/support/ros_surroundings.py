@@ -22,7 +22,7 @@ from tests.support.scheduling import (
 )
 
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, Profile, ProfileSpec
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -89,7 +89,7 @@ def _core(case: Case, with_profiles: dict[str, Profile]) -> SchedulerCore:
     return core
 
 
-def _robots(cluster: Cluster, nodes: list[str]) -> None:
+def _robots(cluster: Cache, nodes: list[str]) -> None:
     """Telemetry of every node, an app whose components run there, and their devices."""
     components: list[Json] = [{"name": name} for name in COMPONENTS]
     edge = {"from": COMPONENTS[0], "to": COMPONENTS[1], "topic": "/scan", "latency": {"budget": "20ms"}}

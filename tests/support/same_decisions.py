@@ -19,7 +19,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.group_cycle import advice_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.explain.record import as_json
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.joint.solve import Limits, solve
@@ -111,7 +111,7 @@ def show(*parts: object) -> None:
     sys.stdout.write(" ".join(map(str, parts)) + "\n")
 
 
-def decided(core: SchedulerCore) -> Iterator[Decision]:
+def decided(core: SchedulerCore) -> Iterator[ScheduleResult]:
     while batch := core.queue.pop():
         posed = core.pose(batch)
         advice = advice_of(posed, solve(posed.problem, UNHURRIED, lambda: 0.0)) if posed is not None else None

@@ -9,7 +9,7 @@ from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Label
 from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import Profile, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -84,8 +84,8 @@ def make_info(name: str = "p", **fields: Any) -> PodInfo:
     return PodInfo(make_pod(name, **fields))
 
 
-def make_cluster(*nodes: Node, clock: Clock | None = None) -> Cluster:
-    cluster = Cluster(clock=clock or Clock())
+def make_cluster(*nodes: Node, clock: Clock | None = None) -> Cache:
+    cluster = Cache(clock=clock or Clock())
     for node in nodes:
         cluster.apply_node(node)
     return cluster

@@ -6,7 +6,7 @@ from tests.support.scheduling import make_core, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 Json = dict[str, Any]
@@ -30,7 +30,7 @@ def world(*objects: Any, nodes: int = 3, zones: str = "abc", args: Json | None =
     return core
 
 
-def decide(core: SchedulerCore, pod: PodInfo) -> Decision:
+def decide(core: SchedulerCore, pod: PodInfo) -> ScheduleResult:
     return core.schedule_one(pod, assume=False)
 
 

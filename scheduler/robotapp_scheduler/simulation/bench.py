@@ -12,11 +12,11 @@ from typing import Any, Final
 from msgspec.structs import replace
 
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import POINTS, Catalogue, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime.profile_runner import Engine
+from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 
 ROUNDS: Final = 3
 HOOKS: Final = (*POINTS.values(), "filter_row", "score_row")
@@ -133,14 +133,14 @@ class _Round:
 
 
 def _round(setting: Setting, spec: ProfileSpec, catalogue: Catalogue, clock: Callable[[], float]) -> _Round:
-    cluster = Cluster(clock=lambda: 0.0)
+    cluster = Cache(clock=lambda: 0.0)
     for node in setting.nodes:
         cluster.apply_node(node)
     for pod in setting.bound:
         cluster.apply_pod(pod)
     profiles = build_profiles([spec], catalogue)
     core = SchedulerCore(cluster, profiles, clock=lambda: 0.0)
-    engine = Engine(profiles[spec.scheduler_name], cluster, caching=setting.reuse)
+    engine = ProfileRunner(profiles[spec.scheduler_name], cluster, caching=setting.reuse)
     infos = [PodInfo(pod) for pod in setting.waiting]
     unplaced, error = 0, ""
     start_s = clock()

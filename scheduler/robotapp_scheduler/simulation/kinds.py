@@ -4,7 +4,7 @@ from typing import Any
 
 from robotapp_api.client.api.resources import PODS, Resource
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.watch.routes import Route, routes
 
 __all__ = ["kinds", "resources", "routes"]
@@ -22,4 +22,4 @@ def resources() -> dict[Resource, type[Any]]:
 
 
 def _watched() -> tuple[Route, ...]:
-    return routes(Cluster(clock=float))
+    return routes(Cache(clock=float))

@@ -12,10 +12,10 @@ import msgspec
 
 from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.group_cycle import advice_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.pods.in_place_resize import held_per_container
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.joint.solve import Limits, solve
@@ -89,11 +89,11 @@ class _World:
         self._decided = 0
         self._names = frozenset(config.scheduler_names)
         self._counted = held_per_container if config.sums_per_container else _as_it_is
-        self.cluster = Cluster(clock=lambda: _NO_TIME)
+        self.cluster = Cache(clock=lambda: _NO_TIME)
         self.core = SchedulerCore(self.cluster, config.build(), clock=lambda: _NO_TIME)
         self.outcome = Outcome(config=config.digest, problems=list(dump.problems), ignored=dict(dump.ignored))
         self._was: dict[str, str] = {}
-        self._refused: dict[str, Decision] = {}
+        self._refused: dict[str, ScheduleResult] = {}
 
     def fill(self, replay: int) -> None:
         """Take the dump into the cluster, then queue what waits, in the order it was made."""
@@ -156,7 +156,7 @@ class _World:
                     self.core.queue.requeue(decision.queued, SETTLED)
         return found
 
-    def _note(self, decision: Decision, uid: str) -> None:
+    def _note(self, decision: ScheduleResult, uid: str) -> None:
         pod = decision.pod
         self.outcome.placements.append(
             Placement(

@@ -48,7 +48,7 @@ from robotapp_scheduler.core.api.storage_v1 import (
     StorageClass,
     VolumeAttachment,
 )
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_group_index import PodGroups
@@ -99,7 +99,7 @@ def _route(resource: Resource, groups: PodGroups) -> Route:
     )
 
 
-def routes(cluster: Cluster) -> tuple[Route, ...]:
+def routes(cluster: Cache) -> tuple[Route, ...]:
     """All of it but pods, which also have a queue to go to."""
     return (
         *plain_routes(cluster),
@@ -109,7 +109,7 @@ def routes(cluster: Cluster) -> tuple[Route, ...]:
     )
 
 
-def plain_routes(cluster: Cluster) -> tuple[Route, ...]:
+def plain_routes(cluster: Cache) -> tuple[Route, ...]:
     """Kinds every API server serves."""
     return (
         Route(NODES, Node, cluster.apply_node, lambda node: cluster.remove_node(node.metadata.name), fixed_keys=True),
@@ -121,7 +121,7 @@ def plain_routes(cluster: Cluster) -> tuple[Route, ...]:
     )
 
 
-def robotics_routes(cluster: Cluster) -> tuple[Route, ...]:
+def robotics_routes(cluster: Cache) -> tuple[Route, ...]:
     """Kinds of ours, watched as soon as their CRDs are installed."""
     return (
         Route(ROBOTAPPS, RobotApp, cluster.apply_app, cluster.remove_app),
@@ -130,7 +130,7 @@ def robotics_routes(cluster: Cluster) -> tuple[Route, ...]:
     )
 
 
-def _selecting(resource: Resource, cluster: Cluster) -> Route:
+def _selecting(resource: Resource, cluster: Cache) -> Route:
     """Services and workloads, whose pods are spread by default."""
     topology = cluster.topology
     return Route(
@@ -141,7 +141,7 @@ def _selecting(resource: Resource, cluster: Cluster) -> Route:
     )
 
 
-def _replica_sets(cluster: Cluster) -> Route:
+def _replica_sets(cluster: Cache) -> Route:
     """ReplicaSets select pods as other workloads do; those of an app are a link of its owner chain as well."""
     plain = _selecting(REPLICASETS, cluster)
 

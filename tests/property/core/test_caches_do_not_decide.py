@@ -23,7 +23,7 @@ from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.explain.record import Record, as_json
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime.profile_runner import Engine
+from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 from robotapp_scheduler.plugins.registry import KUBERNETES, catalogue
 
 Json = dict[str, Any]
@@ -118,7 +118,7 @@ def apply(core: SchedulerCore, clock: Clock, step: tuple[str, Any]) -> None:
     actions[kind](value)
 
 
-def compare(core: SchedulerCore, fresh: Engine, pod: PodInfo) -> None:
+def compare(core: SchedulerCore, fresh: ProfileRunner, pod: PodInfo) -> None:
     cached = core.engine(SCHEDULER_NAME)
     assert core.prepare(pod) is None
     left, right = cached.evaluate(pod, None), fresh.evaluate(pod, None)
@@ -144,7 +144,7 @@ def test_cached_and_fresh_evaluations_agree_after_any_history(start: list[Any], 
     clock = Clock()
     cluster = make_cluster(clock=clock)
     core = SchedulerCore(cluster, default_profiles([ProfileSpec(SCHEDULER_NAME)]), clock=clock)
-    fresh = Engine(core.engine(SCHEDULER_NAME).profile, cluster, caching=False)
+    fresh = ProfileRunner(core.engine(SCHEDULER_NAME).profile, cluster, caching=False)
     pods = ros_pods()
     for step in [*start, *history]:
         apply(core, clock, step)
@@ -167,7 +167,7 @@ def test_an_explanation_read_later_is_the_one_of_its_moment(start: list[Any], hi
     clock = Clock()
     cluster = make_cluster(*(make_node(f"m{i}", unschedulable=i == 5) for i in range(14)), clock=clock)
     core = SchedulerCore(cluster, default_profiles([ProfileSpec(SCHEDULER_NAME)]), clock=clock)
-    fresh = Engine(core.engine(SCHEDULER_NAME).profile, cluster, caching=False)
+    fresh = ProfileRunner(core.engine(SCHEDULER_NAME).profile, cluster, caching=False)
     then: dict[str, Json] = {}
     for moment, step in enumerate([*start, *history]):
         apply(core, clock, step)

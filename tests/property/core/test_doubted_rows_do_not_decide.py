@@ -14,7 +14,7 @@ from tests.support.scheduling import Clock, make_cluster, make_info, make_node, 
 
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.explain.record import Record, as_json
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
@@ -22,7 +22,7 @@ from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime import score_bounds
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
-from robotapp_scheduler.core.runtime.profile_runner import Engine
+from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 from robotapp_scheduler.plugins.kubernetes.node_resources.balanced_allocation import (
     BalancedArgs,
     NodeResourcesBalancedAllocation,
@@ -81,7 +81,7 @@ class Picky:
     node_reads = ("allocatable", "requested")
     row_local = True
 
-    def score(self, _pod: Any, nodes: Nodes) -> Any:
+    def score(self, _pod: Any, nodes: Snapshot) -> Any:
         pods, cpu = nodes.requested("pods"), nodes.allocatable("cpu")
         return np.select([cpu < 4000, cpu < 5000], [50, np.maximum(90 - 11 * pods, 0)], np.minimum(30 + 9 * pods, 60))
 
@@ -91,7 +91,7 @@ class Picky:
             return 50
         return max(90 - 11 * row.pod_count, 0) if cpu < 5000 else min(30 + 9 * row.pod_count, 60)
 
-    def ceiling(self, _pod: Any, nodes: Nodes) -> Any:
+    def ceiling(self, _pod: Any, nodes: Snapshot) -> Any:
         cpu = nodes.allocatable("cpu")
         return np.select([cpu < 4000, cpu < 5000], [50, 0], 60)
 
@@ -131,7 +131,7 @@ class World:
         spec = ProfileSpec(SCHEDULER_NAME, plugins=plugins, plugin_config=args)
         profiles = build_profiles([spec], catalogue({Picky.name: Picky}))
         self.core = SchedulerCore(make_cluster(*nodes, clock=clock), profiles, clock=clock)
-        self.fresh = Engine(self.core.engine(SCHEDULER_NAME).profile, self.core.cluster, caching=False)
+        self.fresh = ProfileRunner(self.core.engine(SCHEDULER_NAME).profile, self.core.cluster, caching=False)
         self.placed: list[Pod] = []
         self.kept: tuple[PodInfo, Evaluation] | None = None
         self.made = 0
@@ -301,7 +301,7 @@ def test_no_score_rises_above_its_ceiling_when_pods_come(
         msgspec.convert({"resources": [{"name": n} for n in weighed]}, BalancedArgs)
     )
     for plugin in (fit, balance):
-        ceiling = int(np.broadcast_to(plugin.ceiling(info, Nodes(cluster)), 1)[0])
+        ceiling = int(np.broadcast_to(plugin.ceiling(info, Snapshot(cluster)), 1)[0])
         scores = [plugin.score_row(info, Row(cluster.nodes, 0))]
         for number, amounts in enumerate(arrivals):
             cluster.apply_pod(asking(f"{plugin.name}-{number}", *amounts, node="n"))

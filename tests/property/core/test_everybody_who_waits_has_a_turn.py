@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.queueing_hint import Waker
+from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
 
@@ -21,7 +21,7 @@ def waiting(priorities: list[int], *, most: int) -> tuple[SchedulingQueue, Clock
     queue = SchedulingQueue(
         clock=clock,
         key=lambda info, queued_s: (-info.priority, queued_s),
-        waker=lambda _, plugin: Waker(plugin, Change.CLAIMS, lambda *_: True, serves=lambda *_: most),
+        waker=lambda _, plugin: QueueingHint(plugin, Change.CLAIMS, lambda *_: True, serves=lambda *_: most),
         max_backoff_s=1.0,
     )
     for number, priority in enumerate(priorities):

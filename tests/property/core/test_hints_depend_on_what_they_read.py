@@ -8,7 +8,7 @@ import pytest
 from tests.support.scheduling import make_info, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.interface import Loaded
+from robotapp_scheduler.core.framework.interface import RegisteredPlugin
 from robotapp_scheduler.plugins.kubernetes.topology.inter_pod_affinity import InterPodAffinity
 from robotapp_scheduler.plugins.kubernetes.topology.pod_topology_spread import PodTopologySpread
 
@@ -38,7 +38,7 @@ def event(random: Random) -> Event:
 @pytest.mark.parametrize("seed", range(30))
 @pytest.mark.parametrize("plugin", [PodTopologySpread(), InterPodAffinity()], ids=["spread", "affinity"])
 def test_pods_that_are_equal_in_them_get_the_same_answer(plugin: Any, seed: int) -> None:
-    random, waker, compared = Random(seed), Loaded(plugin).waker, 0
+    random, waker, compared = Random(seed), RegisteredPlugin(plugin).waker, 0
     pods = [make_info(f"p{i}", labels=labels(random), **company(random)) for i in range(30)]
     for seen in [event(random) for _ in range(20)]:
         if waker.of_each is not None and waker.of_each(seen):

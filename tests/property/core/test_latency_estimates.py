@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.support.latency_networks import Network, cluster_of, network
 from tests.support.scheduling import Clock, telemetry
 
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 
 T = TypeVar("T")
 seeds = st.integers(0, 2**32 - 1)
@@ -23,7 +23,7 @@ def drawn(seed: int, *, robots: float | None = None) -> Network:
     return network(random, nodes=random.randint(30, 60), zones=random.randint(1, 4), robots=share)
 
 
-def estimates_ms(cluster: Cluster, net: Network, percentile: int = 50) -> dict[tuple[str, str], float]:
+def estimates_ms(cluster: Cache, net: Network, percentile: int = 50) -> dict[tuple[str, str], float]:
     found = {}
     for pair in net.unmeasured():
         time_us, source = cluster.rtt.between(*pair, percentile)

@@ -13,7 +13,7 @@ from tests.support.reference_scheduler import decide
 from tests.support.reference_scheduler.quantities import exact
 
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_scheduler.core.runtime.profile_runner import Engine
+from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 
 CHECKS = settings(
     max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
@@ -35,7 +35,7 @@ def answer(case: Case, *, caching: bool = True) -> Answer:
     core, pod = build(case)
     engine = core.engine(SCHEDULER_NAME)
     if not caching:
-        engine = Engine(engine.profile, core.cluster, caching=False)
+        engine = ProfileRunner(engine.profile, core.cluster, caching=False)
     narrowed = engine.pre_filter(pod)
     if narrowed.status is not None:
         return Answer({}, {}, error=True)

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.scheduling import make_cluster, make_info, make_node, make_pod
 
-from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cache.dry_run import Trial
-from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.nodes.resource_arrays import EXACT_IN_FLOAT, MOST_MISSES, Least
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.dry_run import DryRun
+from robotapp_scheduler.core.cache.snapshot import Snapshot
+from robotapp_scheduler.core.nodes.resource_arrays import EXACT_IN_FLOAT, MOST_MISSES, MinimumFree
 from robotapp_scheduler.plugins.kubernetes.node_resources.balanced_allocation import NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.node_resources.fit import NodeResourcesFit
 
@@ -28,7 +28,7 @@ class Step:
     pod: int
     amount: str
 
-    def on(self, cluster: Cluster) -> None:
+    def on(self, cluster: Cache) -> None:
         """Let it happen."""
         name, pod = f"n{self.node}", f"p{self.pod}"
         if self.kind == "node":
@@ -55,11 +55,11 @@ STEPS = st.lists(
 )
 
 
-def agrees(cluster: Cluster) -> None:
+def agrees(cluster: Cache) -> None:
     """Compare what is kept with the ledger, and scores of all rows at once with those of rows named one by one."""
-    every, ledger = Nodes(cluster), cluster.nodes.resources.ledger[:, : cluster.nodes.size]
+    every, ledger = Snapshot(cluster), cluster.nodes.resources.ledger[:, : cluster.nodes.size]
     valid, plain = every.valid, every.plain(NAMES)
-    some = Nodes(cluster, np.flatnonzero(valid))
+    some = Snapshot(cluster, np.flatnonzero(valid))
     offered = some.block("allocatable", NAMES)
     if offered.size:
         assert (plain is not None) == (offered.min() > 0 and offered.max() < EXACT_IN_FLOAT)
@@ -74,7 +74,7 @@ def agrees(cluster: Cluster) -> None:
         wanted = (("pods", 1), ("cpu", cpu_milli), ("memory", 2**30))
         fits_everywhere = bool((free >= np.array([[amount] for _, amount in wanted])).all())
         assert fits_everywhere or not some.surely_free(wanted) or not free.size
-        assert Least(cluster.nodes).suffices(cluster.log, wanted) == (fits_everywhere and free.size > 0)
+        assert MinimumFree(cluster.nodes).suffices(cluster.log, wanted) == (fits_everywhere and free.size > 0)
     pod: Any = make_info("one-more", cpu="500m", memory="512Mi")
     for plugin in (NodeResourcesFit(), NodeResourcesBalancedAllocation()):
         whole, few = plugin.score(pod, every), plugin.score(pod, some)
@@ -93,7 +93,7 @@ def test_whole_columns_are_those_of_the_ledger_whatever_happens(rounds: list[lis
         for step in steps:
             step.on(cluster)
         agrees(cluster)
-    with Trial(cluster) as trial:
+    with DryRun(cluster) as trial:
         for step in tried:
             record = cluster.placed.get(make_pod(f"p{step.pod}").metadata.uid)
             if record is not None:
@@ -105,7 +105,7 @@ def test_whole_columns_are_those_of_the_ledger_whatever_happens(rounds: list[lis
 def test_what_is_free_again_is_noticed_after_some_pods_that_need_it() -> None:
     cluster = make_cluster(make_node("n", cpu="4"), make_node("m", cpu="4"))
     cluster.apply_pod(make_pod("large", node="n", cpu="4"))
-    nodes, wanted = Nodes(cluster), (("pods", 1), ("cpu", 1000))
+    nodes, wanted = Snapshot(cluster), (("pods", 1), ("cpu", 1000))
     assert not nodes.surely_free(wanted)
     cluster.remove_pod(make_pod("large", node="n"))
     found = []

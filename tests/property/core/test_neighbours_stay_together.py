@@ -13,7 +13,7 @@ from tests.support.scheduling import app_object, chain, make_core, make_node, ma
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.group_cycle import advice_of
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.joint.solve import Limits, solve
 
@@ -98,7 +98,7 @@ def schedule(app: App, waiting: dict[str, Pod]) -> None:
         holds(app)
 
 
-def take(app: App, decision: Decision, waiting: dict[str, Pod]) -> None:
+def take(app: App, decision: ScheduleResult, waiting: dict[str, Pod]) -> None:
     core = app.core
     assert decision.queued is not None
     if decision.node is not None:

@@ -21,12 +21,12 @@ from tests.property.core.test_doubted_rows_do_not_decide import (
 from tests.support.scheduling import Clock, make_cluster, make_info, telemetry
 
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime.profile_runner import Engine
+from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 from robotapp_scheduler.plugins.registry import catalogue
 
 Json = dict[str, Any]
@@ -39,7 +39,7 @@ class Calm:
     node_reads = ("load",)
     row_local = True
 
-    def score(self, _pod: PodInfo, nodes: Nodes) -> Numbers:
+    def score(self, _pod: PodInfo, nodes: Snapshot) -> Numbers:
         return 100.0 - np.nan_to_num(nodes.load("cpu_percent"))
 
 
@@ -51,7 +51,7 @@ class Noted:
     node_reads = ("annotations", "requested")
     row_local = True
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> Numbers:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> Numbers:
         table = nodes.cluster.nodes
         points = [int(table.annotations[table.row_of[name]].get("pts", "0")) if name else 0 for name in nodes.names]
         bonus = 7 if pod.labels.get("app") else 0
@@ -66,13 +66,13 @@ class Rising:
     node_reads = ("requested",)
     row_local = True
 
-    def score(self, _pod: PodInfo, nodes: Nodes) -> Numbers:
+    def score(self, _pod: PodInfo, nodes: Snapshot) -> Numbers:
         return np.minimum(nodes.cluster.nodes.pod_count[nodes.rows] * 9, 40)
 
     def score_row(self, _pod: PodInfo, row: Row) -> int:
         return min(row.pod_count * 9, 40)
 
-    def ceiling(self, _pod: PodInfo, nodes: Nodes) -> Numbers | int:
+    def ceiling(self, _pod: PodInfo, nodes: Snapshot) -> Numbers | int:
         return np.full(nodes.n, 40, dtype=np.uint8)
 
 
@@ -82,14 +82,14 @@ class Falling:
     node_reads = ("requested", "allocatable")
     row_local = True
 
-    def score(self, _pod: PodInfo, nodes: Nodes) -> Numbers:
+    def score(self, _pod: PodInfo, nodes: Snapshot) -> Numbers:
         return np.maximum(100 - (100 * nodes.requested("cpu")) // np.maximum(nodes.allocatable("cpu"), 1), 0)
 
     def score_row(self, _pod: PodInfo, row: Row) -> int:
         ((allocatable, used, _),) = row.of(("cpu",))
         return max(100 - 100 * used // max(allocatable, 1), 0)
 
-    def ceiling(self, _pod: PodInfo, _nodes: Nodes) -> int:
+    def ceiling(self, _pod: PodInfo, _nodes: Snapshot) -> int:
         return 0
 
 
@@ -101,14 +101,14 @@ class Stepped:
     node_reads = ("requested",)
     row_local = True
 
-    def score(self, _pod: PodInfo, nodes: Nodes) -> Numbers:
+    def score(self, _pod: PodInfo, nodes: Snapshot) -> Numbers:
         return np.where(nodes.requested("cpu") >= 200, 0, 100)
 
     def score_row(self, _pod: PodInfo, row: Row) -> int:
         ((_, used, _),) = row.of(("cpu",))
         return 0 if used >= 200 else 100
 
-    def ceiling(self, _pod: PodInfo, _nodes: Nodes) -> int:
+    def ceiling(self, _pod: PodInfo, _nodes: Snapshot) -> int:
         return 0
 
 
@@ -121,7 +121,7 @@ class Wide:
     normalize = "minmax"
     row_local = True
 
-    def score(self, _pod: PodInfo, nodes: Nodes) -> Numbers:
+    def score(self, _pod: PodInfo, nodes: Snapshot) -> Numbers:
         return np.nan_to_num(nodes.load("cpu_percent")) // 50
 
 
@@ -133,7 +133,7 @@ class Even:
     node_reads = ()
     normalize = "none"
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> int | None:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> int | None:
         return None if pod.labels.get("app") == "web" else min(nodes.cluster.nodes.count, 100)
 
 
@@ -147,13 +147,13 @@ class Idle:
     normalize = "inverse"
     reason = "node(s) were too busy"
 
-    def filter(self, _pod: PodInfo, nodes: Nodes) -> Numbers:
+    def filter(self, _pod: PodInfo, nodes: Snapshot) -> Numbers:
         return np.nan_to_num(nodes.load("cpu_percent")) < 90
 
     def filter_row(self, _pod: PodInfo, _row: Row) -> bool:
         return False
 
-    def score(self, _pod: PodInfo, nodes: Nodes) -> Numbers:
+    def score(self, _pod: PodInfo, nodes: Snapshot) -> Numbers:
         return nodes.requested("cpu")
 
 
@@ -162,7 +162,7 @@ class Crowd:
 
     name = "Crowd"
 
-    def filter(self, _pod: PodInfo, nodes: Nodes) -> Numbers:
+    def filter(self, _pod: PodInfo, nodes: Snapshot) -> Numbers:
         held = nodes.cluster.nodes.pod_count[nodes.rows]
         return held <= held.min() + 3
 
@@ -198,7 +198,7 @@ class Zoo(World):
         )
         known = catalogue({plugin.name: plugin for plugin, _ in others})
         self.core = SchedulerCore(cluster, build_profiles([spec], known), clock=clock)
-        self.fresh = Engine(self.core.engine(SCHEDULER_NAME).profile, cluster, caching=False)
+        self.fresh = ProfileRunner(self.core.engine(SCHEDULER_NAME).profile, cluster, caching=False)
         self.placed, self.kept, self.made = [], None, 0
 
     def made_node(self, index: int, **fields: Any) -> Any:

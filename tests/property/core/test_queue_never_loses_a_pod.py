@@ -8,9 +8,9 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precon
 from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.queueing_hint import Waker
+from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.queue.queued_pod_info import Gate, QueuedPod, Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus, QueuedPodInfo, Rejection
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
 
 EVENTS = {"Fit": Change.POD_REMOVED | Change.NODE_ADDED, "Taint": Change.TAINTS, "Quiet": Change.NONE}
@@ -37,20 +37,20 @@ class QueueMachine(RuleBasedStateMachine):
         super().__init__()
         self.clock = Clock()
         self.closed: set[str] = set()
-        self.flying: dict[str, QueuedPod] = {}
+        self.flying: dict[str, QueuedPodInfo] = {}
         self.known: set[str] = set()
         self.deleted_in_flight: set[str] = set()
         self.queue = SchedulingQueue(
             clock=self.clock,
             key=lambda info, queued_s: (-info.priority, queued_s),
             gate=self.gate,
-            waker=lambda _, plugin: Waker(plugin, EVENTS[plugin], hint_of(plugin), ("labels",)),
+            waker=lambda _, plugin: QueueingHint(plugin, EVENTS[plugin], hint_of(plugin), ("labels",)),
             group=lambda info: info.labels.get("group") or None,
         )
 
-    def gate(self, info: PodInfo) -> Gate | None:
+    def gate(self, info: PodInfo) -> PreEnqueueStatus | None:
         if info.uid in self.closed:
-            return Gate(plugin="Gates", reason="closed", events=Change.LABELS)
+            return PreEnqueueStatus(plugin="Gates", reason="closed", events=Change.LABELS)
         return None
 
     @rule(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.support.scheduling import make_pod, owner
 
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.pods.interning import Alike
+from robotapp_scheduler.core.pods.interning import Interner
 from robotapp_scheduler.core.pods.pod_signature import same_shape, shape_of
 
 FIELDS: dict[str, st.SearchStrategy[Any]] = {
@@ -60,7 +60,7 @@ def test_a_pod_that_is_recognised_again_has_the_shape_it_had(pair: tuple[Pod, Po
 
 @given(st.lists(states(), min_size=1, max_size=4))
 def test_pods_that_share_parts_say_what_they_said(pairs: list[tuple[Pod, Pod]]) -> None:
-    alike = Alike()
+    alike = Interner()
     for pod in (pod for pair in pairs for pod in pair):
         before = msgspec.json.encode(pod)
         alike.share(pod)

@@ -13,7 +13,7 @@ from tests.support.reference_scheduler import Config
 from tests.support.reference_scheduler.resources import balance_score, fit_score
 from tests.support.reference_scheduler.state import State
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.framework.interface import MAX_SCORE
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.plugins.kubernetes.node_resources.balanced_allocation import (
@@ -46,7 +46,7 @@ def expected(case: Case, rule: Rule, **config: Any) -> list[int | None]:
 def found(case: Case, plugin: Any) -> list[int | None]:
     """Scores by columns, which must equal those of the row form."""
     core, info = build(case)
-    columns = plugin.score(info, Nodes(core.cluster))
+    columns = plugin.score(info, Snapshot(core.cluster))
     count = len(case.cluster.nodes)
     if columns is None:
         return [None] * count

@@ -16,11 +16,11 @@ from tests.support.volumes import (
 )
 
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import ProfileSpec
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime.profile_runner import Engine
+from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 from robotapp_scheduler.plugins.kubernetes.volumes.volume_binding import VolumeBinding
 
 NODES = ("n0", "n1", "n2", "n3")
@@ -92,27 +92,27 @@ def apply(core: SchedulerCore, step: tuple[str, Any]) -> None:
     actions[kind](value)
 
 
-def compare(core: SchedulerCore, fresh: Engine, pod: PodInfo) -> None:
+def compare(core: SchedulerCore, fresh: ProfileRunner, pod: PodInfo) -> None:
     engine = core.engine(SCHEDULER_NAME)
     assert core.prepare(pod) is None
     if engine.pre_filter(pod).status is not None:
         return
     whole, anew = engine.evaluate(pod, None), fresh.evaluate(pod, None)
     plugin = VolumeBinding()
-    scores: Any = plugin.score(pod, Nodes(core.cluster))
+    scores: Any = plugin.score(pod, Snapshot(core.cluster))
     for row, name in enumerate(core.cluster.nodes.names):
         alone = fresh.evaluate(pod, frozenset({name}))
         texts = [found.reasons.values[found.reason[at]].texts for found, at in ((whole, row), (anew, row), (alone, 0))]
         assert texts[0] == texts[1] == texts[2]
         if whole.reason[row] == 0:
-            one: Any = plugin.score(pod, Nodes(core.cluster, [row]))
+            one: Any = plugin.score(pod, Snapshot(core.cluster, [row]))
             assert scores[row] == one[0]
             check_plan(core, pod, name, row)
 
 
 def check_plan(core: SchedulerCore, pod: PodInfo, name: str, row: int) -> None:
     """Every unbound claim has a volume that reaches the node, all different and large enough, or is to be made."""
-    plan = VolumeBinding().plan(pod, Nodes(core.cluster, [row]))
+    plan = VolumeBinding().plan(pod, Snapshot(core.cluster, [row]))
     store = core.cluster.volumes
     assert pod.volumes is not None
     unbound = {("default", use.name) for use in pod.volumes.claims if not store.claims["default", use.name].bound}
@@ -140,7 +140,7 @@ def test_each_node_alone_gets_the_same_verdict_score_and_plan(
 ) -> None:
     clock = Clock()
     core = SchedulerCore(make_cluster(clock=clock), default_profiles([ProfileSpec(SCHEDULER_NAME)]), clock=clock)
-    fresh = Engine(core.engine(SCHEDULER_NAME).profile, core.cluster, caching=False)
+    fresh = ProfileRunner(core.engine(SCHEDULER_NAME).profile, core.cluster, caching=False)
     store = core.cluster.volumes
     store.apply_class(make_class("static", provisioner="kubernetes.io/no-provisioner"))
     store.apply_class(make_class("made", provisioner="csi.example"))

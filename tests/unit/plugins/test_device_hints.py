@@ -13,12 +13,12 @@ from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.api.ros import DeviceWish, RosContext
 from robotapp_scheduler.core.cycle.diagnosis import BIND_CHECK, FULL_POOL, WAKERS
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.interface import Loaded
+from robotapp_scheduler.core.framework.interface import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.ros.hardware_affinity import HardwareAffinityFilter
 from robotapp_scheduler.plugins.ros.reserve import ROSReserve
 
-RESERVE = Loaded(ROSReserve()).waker
+RESERVE = RegisteredPlugin(ROSReserve()).waker
 CAN = json.dumps({"hardware_requirements": [{"type": "can"}]})
 
 
@@ -109,7 +109,7 @@ def test_of_those_who_wait_for_a_domain_pods_that_want_devices_as_well_have_a_tu
 
 
 def test_an_app_that_changes_wakes_its_own_pods_alone_where_hardware_was_missing() -> None:
-    waker = Loaded(HardwareAffinityFilter()).waker
+    waker = RegisteredPlugin(HardwareAffinityFilter()).waker
     event = Event("robotapps", Change.APPS, None, RobotApp(metadata=Metadata(uid="app")))
     assert [waker.wants(pod, event) for pod in (bare(), member())] == [False, True]
     assert waker.wants(bare(), Event("nodes", Change.LABELS, make_pod("n"), make_pod("n")))

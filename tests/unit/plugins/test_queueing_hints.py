@@ -7,7 +7,7 @@ from tests.support.scheduling import make_info, make_node, make_pod
 
 from robotapp_scheduler.core.api.core_v1 import Metadata, Namespace
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.interface import Loaded
+from robotapp_scheduler.core.framework.interface import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.registry import catalogue
 
@@ -21,7 +21,7 @@ WEB = {"app": "web"}
 
 
 def wants(plugin: str, pod: PodInfo, event: Event) -> bool:
-    return Loaded(catalogue().classes[plugin]()).waker.wants(pod, event)
+    return RegisteredPlugin(catalogue().classes[plugin]()).waker.wants(pod, event)
 
 
 def added(**fields: Any) -> Event:

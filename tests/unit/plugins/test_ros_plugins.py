@@ -7,8 +7,8 @@ from tests.support.scheduling import device_claim, make_cluster, make_info, make
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish, Endpoint, Hardware, PeerGroup, RosContext
-from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.framework.interface import Scores, Verdict
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.registry import ROS, catalogue
@@ -31,7 +31,7 @@ def pod(**context: Any) -> PodInfo:
     return info
 
 
-def line(*ms: float) -> Cluster:
+def line(*ms: float) -> Cache:
     """Node `robot` and nodes n0, n1 … that far away from it."""
     cluster = make_cluster(make_node("robot"), *(make_node(f"n{i}") for i in range(len(ms))))
     cluster.apply_telemetry(telemetry("robot", rtt_ms={f"n{i}": value for i, value in enumerate(ms)}))
@@ -48,7 +48,7 @@ def mask(answer: Any) -> list[bool]:
     return [bool(value) for value in found]
 
 
-def passing(answer: Any, nodes: Nodes) -> set[str]:
+def passing(answer: Any, nodes: Snapshot) -> set[str]:
     return {name for name, passes in zip(nodes.names, mask(answer), strict=True) if passes}
 
 
@@ -61,7 +61,7 @@ def scores(answer: Any) -> list[float]:
 @pytest.mark.parametrize("name", [ref.name for ref in ROS if ref.name not in {"ROSQueueSort", "ROSBind"}])
 def test_a_pod_without_ros_fields_skips_every_ros_plugin(name: str) -> None:
     plugin = catalogue().classes[name]()
-    nodes = Nodes(make_cluster(make_node("n", annotations=DRAINING)))
+    nodes = Snapshot(make_cluster(make_node("n", annotations=DRAINING)))
     plain = make_info("p")
     for hook in ("pre_filter", "filter", "score"):
         if hasattr(plugin, hook):
@@ -76,7 +76,7 @@ def latency(**args: Any) -> LatencyFilter:
 
 
 def test_nodes_beyond_the_budget_are_refused_with_their_distance() -> None:
-    verdict = latency().filter(pod(endpoints=(near_robot(30),)), Nodes(line(15, 30, 30.001, 61)))
+    verdict = latency().filter(pod(endpoints=(near_robot(30),)), Snapshot(line(15, 30, 30.001, 61)))
     assert mask(verdict) == [True, True, True, False, False]
     assert isinstance(verdict, Verdict)
     assert verdict.detail is not None
@@ -90,7 +90,7 @@ def test_a_refusal_by_an_estimate_says_so() -> None:
     zones = {"robot": "floor", "near": "hall", "far": "cloud", "other": "cloud"}
     cluster = make_cluster(*(make_node(name, labels={str(Label.ZONE): zone}) for name, zone in zones.items()))
     cluster.apply_telemetry(telemetry("robot", rtt_ms={"near": 5, "far": 60}))
-    verdict = latency().filter(pod(endpoints=(near_robot(30),)), Nodes(cluster))
+    verdict = latency().filter(pod(endpoints=(near_robot(30),)), Snapshot(cluster))
     assert mask(verdict) == [True, True, False, False]
     assert isinstance(verdict, Verdict)
     assert verdict.codes is not None
@@ -102,7 +102,7 @@ def test_a_refusal_by_an_estimate_says_so() -> None:
     assert verdict.detail[2:].tolist() == [60.0, 60.0]
 
 
-def out_of_reach() -> Cluster:
+def out_of_reach() -> Cache:
     """As `line(10)`, with a third node that gets no answer from the robot."""
     cluster = make_cluster(make_node("robot"), make_node("n0"), make_node("cut-off"))
     cluster.apply_telemetry(telemetry("robot", rtt_ms={"n0": 10}, lost=["cut-off"]))
@@ -115,7 +115,7 @@ def test_a_node_that_gets_no_answer_is_beyond_every_budget_whatever_the_configur
 ) -> None:
     info = pod(endpoints=(near_robot(budget_ms),))
     for plugin in (latency(), latency(unknown="Allow", maxLatency="99999h"), latency(outlierFactor=1000)):
-        verdict = plugin.filter(info, Nodes(out_of_reach()))
+        verdict = plugin.filter(info, Snapshot(out_of_reach()))
         assert mask(verdict) == [True, True, False]
         assert isinstance(verdict, Verdict)
         assert verdict.codes is not None
@@ -128,29 +128,29 @@ def test_an_end_with_a_second_node_that_is_near_or_not_known_is_not_out_of_reach
     cluster = out_of_reach()
     cluster.apply_node(make_node("robot-gpu"))
     info = pod(endpoints=(Endpoint("robot", ("robot", "robot-gpu"), 30_000),))
-    assert mask(latency().filter(info, Nodes(cluster))) == [True] * 4
+    assert mask(latency().filter(info, Snapshot(cluster))) == [True] * 4
     cluster.apply_telemetry(telemetry("cut-off", rtt_ms={"robot-gpu": 1}))
-    assert mask(latency(unknown="Deny").filter(info, Nodes(cluster))) == [True] * 4
+    assert mask(latency(unknown="Deny").filter(info, Snapshot(cluster))) == [True] * 4
 
 
 def test_an_end_out_of_reach_scores_below_every_known_and_unknown_one() -> None:
     cluster = out_of_reach()
     cluster.apply_node(make_node("dark"))
     info = pod(endpoints=(near_robot(40, required=False),), deadline_us=40_000)
-    assert scores(LatencyScore().score(info, Nodes(cluster))) == [100, 75, 0, 50]
-    assert scores(DeadlineScore().score(info, Nodes(cluster))) == [100, 75, 0, 50]
-    by_others = LatencyScore(LatencyScoreArgs(normalize="MinMax")).score(info, Nodes(cluster))
+    assert scores(LatencyScore().score(info, Snapshot(cluster))) == [100, 75, 0, 50]
+    assert scores(DeadlineScore().score(info, Snapshot(cluster))) == [100, 75, 0, 50]
+    by_others = LatencyScore(LatencyScoreArgs(normalize="MinMax")).score(info, Snapshot(cluster))
     assert scores(by_others) == [0, -10_000, -80_000, -10_000]
 
 
 def test_a_connection_without_a_budget_is_held_to_max_latency() -> None:
     info = pod(endpoints=(near_robot(),))
-    assert mask(latency().filter(info, Nodes(line(99, 101)))) == [True, True, False]
-    assert mask(latency(maxLatency="1s").filter(info, Nodes(line(99, 101)))) == [True, True, True]
+    assert mask(latency().filter(info, Snapshot(line(99, 101)))) == [True, True, False]
+    assert mask(latency(maxLatency="1s").filter(info, Snapshot(line(99, 101)))) == [True, True, True]
 
 
 def test_an_edge_that_is_only_preferred_excludes_nobody() -> None:
-    assert all(mask(latency().filter(pod(endpoints=(near_robot(1, required=False),)), Nodes(line(50)))))
+    assert all(mask(latency().filter(pod(endpoints=(near_robot(1, required=False),)), Snapshot(line(50)))))
 
 
 def test_every_connection_must_fit_and_the_nearest_of_several_places_counts() -> None:
@@ -158,27 +158,27 @@ def test_every_connection_must_fit_and_the_nearest_of_several_places_counts() ->
     cluster.apply_telemetry(telemetry("a", rtt_ms={"b": 10, "c": 40}))
     cluster.apply_telemetry(telemetry("b", rtt_ms={"c": 10}))
     both = (Endpoint("x", ("a",), 20_000), Endpoint("y", ("b",), 5_000))
-    assert mask(latency().filter(pod(endpoints=both), Nodes(cluster))) == [False, True, False]
+    assert mask(latency().filter(pod(endpoints=both), Snapshot(cluster))) == [False, True, False]
     either = (Endpoint("x", ("a", "b"), 10_000),)
-    assert mask(latency().filter(pod(endpoints=either), Nodes(cluster))) == [True, True, True]
+    assert mask(latency().filter(pod(endpoints=either), Snapshot(cluster))) == [True, True, True]
 
 
 def test_an_unknown_distance_is_allowed_unless_the_configuration_denies_it() -> None:
     cluster = line(5)
     cluster.apply_node(make_node("dark"))
     info = pod(endpoints=(near_robot(30),))
-    assert mask(latency().filter(info, Nodes(cluster))) == [True, True, True]
-    assert mask(latency(unknown="Deny").filter(info, Nodes(cluster))) == [True, True, False]
+    assert mask(latency().filter(info, Snapshot(cluster))) == [True, True, True]
+    assert mask(latency(unknown="Deny").filter(info, Snapshot(cluster))) == [True, True, False]
 
 
 def test_draining_nodes_take_no_ros_pods_even_without_connections() -> None:
     cluster = make_cluster(make_node("a", annotations=DRAINING), make_node("b"))
-    assert mask(latency().filter(pod(), Nodes(cluster))) == [False, True]
+    assert mask(latency().filter(pod(), Snapshot(cluster))) == [False, True]
 
 
 def test_an_outlier_is_far_from_the_median_and_then_no_row_stands_alone() -> None:
     plugin = latency(outlierFactor=3)
-    assert mask(plugin.filter(pod(endpoints=(near_robot(),)), Nodes(line(5, 6, 7, 50)))) == [True] * 4 + [False]
+    assert mask(plugin.filter(pod(endpoints=(near_robot(),)), Snapshot(line(5, 6, 7, 50)))) == [True] * 4 + [False]
     assert not plugin.row_local
     assert latency().row_local
 
@@ -199,7 +199,7 @@ def test_arguments_that_cannot_be_honoured_are_refused(args: dict[str, Any], tex
 # --- Hardware, shared data, devices ------------------------------------------------------------------------------------
 
 
-def hardware_cluster() -> Cluster:
+def hardware_cluster() -> Cache:
     prefix = "hardware.robotics.io/"
     return make_cluster(
         make_node("plain"),
@@ -221,7 +221,7 @@ def hardware_cluster() -> Cluster:
     ],
 )
 def test_requirements_match_labels_or_an_extended_resource(hardware: Hardware, expected: set[str]) -> None:
-    nodes = Nodes(hardware_cluster())
+    nodes = Snapshot(hardware_cluster())
     assert passing(HardwareAffinityFilter().filter(pod(hardware=(hardware,)), nodes), nodes) == expected
 
 
@@ -230,7 +230,7 @@ def test_every_requirement_must_be_met_and_devices_match_what_agents_see() -> No
     camera = {"id": "usb-cam", "type": "usb", "model": "d435", "identity": "usb:8086:0b3a:77"}
     cluster.apply_telemetry(telemetry("gpu", devices=[camera]))
     wish = DeviceWish("cam", "usb", usb_id="8086:0b3a")
-    nodes = Nodes(cluster)
+    nodes = Snapshot(cluster)
     info = pod(hardware=(Hardware("gpu"),), devices=(wish,))
     assert passing(HardwareAffinityFilter().filter(info, nodes), nodes) == {"gpu"}
 
@@ -239,13 +239,13 @@ def test_a_view_of_some_rows_gives_the_same_verdicts_as_the_whole() -> None:
     cluster = hardware_cluster()
     info = pod(hardware=(Hardware("gpu"),), together=(PeerGroup("x", ("gpu", "amd")),))
     for plugin in (HardwareAffinityFilter(), SharedDataFilter(), LatencyFilter()):
-        whole = mask(plugin.filter(info, Nodes(cluster)))
-        some = mask(plugin.filter(info, Nodes(cluster, [4, 1, 0])))
+        whole = mask(plugin.filter(info, Snapshot(cluster)))
+        some = mask(plugin.filter(info, Snapshot(cluster, [4, 1, 0])))
         assert some == [whole[4], whole[1], whole[0]]
 
 
 def test_a_pod_joins_its_placed_peers_and_keeps_away_from_others() -> None:
-    nodes = Nodes(make_cluster(*(make_node(name) for name in "abc")))
+    nodes = Snapshot(make_cluster(*(make_node(name) for name in "abc")))
     together = (PeerGroup("map", ("a", "b")), PeerGroup("not placed yet", ()))
     verdict = SharedDataFilter().filter(pod(together=together, apart=("b",)), nodes)
     assert mask(verdict) == [True, False, False]
@@ -258,7 +258,7 @@ def test_a_pod_joins_its_placed_peers_and_keeps_away_from_others() -> None:
 
 
 def test_shared_volume_claims_are_refused_in_plain_words_until_volumes_are_read() -> None:
-    answer = SharedDataFilter().pre_filter(pod(volume_claims=("map",)), Nodes(make_cluster()))
+    answer = SharedDataFilter().pre_filter(pod(volume_claims=("map",)), Snapshot(make_cluster()))
     assert answer is not None
     assert answer.status is not None
     assert "shared-data claim 'map' is not supported by this scheduler yet" in answer.status.reason
@@ -272,7 +272,7 @@ def test_a_pod_only_fits_where_a_free_device_is_left_for_every_wish() -> None:
     cluster.apply_claim(device_claim("busy", "can-can0", uid="stranger"))
     holder = DeviceHolder(uid="app", namespace="default", pod_uid="uid-p")
     wishes = (DeviceWish("left", "can"), DeviceWish("right", "can"))
-    nodes = Nodes(cluster)
+    nodes = Snapshot(cluster)
     assert passing(ROSReserve().filter(pod(devices=wishes, holder=holder), nodes), nodes) == {"two"}
     assert passing(ROSReserve().filter(pod(devices=wishes[:1], holder=holder), nodes), nodes) == {"one", "two", "busy"}
 
@@ -282,32 +282,32 @@ def test_a_pod_only_fits_where_a_free_device_is_left_for_every_wish() -> None:
 
 def test_topology_prefers_master_then_zones_in_order() -> None:
     zones = {"a": "z1", "b": "z2", "c": "z3", "d": "z1"}
-    nodes = Nodes(make_cluster(*(make_node(name, labels={ZONE: zone}) for name, zone in zones.items())))
+    nodes = Snapshot(make_cluster(*(make_node(name, labels={ZONE: zone}) for name, zone in zones.items())))
     assert scores(TopologyScore().score(pod(zones=("z1", "z2"), master_node="d"), nodes)) == [1, 2, 3, 0]
     assert TopologyScore.normalize == "inverse"
 
 
 def test_topology_is_uniform_for_ros_pods_that_name_none() -> None:
-    found = TopologyScore().score(pod(), Nodes(make_cluster(make_node("a"), make_node("b"))))
+    found = TopologyScore().score(pod(), Snapshot(make_cluster(make_node("a"), make_node("b"))))
     assert isinstance(found, Scores)
     assert (scores(found), found.normalize) == ([80, 80], "none")
 
 
 def test_latency_scores_the_share_of_the_budget_that_is_left_and_one_slow_node_flattens_nothing() -> None:
-    found = LatencyScore().score(pod(endpoints=(near_robot(40),)), Nodes(line(10, 20, 4000)))
+    found = LatencyScore().score(pod(endpoints=(near_robot(40),)), Snapshot(line(10, 20, 4000)))
     assert scores(found) == [100.0, 75.0, 50.0, 0.0]
 
 
 def test_latency_is_neutral_without_a_budget_and_where_nothing_is_known() -> None:
     cluster = line(10)
     cluster.apply_node(make_node("dark"))
-    assert scores(LatencyScore().score(pod(endpoints=(near_robot(),)), Nodes(cluster))) == [50, 50, 50]
-    assert scores(LatencyScore().score(pod(endpoints=(near_robot(40),)), Nodes(cluster))) == [100, 75, 50]
+    assert scores(LatencyScore().score(pod(endpoints=(near_robot(),)), Snapshot(cluster))) == [50, 50, 50]
+    assert scores(LatencyScore().score(pod(endpoints=(near_robot(40),)), Snapshot(cluster))) == [100, 75, 50]
 
 
 def test_the_thesis_form_of_latency_compares_nodes_with_each_other() -> None:
     plugin = LatencyScore(LatencyScoreArgs(normalize="MinMax"))
-    found = plugin.score(pod(endpoints=(near_robot(40),)), Nodes(line(10, 20)))
+    found = plugin.score(pod(endpoints=(near_robot(40),)), Snapshot(line(10, 20)))
     assert isinstance(found, Scores)
     assert (scores(found), found.normalize, plugin.row_local) == ([0, -10_000, -20_000], "minmax", False)
 
@@ -317,10 +317,10 @@ def test_deadline_uses_the_95th_percentile_of_the_worst_connection() -> None:
     reading = telemetry("robot", rtt_ms={"near": 10, "jumpy": 10}, p95_ms={"near": 10, "jumpy": 60})
     cluster.apply_telemetry(reading)
     end = near_robot(percentile=50)
-    found = DeadlineScore().score(pod(endpoints=(end,), deadline_us=50_000), Nodes(cluster))
+    found = DeadlineScore().score(pod(endpoints=(end,), deadline_us=50_000), Snapshot(cluster))
     assert scores(found) == [100.0, 80.0, 0.0]
-    assert DeadlineScore().score(pod(endpoints=(end,)), Nodes(cluster)) is None
-    assert DeadlineScore().score(pod(deadline_us=50_000), Nodes(cluster)) is None
+    assert DeadlineScore().score(pod(endpoints=(end,)), Snapshot(cluster)) is None
+    assert DeadlineScore().score(pod(deadline_us=50_000), Snapshot(cluster)) is None
 
 
 @pytest.mark.parametrize(
@@ -337,11 +337,13 @@ def test_load_is_weighted_by_class_and_a_missing_gpu_leaves_its_weight_to_the_ot
     cluster.apply_pod(make_pod("b", node="gpu", containers=[{"name": "c", "resources": {"requests": requests}}]))
     used = cpu * 0.5 + memory * 0.25
     expected = [100 * (1 - used / (cpu + memory)), 100 * (1 - used - gpu)]
-    assert scores(LoadBalanceScore().score(pod(qos_class=qos_class), Nodes(cluster))) == [round(e, 3) for e in expected]
+    assert scores(LoadBalanceScore().score(pod(qos_class=qos_class), Snapshot(cluster))) == [
+        round(e, 3) for e in expected
+    ]
 
 
 def test_an_empty_node_scores_100_and_a_node_without_anything_too() -> None:
-    nodes = Nodes(make_cluster(make_node("empty"), make_node("nothing", cpu="0", memory="0")))
+    nodes = Snapshot(make_cluster(make_node("empty"), make_node("nothing", cpu="0", memory="0")))
     assert scores(LoadBalanceScore().score(pod(), nodes)) == [100.0, 100.0]
 
 
@@ -349,4 +351,4 @@ def test_measured_load_replaces_requests_where_an_agent_reports_it() -> None:
     cluster = make_cluster(make_node("a", cpu="4"), make_node("b", cpu="4"))
     cluster.apply_telemetry(telemetry("a", load={"cpuPercent": 80, "memoryPercent": 40}))
     plugin = LoadBalanceScore(LoadBalanceArgs(source="Telemetry"))
-    assert scores(plugin.score(pod(), Nodes(cluster))) == [35.0, 100.0]
+    assert scores(plugin.score(pod(), Snapshot(cluster))) == [35.0, 100.0]

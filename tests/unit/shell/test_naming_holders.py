@@ -6,7 +6,7 @@ from tests.support.scheduling import device_claim
 from robotapp_api.model.names import HARDWARE_PREFIX, EventReason
 from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish, RosContext
 from robotapp_scheduler.core.cycle.diagnosis import DEVICE_PLUGIN
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 
@@ -21,7 +21,7 @@ async def refused_while_another_is_placed() -> Rig:
     (queued,) = rig.core.queue.pop()
     holder = DeviceHolder(uid="uid-q", namespace="a", pod_uid="uid-q")
     queued.info.ros = RosContext(devices=(DeviceWish("can0", "can"),), holder=holder)
-    decision = Decision(
+    decision = ScheduleResult(
         pod=queued.info, code=Code.UNSCHEDULABLE, message="busy", rejected_by=frozenset({DEVICE_PLUGIN}), queued=queued
     )
     rig.loop._placer.refuse(decision, started_s=0.0)

@@ -11,7 +11,7 @@ from tests.support.pod_groups import team_pod
 from tests.support.scheduling import Clock
 
 from robotapp_api.client.api.resources import COSCHEDULING_PODGROUPS, ROBOTAPPS, WORKLOAD_PODGROUPS
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_group_index import COSCHEDULING, GroupRef
 from robotapp_scheduler.shell.informers import informers as feeding
@@ -21,7 +21,7 @@ from robotapp_scheduler.shell.metrics.metrics import Metrics
 
 async def test_they_cost_one_question_each_until_a_pod_names_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(feeding, "CRD_POLL_S", 0.01)
-    cluster = Cluster(clock=Clock())
+    cluster = Cache(clock=Clock())
     roots = (COSCHEDULING_PODGROUPS.root, WORKLOAD_PODGROUPS.root)
     installed = False
     async with FakeApiServer() as server, client_for(server.endpoint) as client:

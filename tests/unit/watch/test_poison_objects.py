@@ -11,7 +11,7 @@ from tests.support.poison import pod_body
 from tests.support.poison_objects import POISON_OBJECTS
 from tests.support.scheduling import make_core, make_node, to_pod
 
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.watch.routes import Route, group_routes, plain_routes, robotics_routes, storage_routes
 
 MOST_S = 0.8
@@ -19,7 +19,7 @@ MOST_S = 0.8
 CASES = [(plural, body) for plural, bodies in POISON_OBJECTS.items() for body in bodies]
 
 
-def routes(cluster: Cluster) -> list[Route]:
+def routes(cluster: Cache) -> list[Route]:
     return [
         *plain_routes(cluster),
         *robotics_routes(cluster),

@@ -13,8 +13,8 @@ from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.cache.disruption_budgets import Budgets
 from robotapp_scheduler.core.cache.host_ports import PortUsers
-from robotapp_scheduler.core.cache.nominator import Nominations
-from robotapp_scheduler.core.cache.placed_pods import Records, Stamps
+from robotapp_scheduler.core.cache.nominator import Nominator
+from robotapp_scheduler.core.cache.placed_pods import PredictedLabels, Records
 from robotapp_scheduler.core.cache.pod_names import NameIndex
 from robotapp_scheduler.core.cache.priority_usage import PriorityColumns
 from robotapp_scheduler.core.cache.topology_index import Topology
@@ -22,8 +22,8 @@ from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.nodes.node_table import NodeTable
-from robotapp_scheduler.core.nodes.resource_arrays import Least, Mirror
-from robotapp_scheduler.core.pods.interning import Alike
+from robotapp_scheduler.core.nodes.resource_arrays import MinimumFree, ResourceArrays
+from robotapp_scheduler.core.pods.interning import Interner
 from robotapp_scheduler.core.pods.pod_group_index import PodGroups, in_group
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo, same_groups
 from robotapp_scheduler.core.pods.pod_signature import same_shape
@@ -37,13 +37,13 @@ WITH_TERMS: Final = {each: each | Change.TERMS for each in (Change.POD_ADDED, Ch
 """Joining two flags takes longer than counting the pod."""
 
 
-class Cluster:
+class Cache:
     """Nodes, placed pods of any scheduler, apps, claims and telemetry. `clock` (monotonic seconds) ages telemetry and columns of plugins."""
 
     def __init__(self, *, clock: Callable[[], float]) -> None:
         self.nodes = NodeTable()
-        self.mirror = Mirror(self.nodes)
-        self.least_free = Least(self.nodes)
+        self.mirror = ResourceArrays(self.nodes)
+        self.least_free = MinimumFree(self.nodes)
         self.ports = PortUsers()
         self.apps = AppIndex()
         self.devices = DeviceIndex()
@@ -59,12 +59,12 @@ class Cluster:
         """Pods on nodes by uid, assumed ones included."""
         self._by_node: dict[str, dict[str, PlacedPod]] = {}
         self.names = NameIndex()
-        self.nominations = Nominations(self.record)
+        self.nominations = Nominator(self.record)
         self.budgets = Budgets()
         self.by_priority = PriorityColumns()
-        self._alike = Alike()
+        self._alike = Interner()
         self._records = Records(self.nodes.resources, self._alike, like=self.topology.label_sets.like)
-        self._stamps = Stamps(self.nodes.labels)
+        self._stamps = PredictedLabels(self.nodes.labels)
         self._seen: dict[str, Pod] = {}
         """Live pods without a node, by uid."""
         self._priorities: dict[int, int] = {}
@@ -73,7 +73,7 @@ class Cluster:
         """Columns that plugins fill in the background: name → (when, value per node name)."""
 
     def __repr__(self) -> str:
-        return f"Cluster({self.nodes.count} nodes, {len(self.placed)} placed, {len(self._seen)} waiting)"
+        return f"Cache({self.nodes.count} nodes, {len(self.placed)} placed, {len(self._seen)} waiting)"
 
     # --- Nodes ---------------------------------------------------------------------------------------------------
 

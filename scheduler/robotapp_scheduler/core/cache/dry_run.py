@@ -8,15 +8,15 @@ computes anew inside, and again afterwards if it was asked inside.
 from types import TracebackType
 from typing import Self
 
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_info import PlacedPod
 
 
-class Trial:
+class DryRun:
     """A context: `take` and `put` inside, everything is undone at its end, in reverse order."""
 
-    def __init__(self, cluster: Cluster) -> None:
+    def __init__(self, cluster: Cache) -> None:
         self._cluster = cluster
         self._log = cluster.log
         self._done: list[tuple[PlacedPod, bool]] = []
@@ -24,7 +24,7 @@ class Trial:
         """Node → its pods in their order before the first was taken."""
 
     def __repr__(self) -> str:
-        return f"Trial({len(self._done)} moves)"
+        return f"DryRun({len(self._done)} moves)"
 
     def __enter__(self) -> Self:
         self._log = self._cluster.log

@@ -17,7 +17,7 @@ class Nomination(NamedTuple):
     stored: str
 
 
-class Nominations:
+class Nominator:
     """By pod, and by node. `record(pod, node)` says what a pod would hold on a node."""
 
     def __init__(self, record: Callable[[PodInfo, str], PlacedPod]) -> None:
@@ -26,7 +26,7 @@ class Nominations:
         self._by_node: dict[str, dict[str, Nomination]] = {}
 
     def __repr__(self) -> str:
-        return f"Nominations({len(self._by_uid)} pods on {len(self._by_node)} nodes)"
+        return f"Nominator({len(self._by_uid)} pods on {len(self._by_node)} nodes)"
 
     def __len__(self) -> int:
         return len(self._by_uid)

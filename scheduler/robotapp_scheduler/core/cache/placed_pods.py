@@ -1,6 +1,6 @@
 """Records of placed pods: computed once per pod signature, copied for each replica.
 
-`Stamps` predicts the zone and region labels that the API server copies from a node to each pod bound to it, where the pod
+`PredictedLabels` predicts the zone and region labels that the API server copies from a node to each pod bound to it, where the pod
 has none of that name. It does so since 1.33 (PodTopologyLabelsAdmission) unless that is off. Without the prediction each
 confirmed bind takes the pod off its node and puts it on again, which costs more than the decision did.
 """
@@ -13,14 +13,14 @@ from msgspec.structs import replace
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.topology_labels import REGION, ZONE
 from robotapp_scheduler.core.nodes.columns import LabelColumns, ResourceColumns, sane
-from robotapp_scheduler.core.pods.interning import Alike
+from robotapp_scheduler.core.pods.interning import Interner
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 
 KEYS: Final = (ZONE, REGION)
 Stamp = tuple[tuple[str, str], ...]
 
 
-class Stamps:
+class PredictedLabels:
     """Foretells them once a confirmed bind has shown that this API server does so; a wrong guess costs time, nothing else."""
 
     def __init__(self, labels: LabelColumns) -> None:
@@ -29,7 +29,7 @@ class Stamps:
         self._seen = False
 
     def __repr__(self) -> str:
-        return f"Stamps({'seen' if self._seen else 'not seen'})"
+        return f"PredictedLabels({'seen' if self._seen else 'not seen'})"
 
     def of(self, row: int | None) -> Stamp:
         """Labels (name, value) a pod is about to get from the node of this row."""
@@ -53,7 +53,7 @@ class Records:
     def __init__(
         self,
         resources: ResourceColumns,
-        alike: Alike,
+        alike: Interner,
         *,
         like: Callable[[str, dict[str, str]], dict[str, str] | None],
     ) -> None:

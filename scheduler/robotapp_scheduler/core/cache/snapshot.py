@@ -1,4 +1,4 @@
-"""`Nodes`: what a plugin sees. Read-only columns over all rows, or over the few rows that changed."""
+"""`Snapshot`: what a plugin sees. Read-only columns over all rows, or over the few rows that changed."""
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from functools import cached_property
@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.api.core_v1 import Taint
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.nodes.columns import BoolArray, CodeArray, FloatArray, IntArray, Vocabulary
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.nodes.resource_arrays import Plain
@@ -42,7 +42,7 @@ class LabelColumn(NamedTuple):
         return [values[code] for code in self.codes]
 
 
-class Nodes:
+class Snapshot:
     """A read-only view of the node columns. All arrays have `n` elements in the same order as `names`.
 
     Rows without a node (holes) have name "" and zeros everywhere; results for them are ignored.
@@ -61,7 +61,7 @@ class Nodes:
     """The ledger that `_copied` was taken from: it may be laid out anew."""
     _copied: IntArray = NO_LEDGER
 
-    def __init__(self, cluster: Cluster, rows: Sequence[int] | npt.NDArray[np.intp] | None = None) -> None:
+    def __init__(self, cluster: Cache, rows: Sequence[int] | npt.NDArray[np.intp] | None = None) -> None:
         self.cluster = cluster
         self._table = cluster.nodes
         self._kept: dict[tuple[str, Hashable], IntArray] = {}
@@ -75,7 +75,7 @@ class Nodes:
             self.n = len(rows)
 
     def __repr__(self) -> str:
-        return f"Nodes({self.n} rows of {self._table.count} nodes)"
+        return f"Snapshot({self.n} rows of {self._table.count} nodes)"
 
     @property
     def rows(self) -> npt.NDArray[np.intp] | slice:
@@ -189,7 +189,7 @@ class Nodes:
         return RttRow(self._pick(row.rtt_us), self._pick(row.source))
 
     def column(self, name: str, *, max_age: float = float("inf")) -> FloatArray:
-        """A column the plugin filled with `Cluster.set_column`, NaN where it has no value or is older (seconds)."""
+        """A column the plugin filled with `Cache.set_column`, NaN where it has no value or is older (seconds)."""
         values = self.cluster.column(name, max_age_s=max_age)
         return np.array([values.get(node, np.nan) for node in self.names], dtype=np.float64)
 
@@ -269,7 +269,7 @@ class Nodes:
         return picked
 
 
-class AdjustedNodes(Nodes):
+class AdjustedSnapshot(Snapshot):
     """The nodes as they would be if pods held more (or less) there: only requested amounts differ.
 
     `amounts` has the shape of core.cache.priority_usage: (1 + resources, rows in view), the number of pods first.
@@ -277,7 +277,7 @@ class AdjustedNodes(Nodes):
 
     _as_counted = frozenset({"allocatable"})
 
-    def __init__(self, cluster: Cluster, rows: Sequence[int] | npt.NDArray[np.intp], amounts: IntArray) -> None:
+    def __init__(self, cluster: Cache, rows: Sequence[int] | npt.NDArray[np.intp], amounts: IntArray) -> None:
         super().__init__(cluster, rows)
         self._amounts = amounts
 

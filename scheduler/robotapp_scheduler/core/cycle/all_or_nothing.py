@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from robotapp_api.model.names import PodReason
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.group_gates import POD_GROUP_PLUGIN, WHOLE_PLUGIN
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain.record import ExplainRing
 from robotapp_scheduler.core.framework.interface import Code
@@ -26,14 +26,14 @@ MOST_RESCUED: Final = 64
 class Placer(Protocol):
     """The part of SchedulerCore that is needed here."""
 
-    cluster: Cluster
+    cluster: Cache
     explain: ExplainRing
 
-    def schedule_one(self, pod: PodInfo, *, attempt: int = 1) -> Decision:
+    def schedule_one(self, pod: PodInfo, *, attempt: int = 1) -> ScheduleResult:
         """Decide and assume."""
 
 
-def all_or_none(core: Placer, decisions: list[Decision]) -> list[Decision]:
+def all_or_none(core: Placer, decisions: list[ScheduleResult]) -> list[ScheduleResult]:
     """The decisions about one group as they stand, or with every placement that must not stay alone taken back."""
     pod = decisions[0].pod
     if pod.member is None and pod.pod_group is not None:
@@ -44,7 +44,7 @@ def all_or_none(core: Placer, decisions: list[Decision]) -> list[Decision]:
 # --- PodGroup --------------------------------------------------------------------------------------------------------
 
 
-def _quorum(core: Placer, decisions: list[Decision], ref: GroupRef) -> list[Decision]:
+def _quorum(core: Placer, decisions: list[ScheduleResult], ref: GroupRef) -> list[ScheduleResult]:
     cluster = core.cluster
     needed, there = cluster.pod_groups.quorum(ref), cluster.pod_groups.placed(ref)
     if there >= needed:
@@ -60,7 +60,7 @@ def _quorum(core: Placer, decisions: list[Decision], ref: GroupRef) -> list[Deci
 # --- RobotApp --------------------------------------------------------------------------------------------------------
 
 
-def _app(core: Placer, decisions: list[Decision]) -> list[Decision]:
+def _app(core: Placer, decisions: list[ScheduleResult]) -> list[ScheduleResult]:
     cluster = core.cluster
     # A pod that waits for its predecessor is late, not impossible: it does not hold the others.
     failures = [
@@ -77,13 +77,13 @@ def _app(core: Placer, decisions: list[Decision]) -> list[Decision]:
     return _taken_back(cluster, decisions, text, failures, lambda pod: _counts(cluster, pod))
 
 
-def _counts(cluster: Cluster, pod: PodInfo) -> bool:
+def _counts(cluster: Cache, pod: PodInfo) -> bool:
     """Is the pod a component of its app (not something the operator adds, such as a discovery server)?"""
     app = cluster.apps.app(pod.member.app_uid) if pod.member else None
     return app is not None and pod.member is not None and pod.member.component in app.components
 
 
-def _wants_all(cluster: Cluster, pod: PodInfo, planned: set[str]) -> bool:
+def _wants_all(cluster: Cache, pod: PodInfo, planned: set[str]) -> bool:
     """`gang: All`, and no pod of the instance was placed before this plan."""
     member = pod.member
     app = cluster.apps.app(member.app_uid) if member else None
@@ -99,7 +99,7 @@ def _wants_all(cluster: Cluster, pod: PodInfo, planned: set[str]) -> bool:
 # --- Both ------------------------------------------------------------------------------------------------------------
 
 
-def _evict_in_vain_nobody(core: Placer, failures: Sequence[Decision], missing: int) -> None:
+def _evict_in_vain_nobody(core: Placer, failures: Sequence[ScheduleResult], missing: int) -> None:
     """Drop the plans to make room unless they would make the group whole, each thought through after the one before."""
     if all(failure.plan is None for failure in failures) or _rescued(core, failures, missing):
         return
@@ -107,7 +107,7 @@ def _evict_in_vain_nobody(core: Placer, failures: Sequence[Decision], missing: i
         failure.plan = failure.nominate = None
 
 
-def _rescued(core: Placer, failures: Sequence[Decision], missing: int) -> bool:
+def _rescued(core: Placer, failures: Sequence[ScheduleResult], missing: int) -> bool:
     """Would `missing` of these pods find a place by evictions? Tried for real, and everything is put back."""
     if not 0 < missing <= min(len(failures), MOST_RESCUED):
         return False
@@ -141,12 +141,12 @@ def _rescued(core: Placer, failures: Sequence[Decision], missing: int) -> bool:
 
 
 def _taken_back(
-    cluster: Cluster,
-    decisions: list[Decision],
+    cluster: Cache,
+    decisions: list[ScheduleResult],
     text: str,
-    failures: Sequence[Decision],
+    failures: Sequence[ScheduleResult],
     concerns: Callable[[PodInfo], bool],
-) -> list[Decision]:
+) -> list[ScheduleResult]:
     """The placed ones that are concerned as refused with this text; what may help the failures may help them.
 
     So may a group that asks for less: who is tried again brings the others along.
@@ -160,7 +160,7 @@ def _taken_back(
             continue
         cluster.forget(decision.pod.uid)
         result.append(
-            Decision(
+            ScheduleResult(
                 pod=decision.pod,
                 code=Code.UNSCHEDULABLE,
                 message=text,

@@ -8,7 +8,7 @@ from typing import Final
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation, PodReason
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.group_gates import (
     GROUP_EVENTS,
     GROUP_PLUGIN,
@@ -19,16 +19,23 @@ from robotapp_scheduler.core.cycle.group_gates import (
     WHOLE_READS,
     asks_otherwise,
 )
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.interface import Code, Loaded, PluginError, Status, histogram, pre_filter_message
+from robotapp_scheduler.core.framework.interface import (
+    Code,
+    PluginError,
+    RegisteredPlugin,
+    Status,
+    histogram,
+    pre_filter_message,
+)
 from robotapp_scheduler.core.framework.profiles import Profile
-from robotapp_scheduler.core.framework.queueing_hint import Waker
+from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Failure, Outcome
-from robotapp_scheduler.core.queue.queued_pod_info import Gate
+from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
-from robotapp_scheduler.core.runtime.profile_runner import Engine, Narrowed, pod_hash
+from robotapp_scheduler.core.runtime.profile_runner import PreFilterResult, ProfileRunner, pod_hash
 
 LOST_DEVICE = "node(s) lost a device to another pod"
 DEVICE_PLUGIN = "ROSReserve"
@@ -45,9 +52,9 @@ QUIRK = " not found"
 misses what its pre_filter would have noted, and ends the chain before preemption."""
 
 
-def excessive(pod: PodInfo, nodes: int) -> Decision:
+def excessive(pod: PodInfo, nodes: int) -> ScheduleResult:
     """The pod asks for more than anybody is given (core.pods.limits)."""
-    return Decision(
+    return ScheduleResult(
         pod=pod,
         code=Code.UNRESOLVABLE,
         message=pre_filter_message(nodes, pod.excess),
@@ -56,9 +63,9 @@ def excessive(pod: PodInfo, nodes: int) -> Decision:
     )
 
 
-def unreadable(pod: PodInfo, wrong: InvalidAnnotation, nodes: int) -> Decision:
+def unreadable(pod: PodInfo, wrong: InvalidAnnotation, nodes: int) -> ScheduleResult:
     """An annotation says something that is not allowed."""
-    return Decision(
+    return ScheduleResult(
         pod=pod,
         code=Code.UNRESOLVABLE,
         message=wrong.message,
@@ -68,9 +75,9 @@ def unreadable(pod: PodInfo, wrong: InvalidAnnotation, nodes: int) -> Decision:
     )
 
 
-def held(pod: PodInfo, gate: Gate) -> Decision:
+def held(pod: PodInfo, gate: PreEnqueueStatus) -> ScheduleResult:
     """The pod has to wait for others."""
-    return Decision(
+    return ScheduleResult(
         pod=pod,
         code=Code.PENDING,
         message=gate.reason,
@@ -79,30 +86,32 @@ def held(pod: PodInfo, gate: Gate) -> Decision:
     )
 
 
-def closed(loaded: Loaded, status: Status) -> Gate:
+def closed(loaded: RegisteredPlugin, status: Status) -> PreEnqueueStatus:
     """The gate of a plugin; no condition is written for it, as upstream, but when the plugin is broken."""
     if status.code is Code.ERROR:
         code = PodReason.SCHEDULER_ERROR
-        return Gate(plugin=loaded.name, reason=status.reason, events=loaded.events, code=code, report_after_s=0.0)
-    return Gate(plugin=loaded.name, reason=status.reason, events=loaded.events)
+        return PreEnqueueStatus(
+            plugin=loaded.name, reason=status.reason, events=loaded.events, code=code, report_after_s=0.0
+        )
+    return PreEnqueueStatus(plugin=loaded.name, reason=status.reason, events=loaded.events)
 
 
-class Refusals:
+class Diagnosis:
     """Makes the decisions of one attempt. `spared` pods are never chosen to make room."""
 
-    def __init__(self, cluster: Cluster, engine: Engine, *, seed: int, spared: frozenset[str]) -> None:
+    def __init__(self, cluster: Cache, engine: ProfileRunner, *, seed: int, spared: frozenset[str]) -> None:
         self._cluster = cluster
         self._engine = engine
         self._seed = seed
         self._spared = spared
 
     def __repr__(self) -> str:
-        return f"Refusals({self._engine!r})"
+        return f"Diagnosis({self._engine!r})"
 
-    def early(self, pod: PodInfo, status: Status) -> Decision:
+    def early(self, pod: PodInfo, status: Status) -> ScheduleResult:
         """A pre_filter rejected the pod."""
         count = self._cluster.nodes.count
-        decision = Decision(
+        decision = ScheduleResult(
             pod=pod,
             code=status.code,
             message=pre_filter_message(count, status.reason),
@@ -115,8 +124,8 @@ class Refusals:
         return self._post_filtered(decision, None)
 
     def nowhere(
-        self, pod: PodInfo, evaluation: Evaluation, narrowed: Narrowed, names: frozenset[str] | None
-    ) -> Decision:
+        self, pod: PodInfo, evaluation: Evaluation, narrowed: PreFilterResult, names: frozenset[str] | None
+    ) -> ScheduleResult:
         """Every node was refused by some filter."""
         count = self._cluster.nodes.count
         texts = evaluation.texts()
@@ -126,7 +135,7 @@ class Refusals:
             text = f"node(s) didn't satisfy plugin(s) [{' '.join(sorted(narrowed.plugins))}]"
             texts[text] = texts.get(text, 0) + outside
             plugins.update(narrowed.plugins)
-        decision = Decision(
+        decision = ScheduleResult(
             pod=pod,
             code=Code.UNSCHEDULABLE,
             message=histogram(count, texts),
@@ -135,11 +144,11 @@ class Refusals:
         )
         return self._post_filtered(decision, evaluation, outside)
 
-    def lost_all(self, pod: PodInfo, evaluation: Evaluation, blocked: int) -> Decision:
+    def lost_all(self, pod: PodInfo, evaluation: Evaluation, blocked: int) -> ScheduleResult:
         """Every node that was left lost a device to another pod."""
         texts = evaluation.texts()
         texts[LOST_DEVICE] = blocked
-        return Decision(
+        return ScheduleResult(
             pod=pod,
             code=Code.UNSCHEDULABLE,
             message=histogram(self._cluster.nodes.count, texts),
@@ -147,7 +156,9 @@ class Refusals:
             nodes=self._cluster.nodes.count,
         )
 
-    def _post_filtered(self, decision: Decision, evaluation: Evaluation | None, outside: int = 0) -> Decision:
+    def _post_filtered(
+        self, decision: ScheduleResult, evaluation: Evaluation | None, outside: int = 0
+    ) -> ScheduleResult:
         pod = decision.pod
         failure = Failure(
             cluster=self._cluster,
@@ -202,14 +213,18 @@ def about_its_domain(pod: PodInfo, event: Event) -> bool:
 WAKERS: Final = {
     waker.plugin: waker
     for waker in (
-        Waker(ANNOTATIONS, Change.NONE),
-        Waker(EXCESS, Change.NONE),
-        Waker(GROUP_PLUGIN, GROUP_EVENTS),
-        Waker(PREDECESSOR_PLUGIN, GROUP_EVENTS),
-        Waker(POD_GROUP_PLUGIN, POD_GROUP_EVENTS),
-        Waker(WHOLE_PLUGIN, Change.APPS | Change.POD_GROUPS, asks_otherwise, WHOLE_READS),
-        Waker(BIND_CHECK, Change.CLAIMS | Change.APPS | Change.POOLS, about_its_domain, ("annotations", "group")),
+        QueueingHint(ANNOTATIONS, Change.NONE),
+        QueueingHint(EXCESS, Change.NONE),
+        QueueingHint(GROUP_PLUGIN, GROUP_EVENTS),
+        QueueingHint(PREDECESSOR_PLUGIN, GROUP_EVENTS),
+        QueueingHint(POD_GROUP_PLUGIN, POD_GROUP_EVENTS),
+        QueueingHint(WHOLE_PLUGIN, Change.APPS | Change.POD_GROUPS, asks_otherwise, WHOLE_READS),
+        QueueingHint(
+            BIND_CHECK, Change.CLAIMS | Change.APPS | Change.POOLS, about_its_domain, ("annotations", "group")
+        ),
         # Those that want no devices have a turn of their own: an id is not passed by pods whose devices are taken.
-        Waker(FULL_POOL, Change.CLAIMS | Change.POOLS, gives_domain_back, ("annotated_hardware",), serves=serves_one),
+        QueueingHint(
+            FULL_POOL, Change.CLAIMS | Change.POOLS, gives_domain_back, ("annotated_hardware",), serves=serves_one
+        ),
     )
 }

@@ -5,8 +5,8 @@ from typing import Final
 
 from robotapp_api.values.round_trips import is_unreachable
 from robotapp_scheduler.core.api.ros import Endpoint, RosContext
-from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.cycle.tiers import earliest_tier, planned_tier
 from robotapp_scheduler.core.explain.record import (
     MOST_REFUSALS,
@@ -22,7 +22,7 @@ from robotapp_scheduler.core.explain.top_nodes import Finish, Front, Sight
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import FilterColumn
-from robotapp_scheduler.core.runtime.profile_runner import Engine
+from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 
 NO_TOP: Final = Top()
 
@@ -42,7 +42,7 @@ class Recorder:
         "_at_s", "_attempt", "_cluster", "_engine", "_seed", "best", "evaluation", "planned", "shadows", "tier",
     )  # fmt: skip
 
-    def __init__(self, cluster: Cluster, engine: Engine, *, at_s: float, seed: int, attempt: int) -> None:
+    def __init__(self, cluster: Cache, engine: ProfileRunner, *, at_s: float, seed: int, attempt: int) -> None:
         self._cluster = cluster
         self._engine = engine
         self._at_s = at_s
@@ -79,7 +79,7 @@ class Recorder:
             chosen = evaluation.sight(pod, cluster, chosen.position)
         self.best = Finish(front, chosen)
 
-    def record(self, decision: Decision) -> Record:
+    def record(self, decision: ScheduleResult) -> Record:
         """The record but for the `best` nodes."""
         pod, profile, node = decision.pod, self._engine.profile, decision.node
         top = Top((node,), (0,)) if node is not None and self.best is None else NO_TOP

@@ -9,10 +9,10 @@ import heapq
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple, Protocol
 
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.all_or_nothing import all_or_none
-from robotapp_scheduler.core.cycle.joint_problem import Posed
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.joint_problem import JointProblem
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.explain.record import ExplainRing
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
@@ -100,7 +100,7 @@ class Advice:
         return f"Advice({self.result}: {self.why})"
 
 
-def advice_of(posed: Posed, solution: Solution) -> Advice:
+def advice_of(posed: JointProblem, solution: Solution) -> Advice:
     """A solution in words and names."""
     rows = solution.rows
     if rows is None:
@@ -121,17 +121,17 @@ def advice_of(posed: Posed, solution: Solution) -> Advice:
 class Placer(Protocol):
     """The part of SchedulerCore that planning needs."""
 
-    cluster: Cluster
+    cluster: Cache
     explain: ExplainRing
 
-    def schedule_one(self, pod: PodInfo, *, attempt: int = 1, wish: Wish = ...) -> Decision: ...
+    def schedule_one(self, pod: PodInfo, *, attempt: int = 1, wish: Wish = ...) -> ScheduleResult: ...
     def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
         """How many nodes would take the pod now, and their names when there are not too many."""
 
 
 def plan_together(
     core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], advice: Advice | None = None
-) -> list[Decision]:
+) -> list[ScheduleResult]:
     """Decisions for all pods, in the order in which they were tried last. A plan is followed as a whole, or not."""
     if advice is not None and advice.nodes:
         followed = _follow(core, pods, attempts, advice)
@@ -154,9 +154,9 @@ def plan_together(
 
 def _follow(
     core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], advice: Advice
-) -> list[Decision] | None:
+) -> list[ScheduleResult] | None:
     """Put every planned pod on its node, each checked by all filters; None, and nobody placed, when one is refused."""
-    decisions: list[Decision] = []
+    decisions: list[ScheduleResult] = []
     for pod in sorted(pods, key=lambda pod: pod.uid not in advice.nodes):
         node = advice.nodes.get(pod.uid, "")
         wish = Wish(node, advice.why)
@@ -168,7 +168,7 @@ def _follow(
     return decisions
 
 
-def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int], wish: Wish) -> list[Decision]:
+def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int], wish: Wish) -> list[ScheduleResult]:
     decisions = _place(core, order, attempts, wish)
     for _ in range(min(MOST_RESTARTS, len(order), MOST_TRIES // len(order))):
         stuck = next((d for d in decisions if _refused(d) and order[0] is not d.pod), None)
@@ -189,25 +189,25 @@ def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int], wish:
     return all_or_none(core, decisions)
 
 
-def _place(core: Placer, order: Sequence[PodInfo], attempts: Mapping[str, int], wish: Wish) -> list[Decision]:
+def _place(core: Placer, order: Sequence[PodInfo], attempts: Mapping[str, int], wish: Wish) -> list[ScheduleResult]:
     return [core.schedule_one(pod, attempt=attempts.get(pod.uid, 1), wish=wish) for pod in order]
 
 
-def _placed(decisions: Sequence[Decision]) -> int:
+def _placed(decisions: Sequence[ScheduleResult]) -> int:
     return sum(decision.placed for decision in decisions)
 
 
-def _refused(decision: Decision) -> bool:
+def _refused(decision: ScheduleResult) -> bool:
     return not decision.placed and decision.code in {Code.UNSCHEDULABLE, Code.UNRESOLVABLE}
 
 
-def _take_back(cluster: Cluster, decisions: Sequence[Decision]) -> None:
+def _take_back(cluster: Cache, decisions: Sequence[ScheduleResult]) -> None:
     for decision in reversed(decisions):
         if decision.placed:
             cluster.forget(decision.pod.uid)
 
 
-def only_one_plan(decisions: list[Decision]) -> list[Decision]:
+def only_one_plan(decisions: list[ScheduleResult]) -> list[ScheduleResult]:
     """Pods placed together make room step by step: the plans of later ones do not know those of earlier ones."""
     for decision in [decision for decision in decisions if decision.plan is not None][1:]:
         decision.plan = decision.nominate = None

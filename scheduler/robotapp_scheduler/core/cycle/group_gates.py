@@ -8,11 +8,11 @@ from robotapp_api.values.tiers import FAILOVER, ROBOT, on_disconnect
 from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.pod_group import PATIENCE_S
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.pods.pod_group_index import APIS, GroupRef, group_ref_of, in_group
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
-from robotapp_scheduler.core.queue.queued_pod_info import Gate
+from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus
 from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Replica
 
 GROUP_PLUGIN: Final = "RobotAppGroup"
@@ -65,16 +65,16 @@ def asks_otherwise(pod: PodInfo, seen: Event) -> bool:
     return not same and not set(groups_around(pod)).isdisjoint(groups_of(seen))
 
 
-class Groups:
+class GangGates:
     """PreEnqueue for pods of RobotApps and PodGroups. Other pods pass at once."""
 
-    def __init__(self, cluster: Cluster) -> None:
+    def __init__(self, cluster: Cache) -> None:
         self._cluster = cluster
 
     def __repr__(self) -> str:
-        return f"Groups({self._cluster.apps!r})"
+        return f"GangGates({self._cluster.apps!r})"
 
-    def gate(self, pod: PodInfo) -> Gate | None:
+    def gate(self, pod: PodInfo) -> PreEnqueueStatus | None:
         """Why the pod must wait before it may be tried, None when it may."""
         member = pod.member
         if member is None:
@@ -90,7 +90,7 @@ class Groups:
             return _group_gate(member, "waiting for pods of " + ", ".join(missing))
         return self._predecessor_gate(pod, member, app.components[member.component])
 
-    def pod_group_gate(self, pod: PodInfo) -> Gate | None:
+    def pod_group_gate(self, pod: PodInfo) -> PreEnqueueStatus | None:
         """Why a pod of a PodGroup must wait, None when it may be tried, or has no PodGroup."""
         ref = pod.pod_group
         if ref is None:
@@ -146,14 +146,14 @@ class Groups:
             return f"waiting for the operator to act on generation {generation} of the RobotApp"
         return None
 
-    def _predecessor_gate(self, pod: PodInfo, member: Member, component: Component) -> Gate | None:
+    def _predecessor_gate(self, pod: PodInfo, member: Member, component: Component) -> PreEnqueueStatus | None:
         before = self.predecessor(pod, member, component)
         if before is None:
             return None
         reason = f"waiting for its predecessor {before.pod.metadata.name} on {before.node} to end"
         if fails_over(component) and self._lost(before.node):
             reason += f": {_still_driving(before, gone=before.node not in self._cluster.nodes.row_of)}"
-        return Gate(
+        return PreEnqueueStatus(
             plugin=PREDECESSOR_PLUGIN,
             reason=reason,
             events=PREDECESSOR_EVENTS,
@@ -197,8 +197,8 @@ def _terminating(replica: Replica) -> bool:
     return replica.pod.metadata.deletion_timestamp is not None
 
 
-def _group_gate(member: Member, reason: str) -> Gate:
-    return Gate(
+def _group_gate(member: Member, reason: str) -> PreEnqueueStatus:
+    return PreEnqueueStatus(
         plugin=GROUP_PLUGIN,
         reason=reason,
         events=GROUP_EVENTS,
@@ -207,8 +207,8 @@ def _group_gate(member: Member, reason: str) -> Gate:
     )
 
 
-def _pod_group_gate(ref: GroupRef, reason: str, patience_s: float) -> Gate:
-    return Gate(
+def _pod_group_gate(ref: GroupRef, reason: str, patience_s: float) -> PreEnqueueStatus:
+    return PreEnqueueStatus(
         plugin=POD_GROUP_PLUGIN,
         reason=reason,
         events=POD_GROUP_EVENTS,

@@ -14,14 +14,14 @@ from robotapp_api.values.duration import parse_us
 from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Edge as Connection
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.tiers import tier_ranks
 from robotapp_scheduler.core.nodes.columns import FloatArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.app_index import App, on_one_node
 from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
-from robotapp_scheduler.core.runtime.profile_runner import Engine
+from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation, with_tiers
 
 MOST_PODS: Final = 96
@@ -32,7 +32,7 @@ BOTH_ENDS: Final = 2 * 100.0
 """Each end of a connection scores it from 0 to 100."""
 
 
-class Posed(NamedTuple):
+class JointProblem(NamedTuple):
     """A problem and whose it is: `uids[i]` is pod i, `names[row]` a node."""
 
     problem: Problem
@@ -43,15 +43,15 @@ class Posed(NamedTuple):
 class Scores(Protocol):
     """The part of SchedulerCore that posing needs."""
 
-    cluster: Cluster
+    cluster: Cache
     latencies: LatencyExport
 
-    def engine(self, scheduler_name: str) -> Engine: ...
+    def engine(self, scheduler_name: str) -> ProfileRunner: ...
     def appraise(self, pod: PodInfo) -> Evaluation | None:
         """Filters and scores of a pod that can be tried now; None when it cannot, or fits nowhere."""
 
 
-def pose(core: Scores, pods: Sequence[PodInfo]) -> Posed | None:
+def pose(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | None:
     """The problem of these pods; None when there is nothing to plan together, or one of them fits nowhere."""
     member = pods[0].member
     app = core.cluster.apps.app(member.app_uid) if member is not None else None
@@ -72,10 +72,10 @@ def pose(core: Scores, pods: Sequence[PodInfo]) -> Posed | None:
     demand, free = _capacity(core.cluster, pods)
     problem = Problem(np.stack(costs), demand, free, tuple(edges), core.latencies.latencies())
     problem = with_tiers(problem, np.stack(ranks))
-    return Posed(problem, tuple(pod.uid for pod in pods), tuple(table.names))
+    return JointProblem(problem, tuple(pod.uid for pod in pods), tuple(table.names))
 
 
-def _cost(evaluation: Evaluation, pod: PodInfo, cluster: Cluster) -> FloatArray:
+def _cost(evaluation: Evaluation, pod: PodInfo, cluster: Cache) -> FloatArray:
     """How far each row is behind the best one, INF where the pod cannot be."""
     feasible = np.flatnonzero(evaluation.reason == 0)
     rows = feasible if evaluation.rows is None else evaluation.rows[feasible]
@@ -87,7 +87,7 @@ def _cost(evaluation: Evaluation, pod: PodInfo, cluster: Cluster) -> FloatArray:
     return cost
 
 
-def _capacity(cluster: Cluster, pods: Sequence[PodInfo]) -> tuple[IntArray, IntArray]:
+def _capacity(cluster: Cache, pods: Sequence[PodInfo]) -> tuple[IntArray, IntArray]:
     """Demand per pod and what is left per row, of the resources somebody asks for; pods are the last."""
     table = cluster.nodes
     asked = [dict(table.resources.held(pod.requests.exact)) for pod in pods]
@@ -120,7 +120,7 @@ def _edges(core: Scores, app: App, pods: Sequence[PodInfo]) -> list[Edge]:
 class _Rules:
     """What a connection costs, by the plugins of a profile."""
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: ProfileRunner) -> None:
         loaded = engine.profile.all
         score, limit = loaded.get("LatencyScore"), loaded.get("LatencyFilter")
         scores = score is not None and not score.shadow

@@ -12,14 +12,14 @@ import msgspec
 import numpy as np
 
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain.record import Record
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
-from robotapp_scheduler.core.runtime.profile_runner import Engine
+from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 
 
 class TableReason(msgspec.Struct, frozen=True, rename="camel"):
@@ -64,13 +64,13 @@ def reconsider(core: SchedulerCore, pod: Pod) -> Reconsidered:
     """Decide about a pod again without doing anything. Raises KeyError when no profile of ours serves it."""
     with _waiting(core.cluster, pod) as waiting:
         info = PodInfo(waiting)
-        engine = Engine(core.engine(info.scheduler_name).profile, core.cluster, caching=False)
+        engine = ProfileRunner(core.engine(info.scheduler_name).profile, core.cluster, caching=False)
         record, evaluation = core.consider(info, engine)
         return Reconsidered(record, None if evaluation is None else _table(info, core.cluster, engine, evaluation))
 
 
 @contextmanager
-def _waiting(cluster: Cluster, pod: Pod) -> Iterator[Pod]:
+def _waiting(cluster: Cache, pod: Pod) -> Iterator[Pod]:
     """The pod as one without a node, and the cluster without it; afterwards all is as before."""
     if not pod.spec.node_name:  # it waits, or is on its way: an assumption lasts milliseconds, and is left alone
         yield pod
@@ -89,7 +89,7 @@ def _waiting(cluster: Cluster, pod: Pod) -> Iterator[Pod]:
         cluster.reorder(record.node, order)
 
 
-def _table(pod: PodInfo, cluster: Cluster, engine: Engine, evaluation: Evaluation) -> Table:
+def _table(pod: PodInfo, cluster: Cache, engine: ProfileRunner, evaluation: Evaluation) -> Table:
     if evaluation.feasible:
         try:
             engine.score(pod, evaluation)
@@ -127,7 +127,7 @@ def _number(evaluation: Evaluation, row: int) -> float | None:
 
 def _scores(
     pod: PodInfo,
-    cluster: Cluster,
+    cluster: Cache,
     evaluation: Evaluation,
     rows: list[int],
     feasible: "np.ndarray[Any, np.dtype[np.intp]]",

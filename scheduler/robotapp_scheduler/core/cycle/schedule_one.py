@@ -4,33 +4,33 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
-from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cycle.diagnosis import WAKERS, Refusals, closed, excessive, held, unreadable
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cycle.diagnosis import WAKERS, Diagnosis, closed, excessive, held, unreadable
 from robotapp_scheduler.core.cycle.explain_recorder import Recorder
 from robotapp_scheduler.core.cycle.group_cycle import NO_WISH, Advice, Wish, only_one_plan, plan_together
 from robotapp_scheduler.core.cycle.group_gates import (
-    Groups,
+    GangGates,
     group_key,
 )
-from robotapp_scheduler.core.cycle.joint_problem import Posed, pose
-from robotapp_scheduler.core.cycle.schedule_result import FAULTS, Decision, failed, skipped_deleting
+from robotapp_scheduler.core.cycle.joint_problem import JointProblem, pose
+from robotapp_scheduler.core.cycle.schedule_result import FAULTS, ScheduleResult, failed, skipped_deleting
 from robotapp_scheduler.core.cycle.tiers import earlier_feasible
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain.record import ExplainRing, Record, finished
 from robotapp_scheduler.core.framework.interface import Code, histogram
 from robotapp_scheduler.core.framework.profiles import Profile
-from robotapp_scheduler.core.framework.queueing_hint import Waker
+from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.nominated_pods import with_nominated
-from robotapp_scheduler.core.queue.queued_pod_info import Gate, QueuedPod
+from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus, QueuedPodInfo
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.robotics.resolve import qos_fields, resolve
 from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
-from robotapp_scheduler.core.runtime.profile_runner import Engine, Stopwatch, pod_hash
+from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner, Stopwatch, pod_hash
 
-PREEMPTING: Final = Gate(
+PREEMPTING: Final = PreEnqueueStatus(
     plugin="DefaultPreemption",
     reason="waiting for the preemption for this pod to be finished",
     events=Change.NONE,  # `preempted` opens it; testing every preemptor at every victim's end would cost their product
@@ -45,7 +45,7 @@ class SchedulerCore:
 
     def __init__(
         self,
-        cluster: Cluster,
+        cluster: Cache,
         profiles: Mapping[str, Profile],
         *,
         clock: Callable[[], float],
@@ -55,7 +55,7 @@ class SchedulerCore:
         max_backoff_s: float = 10.0,
     ) -> None:
         self.cluster = cluster
-        self.groups = Groups(cluster)
+        self.groups = GangGates(cluster)
         self.explain = ExplainRing()
         self.latencies = LatencyExport(cluster.rtt)
         self.plans: dict[str, int] = {}
@@ -66,7 +66,7 @@ class SchedulerCore:
         self._together: frozenset[str] = frozenset()
         """Pods that are being placed in the same go."""
         self._preempting: set[str] = set()
-        self._engines: dict[str, Engine] = {}
+        self._engines: dict[str, ProfileRunner] = {}
         self._decided: dict[tuple[str, str, str], int] = {}
         """Counted by engines of former configurations."""
         self.use(profiles)
@@ -87,7 +87,7 @@ class SchedulerCore:
         """Swap the profiles, between two attempts. Cached results go with the old ones; what was counted stays."""
         self._decided = self.decisions()
         self._engines = {
-            name: Engine(profile, self.cluster, stopwatch=self._stopwatch) for name, profile in profiles.items()
+            name: ProfileRunner(profile, self.cluster, stopwatch=self._stopwatch) for name, profile in profiles.items()
         }
 
     def swap(self, profiles: Mapping[str, Profile], *, initial_backoff_s: float, max_backoff_s: float) -> None:
@@ -100,7 +100,7 @@ class SchedulerCore:
         """The profiles' names."""
         return frozenset(self._engines)
 
-    def engine(self, scheduler_name: str) -> Engine:
+    def engine(self, scheduler_name: str) -> ProfileRunner:
         """The engine of a profile. Raises KeyError for a schedulerName that is not ours."""
         return self._engines[scheduler_name]
 
@@ -112,10 +112,10 @@ class SchedulerCore:
                 total[key] = total.get(key, 0) + count
         return total
 
-    def held(self) -> list[tuple[QueuedPod, Gate]]:
+    def held(self) -> list[tuple[QueuedPodInfo, PreEnqueueStatus]]:
         """Pods whose group has been incomplete for so long that it is told, with what is missing."""
         now_s, found = self._clock(), []
-        newest: dict[str, Gate | None] = {}
+        newest: dict[str, PreEnqueueStatus | None] = {}
         for queued in self.queue.gated():
             gate = queued.gate
             if gate is not None and gate.alike:
@@ -143,13 +143,13 @@ class SchedulerCore:
 
     # --- Attempts ------------------------------------------------------------------------------------------------
 
-    def pose(self, batch: Sequence[QueuedPod]) -> Posed | None:
+    def pose(self, batch: Sequence[QueuedPodInfo]) -> JointProblem | None:
         """What a planner has to solve before these are placed; None when they are placed without."""
         return pose(self, [queued.info for queued in batch]) if len(batch) > 1 else None
 
     def schedule(
-        self, batch: Iterable[QueuedPod], *, exclude: frozenset[str] = frozenset(), advice: Advice | None = None
-    ) -> list[Decision]:
+        self, batch: Iterable[QueuedPodInfo], *, exclude: frozenset[str] = frozenset(), advice: Advice | None = None
+    ) -> list[ScheduleResult]:
         """Place popped pods; those of one group against each other. Placed pods are assumed.
 
         `exclude` names nodes that were refused at reserve: the next best is tried in the same cycle. `advice` is what
@@ -184,7 +184,7 @@ class SchedulerCore:
         assume: bool = True,
         attempt: int = 1,
         wish: Wish = NO_WISH,
-    ) -> Decision:
+    ) -> ScheduleResult:
         """One pod, on the node of `wish` if it takes the pod. Never raises for what a pod or a plugin does wrong: that becomes a decision with code Error."""
         engine = self._engines.get(pod.scheduler_name)
         if engine is None:
@@ -198,7 +198,7 @@ class SchedulerCore:
         self.explain.add(recorder.record(decision), recorder.best)
         return decision
 
-    def consider(self, pod: PodInfo, engine: Engine) -> tuple[Record, Evaluation | None]:
+    def consider(self, pod: PodInfo, engine: ProfileRunner) -> tuple[Record, Evaluation | None]:
         """What `schedule_one` would say now, with this engine; nothing is assumed or kept. Raises nothing either."""
         recorder = Recorder(self.cluster, engine, at_s=self._clock(), seed=self._seed, attempt=0)
         decision = self._attempt(pod, engine, frozenset(), recorder)
@@ -231,7 +231,7 @@ class SchedulerCore:
             return None
         return evaluation if evaluation.feasible else None
 
-    def _filtered(self, pod: PodInfo) -> tuple[Engine, Evaluation] | None:
+    def _filtered(self, pod: PodInfo) -> tuple[ProfileRunner, Evaluation] | None:
         """What the filters say now, without any attempt; None for a pod that cannot be tried. Raises FAULTS."""
         if pod.scheduler_name not in self._engines or self.prepare(pod) is not None:
             return None
@@ -241,7 +241,7 @@ class SchedulerCore:
             return None
         return engine, with_nominated(self.cluster, pod, engine.evaluate(pod, narrowed.names))
 
-    def prepare(self, pod: PodInfo) -> Decision | None:
+    def prepare(self, pod: PodInfo) -> ScheduleResult | None:
         """Resolve the pod's ROS wishes; a decision when it cannot be tried at all."""
         if pod.deleting:
             return failed(pod, skipped_deleting(pod.key))
@@ -262,20 +262,22 @@ class SchedulerCore:
         return None
 
     def _attempt(
-        self, pod: PodInfo, engine: Engine, exclude: frozenset[str], recorder: Recorder, wish: Wish = NO_WISH
-    ) -> Decision:
+        self, pod: PodInfo, engine: ProfileRunner, exclude: frozenset[str], recorder: Recorder, wish: Wish = NO_WISH
+    ) -> ScheduleResult:
         try:
             return self._try(pod, engine, exclude, recorder, wish)
         except FAULTS as error:
             return failed(pod, str(error), nodes=self.cluster.nodes.count)
 
-    def _try(self, pod: PodInfo, engine: Engine, exclude: frozenset[str], recorder: Recorder, wish: Wish) -> Decision:
+    def _try(
+        self, pod: PodInfo, engine: ProfileRunner, exclude: frozenset[str], recorder: Recorder, wish: Wish
+    ) -> ScheduleResult:
         early = self.prepare(pod)
         if early is not None:
             return early
         count = self.cluster.nodes.count
         if count == 0:
-            return Decision(pod=pod, code=Code.UNSCHEDULABLE, message=histogram(0, {}))
+            return ScheduleResult(pod=pod, code=Code.UNSCHEDULABLE, message=histogram(0, {}))
         narrowed = engine.pre_filter(pod)
         if narrowed.status is not None:
             return self._refusals(engine).early(pod, narrowed.status)
@@ -296,11 +298,11 @@ class SchedulerCore:
         recorder.planned = wish.why
         return self._choose(pod, engine, evaluation, recorder, wish.node)
 
-    def _refusals(self, engine: Engine) -> Refusals:
-        return Refusals(self.cluster, engine, seed=self._seed, spared=self._together)
+    def _refusals(self, engine: ProfileRunner) -> Diagnosis:
+        return Diagnosis(self.cluster, engine, seed=self._seed, spared=self._together)
 
     def _where_promised(
-        self, pod: PodInfo, engine: Engine, exclude: frozenset[str], names: frozenset[str] | None
+        self, pod: PodInfo, engine: ProfileRunner, exclude: frozenset[str], names: frozenset[str] | None
     ) -> Evaluation | None:
         """The node this pod is nominated for, when it takes the pod: then no other is looked at, but those of earlier tiers."""
         node = self.cluster.nominations.node_of(pod.uid)
@@ -314,8 +316,8 @@ class SchedulerCore:
         return None
 
     def _choose(
-        self, pod: PodInfo, engine: Engine, evaluation: Evaluation, recorder: Recorder, wished: str
-    ) -> Decision:
+        self, pod: PodInfo, engine: ProfileRunner, evaluation: Evaluation, recorder: Recorder, wished: str
+    ) -> ScheduleResult:
         total = 0
         position = engine.position_of(evaluation, wished) if wished else None
         if pod.ros is not None and pod.ros.tiers:
@@ -332,7 +334,7 @@ class SchedulerCore:
             node = engine.name_of(evaluation, position)
         if engine.profile.has_shadows:
             recorder.shadows = engine.watch_shadows(pod, evaluation, position)
-        return Decision(
+        return ScheduleResult(
             pod=pod,
             code=Code.SUCCESS,
             node=node,
@@ -351,10 +353,10 @@ class SchedulerCore:
 
     # --- Wiring of the queue -------------------------------------------------------------------------------------
 
-    def _waker(self, pod: PodInfo, plugin: str) -> Waker:
+    def _waker(self, pod: PodInfo, plugin: str) -> QueueingHint:
         engine = self._engines.get(pod.scheduler_name)
         loaded = engine.profile.all.get(plugin) if engine is not None else None
-        return loaded.waker if loaded is not None else WAKERS.get(plugin) or Waker(plugin)
+        return loaded.waker if loaded is not None else WAKERS.get(plugin) or QueueingHint(plugin)
 
     def _queue_key(self, pod: PodInfo, queued_s: float) -> tuple[Any, ...]:
         engine = self._engines.get(pod.scheduler_name)
@@ -364,7 +366,7 @@ class SchedulerCore:
         pod.qos = qos_fields(pod, self.cluster.apps)
         return rule(pod, queued_s)
 
-    def _gate(self, pod: PodInfo) -> Gate | None:
+    def _gate(self, pod: PodInfo) -> PreEnqueueStatus | None:
         engine = self._engines.get(pod.scheduler_name)
         if engine is None:
             return None

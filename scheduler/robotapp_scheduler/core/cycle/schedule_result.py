@@ -12,13 +12,13 @@ from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 if TYPE_CHECKING:
     from robotapp_scheduler.core.preemption.preemption import Plan
-    from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod
+    from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo
 
 FAULTS: Final = (PluginError, ValueError, OverflowError)
 """What an attempt raises for a pod that cannot be read or a plugin's answer that cannot be used: it failed, no more."""
 
 
-class Decision(msgspec.Struct, kw_only=True, eq=False):
+class ScheduleResult(msgspec.Struct, kw_only=True, eq=False):
     """A node, or why there is none.
 
     With `node` the pod is already assumed there; the claims in `grants` must be made before the bind.
@@ -45,10 +45,10 @@ class Decision(msgspec.Struct, kw_only=True, eq=False):
     """Who has to be evicted from that node."""
     post_filtered: bool = False
     """Was preemption tried?"""
-    queued: "QueuedPod | None" = None
+    queued: "QueuedPodInfo | None" = None
 
     def __repr__(self) -> str:
-        return f"Decision({self.pod.key}: {self.node or self.message!r})"
+        return f"ScheduleResult({self.pod.key}: {self.node or self.message!r})"
 
     @property
     def placed(self) -> bool:
@@ -56,9 +56,9 @@ class Decision(msgspec.Struct, kw_only=True, eq=False):
         return self.node is not None
 
 
-def failed(pod: PodInfo, message: str, *, nodes: int = 0) -> Decision:
+def failed(pod: PodInfo, message: str, *, nodes: int = 0) -> ScheduleResult:
     """Something broke: SchedulerError, retried after back-off."""
-    return Decision(pod=pod, code=Code.ERROR, message=message, reason=PodReason.SCHEDULER_ERROR, nodes=nodes)
+    return ScheduleResult(pod=pod, code=Code.ERROR, message=message, reason=PodReason.SCHEDULER_ERROR, nodes=nodes)
 
 
 def skipped_deleting(key: str) -> str:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from robotapp_api.model.names import Label
 from robotapp_api.values.tiers import ROBOT
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
@@ -48,7 +48,7 @@ def tier_ranks(table: NodeTable, tiers: Sequence[str]) -> Ranks:
     return found
 
 
-def earlier_feasible(cluster: Cluster, pod: PodInfo, node: str, evaluate: Callable[[], Evaluation]) -> bool:
+def earlier_feasible(cluster: Cache, pod: PodInfo, node: str, evaluate: Callable[[], Evaluation]) -> bool:
     """Is a node feasible that is of an earlier tier in the pod's runsOn than this one? Asked only where there are such tiers.
 
     Raises KeyError for a node that is not there.

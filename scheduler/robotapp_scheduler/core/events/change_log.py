@@ -18,7 +18,7 @@ _APART: Final = 1 << 48
 _PLACED: Final = int(PLACED)
 
 
-class News:
+class ChangeLogDelta:
     """What a log says after some position. Made once for all readers that stand there."""
 
     __slots__ = ("_changes", "_found", "_rows", "entries", "kinds", "views")
@@ -36,7 +36,7 @@ class News:
         """What readers made of the rows, by the kinds of change they asked for."""
 
     def __repr__(self) -> str:
-        return f"News({Change(self.kinds)!r})"
+        return f"ChangeLogDelta({Change(self.kinds)!r})"
 
     def rows(self, interest: int) -> list[int] | None:
         """Rows with a change of interest, each once; None: look at all rows, because a change touched every one."""
@@ -69,7 +69,7 @@ class ChangeLog:
         # Plain ints: an IntFlag costs ten times as much per operation, and this is read for every pod.
         self._rows: list[int] = []
         self._changes: list[int] = []
-        self._news: dict[int, News] = {}
+        self._news: dict[int, ChangeLogDelta] = {}
 
     def __repr__(self) -> str:
         return f"ChangeLog({self.position=}, kept={len(self._rows)})"
@@ -92,14 +92,14 @@ class ChangeLog:
         other._base = other.position = ChangeLog._next_base
         return other
 
-    def news(self, position: int, *, most: int) -> News | None:
+    def news(self, position: int, *, most: int) -> ChangeLogDelta | None:
         """What happened after `position`; None when the reader fell behind by more than `most` entries or read another log."""
         found = self._news.get(position)
         if found is None:
             start = position - self._base
             if start < 0 or not 0 <= len(self._rows) - start <= most:
                 return None
-            found = self._news[position] = News(self._rows[start:], self._changes[start:])
+            found = self._news[position] = ChangeLogDelta(self._rows[start:], self._changes[start:])
         return found if found.entries <= most else None
 
     def placed_since(self, position: int) -> list[int] | None:

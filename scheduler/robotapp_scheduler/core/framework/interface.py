@@ -96,10 +96,10 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cache.snapshot import LabelColumn, Nodes
+from robotapp_scheduler.core.cache.snapshot import LabelColumn, Snapshot
 from robotapp_scheduler.core.events.cluster_event import NODE, READS, Change, interest_of
 from robotapp_scheduler.core.framework.plugin_calls import Asking
-from robotapp_scheduler.core.framework.queueing_hint import Waker
+from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.core.framework.validation import problems_of
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import Row
@@ -175,7 +175,7 @@ FilterResult = BoolArray | Verdict | Literal[True] | None
 ScoreResult = npt.NDArray[Any] | PerDomain | Scores | int | None
 AmongResult = npt.NDArray[Any] | int | None
 Positions = npt.NDArray[np.intp]
-AmongHook = Callable[[PodInfo, Nodes, Positions], AmongResult]
+AmongHook = Callable[[PodInfo, Snapshot, Positions], AmongResult]
 
 
 class Beside(NamedTuple):
@@ -197,7 +197,7 @@ class NoArgs(msgspec.Struct, forbid_unknown_fields=True):
     """Arguments of plugins that have none."""
 
 
-class Loaded:
+class RegisteredPlugin:
     """A plugin with its attributes checked once: hooks looked up, names of features turned into flags."""
 
     def __init__(self, plugin: Any, *, weight: int = 1, shadow: bool = False) -> None:
@@ -228,28 +228,28 @@ class Loaded:
         """Changes after which a column of results must be looked at."""
         self.relevance = interest_of(getattr(plugin, "relevant_reads", node_reads)) | int(NODE)
         """Changes after which `relevant` must be asked again."""
-        self.filter: Callable[[PodInfo, Nodes], FilterResult] | None = getattr(plugin, "filter", None)
-        self.score: Callable[[PodInfo, Nodes], ScoreResult] | None = getattr(plugin, "score", None)
+        self.filter: Callable[[PodInfo, Snapshot], FilterResult] | None = getattr(plugin, "filter", None)
+        self.score: Callable[[PodInfo, Snapshot], ScoreResult] | None = getattr(plugin, "score", None)
         self.score_among: AmongHook | None = getattr(plugin, "score_among", None)
-        self.relevant: Callable[[PodInfo, Nodes], bool] | None = getattr(plugin, "relevant", None)
+        self.relevant: Callable[[PodInfo, Snapshot], bool] | None = getattr(plugin, "relevant", None)
         self.minds: Callable[[PodInfo], Iterable[str]] | None = getattr(plugin, "minds", None)
-        self.confined: Callable[[PodInfo, Nodes, int], bool] | None = getattr(plugin, "confined", None)
+        self.confined: Callable[[PodInfo, Snapshot, int], bool] | None = getattr(plugin, "confined", None)
         self.filter_row: Callable[[PodInfo, Row], bool] | None = getattr(plugin, "filter_row", None)
         self.score_row: Callable[[PodInfo, Row], int] | None = getattr(plugin, "score_row", None)
-        self.ceiling: Callable[[PodInfo, Nodes], IntArray | int | None] | None = getattr(plugin, "ceiling", None)
-        self.pre_filter: Callable[[PodInfo, Nodes], PreFilter | None] | None = getattr(plugin, "pre_filter", None)
+        self.ceiling: Callable[[PodInfo, Snapshot], IntArray | int | None] | None = getattr(plugin, "ceiling", None)
+        self.pre_filter: Callable[[PodInfo, Snapshot], PreFilter | None] | None = getattr(plugin, "pre_filter", None)
         self.narrows: Callable[[PodInfo], bool] | None = getattr(plugin, "narrows", None)
-        self.plan: Callable[[PodInfo, Nodes], VolumePlan | None] | None = getattr(plugin, "plan", None)
+        self.plan: Callable[[PodInfo, Snapshot], VolumePlan | None] | None = getattr(plugin, "plan", None)
         self.post_filter: Callable[[PodInfo, Any], Any] | None = getattr(plugin, "post_filter", None)
         self.touched_by: Callable[[PodInfo, PlacedPod], bool] | None = getattr(plugin, "touched_by", None)
-        self.beside: Callable[[PodInfo, Nodes], Beside | None] | None = getattr(plugin, "beside", None)
+        self.beside: Callable[[PodInfo, Snapshot], Beside | None] | None = getattr(plugin, "beside", None)
         self.room: Callable[[PodInfo], Mapping[str, int]] | None = getattr(plugin, "room", None)
         self.waker = self._waker_of(plugin)
         self.pre_enqueue: Callable[[PodInfo], Status | None] | None = getattr(plugin, "pre_enqueue", None)
         self.queue_key: Callable[[PodInfo, float], tuple[Any, ...]] | None = getattr(plugin, "queue_key", None)
 
-    def _waker_of(self, plugin: Any) -> Waker:
-        return Waker(
+    def _waker_of(self, plugin: Any) -> QueueingHint:
+        return QueueingHint(
             self.name,
             self.events,
             getattr(plugin, "hint", None),
@@ -263,7 +263,7 @@ class Loaded:
         return self.interest if self.minds is None else interest_of(self.minds(pod))
 
     def __repr__(self) -> str:
-        return f"Loaded({self.name}, weight={self.weight}{', shadow' if self.shadow else ''})"
+        return f"RegisteredPlugin({self.name}, weight={self.weight}{', shadow' if self.shadow else ''})"
 
 
 # --- Checks and arithmetic the framework does for every plugin --------------------------------------------------------
@@ -350,14 +350,16 @@ def pre_filter_message(total: int, text: str) -> str:
 # --- Scalar plugins ----------------------------------------------------------------------------------------------------
 
 
-def per_node(function: Callable[[Any, PodInfo, "NodeRow"], Any]) -> Callable[[Any, PodInfo, Nodes], npt.NDArray[Any]]:
+def per_node(
+    function: Callable[[Any, PodInfo, "NodeRow"], Any],
+) -> Callable[[Any, PodInfo, Snapshot], npt.NDArray[Any]]:
     """Turn `(self, pod, node) -> bool | number` into a hook over all nodes: slow, fine for a first try.
 
     `node` has name, labels, free(resource), allocatable(resource) and requested(resource).
     """
 
     @wraps(function)
-    def hook(self: Any, pod: PodInfo, nodes: Nodes) -> npt.NDArray[Any]:
+    def hook(self: Any, pod: PodInfo, nodes: Snapshot) -> npt.NDArray[Any]:
         values = [function(self, pod, NodeRow(nodes, i)) if name else None for i, name in enumerate(nodes.names)]
         example = next((value for value in values if value is not None), False)
         blank: Any = False if isinstance(example, bool) else 0
@@ -373,7 +375,7 @@ class NodeRow:
 
     __slots__ = ("_i", "_nodes")
 
-    def __init__(self, nodes: Nodes, i: int) -> None:
+    def __init__(self, nodes: Snapshot, i: int) -> None:
         self._nodes = nodes
         self._i = i
 

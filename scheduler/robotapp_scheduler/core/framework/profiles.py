@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_scheduler.core.framework.interface import Loaded, NoArgs, PluginError
+from robotapp_scheduler.core.framework.interface import NoArgs, PluginError, RegisteredPlugin
 from robotapp_scheduler.core.framework.shadow import silenced
 from robotapp_scheduler.core.framework.third_party import guarded, is_ours
 from robotapp_scheduler.core.pods.pod_info import ROS_FEATURES
@@ -104,7 +104,7 @@ class Profile:
     def __init__(
         self,
         scheduler_name: str,
-        plugins: Mapping[str, Sequence[Loaded]],
+        plugins: Mapping[str, Sequence[RegisteredPlugin]],
         config_hash: str,
         *,
         queue_sort_args: str = "",
@@ -142,7 +142,7 @@ class Profile:
         return f"Profile({self.scheduler_name}, {len(self.filters)} filters, {len(self.scores)} scores)"
 
 
-def _deciding(plugins: Mapping[str, Sequence[Loaded]], point: str) -> tuple[Loaded, ...]:
+def _deciding(plugins: Mapping[str, Sequence[RegisteredPlugin]], point: str) -> tuple[RegisteredPlugin, ...]:
     """The plugins of a point that are no shadows."""
     return tuple(loaded for loaded in plugins.get(point, ()) if not loaded.shadow)
 
@@ -224,9 +224,9 @@ def _chains(
     loaded: Mapping[str, tuple[Any, bool]],
     path: str,
     problems: list[str],
-) -> dict[str, list[Loaded]]:
+) -> dict[str, list[RegisteredPlugin]]:
     """The plugins of every point, their attributes checked; what is wrong with one is told once."""
-    chains: dict[str, list[Loaded]] = {}
+    chains: dict[str, list[RegisteredPlugin]] = {}
     owner: dict[str, str] = {}
     found: list[str] = []
     for point, refs in points.items():
@@ -251,8 +251,8 @@ def _chains(
     return chains
 
 
-def _made(plugin: Any, weight: int, *, shadow: bool) -> Loaded:
-    loaded = Loaded(plugin, weight=weight, shadow=shadow)
+def _made(plugin: Any, weight: int, *, shadow: bool) -> RegisteredPlugin:
+    loaded = RegisteredPlugin(plugin, weight=weight, shadow=shadow)
     if shadow or not is_ours(plugin):
         loaded = guarded(loaded)
     return silenced(loaded) if shadow else loaded

@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 _SELF: Final = int(Change.SELF)
 
 
-class Waker(NamedTuple):
+class QueueingHint(NamedTuple):
     """What may help a pod that one plugin rejected: kinds of change, then the plugin's own opinion on each."""
 
     plugin: str

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 from typing import Any, Final
 
-from robotapp_scheduler.core.framework.interface import Loaded, PluginError
+from robotapp_scheduler.core.framework.interface import PluginError, RegisteredPlugin
 
 log = logging.getLogger(__name__)
 
@@ -14,7 +14,7 @@ _UNUSED: Final = ("narrows", "score_row", "ceiling", "filter_row", "minds", "con
 """Short cuts that would have to be guarded one by one; without them the vector form is asked."""
 
 
-def silenced(loaded: Loaded) -> Loaded:
+def silenced(loaded: RegisteredPlugin) -> RegisteredPlugin:
     """A `guarded` plugin whose PluginErrors become "no opinion": an experiment must not hold a pod back."""
     for name, otherwise in _SILENT.items():
         hook = getattr(loaded, name)

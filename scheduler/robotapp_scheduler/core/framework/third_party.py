@@ -18,10 +18,10 @@ from robotapp_scheduler.core.framework.interface import (
     NORMALIZERS,
     Beside,
     Code,
-    Loaded,
     PerDomain,
     PluginError,
     PreFilter,
+    RegisteredPlugin,
     Scores,
     Status,
     Verdict,
@@ -50,7 +50,7 @@ def _made_here(made: object) -> bool:
     return str(getattr(made, "__module__", "")).partition(".")[0] == OURS
 
 
-def guarded(loaded: Loaded) -> Loaded:
+def guarded(loaded: RegisteredPlugin) -> RegisteredPlugin:
     """The same plugin with every hook watched."""
     problems = misread(loaded.plugin, _made_here)
     if problems:
@@ -73,7 +73,7 @@ def guarded(loaded: Loaded) -> Loaded:
     return loaded
 
 
-def _watched(loaded: Loaded, hook: str, function: Callable[..., Any], check: "_Check") -> Callable[..., Any]:
+def _watched(loaded: RegisteredPlugin, hook: str, function: Callable[..., Any], check: "_Check") -> Callable[..., Any]:
     plugin = loaded.name
 
     def asked(*args: Any) -> Any:
@@ -91,7 +91,7 @@ def _watched(loaded: Loaded, hook: str, function: Callable[..., Any], check: "_C
     return asked
 
 
-def _held_when_broken(loaded: Loaded, function: Callable[..., Any]) -> Callable[..., Status | None]:
+def _held_when_broken(loaded: RegisteredPlugin, function: Callable[..., Any]) -> Callable[..., Status | None]:
     """A gate that cannot be asked stays closed, with its text: an open one might let pods through it was to hold."""
     watched = _watched(loaded, "pre_enqueue", function, _status)
 
@@ -105,7 +105,7 @@ def _held_when_broken(loaded: Loaded, function: Callable[..., Any]) -> Callable[
     return asked
 
 
-def _yes_when_broken(loaded: Loaded, function: Callable[..., Any]) -> Callable[..., bool]:
+def _yes_when_broken(loaded: RegisteredPlugin, function: Callable[..., Any]) -> Callable[..., bool]:
     """A hint that cannot be asked must not hold its pod back for ever."""
     watched = _watched(loaded, "hint", function, _truth)
 
@@ -118,7 +118,7 @@ def _yes_when_broken(loaded: Loaded, function: Callable[..., Any]) -> Callable[.
     return asked
 
 
-def _ordered(loaded: Loaded, function: Callable[..., Any]) -> Callable[..., tuple[Any, ...]]:
+def _ordered(loaded: RegisteredPlugin, function: Callable[..., Any]) -> Callable[..., tuple[Any, ...]]:
     """Keys that can be compared with each other whatever they hold; a pod without one comes last, by its time."""
     plugin, watched = loaded.name, _watched(loaded, "queue_key", function, _untouched)
 

@@ -30,7 +30,7 @@ class Plain(NamedTuple):
     scored: FloatArray
 
 
-class Mirror:
+class ResourceArrays:
     """The ledger of a node table in float64, and what is free in integers, true after `refresh`."""
 
     def __init__(self, table: NodeTable) -> None:
@@ -42,7 +42,7 @@ class Mirror:
         self._plain: dict[tuple[str, ...], Plain | None] = {}
 
     def __repr__(self) -> str:
-        return f"Mirror({self._floats.shape[1]} rows)"
+        return f"ResourceArrays({self._floats.shape[1]} rows)"
 
     def refresh(self, log: ChangeLog) -> bool:
         """Bring it to the head of the log. False: there are too many resources, nothing is mirrored."""
@@ -108,7 +108,7 @@ MOST_MISSES: Final = 256
 """Pods that need more than is known to be free, until it is looked at anew: it only falls while pods come and go."""
 
 
-class Least:
+class MinimumFree:
     """Never more than any node has free, of each resource and of places for pods; kept from the change log."""
 
     def __init__(self, table: NodeTable) -> None:
@@ -120,7 +120,7 @@ class Least:
         self._misses = 0
 
     def __repr__(self) -> str:
-        return f"Least({self._free})"
+        return f"MinimumFree({self._free})"
 
     def suffices(self, log: ChangeLog, wanted: tuple[tuple[str, int], ...]) -> bool:
         """Is so much of these free on every node? False: perhaps not."""

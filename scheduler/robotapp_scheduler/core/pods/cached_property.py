@@ -6,7 +6,7 @@ from typing import Any, Generic, TypeVar, overload
 T = TypeVar("T")
 
 
-class Lazy(Generic[T]):
+class CachedProperty(Generic[T]):
     """A property that runs its function once per object.
 
     As functools.cached_property, without the lock that one takes before Python 3.12: a microsecond per pod and property.
@@ -24,10 +24,10 @@ class Lazy(Generic[T]):
         self._name = name
 
     @overload
-    def __get__(self, instance: None, owner: type) -> "Lazy[T]": ...
+    def __get__(self, instance: None, owner: type) -> "CachedProperty[T]": ...
     @overload
     def __get__(self, instance: object, owner: type) -> T: ...
-    def __get__(self, instance: object | None, owner: type) -> "T | Lazy[T]":
+    def __get__(self, instance: object | None, owner: type) -> "T | CachedProperty[T]":
         if instance is None:
             return self
         found = vars(instance)[self._name] = self._function(instance)  # found there before us from now on

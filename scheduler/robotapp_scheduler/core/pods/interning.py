@@ -24,7 +24,7 @@ SPEC: Final = (
 STATUS: Final = ("phase", "conditions", "start_time")
 
 
-class Alike:
+class Interner:
     """The last parts seen per owner (per namespace, for pods without one)."""
 
     __slots__ = ("_models", "_values")
@@ -34,7 +34,7 @@ class Alike:
         self._values: dict[Any, Any] = {}
 
     def __repr__(self) -> str:
-        return f"Alike({len(self._models)} owners, {len(self._values)} values)"
+        return f"Interner({len(self._models)} owners, {len(self._values)} values)"
 
     def share(self, pod: Pod, old: Pod | None = None) -> None:
         """Replace the parts of a placed pod that its last sibling has as well; `old` is what it was when this was done last."""

@@ -15,7 +15,7 @@ from robotapp_api.values.requests import PodRequests
 from robotapp_scheduler.core.api.annotations import any_read, parse_annotations
 from robotapp_scheduler.core.api.core_v1 import Affinity, NodeAffinity, OwnerReference, Pod, Toleration
 from robotapp_scheduler.core.api.ros import InvalidAnnotation, RosContext, RosRequest
-from robotapp_scheduler.core.pods.cached_property import Lazy
+from robotapp_scheduler.core.pods.cached_property import CachedProperty
 from robotapp_scheduler.core.pods.pod_group_index import group_ref_of, in_group
 from robotapp_scheduler.core.pods.pod_signature import HostPort, controller_of, shape_of
 from robotapp_scheduler.core.pods.pod_volumes import PodVolumes, volumes_of
@@ -146,7 +146,7 @@ class PodInfo:
         """Claims and inline disks; None for a pod whose volumes decide nothing."""
         return self._volumes if self.pod.spec.volumes else None
 
-    @Lazy
+    @CachedProperty
     def _volumes(self) -> PodVolumes | None:
         return volumes_of(self.pod)
 
@@ -178,7 +178,7 @@ class PodInfo:
         """What the scheduler.robotics.io annotations ask for; None without any."""
         return self._ros_request if self._annotated else None
 
-    @Lazy
+    @CachedProperty
     def _ros_request(self) -> RosRequest | InvalidAnnotation | None:
         return parse_annotations(self.annotations)
 

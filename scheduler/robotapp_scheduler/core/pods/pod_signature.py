@@ -1,4 +1,4 @@
-"""What pods with the same spec, labels and owner have in common, computed once: 2,000 replicas share one `Shape`.
+"""What pods with the same spec, labels and owner have in common, computed once: 2,000 replicas share one `PodSignature`.
 
 `needs_of` finds the kubelet features that a spec needs, by the names under which nodes declare them.
 """
@@ -12,7 +12,7 @@ import msgspec
 from robotapp_api.values.requests import PodRequests, pod_requests
 from robotapp_scheduler.core.api.core_v1 import Container, OwnerReference, Pod, PodSpec
 from robotapp_scheduler.core.nodes.columns import ResourceColumns
-from robotapp_scheduler.core.pods.cached_property import Lazy
+from robotapp_scheduler.core.pods.cached_property import CachedProperty
 from robotapp_scheduler.core.pods.limits import excess
 from robotapp_scheduler.core.selectors.affinity_terms import affinity_key
 from robotapp_scheduler.core.selectors.label_sets import LabelSetKey, label_key
@@ -53,7 +53,7 @@ class HostPort(NamedTuple):
     port: int
 
 
-class Shape:
+class PodSignature:
     """Answers that follow from what `shape_of` compares. `pod` is any of the pods that have it."""
 
     def __init__(self, pod: Pod) -> None:
@@ -69,40 +69,40 @@ class Shape:
         self._class: tuple[object, int] | None = None
 
     def __repr__(self) -> str:
-        return f"Shape(of {self._pod.key})"
+        return f"PodSignature(of {self._pod.key})"
 
-    @Lazy
+    @CachedProperty
     def excess(self) -> str:
         """Why nothing is looked up for such pods; empty for every sane one."""
         return excess(self._pod.spec)
 
-    @Lazy
+    @CachedProperty
     def requests(self) -> PodRequests:
         """Sums of resources; raises ValueError when a quantity cannot be read."""
         return requests_of(self._pod)
 
-    @Lazy
+    @CachedProperty
     def affinity_key(self) -> bytes:
         """Pod affinity and anti-affinity as a key, b"" without any."""
         return affinity_key(self._pod.spec.affinity)
 
-    @Lazy
+    @CachedProperty
     def label_key(self) -> LabelSetKey:
         """Namespace and labels as a key."""
         meta = self._pod.metadata
         return label_key(meta.namespace, meta.labels or {})
 
-    @Lazy
+    @CachedProperty
     def images(self) -> tuple[str, ...]:
         """Images of init containers, containers and image volumes, by the names nodes report them under."""
         return images(self._pod)
 
-    @Lazy
+    @CachedProperty
     def host_ports(self) -> tuple[HostPort, ...]:
         """Ports such a pod takes on its node, each once."""
         return host_ports(self._pod)
 
-    @Lazy
+    @CachedProperty
     def needs(self) -> frozenset[str]:
         """Features the node must declare."""
         return needs_of(self._pod.spec)
@@ -126,24 +126,24 @@ class Shape:
         self._class = (owner, number)
 
 
-_shapes: dict[bytes, Shape] = {}
+_shapes: dict[bytes, PodSignature] = {}
 
 
-def shape_of(pod: Pod) -> Shape:
+def shape_of(pod: Pod) -> PodSignature:
     """The shape of a pod. What tells replicas apart (name, uid, node, annotations, status) is not part of it."""
     if pod.status.resizes:
-        return Shape(pod)  # it holds something else than its spec says
+        return PodSignature(pod)  # it holds something else than its spec says
     try:
         key = _key(pod)
     except OverflowError:  # a number no encoder takes: from no API server
-        return Shape(pod)
+        return PodSignature(pod)
     if len(key) > MOST_KEY_BYTES:
-        return Shape(pod)
+        return PodSignature(pod)
     shape = _shapes.get(key)
     if shape is None:
         if len(_shapes) >= MOST_SHAPES:
             _shapes.clear()
-        shape = _shapes[key] = Shape(pod)
+        shape = _shapes[key] = PodSignature(pod)
     return shape
 
 

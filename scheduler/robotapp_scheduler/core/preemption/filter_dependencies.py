@@ -4,9 +4,9 @@ from collections.abc import Collection
 
 import numpy as np
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import OF_PODS
-from robotapp_scheduler.core.framework.interface import Beside, Loaded
+from robotapp_scheduler.core.framework.interface import Beside, RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import HOLE, Codes, FilterColumn
@@ -25,8 +25,8 @@ class Influence:
         self._pod = pod
         self._columns = [column for column in evaluation.filters if not column.skipped]
         self._reasons = evaluation.reasons
-        self.live: list[Loaded] = [column.plugin for column in self._columns]
-        self.room: Loaded | None = next((plugin for plugin in self.live if plugin.room is not None), None)
+        self.live: list[RegisteredPlugin] = [column.plugin for column in self._columns]
+        self.room: RegisteredPlugin | None = next((plugin for plugin in self.live if plugin.room is not None), None)
         self.others = [p for p in self.live if p is not self.room and (p.touched_by or p.interest & _OF_PODS)]
 
     def __repr__(self) -> str:
@@ -47,12 +47,12 @@ class Influence:
             for plugin in self.others
         )
 
-    def beside(self, nodes: Nodes) -> dict[str, Beside]:
+    def beside(self, nodes: Snapshot) -> dict[str, Beside]:
         """By the names of their plugins: tests that need to know only who stays on a node."""
         found = {p.name: p.beside(self._pod, nodes) for p in self.others if p.beside is not None}
         return {name: test for name, test in found.items() if test is not None}
 
-    def codes(self, nodes: Nodes, evaluation: Evaluation, *, without: Collection[str] = ()) -> tuple[Codes, Codes]:
+    def codes(self, nodes: Snapshot, evaluation: Evaluation, *, without: Collection[str] = ()) -> tuple[Codes, Codes]:
         """(first reason, reason of `room`) per row of `nodes`, which differs from the cluster in amounts alone.
 
         The opinion of every other filter is the one the evaluation knows; those named in `without` are left out.
@@ -68,14 +68,14 @@ class Influence:
                 np.copyto(first, column.codes[positions], where=first == 0)
         return first, room
 
-    def asked(self, nodes: Nodes) -> Codes:
+    def asked(self, nodes: Snapshot) -> Codes:
         """First reason per row of `nodes` as the cluster is now, every filter asked."""
         first = np.where(nodes.valid, np.int32(0), np.int32(HOLE))
         for plugin in self.live:
             np.copyto(first, self._asked(plugin, nodes), where=first == 0)
         return first
 
-    def _asked(self, plugin: Loaded, nodes: Nodes) -> Codes:
+    def _asked(self, plugin: RegisteredPlugin, nodes: Snapshot) -> Codes:
         column = FilterColumn(plugin, self._reasons)
         column.compute(self._pod, nodes)
         return np.zeros(nodes.n, dtype=np.int32) if column.skipped else column.codes

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cache.dry_run import Trial
-from robotapp_scheduler.core.cache.snapshot import AdjustedNodes, Nodes
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.dry_run import DryRun
+from robotapp_scheduler.core.cache.snapshot import AdjustedSnapshot, Snapshot
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.preemption.filter_dependencies import Influence
@@ -14,7 +14,7 @@ from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import Codes
 
 
-def with_nominated(cluster: Cluster, pod: PodInfo, evaluation: Evaluation, *, node: str = "") -> Evaluation:
+def with_nominated(cluster: Cache, pod: PodInfo, evaluation: Evaluation, *, node: str = "") -> Evaluation:
     """The evaluation with the double pass done where pods of this priority or higher are nominated; else itself.
 
     `node`: the only one the evaluation is about, when it is about one.
@@ -36,7 +36,7 @@ def with_nominated(cluster: Cluster, pod: PodInfo, evaluation: Evaluation, *, no
 
 
 def _reasons(
-    cluster: Cluster,
+    cluster: Cache,
     influence: Influence,
     evaluation: Evaluation,
     rows: Sequence[int],
@@ -44,24 +44,24 @@ def _reasons(
 ) -> Codes:
     records = [record for row in rows for record in promised[row]]
     if not any(influence.touched(record) for record in records):
-        view = AdjustedNodes(cluster, rows, amounts(cluster, [promised[row] for row in rows]))
+        view = AdjustedSnapshot(cluster, rows, amounts(cluster, [promised[row] for row in rows]))
         return influence.codes(view, evaluation)[0]
     if influence.together(records):
-        with Trial(cluster) as trial:
+        with DryRun(cluster) as trial:
             for record in records:
                 trial.put(record)
-            return influence.asked(Nodes(cluster, rows))
+            return influence.asked(Snapshot(cluster, rows))
     found = np.zeros(len(rows), dtype=np.int32)
-    with Trial(cluster) as trial:
+    with DryRun(cluster) as trial:
         for i, row in enumerate(rows):
             for record in promised[row]:
                 trial.put(record)
-            found[i] = influence.asked(Nodes(cluster, [row]))[0]
+            found[i] = influence.asked(Snapshot(cluster, [row]))[0]
             trial.back(0)
     return found
 
 
-def amounts(cluster: Cluster, per_row: Sequence[Sequence[PlacedPod]]) -> IntArray:
+def amounts(cluster: Cache, per_row: Sequence[Sequence[PlacedPod]]) -> IntArray:
     """What pods hold, one column per list of pods, in the shape of core.cache.priority_usage."""
     total = np.zeros((len(cluster.nodes.resources.names) + 1, len(per_row)), dtype=np.int64)
     for i, records in enumerate(per_row):

@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cache.snapshot import AdjustedNodes, Nodes
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.snapshot import AdjustedSnapshot, Snapshot
 from robotapp_scheduler.core.framework.interface import histogram
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.preemption.filter_dependencies import Influence
@@ -50,7 +50,7 @@ Remembered = dict[int, tuple[int, Candidate | None, bool]]
 class Failure(NamedTuple):
     """An attempt that found no node. `evaluation` is None when a pre_filter rejected the pod."""
 
-    cluster: Cluster
+    cluster: Cache
     pod: PodInfo
     evaluation: Evaluation | None
     outside: int = 0
@@ -149,11 +149,11 @@ class _Search:
         held = cluster.held_below(pod.priority)[:, self._rows]
         self._someone = held[0] > 0
         # As if every lower pod were gone, where no other filter minds them.
-        view = AdjustedNodes(cluster, self._rows, -held[: len(cluster.nodes.resources.names) + 1])
+        view = AdjustedSnapshot(cluster, self._rows, -held[: len(cluster.nodes.resources.names) + 1])
         self._first: Codes
         self._room: Codes
         self._first, self._room = self._influence.codes(view, evaluation)
-        self._beside = self._influence.beside(Nodes(cluster))
+        self._beside = self._influence.beside(Snapshot(cluster))
         """Filters that can tell by who stays on the node."""
         self._confined = [name for name, test in self._beside.items() if test.confined]
         """Those of them that no other node matters to: what they said holds until something changes there."""

@@ -10,10 +10,10 @@ from functools import lru_cache
 from operator import add, sub
 from typing import Final, NamedTuple
 
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.disruption_budgets import Split
-from robotapp_scheduler.core.cache.dry_run import Trial
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.dry_run import DryRun
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods.pod_info import PlacedPod
 from robotapp_scheduler.core.preemption.filter_dependencies import Influence
@@ -32,7 +32,7 @@ class Candidate(NamedTuple):
     rank: tuple[float, ...]
 
 
-def lower_pods(cluster: Cluster, row: int, priority: int, spared: frozenset[str]) -> list[PlacedPod]:
+def lower_pods(cluster: Cache, row: int, priority: int, spared: frozenset[str]) -> list[PlacedPod]:
     """The pods of a node that may have to go, most important first."""
     pods = cluster.pods_on(cluster.nodes.names[row])
     return sorted((pod for pod in pods if pod.priority < priority and pod.uid not in spared), key=importance)
@@ -44,7 +44,7 @@ def importance(pod: PlacedPod) -> tuple[int, float]:
 
 
 def by_amounts(
-    cluster: Cluster,
+    cluster: Cache,
     row: int,
     lower: Sequence[PlacedPod],
     wishes: Mapping[str, int],
@@ -88,10 +88,10 @@ def by_amounts(
 
 
 def by_trial(
-    cluster: Cluster, influence: Influence, row: int, lower: Sequence[PlacedPod], promised: Sequence[PlacedPod]
+    cluster: Cache, influence: Influence, row: int, lower: Sequence[PlacedPod], promised: Sequence[PlacedPod]
 ) -> Candidate | int:
     """The victims with every filter asked after each step; the reason that is left when the pod does not fit at all."""
-    with Trial(cluster) as trial:
+    with DryRun(cluster) as trial:
         for pod in lower:
             trial.take(pod)
         reason = _reason(cluster, influence, row, promised, trial)
@@ -110,15 +110,15 @@ def by_trial(
     return found if found is not None else 0
 
 
-def _reason(cluster: Cluster, influence: Influence, row: int, promised: Sequence[PlacedPod], trial: Trial) -> int:
+def _reason(cluster: Cache, influence: Influence, row: int, promised: Sequence[PlacedPod], trial: DryRun) -> int:
     """First reason against the node as it is in the trial, with the nominated pods there and without; 0 = none."""
     depth = trial.depth
     for record in promised:
         trial.put(record)
-    reason = int(influence.asked(Nodes(cluster, [row]))[0])
+    reason = int(influence.asked(Snapshot(cluster, [row]))[0])
     trial.back(depth)
     if promised and reason == 0:
-        reason = int(influence.asked(Nodes(cluster, [row]))[0])
+        reason = int(influence.asked(Snapshot(cluster, [row]))[0])
     return reason
 
 

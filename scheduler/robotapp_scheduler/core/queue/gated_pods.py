@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from robotapp_scheduler.core.events.cluster_event import Change
 
 
-class Gated:
+class GatedPods:
     """Uids of gated pods. Iteration is in order of closing within those that the same changes concern."""
 
     def __init__(self) -> None:

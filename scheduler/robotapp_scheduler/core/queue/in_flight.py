@@ -10,7 +10,7 @@ OFTEN: Final = 256
 """From so many changes on we look whether some can go: objects nobody else has any more are freed while they are few."""
 
 
-class Flight:
+class InFlightPod:
     """One pod in flight; `seen` is complete once it has landed."""
 
     __slots__ = ("activated", "deleted", "folded", "own", "pod", "seen", "since")
@@ -28,18 +28,18 @@ class Flight:
         self.deleted = False
 
 
-class Flights:
+class InFlightPods:
     """All pods in flight by uid. Noting a change appends one entry, however many pods are in flight."""
 
     def __init__(self) -> None:
-        self._flying: dict[str, Flight] = {}
+        self._flying: dict[str, InFlightPod] = {}
         self._log: list[tuple[Event, str]] = []
         """(event, uid of who takes no notice) since the first pod now in flight left."""
         self._most = min(OFTEN, MOST_LOGGED)
         """With more changes it is time to look again."""
 
     def __repr__(self) -> str:
-        return f"Flights({len(self._flying)} in flight)"
+        return f"InFlightPods({len(self._flying)} in flight)"
 
     def __contains__(self, uid: str) -> bool:
         return uid in self._flying
@@ -47,13 +47,13 @@ class Flights:
     def __iter__(self) -> Iterator[str]:
         return iter(self._flying)
 
-    def get(self, uid: str) -> Flight | None:
+    def get(self, uid: str) -> InFlightPod | None:
         """The flight of this pod."""
         return self._flying.get(uid)
 
     def start(self, uid: str, pod: Any) -> None:
         """The pod was popped."""
-        self._flying[uid] = Flight(pod, len(self._log))
+        self._flying[uid] = InFlightPod(pod, len(self._log))
 
     def note(self, event: Event, *, but: str) -> None:
         """Something changed; the pod `but` takes no notice."""
@@ -67,14 +67,14 @@ class Flights:
         """The pod itself changed while it was in flight."""
         self._flying[uid].own.append(event)
 
-    def end(self, uid: str) -> Flight | None:
+    def end(self, uid: str) -> InFlightPod | None:
         """The pod got a node; what changed meanwhile does not matter any more."""
         flight = self._flying.pop(uid, None)
         if not self._flying:
             self._log.clear()
         return flight
 
-    def land(self, uid: str) -> Flight | None:
+    def land(self, uid: str) -> InFlightPod | None:
         """The pod comes back: its flight with all changes that were noted meanwhile."""
         flight = self._flying.get(uid)
         if flight is not None:
@@ -83,7 +83,7 @@ class Flights:
             self.end(uid)
         return flight
 
-    def _seen(self, uid: str, flight: Flight) -> list[Event]:
+    def _seen(self, uid: str, flight: InFlightPod) -> list[Event]:
         return [event for event, but in self._log[flight.since :] if but != uid]
 
     def _shorten(self) -> None:

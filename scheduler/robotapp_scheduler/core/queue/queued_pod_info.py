@@ -8,7 +8,7 @@ from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 
-class Gate(msgspec.Struct, frozen=True):
+class PreEnqueueStatus(msgspec.Struct, frozen=True):
     """Why a pod may not be tried at all, and what may open the gate."""
 
     plugin: str
@@ -32,7 +32,7 @@ class Rejection(msgspec.Struct, frozen=True):
     """Those of `plugins` that said Pending: when they ask for the pod again, it skips its back-off."""
 
 
-class QueuedPod:
+class QueuedPodInfo:
     """A pod in the queue. The queue alone changes it."""
 
     __slots__ = (
@@ -49,10 +49,10 @@ class QueuedPod:
         self.rejections = 0
         self.errors = 0
         self.rejection: Rejection | None = None
-        self.gate: Gate | None = None
+        self.gate: PreEnqueueStatus | None = None
 
     def __repr__(self) -> str:
-        return f"QueuedPod({self.info.key}, attempts={self.attempts}, gate={self.gate and self.gate.plugin})"
+        return f"QueuedPodInfo({self.info.key}, attempts={self.attempts}, gate={self.gate and self.gate.plugin})"
 
     @property
     def refused_by(self) -> frozenset[str]:

@@ -9,13 +9,13 @@ from typing import Any, Final
 
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.queueing_hint import Waker
+from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.backoff import Backoff, Heap
-from robotapp_scheduler.core.queue.gated_pods import Gated
-from robotapp_scheduler.core.queue.in_flight import Flight, Flights
-from robotapp_scheduler.core.queue.queued_pod_info import Gate, QueuedPod, Rejection
-from robotapp_scheduler.core.queue.unschedulable_pods import WaitingRoom, Woken
+from robotapp_scheduler.core.queue.gated_pods import GatedPods
+from robotapp_scheduler.core.queue.in_flight import InFlightPod, InFlightPods
+from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus, QueuedPodInfo, Rejection
+from robotapp_scheduler.core.queue.unschedulable_pods import UnschedulablePods, Woken
 
 UNSCHEDULABLE_TIMEOUT_S: Final = 300.0
 FLUSH_PERIOD_S: Final = 30.0
@@ -33,21 +33,21 @@ class SchedulingQueue:
         *,
         clock: Callable[[], float],
         key: Callable[[PodInfo, float], tuple[Any, ...]],
-        gate: Callable[[PodInfo], Gate | None] = lambda _: None,
-        waker: Callable[[PodInfo, str], Waker] = lambda _, plugin: Waker(plugin),
+        gate: Callable[[PodInfo], PreEnqueueStatus | None] = lambda _: None,
+        waker: Callable[[PodInfo, str], QueueingHint] = lambda _, plugin: QueueingHint(plugin),
         group: Callable[[PodInfo], Hashable | None] = lambda _: None,
         initial_backoff_s: float = 1.0,
         max_backoff_s: float = 10.0,
     ) -> None:
         self._clock, self._key, self._gate, self._group = clock, key, gate, group
         self._backoff_rule = Backoff(initial_s=initial_backoff_s, most_s=max_backoff_s, clock=clock)
-        self._pods: dict[str, QueuedPod] = {}
+        self._pods: dict[str, QueuedPodInfo] = {}
         self._active = Heap()
         self._backoff = Heap()
         self._error_backoff = Heap()
-        self._waiting = WaitingRoom(waker, order=self._active_key)
-        self._gated = Gated()
-        self._flying = Flights()
+        self._waiting = UnschedulablePods(waker, order=self._active_key)
+        self._gated = GatedPods()
+        self._flying = InFlightPods()
         self._groups: dict[Hashable, dict[str, None]] = {}
         self._next_flush_s = clock() + FLUSH_PERIOD_S
         self.incoming: dict[tuple[str, str], int] = {}
@@ -59,7 +59,7 @@ class SchedulingQueue:
     def __len__(self) -> int:
         return len(self._pods)
 
-    def get(self, uid: str) -> QueuedPod | None:
+    def get(self, uid: str) -> QueuedPodInfo | None:
         """A pod that waits here; None once it is in flight."""
         return self._pods.get(uid) if uid not in self._flying else None
 
@@ -82,7 +82,7 @@ class SchedulingQueue:
                     found[key] = found.get(key, 0) + 1
         return found
 
-    def gated(self) -> list[QueuedPod]:
+    def gated(self) -> list[QueuedPodInfo]:
         """Pods that are held before their first attempt, oldest first."""
         return sorted((self._pods[uid] for uid in self._gated), key=lambda queued: queued.first_seen_s)
 
@@ -94,7 +94,7 @@ class SchedulingQueue:
         if info.uid in self._pods:
             self.update(info)
             return
-        queued = QueuedPod(info, self._clock())
+        queued = QueuedPodInfo(info, self._clock())
         self._pods[info.uid] = queued
         self._regroup(queued)
         self._to_active(queued, "UnscheduledPodAdd")
@@ -202,7 +202,7 @@ class SchedulingQueue:
 
     # --- What the scheduler does -----------------------------------------------------------------------------------
 
-    def pop(self) -> list[QueuedPod]:
+    def pop(self) -> list[QueuedPodInfo]:
         """The next pod with all waiting pods of its group, now in flight; empty when there is nothing to do.
 
         With an empty active queue the head of the back-off queue is taken early, never one that failed by an error.
@@ -225,7 +225,7 @@ class SchedulingQueue:
             self._flying.start(queued.info.uid, queued)
         return batch
 
-    def wanted(self, queued: QueuedPod) -> bool:
+    def wanted(self, queued: QueuedPodInfo) -> bool:
         """Is a pod in flight still to be placed? One that was deleted meanwhile is dropped, or came back by the watch."""
         flight = self._flying.get(queued.info.uid)
         if flight is not None and flight.deleted:
@@ -239,7 +239,7 @@ class SchedulingQueue:
         if flight is not None:
             self._drop(flight.pod)
 
-    def requeue(self, queued: QueuedPod, rejection: Rejection) -> None:
+    def requeue(self, queued: QueuedPodInfo, rejection: Rejection) -> None:
         """An attempt failed. Changes seen while the pod was in flight count as if they came now."""
         uid = queued.info.uid
         flight = self._flying.land(uid)
@@ -260,7 +260,7 @@ class SchedulingQueue:
 
     # --- Inside ----------------------------------------------------------------------------------------------------
 
-    def _settle(self, queued: QueuedPod, flight: Flight | None) -> None:
+    def _settle(self, queued: QueuedPodInfo, flight: InFlightPod | None) -> None:
         if flight is not None and flight.activated:
             self._to_active(queued, "ForceActivate")
             return
@@ -277,11 +277,11 @@ class SchedulingQueue:
             self._take_out(queued)
             self._requeue_from_wait(queued, why, immediate=immediate)
 
-    def _wait(self, queued: QueuedPod, event: str) -> None:
+    def _wait(self, queued: QueuedPodInfo, event: str) -> None:
         self._waiting.add(queued)
         self._note("unschedulable", event)
 
-    def _updated_while_waiting(self, queued: QueuedPod, event: Event) -> None:
+    def _updated_while_waiting(self, queued: QueuedPodInfo, event: Event) -> None:
         self._take_out(queued)
         answer = self._waiting.answer(queued, event)
         if answer is None:
@@ -289,7 +289,7 @@ class SchedulingQueue:
         else:
             self._requeue_from_wait(queued, event.label, immediate=answer)
 
-    def _requeue_from_wait(self, queued: QueuedPod, event: str, *, immediate: bool) -> None:
+    def _requeue_from_wait(self, queued: QueuedPodInfo, event: str, *, immediate: bool) -> None:
         if immediate or self._backoff_rule.over(queued.timestamp_s, queued.failures):
             self._to_active(queued, event)
             return
@@ -300,13 +300,13 @@ class SchedulingQueue:
         heap.push(queued.info.uid, (expiry, *self._active_key(queued)))
         self._note("backoff", event)
 
-    def _to_active(self, queued: QueuedPod, event: str) -> None:
+    def _to_active(self, queued: QueuedPodInfo, event: str) -> None:
         if self._close_gate(queued):
             return
         self._active.push(queued.info.uid, self._active_key(queued))
         self._note("active", event)
 
-    def _close_gate(self, queued: QueuedPod) -> bool:
+    def _close_gate(self, queued: QueuedPodInfo) -> bool:
         queued.gate = self._gate(queued.info)
         if queued.gate is None:
             return False
@@ -340,10 +340,10 @@ class SchedulingQueue:
                 self._take_out(queued)
                 self._requeue_from_wait(queued, "UnschedulableTimeout", immediate=False)
 
-    def _active_key(self, queued: QueuedPod) -> tuple[Any, ...]:
+    def _active_key(self, queued: QueuedPodInfo) -> tuple[Any, ...]:
         return self._key(queued.info, queued.timestamp_s)
 
-    def _take_out(self, queued: QueuedPod) -> None:
+    def _take_out(self, queued: QueuedPodInfo) -> None:
         uid = queued.info.uid
         for heap in (self._active, self._backoff, self._error_backoff):
             heap.discard(uid)
@@ -351,11 +351,11 @@ class SchedulingQueue:
         queued.gate = None
         self._waiting.discard(uid)
 
-    def _drop(self, queued: QueuedPod) -> None:
+    def _drop(self, queued: QueuedPodInfo) -> None:
         self._pods.pop(queued.info.uid, None)
         self._leave_group(queued)
 
-    def _regroup(self, queued: QueuedPod) -> None:
+    def _regroup(self, queued: QueuedPodInfo) -> None:
         """Among the pods of its group, which is another one when its labels say so now."""
         group = self._group(queued.info)
         if group != queued.group:
@@ -364,7 +364,7 @@ class SchedulingQueue:
         if group is not None:
             self._groups.setdefault(group, {})[queued.info.uid] = None
 
-    def _leave_group(self, queued: QueuedPod) -> None:
+    def _leave_group(self, queued: QueuedPodInfo) -> None:
         members = self._groups.get(queued.group) if queued.group is not None else None
         if members is not None:
             members.pop(queued.info.uid, None)

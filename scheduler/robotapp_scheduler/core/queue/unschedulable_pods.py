@@ -13,10 +13,10 @@ from heapq import nsmallest
 from typing import Any, Final, NamedTuple
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.queueing_hint import Waker
+from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.backoff import Heap
-from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod, Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
 
 _SELF: Final = int(Change.SELF)
 
@@ -24,7 +24,7 @@ _SELF: Final = int(Change.SELF)
 class Woken(NamedTuple):
     """A pod that leaves; `immediate` = a plugin that said Pending asks for it, so it skips its back-off."""
 
-    queued: QueuedPod
+    queued: QueuedPodInfo
     immediate: bool
     why: str = ""
     """The event's name."""
@@ -48,10 +48,10 @@ class _Bucket:
 
     __slots__ = ("came", "count", "line", "mask", "pending", "pods", "rejecting", "round")
 
-    def __init__(self, wakers: list[Waker], rejection: Rejection) -> None:
+    def __init__(self, wakers: list[QueueingHint], rejection: Rejection) -> None:
         self.pending = [waker for waker in wakers if waker.plugin in rejection.pending]
         self.rejecting = [waker for waker in wakers if waker.plugin not in rejection.pending]
-        self.pods: dict[str, QueuedPod] = {}
+        self.pods: dict[str, QueuedPodInfo] = {}
         self.line = Heap() if any(waker.serves is not None for waker in wakers) else None
         """The same pods in the order of the queue, where not all of them leave at once."""
         self.came: dict[str, int] = {}
@@ -62,7 +62,7 @@ class _Bucket:
         for waker in wakers:
             self.mask |= int(waker.events)
 
-    def add(self, queued: QueuedPod, order: Callable[[QueuedPod], tuple[Any, ...]]) -> None:
+    def add(self, queued: QueuedPodInfo, order: Callable[[QueuedPodInfo], tuple[Any, ...]]) -> None:
         uid = queued.info.uid
         self.pods[uid] = queued
         if self.line is not None:
@@ -91,7 +91,7 @@ class _Bucket:
             self._begin(_Round(self.count, len(chosen), immediate, event.label))
         return [Woken(queued, immediate, event.label) for queued in chosen if queued.info.uid != but]
 
-    def next_turn(self, order: Callable[[QueuedPod], tuple[Any, ...]]) -> list[Woken]:
+    def next_turn(self, order: Callable[[QueuedPodInfo], tuple[Any, ...]]) -> list[Woken]:
         """Those whose turn it is in the round that is under way."""
         round_ = self.round
         if round_ is None:
@@ -120,10 +120,10 @@ class _Bucket:
                 found = max(found, most)
         return max(1, found)
 
-    def _first(self, most: int, but: str) -> list[QueuedPod]:
+    def _first(self, most: int, but: str) -> list[QueuedPodInfo]:
         """They leave the line as well; the caller discards them from the bucket."""
         assert self.line is not None  # noqa: S101 - the only caller has looked
-        found: list[QueuedPod] = []
+        found: list[QueuedPodInfo] = []
         passed: tuple[tuple[Any, ...], str] | None = None
         while len(found) < most and (first := self.line.peek()) is not None:
             self.line.discard(first[1])
@@ -142,14 +142,14 @@ class _Bucket:
         return False if any(waker.wants(pod, event) for waker in self.rejecting) else None
 
 
-class WaitingRoom:
+class UnschedulablePods:
     """The unschedulable pods.
 
     `waker(pod, plugin)` says what may help a pod the plugin rejected, `order` is that of the active queue.
     """
 
     def __init__(
-        self, waker: Callable[[PodInfo, str], Waker], *, order: Callable[[QueuedPod], tuple[Any, ...]]
+        self, waker: Callable[[PodInfo, str], QueueingHint], *, order: Callable[[QueuedPodInfo], tuple[Any, ...]]
     ) -> None:
         self._waker = waker
         self._order = order
@@ -158,7 +158,7 @@ class WaitingRoom:
         self._place: dict[str, tuple[int, Hashable]] = {}
 
     def __repr__(self) -> str:
-        return f"WaitingRoom({len(self._place)} pods in {sum(map(len, self._buckets.values()))} buckets)"
+        return f"UnschedulablePods({len(self._place)} pods in {sum(map(len, self._buckets.values()))} buckets)"
 
     def __len__(self) -> int:
         return len(self._place)
@@ -169,7 +169,7 @@ class WaitingRoom:
     def __iter__(self) -> Iterator[str]:
         return iter(self._place)
 
-    def add(self, queued: QueuedPod) -> None:
+    def add(self, queued: QueuedPodInfo) -> None:
         """A rejected pod starts to wait."""
         wakers, rejection = self._wakers(queued), queued.rejection or Rejection()
         keys = tuple((waker.plugin, waker.key(queued.info)) for waker in wakers)
@@ -213,11 +213,11 @@ class WaitingRoom:
             for woken in bucket.next_turn(self._order)
         ]
 
-    def answer(self, queued: QueuedPod, event: Event) -> bool | None:
+    def answer(self, queued: QueuedPodInfo, event: Event) -> bool | None:
         """For one pod, waiting or just rejected. None: no help. True: at once. False: after back-off."""
         return self.first_answer(queued, (event,))
 
-    def first_answer(self, queued: QueuedPod, events: Iterable[Event]) -> bool | None:
+    def first_answer(self, queued: QueuedPodInfo, events: Iterable[Event]) -> bool | None:
         """To all these events together; the rest is not asked about once no answer can be better."""
         found: bool | None = None
         bucket: _Bucket | None = None
@@ -229,6 +229,6 @@ class WaitingRoom:
             found = found if answer is None else answer
         return found
 
-    def _wakers(self, queued: QueuedPod) -> list[Waker]:
+    def _wakers(self, queued: QueuedPodInfo) -> list[QueueingHint]:
         rejection = queued.rejection or Rejection()
         return [self._waker(queued.info, plugin) for plugin in sorted(rejection.plugins | rejection.pending)]

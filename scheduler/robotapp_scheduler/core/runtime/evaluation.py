@@ -6,18 +6,18 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import NODE
 from robotapp_scheduler.core.explain.record import EXAMPLES, Refusal
 from robotapp_scheduler.core.explain.top_nodes import NOTHING, Scorers, Sight
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime.filter_results import HOLE, Codes, FilterColumn, Reasons, Verdicts
+from robotapp_scheduler.core.runtime.filter_results import HOLE, Codes, FilterColumn, NodeToStatus, Reasons
 from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, bring_up, view_of
 from robotapp_scheduler.core.runtime.ranking import Hashes
 from robotapp_scheduler.core.runtime.score_results import ScoreColumn
-from robotapp_scheduler.core.runtime.total_scores import Totals
+from robotapp_scheduler.core.runtime.total_scores import TotalScores
 
 _NODE: Final = int(NODE)
 
@@ -66,15 +66,15 @@ class Evaluation:
         self._interest = int(NODE)
         for column in filters:
             self._interest |= column.plugin.interest
-        self._verdicts = Verdicts(self.reason, self.feasible, self.revision, self._combines)
-        self._totals = Totals(scores, self._interest)
+        self._verdicts = NodeToStatus(self.reason, self.feasible, self.revision, self._combines)
+        self._totals = TotalScores(scores, self._interest)
 
     def __repr__(self) -> str:
         return f"Evaluation({self.feasible} of {len(self.reason)} rows feasible)"
 
     # --- Filters -------------------------------------------------------------------------------------------------
 
-    def refresh_filters(self, pod: PodInfo, full: Nodes) -> None:
+    def refresh_filters(self, pod: PodInfo, full: Snapshot) -> None:
         """Bring `reason` up to date."""
         head = full.cluster.log.position
         if head == self._position:
@@ -84,7 +84,7 @@ class Evaluation:
             # A plugin has no opinion because of the pod alone, so it need not be asked again for this class.
             self._live_filters = [column for column in self.filters if not column.skipped]
             epochs = sum(column.epoch for column in self._live_filters)
-        rows: Nodes | None = None
+        rows: Snapshot | None = None
         same_nodes = False
         if epochs == self._epochs and len(self.reason) == full.n and news is not None:
             rows = view_of(news, self._interest, full.cluster)
@@ -97,13 +97,13 @@ class Evaluation:
             self._combine_rows(rows, same_nodes=same_nodes)
         self._position, self._epochs = head, epochs
 
-    def compute_filters(self, pod: PodInfo, nodes: Nodes) -> None:
+    def compute_filters(self, pod: PodInfo, nodes: Snapshot) -> None:
         """Fill `reason` for exactly these rows, nothing kept."""
         for column in self.filters:
             column.compute(pod, nodes)
         self._combine_all(nodes)
 
-    def _combine_all(self, nodes: Nodes) -> None:
+    def _combine_all(self, nodes: Snapshot) -> None:
         self.rows = None if isinstance(nodes.rows, slice) else nodes.rows
         rejecting = [column.codes for column in self.filters if not column.clean]
         reason: Codes = rejecting[0].copy() if rejecting else np.zeros(nodes.n, dtype=np.int32)
@@ -120,7 +120,7 @@ class Evaluation:
         self._combines += 1
         self._changed()
 
-    def _combine_rows(self, rows: Nodes, *, same_nodes: bool) -> None:
+    def _combine_rows(self, rows: Snapshot, *, same_nodes: bool) -> None:
         rejecting = [column.codes for column in self._live_filters if not column.clean]
         if not rejecting and same_nodes and self.feasible == len(self.reason):
             return
@@ -146,7 +146,7 @@ class Evaluation:
 
     def _changed(self) -> None:
         self.revision += 1
-        self._verdicts = Verdicts(self.reason, self.feasible, self.revision, self._combines)
+        self._verdicts = NodeToStatus(self.reason, self.feasible, self.revision, self._combines)
 
     def _count_reasons(self) -> None:
         found = np.bincount(self.reason - HOLE, minlength=1 - HOLE).tolist()
@@ -162,21 +162,19 @@ class Evaluation:
     # --- Scores --------------------------------------------------------------------------------------------------
     # Rows in doubt are looked at when somebody asks about them: with a pod of this class, before anything else happens.
 
-    def refresh_scores(self, pod: PodInfo, full: Nodes) -> None:
+    def refresh_scores(self, pod: PodInfo, full: Snapshot) -> None:
         """Bring the totals up to date. Raises PluginError when a plugin's score cannot be used."""
         self._totals.refresh(pod, full, self._verdicts)
 
-    def compute_scores(self, pod: PodInfo, nodes: Nodes) -> None:
+    def compute_scores(self, pod: PodInfo, nodes: Snapshot) -> None:
         """Make the totals of exactly these rows."""
         self._totals.compute(pod, nodes, self._verdicts)
 
-    def totals(self, pod: PodInfo, cluster: Cluster) -> IntArray:
+    def totals(self, pod: PodInfo, cluster: Cache) -> IntArray:
         """Weighted total per row, INFEASIBLE where `reason` is not 0; after the scores were made."""
         return self._totals.all(pod, cluster, self._verdicts)
 
-    def score_of(
-        self, pod: PodInfo, cluster: Cluster, column: ScoreColumn, positions: npt.NDArray[np.intp]
-    ) -> list[int]:
+    def score_of(self, pod: PodInfo, cluster: Cache, column: ScoreColumn, positions: npt.NDArray[np.intp]) -> list[int]:
         """Normalised scores of one plugin at feasible positions, after the scores were made."""
         return self._totals.score_of(pod, cluster, self._verdicts, column=column, rows=positions)
 
@@ -185,27 +183,27 @@ class Evaluation:
         """The plugins that score such pods, after the scores were made."""
         return self._totals.scorers
 
-    def choose(self, pod: PodInfo, cluster: Cluster, draw: int) -> int:
+    def choose(self, pod: PodInfo, cluster: Cache, draw: int) -> int:
         """One of the feasible positions with the highest total, by the node names' hashes and a number drawn for the pod;
         after the scores were made, with a row that is feasible.
         """
         return self._totals.choose(pod, cluster, self._verdicts, hashes=self._hashes(cluster), draw=draw)
 
-    def first(self, pod: PodInfo, cluster: Cluster, count: int) -> tuple[int, ...]:
+    def first(self, pod: PodInfo, cluster: Cache, count: int) -> tuple[int, ...]:
         """Positions of the best rows, better ones first; so many must be feasible."""
         return self._totals.first(pod, cluster, self._verdicts, hashes=self._hashes(cluster), count=count)
 
-    def sight(self, pod: PodInfo, cluster: Cluster, position: int) -> Sight:
+    def sight(self, pod: PodInfo, cluster: Cache, position: int) -> Sight:
         """What there is to say about one feasible position."""
         node = cluster.nodes.names[position if self.rows is None else self.rows.item(position)]
         return self._totals.sight(pod, cluster, self._verdicts, row=position, node=node)
 
-    def sights(self, pod: PodInfo, cluster: Cluster, positions: Sequence[int]) -> tuple[Sight, ...]:
+    def sights(self, pod: PodInfo, cluster: Cache, positions: Sequence[int]) -> tuple[Sight, ...]:
         """The same of several."""
         said = self._totals.said
         return tuple([said.get(position) or self.sight(pod, cluster, position) for position in positions])
 
-    def _hashes(self, cluster: Cluster) -> Hashes:
+    def _hashes(self, cluster: Cache) -> Hashes:
         return cluster.nodes.name_hash if self.rows is None else cluster.nodes.name_hash[self.rows]
 
     # --- Copies ----------------------------------------------------------------------------------------------------

@@ -7,10 +7,10 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cache.snapshot import LabelColumn, Nodes
-from robotapp_scheduler.core.events.change_log import News
+from robotapp_scheduler.core.cache.snapshot import LabelColumn, Snapshot
+from robotapp_scheduler.core.events.change_log import ChangeLogDelta
 from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES
-from robotapp_scheduler.core.framework.interface import Loaded, Verdict, checked_mask
+from robotapp_scheduler.core.framework.interface import RegisteredPlugin, Verdict, checked_mask
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.incremental import FEW_TO_ASK, stale_rows
@@ -53,7 +53,7 @@ class Reasons:
 class FilterColumn:
     """One filter plugin's verdict per row: reason code, 0 where it passes. `skipped` = the plugin has no opinion."""
 
-    def __init__(self, plugin: Loaded, reasons: Reasons) -> None:
+    def __init__(self, plugin: RegisteredPlugin, reasons: Reasons) -> None:
         self.plugin = plugin
         self.interest, self.watches = plugin.interest, plugin.watches
         self.skipped = False
@@ -75,7 +75,7 @@ class FilterColumn:
         """Look at rows after these changes only."""
         self.interest, self.watches = interest, interest | NODE_COMES_OR_GOES
 
-    def refresh(self, pod: PodInfo, full: Nodes, news: News | None) -> None:
+    def refresh(self, pod: PodInfo, full: Snapshot, news: ChangeLogDelta | None) -> None:
         """Bring the column up to the head of the log. `news` are those after its position, None when too much happened."""
         if self.skipped:
             return  # a plugin has no opinion because of the pod alone: that never changes
@@ -93,7 +93,7 @@ class FilterColumn:
             self._patch(stale, pod)
         self.position = full.cluster.log.position
 
-    def compute(self, pod: PodInfo, nodes: Nodes) -> None:
+    def compute(self, pod: PodInfo, nodes: Snapshot) -> None:
         """Fill the column for exactly these rows, without regard to the log."""
         self._store(nodes, pod)
 
@@ -104,7 +104,7 @@ class FilterColumn:
         found = self.detail.item(position)
         return None if isnan(found) else found
 
-    def _store(self, nodes: Nodes, pod: PodInfo) -> None:
+    def _store(self, nodes: Snapshot, pod: PodInfo) -> None:
         found = self._ask(pod, nodes)
         clean, self.clean = self.clean, found is None
         self.skipped = found is None
@@ -120,7 +120,7 @@ class FilterColumn:
         if not isinstance(found, tuple):
             self._said = None
 
-    def _patch(self, stale: Nodes, pod: PodInfo) -> None:
+    def _patch(self, stale: Snapshot, pod: PodInfo) -> None:
         self._said = None
         found = EVERYWHERE if self._passes(stale, pod) else self._ask(pod, stale)
         if not isinstance(found, tuple):
@@ -136,7 +136,7 @@ class FilterColumn:
                 self.detail = np.full(len(self.codes), np.nan)
             self.detail[rows] = detail
 
-    def _passes(self, stale: Nodes, pod: PodInfo) -> bool:
+    def _passes(self, stale: Snapshot, pod: PodInfo) -> bool:
         """Do these few rows surely pass?"""
         passes = self.plugin.filter_row
         if passes is None or stale.n > FEW_TO_ASK:
@@ -146,7 +146,7 @@ class FilterColumn:
                 return False
         return True
 
-    def _ask(self, pod: PodInfo, nodes: Nodes) -> tuple[Codes, FloatArray | None] | Literal[True] | None:
+    def _ask(self, pod: PodInfo, nodes: Snapshot) -> tuple[Codes, FloatArray | None] | Literal[True] | None:
         plugin = self.plugin
         if plugin.filter is None:
             return None
@@ -170,7 +170,7 @@ class FilterColumn:
         return self._coded(verdict, mask), detail
 
     def _spread(
-        self, verdict: Verdict, mask: BoolArray, label: LabelColumn, nodes: Nodes
+        self, verdict: Verdict, mask: BoolArray, label: LabelColumn, nodes: Snapshot
     ) -> tuple[Codes, None] | Literal[True]:
         """Reason codes per row from an answer per code of a label; the array from before when the answer is the same."""
         said: tuple[object, ...] | None = None
@@ -212,7 +212,7 @@ class FilterColumn:
         return codes
 
 
-class Verdicts(NamedTuple):
+class NodeToStatus(NamedTuple):
     """What the filters say: first reason per row (0 = feasible), how many are feasible, and when that changed."""
 
     reason: Codes

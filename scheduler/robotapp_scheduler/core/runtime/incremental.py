@@ -3,11 +3,11 @@
 from collections.abc import Iterable
 from typing import Final, Protocol
 
-from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.events.change_log import News
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.snapshot import Snapshot
+from robotapp_scheduler.core.events.change_log import ChangeLogDelta
 from robotapp_scheduler.core.events.cluster_event import SAID_OF_PODS, Change
-from robotapp_scheduler.core.framework.interface import Loaded
+from robotapp_scheduler.core.framework.interface import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 MOST_REPAIRED: Final = 256
@@ -22,7 +22,7 @@ ANYTHING: Final = int(Change.ALL)
 class Column(Protocol):
     """What a plugin said about every row, true up to a position of the change log."""
 
-    plugin: Loaded
+    plugin: RegisteredPlugin
     interest: int
     """Changes after which a row of it must be looked at."""
     watches: int
@@ -31,11 +31,11 @@ class Column(Protocol):
     epoch: int
     """Grows when a combination of columns must be made anew."""
 
-    def refresh(self, pod: PodInfo, full: Nodes, news: News | None) -> None:
+    def refresh(self, pod: PodInfo, full: Snapshot, news: ChangeLogDelta | None) -> None:
         """Bring the column up to the head of the log. `news` are those after its position, None when too much happened."""
 
 
-def bring_up(columns: Iterable[Column], pod: PodInfo, full: Nodes, since: int) -> tuple[int, News | None]:
+def bring_up(columns: Iterable[Column], pod: PodInfo, full: Snapshot, since: int) -> tuple[int, ChangeLogDelta | None]:
     """Bring columns to the head of the log. `since` is where somebody who combines them last did so.
 
     Answers the sum of their epochs, and the news since then (None when too much happened).
@@ -56,7 +56,7 @@ def bring_up(columns: Iterable[Column], pod: PodInfo, full: Nodes, since: int) -
     return epochs, news
 
 
-def stale_rows(column: Column, pod: PodInfo, full: Nodes, news: News | None) -> Nodes | None:
+def stale_rows(column: Column, pod: PodInfo, full: Snapshot, news: ChangeLogDelta | None) -> Snapshot | None:
     """The rows of a cached column to compute again; None = all of them. Columns that stand together share the view."""
     if column.position < 0 or news is None:
         return None
@@ -68,10 +68,10 @@ def stale_rows(column: Column, pod: PodInfo, full: Nodes, news: News | None) -> 
     return rows if plugin.confined is not None and plugin.confined(pod, full, column.position) else None
 
 
-def view_of(news: News, interest: int, cluster: Cluster) -> Nodes | None:
+def view_of(news: ChangeLogDelta, interest: int, cluster: Cache) -> Snapshot | None:
     """The rows with a change of interest, None = all; one view for all who ask."""
     kinds = news.kinds & interest
-    view: Nodes | None = news.views.get(kinds)
+    view: Snapshot | None = news.views.get(kinds)
     if view is None and (rows := news.rows(kinds)) is not None:
-        view = news.views[kinds] = Nodes(cluster, rows)
+        view = news.views[kinds] = Snapshot(cluster, rows)
     return view

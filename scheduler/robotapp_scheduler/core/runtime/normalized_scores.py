@@ -4,10 +4,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime.filter_results import Verdicts
+from robotapp_scheduler.core.runtime.filter_results import NodeToStatus
 from robotapp_scheduler.core.runtime.score_results import Feasible, ScoreColumn
 
 EVERY: Final = slice(None)
@@ -20,7 +20,7 @@ class _Share(NamedTuple):
     values: IntArray | int
 
 
-class Shares:
+class NormalizedScores:
     """What the relative columns of one class say, by plugin."""
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class Shares:
         """The feasible rows, and the revision of the verdicts they follow from."""
 
     def __repr__(self) -> str:
-        return f"Shares({', '.join(self._known)})"
+        return f"NormalizedScores({', '.join(self._known)})"
 
     def __len__(self) -> int:
         return len(self._known)
@@ -42,7 +42,7 @@ class Shares:
         """Other columns are relative now."""
         self._known = {}
 
-    def refresh(self, column: ScoreColumn, pod: PodInfo, nodes: Nodes, verdicts: Verdicts) -> bool:
+    def refresh(self, column: ScoreColumn, pod: PodInfo, nodes: Snapshot, verdicts: NodeToStatus) -> bool:
         """Make what this column says true again; was it not? Raises PluginError when its score cannot be used."""
         stamp = (column.changes, verdicts.revision, nodes.n)
         known = self._known.get(column.plugin.name)
@@ -51,7 +51,7 @@ class Shares:
         self._known[column.plugin.name] = _Share(stamp, self._spread(column, pod, nodes, verdicts))
         return True
 
-    def _spread(self, column: ScoreColumn, pod: PodInfo, nodes: Nodes, verdicts: Verdicts) -> IntArray | int:
+    def _spread(self, column: ScoreColumn, pod: PodInfo, nodes: Snapshot, verdicts: NodeToStatus) -> IntArray | int:
         feasible = self._feasible(verdicts)
         values = column.normalized(pod, nodes, feasible)
         if isinstance(values, int) or len(values) == nodes.n:
@@ -60,7 +60,7 @@ class Shares:
         spread[feasible] = values
         return spread
 
-    def _feasible(self, verdicts: Verdicts) -> Feasible:
+    def _feasible(self, verdicts: NodeToStatus) -> Feasible:
         if verdicts.feasible == len(verdicts.reason):
             return EVERY
         if self._open[0] != verdicts.revision:

@@ -9,9 +9,9 @@ from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.framework.interface import Code, Loaded, Status
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.snapshot import Snapshot
+from robotapp_scheduler.core.framework.interface import Code, RegisteredPlugin, Status
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE, OWN_FEATURES, PodInfo
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
@@ -33,7 +33,7 @@ BYTES_PER_ROW: Final = 300
 """What a class with columns of its own costs per node, at worst."""
 
 
-class Narrowed(NamedTuple):
+class PreFilterResult(NamedTuple):
     """What the pre_filter hooks left: names (None = all nodes) and the plugins that narrowed, or a rejection."""
 
     names: frozenset[str] | None
@@ -41,7 +41,7 @@ class Narrowed(NamedTuple):
     status: Status | None
 
 
-UNLIMITED: Final = Narrowed(None, (), None)
+UNLIMITED: Final = PreFilterResult(None, (), None)
 
 
 class Stopwatch(Protocol):
@@ -53,11 +53,11 @@ class Stopwatch(Protocol):
     def __call__(self, point: str, profile: str, work: Callable[[], _T]) -> _T: ...
 
 
-class Engine:
+class ProfileRunner:
     """Evaluates pods for one profile. Keeps results per class; `caching=False` computes everything each time."""
 
     def __init__(
-        self, profile: Profile, cluster: Cluster, *, caching: bool = True, stopwatch: Stopwatch | None = None
+        self, profile: Profile, cluster: Cache, *, caching: bool = True, stopwatch: Stopwatch | None = None
     ) -> None:
         self.profile = profile
         self._cluster = cluster
@@ -74,14 +74,14 @@ class Engine:
         self._shape_reads = tuple(name for name in static if name not in OWN_FEATURES)
         self._own_reads = tuple(FEATURES[name] for name in static if name in OWN_FEATURES)
         self._remembered: OrderedDict[Hashable, dict[Any, Any]] = OrderedDict()
-        self._full: tuple[int, Nodes] | None = None
+        self._full: tuple[int, Snapshot] | None = None
         """A view of all nodes, and where the log stood."""
         self._generation = 0
         self._class_ids: dict[Hashable, int] = {}
         self._counts: dict[tuple[str, str, str], int] = {}
 
     def __repr__(self) -> str:
-        return f"Engine({self.profile.scheduler_name}, {len(self._classes)} classes)"
+        return f"ProfileRunner({self.profile.scheduler_name}, {len(self._classes)} classes)"
 
     def decisions(self) -> dict[tuple[str, str, str], int]:
         """(plugin, point, result) → pods, for scheduler_plugin_decisions_total."""
@@ -91,20 +91,20 @@ class Engine:
 
     # --- PreFilter -----------------------------------------------------------------------------------------------
 
-    def pre_filter(self, pod: PodInfo) -> Narrowed:
+    def pre_filter(self, pod: PodInfo) -> PreFilterResult:
         """Run all pre_filter hooks: intersect the node names they allow; an unresolvable rejection ends it at once."""
         if self._stopwatch is None or not self._due["PreFilter"]():
             return self._pre_filter(pod)
         return self._stopwatch("PreFilter", self.profile.scheduler_name, lambda: self._pre_filter(pod))
 
-    def _pre_filter(self, pod: PodInfo) -> Narrowed:
+    def _pre_filter(self, pod: PodInfo) -> PreFilterResult:
         asked = self._asked(pod)
         if not asked:
             return UNLIMITED
         names: frozenset[str] | None = None
         plugins: list[str] = []
         rejection: Status | None = None
-        nodes = Nodes(self._cluster)
+        nodes = Snapshot(self._cluster)
         for loaded in asked:
             answer = loaded.pre_filter(pod, nodes) if loaded.pre_filter is not None else None
             if answer is None:
@@ -113,19 +113,19 @@ class Engine:
                 self._count(loaded.name, "pre_filter", "reject")
                 status = answer.status._replace(plugin=loaded.name)
                 if status.code is not Code.UNSCHEDULABLE:
-                    return Narrowed(None, (loaded.name,), status)
+                    return PreFilterResult(None, (loaded.name,), status)
                 rejection = rejection or status
             if answer.names is not None:
                 plugins.append(loaded.name)
                 names = answer.names if names is None else names & answer.names
                 if not names:
-                    return Narrowed(frozenset(), tuple(plugins), _nothing_left(plugins))
-        return Narrowed(names, tuple(plugins), rejection)
+                    return PreFilterResult(frozenset(), tuple(plugins), _nothing_left(plugins))
+        return PreFilterResult(names, tuple(plugins), rejection)
 
-    def _asked(self, pod: PodInfo) -> list[Loaded]:
+    def _asked(self, pod: PodInfo) -> list[RegisteredPlugin]:
         """The plugins whose pre_filter may have an opinion about such pods."""
         notes, key = pod.shape.notes, self._plain if pod.ros is None else self._with_ros
-        found: list[Loaded] | None = notes.get(key)
+        found: list[RegisteredPlugin] | None = notes.get(key)
         if found is None:
             found = notes[key] = [
                 each for each in self.profile.pre_filters if each.narrows is None or each.narrows(pod)
@@ -143,7 +143,7 @@ class Engine:
     def _evaluate(self, pod: PodInfo, names: frozenset[str] | None) -> Evaluation:
         if names is not None:
             rows = sorted(row for name in names if (row := self._cluster.nodes.row_of.get(name)) is not None)
-            nodes = Nodes(self._cluster, rows)
+            nodes = Snapshot(self._cluster, rows)
             evaluation = self._fresh()
             evaluation.compute_filters(pod, nodes)
         else:
@@ -161,16 +161,16 @@ class Engine:
         else:
             self._stopwatch("Score", self.profile.scheduler_name, lambda: self._score(pod, evaluation))
 
-    def _all_nodes(self) -> Nodes:
+    def _all_nodes(self) -> Snapshot:
         """The view of all nodes: filters and scores of one attempt share the columns that were asked for."""
         position = self._cluster.log.position
         if self._full is None or self._full[0] != position:
-            self._full = (position, Nodes(self._cluster))
+            self._full = (position, Snapshot(self._cluster))
         return self._full[1]
 
     def _score(self, pod: PodInfo, evaluation: Evaluation) -> None:
         if evaluation.rows is not None:
-            evaluation.compute_scores(pod, Nodes(self._cluster, [int(row) for row in evaluation.rows]))
+            evaluation.compute_scores(pod, Snapshot(self._cluster, [int(row) for row in evaluation.rows]))
         else:
             evaluation.refresh_scores(pod, self._all_nodes())
         evaluation.tally.scored += 1
@@ -205,7 +205,7 @@ class Engine:
     def _shadow_refuses(self, column: FilterColumn, pod: PodInfo, row: int) -> bool | None:
         """Would this filter have refused the row? None when it has no opinion, or fails."""
         try:
-            bring_up([column], pod, Nodes(self._cluster), column.position)
+            bring_up([column], pod, Snapshot(self._cluster), column.position)
         except Exception:  # somebody's experiment must not hold a pod back; the log has the stack, the metric the count
             log.exception("shadow plugin %s failed for %s", column.plugin.name, pod.key)
             self._count(column.plugin.name, "shadow", "error")
@@ -232,7 +232,7 @@ class Engine:
 
     def volume_plan(self, pod: PodInfo, node: str) -> VolumePlan | None:
         """What must be written about the pod's volumes before it may be bound to this node."""
-        view = Nodes(self._cluster, [self._cluster.nodes.row_of[node]])
+        view = Snapshot(self._cluster, [self._cluster.nodes.row_of[node]])
         for loaded in self.profile.filters:
             plan = loaded.plan(pod, view) if loaded.plan is not None else None
             if plan is not None:

@@ -9,7 +9,7 @@ from collections import OrderedDict
 from collections.abc import Hashable, Sequence
 from typing import Final, NamedTuple
 
-from robotapp_scheduler.core.framework.interface import Loaded
+from robotapp_scheduler.core.framework.interface import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import OWN_FEATURES, VOLUME_FEATURE, PodInfo
 from robotapp_scheduler.core.runtime.filter_results import FilterColumn, Reasons
 from robotapp_scheduler.core.runtime.score_results import ScoreColumn, score_column
@@ -29,9 +29,9 @@ class _Columns(NamedTuple):
 class _Readers:
     """Plugins that read the same of a pod, and their columns by what that is; the least recently used ones are dropped."""
 
-    def __init__(self, first: Loaded) -> None:
-        self.filters: dict[int, Loaded] = {}
-        self.scores: dict[int, Loaded] = {}
+    def __init__(self, first: RegisteredPlugin) -> None:
+        self.filters: dict[int, RegisteredPlugin] = {}
+        self.scores: dict[int, RegisteredPlugin] = {}
         self.reads, self.live = first.reads, first.reads_live
         self._columns: OrderedDict[Hashable, _Columns] = OrderedDict()
 
@@ -86,7 +86,9 @@ class _Alike:
 class ColumnCache:
     """Columns of plugins, found by what these read of a pod: once for all that read the same."""
 
-    def __init__(self, reasons: Reasons, filters: Sequence[Loaded], scores: Sequence[Loaded]) -> None:
+    def __init__(
+        self, reasons: Reasons, filters: Sequence[RegisteredPlugin], scores: Sequence[RegisteredPlugin]
+    ) -> None:
         self._reasons = reasons
         self._filters, self._scores = range(len(filters)), range(len(scores))
         readers: dict[tuple[str, ...], _Readers] = {}

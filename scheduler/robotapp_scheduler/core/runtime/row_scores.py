@@ -5,18 +5,18 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.events.change_log import News
+from robotapp_scheduler.core.cache.snapshot import Snapshot
+from robotapp_scheduler.core.events.change_log import ChangeLogDelta
 from robotapp_scheduler.core.explain.top_nodes import Scorers
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime.filter_results import Verdicts
+from robotapp_scheduler.core.runtime.filter_results import NodeToStatus
 from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, bring_up
 from robotapp_scheduler.core.runtime.score_results import ScoreColumn
 
 
-class Parts(NamedTuple):
+class ScoreParts(NamedTuple):
     """The columns with an opinion, by how they go into the total. Another epoch of one of them makes this out of date."""
 
     scorers: Scorers
@@ -32,7 +32,7 @@ class Parts(NamedTuple):
     """Those that are normalised over all feasible rows, shadows included."""
 
     @classmethod
-    def of(cls, columns: list[ScoreColumn]) -> "Parts":
+    def of(cls, columns: list[ScoreColumn]) -> "ScoreParts":
         live = [column for column in columns if not column.skipped]
         counted = [column for column in live if not column.plugin.shadow]
         checked = [column for column in live if column.local and column.constant is None]
@@ -53,13 +53,13 @@ class Parts(NamedTuple):
         )
 
 
-NO_PARTS: Final = Parts.of([])
+NO_PARTS: Final = ScoreParts.of([])
 
 
 EVERY: Final = slice(None)
 
 
-class Sums:
+class RowScores:
     """The columns of one class and their sum per row (`local`), feasible or not: added up once, mended row by row."""
 
     def __init__(self, columns: list[ScoreColumn]) -> None:
@@ -72,9 +72,9 @@ class Sums:
         """The sum of the columns' epochs when `parts` was made: another one makes everything out of date."""
 
     def __repr__(self) -> str:
-        return f"Sums({len(self.live)} plugins, {len(self.local)} rows)"
+        return f"RowScores({len(self.live)} plugins, {len(self.local)} rows)"
 
-    def bring_up(self, pod: PodInfo, full: Nodes, since: int) -> tuple[bool, News | None]:
+    def bring_up(self, pod: PodInfo, full: Snapshot, since: int) -> tuple[bool, ChangeLogDelta | None]:
         """Bring the columns to the head of the log. Are they summed up as before, and what happened since?"""
         epochs, news = bring_up(self.live, pod, full, since)
         if since < 0:
@@ -87,7 +87,7 @@ class Sums:
 
     def sort(self) -> None:
         """Columns became constant, or ceased to be."""
-        self.parts = Parts.of(self.live)
+        self.parts = ScoreParts.of(self.live)
 
     def add_all(self, rows: int) -> None:
         """Add up every row."""
@@ -95,7 +95,7 @@ class Sums:
         sums = self._sums(EVERY)
         self.local = np.full(rows, self.parts.flat, dtype=np.int64) if sums is None else sums
 
-    def add_rows(self, stale: Nodes) -> None:
+    def add_rows(self, stale: Snapshot) -> None:
         """Add these rows up again."""
         if stale.n <= FEW_ROWS:
             for row in stale.row_list:
@@ -122,7 +122,7 @@ class Sums:
             sums = part + self.parts.flats if sums is None else sums + part
         return sums
 
-    def reject_bad(self, verdicts: Verdicts) -> bool:
+    def reject_bad(self, verdicts: NodeToStatus) -> bool:
         """Raises PluginError for a score that cannot be used. Was any left out because of one?"""
         found = False
         for column in self.parts.checked:

@@ -13,16 +13,16 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.events.change_log import News
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.snapshot import Snapshot
+from robotapp_scheduler.core.events.change_log import ChangeLogDelta
 from robotapp_scheduler.core.events.cluster_event import OFFERED, PLACED, SAID_OF_PODS, Change
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime.filter_results import Verdicts
+from robotapp_scheduler.core.runtime.filter_results import NodeToStatus
 from robotapp_scheduler.core.runtime.incremental import MOST_REPAIRED, bring_up
 from robotapp_scheduler.core.runtime.ranking import INFEASIBLE, Ranking
-from robotapp_scheduler.core.runtime.row_scores import Sums
+from robotapp_scheduler.core.runtime.row_scores import RowScores
 from robotapp_scheduler.core.runtime.score_results import ScoreColumn, UnderPods
 
 MOST_LOOKS: Final = 8
@@ -106,7 +106,7 @@ _ADDED: Final = int(Change.POD_ADDED)
 _OTHERWISE: Final = int(PLACED & ~Change.POD_ADDED)
 
 
-class Easy(NamedTuple):
+class BoundedColumns(NamedTuple):
     """Columns of one class, none of which must be asked when a pod comes to a row."""
 
     falling: list[ScoreColumn]
@@ -118,7 +118,7 @@ class Easy(NamedTuple):
     """With the weight, where the ceiling is above 0."""
 
     @classmethod
-    def of(cls, columns: Sequence[ScoreColumn], pod: PodInfo, full: Nodes) -> "Easy | None":
+    def of(cls, columns: Sequence[ScoreColumn], pod: PodInfo, full: Snapshot) -> "BoundedColumns | None":
         """None when a row must be added up after each pod, or nothing falls."""
         falling, others, ceilings, interest = [], [], [], 0
         for column in columns:
@@ -154,13 +154,13 @@ class Easy(NamedTuple):
         return total
 
 
-class Doubts:
+class ScoreBounds:
     """The rows of one class for which the total in its ranking is a bound, while its columns allow that."""
 
-    def __init__(self, sums: Sums, ranking: Ranking) -> None:
+    def __init__(self, sums: RowScores, ranking: Ranking) -> None:
         self.rows: set[int] = set()
         self._sums, self._ranking = sums, ranking
-        self._easy: Easy | None = None
+        self._easy: BoundedColumns | None = None
         self._limit = NO_LIMIT
         """Per row, what its total does not exceed when pods come to it."""
         self._rising: set[int] | None = None
@@ -170,7 +170,7 @@ class Doubts:
         self._patience = Patience()
 
     def __repr__(self) -> str:
-        return f"Doubts({len(self.rows)} rows)"
+        return f"ScoreBounds({len(self.rows)} rows)"
 
     @property
     def allowed(self) -> bool:
@@ -179,7 +179,7 @@ class Doubts:
 
     # --- Putting off ---------------------------------------------------------------------------------------------
 
-    def put_off(self, pod: PodInfo, full: Nodes, verdicts: Verdicts, *, since: int, filtered: int) -> bool:
+    def put_off(self, pod: PodInfo, full: Snapshot, verdicts: NodeToStatus, *, since: int, filtered: int) -> bool:
         """Doubt the rows that only took pods since then, and look at others that changed. False: all must be added up.
 
         `filtered` are the changes that may have made a difference to a filter, 0 when none did.
@@ -201,7 +201,7 @@ class Doubts:
         self.rows.update(others)
         return self.look(pod, full.cluster, verdicts, [*dict.fromkeys(others)])
 
-    def _patient(self, news: News) -> bool:
+    def _patient(self, news: ChangeLogDelta) -> bool:
         if len(self.rows) > MOST_DOUBTS:
             return False
         patience = self._patience
@@ -225,7 +225,7 @@ class Doubts:
         if raised:
             ranking.put(raised, [*map(limit.item, raised)])
 
-    def _filter(self, rows: list[int], verdicts: Verdicts) -> list[int]:
+    def _filter(self, rows: list[int], verdicts: NodeToStatus) -> list[int]:
         """Those of the rows that have become feasible; those that are not any more cannot be chosen."""
         total, reason = self._ranking.total, verdicts.reason
         changed = [row for row in rows if (reason.item(row) == 0) != (total.item(row) >= 0)]
@@ -237,7 +237,7 @@ class Doubts:
 
     # --- Looking -------------------------------------------------------------------------------------------------
 
-    def look(self, pod: PodInfo, cluster: Cluster, verdicts: Verdicts, rows: list[int]) -> bool:
+    def look(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, rows: list[int]) -> bool:
         """Add these rows up, which are in doubt; one that is not feasible stays so. False: it is quicker to add up all."""
         easy, sums, limit = self._easy, self._sums, self._limit
         self._patience.look(len(rows))
@@ -257,7 +257,7 @@ class Doubts:
         self._ranking.put(rows, totals)
         return True
 
-    def _ask(self, easy: Easy, pod: PodInfo, cluster: Cluster, row: int) -> None:
+    def _ask(self, easy: BoundedColumns, pod: PodInfo, cluster: Cache, row: int) -> None:
         there = cluster.nodes.rows.get(row)
         epochs = sum([column.look(pod, row, there) for column in easy.falling])
         if epochs:  # what was the same for all rows is not any more
@@ -267,25 +267,25 @@ class Doubts:
 
     # --- Everything was added up -----------------------------------------------------------------------------------
 
-    def heard(self, news: News | None) -> None:
+    def heard(self, news: ChangeLogDelta | None) -> None:
         """Nodes may offer something else after these news, or after more than can be told."""
         if news is None or news.kinds & OFFERED:
             self._easy, self._judged = None, False
 
-    def learn(self, pod: PodInfo, full: Nodes) -> None:
+    def learn(self, pod: PodInfo, full: Snapshot) -> None:
         """All totals are true: from now on rows may be doubted, if the columns allow it."""
         if self._judged or self._patience.rest():
             return
         self._judged = True
         self._patience.added_up()
-        self._easy = Easy.of(self._sums.live, pod, full)
+        self._easy = BoundedColumns.of(self._sums.live, pod, full)
         if self._easy is not None:
             total = self._ranking.total
             self._limit = self._easy.limits(total, slice(None))
             rising = (self._limit > total).nonzero()[0]
             self._rising = set(rising.tolist()) if len(rising) <= MOST_RISING else None
 
-    def learn_rows(self, rows: Nodes) -> None:
+    def learn_rows(self, rows: Snapshot) -> None:
         """These rows have another total, a true one."""
         if self._easy is not None:
             self._limit[rows.rows] = self._easy.limits(self._ranking.total, rows.rows)

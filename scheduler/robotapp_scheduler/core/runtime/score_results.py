@@ -7,14 +7,14 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
-from robotapp_scheduler.core.events.change_log import News
+from robotapp_scheduler.core.cache.snapshot import Snapshot
+from robotapp_scheduler.core.events.change_log import ChangeLogDelta
 from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES, OFFERED, SAID_OF_PODS
 from robotapp_scheduler.core.framework.interface import (
     MAX_SCORE,
-    Loaded,
     PerDomain,
     PluginError,
+    RegisteredPlugin,
     ScoreResult,
     Scores,
     checked_scores,
@@ -48,7 +48,7 @@ class ScoreColumn:
     matters where the row is feasible.
     """
 
-    def __init__(self, plugin: Loaded) -> None:
+    def __init__(self, plugin: RegisteredPlugin) -> None:
         self.plugin = plugin
         self.interest, self.watches = plugin.interest, plugin.watches
         self.skipped = False
@@ -92,7 +92,7 @@ class ScoreColumn:
         """Look at rows after these changes only."""
         self.interest, self.watches = interest, interest | NODE_COMES_OR_GOES
 
-    def refresh(self, pod: PodInfo, full: Nodes, news: News | None) -> None:
+    def refresh(self, pod: PodInfo, full: Snapshot, news: ChangeLogDelta | None) -> None:
         """Bring the column up to the head of the log. `news` are those after its position, None when too much happened."""
         if self.skipped:
             return
@@ -112,7 +112,7 @@ class ScoreColumn:
             self._patch(stale, pod)
         self.position = full.cluster.log.position
 
-    def compute(self, pod: PodInfo, nodes: Nodes) -> None:
+    def compute(self, pod: PodInfo, nodes: Snapshot) -> None:
         """Fill the column for exactly these rows."""
         raw = self._ask(pod, nodes)
         self.changes += 1
@@ -131,7 +131,7 @@ class ScoreColumn:
             self._raw, self._domains = np.full(rows, score, dtype=np.int64), None
             self.constant = self._constant(self._raw)
 
-    def normalized(self, pod: PodInfo, full: Nodes, feasible: Feasible) -> IntArray | int:  # noqa: ARG002 - RelativeColumn
+    def normalized(self, pod: PodInfo, full: Snapshot, feasible: Feasible) -> IntArray | int:  # noqa: ARG002 - RelativeColumn
         """0…100 for the feasible rows; one number when all are equal."""
         if self.constant is not None:
             return self.constant
@@ -178,7 +178,7 @@ class ScoreColumn:
             self._store_row(position, self.plugin.score_row(pod, row))
         return self.epoch - before
 
-    def under_pods(self, pod: PodInfo, full: Nodes) -> UnderPods:
+    def under_pods(self, pod: PodInfo, full: Snapshot) -> UnderPods:
         """What pods do to this column, which is at the head of the log. `ceiling` is true afterwards."""
         plugin = self.plugin
         if plugin.shadow or not self.local:
@@ -191,13 +191,13 @@ class ScoreColumn:
             return UnderPods.FALLS
         return UnderPods.ASK if self.constant is None else UnderPods.SAME
 
-    def _asked_ceiling(self, pod: PodInfo, full: Nodes) -> IntArray | int | None:
+    def _asked_ceiling(self, pod: PodInfo, full: Snapshot) -> IntArray | int | None:
         plugin = self.plugin
         if plugin.ceiling is None or plugin.score_row is None or not plugin.row_local or self.normalize != "none":
             return None
         return plugin.ceiling(pod, full)
 
-    def _patch(self, stale: Nodes, pod: PodInfo) -> None:
+    def _patch(self, stale: Snapshot, pod: PodInfo) -> None:
         score_row = self.plugin.score_row
         if self._domains is not None:
             self._raw, self._domains = self.raw, None
@@ -230,7 +230,7 @@ class ScoreColumn:
             self.constant = None
             self.epoch += 1
 
-    def _ask(self, pod: PodInfo, nodes: Nodes) -> npt.NDArray[Any] | PerDomain | int | None:
+    def _ask(self, pod: PodInfo, nodes: Snapshot) -> npt.NDArray[Any] | PerDomain | int | None:
         plugin = self.plugin
         if plugin.score is None:
             return None
@@ -240,7 +240,7 @@ class ScoreColumn:
             answer = plugin.score(pod, nodes)
         return self._checked(answer, nodes)
 
-    def _checked(self, answer: ScoreResult, nodes: Nodes) -> npt.NDArray[Any] | PerDomain | int | None:
+    def _checked(self, answer: ScoreResult, nodes: Snapshot) -> npt.NDArray[Any] | PerDomain | int | None:
         plugin = self.plugin
         if answer is None or isinstance(answer, int):
             return answer
@@ -284,7 +284,7 @@ class RelativeColumn(ScoreColumn):
     While its plugin says it is not `relevant`, it is a constant 0.
     """
 
-    def refresh(self, pod: PodInfo, full: Nodes, news: News | None) -> None:
+    def refresh(self, pod: PodInfo, full: Snapshot, news: ChangeLogDelta | None) -> None:
         """Ask whether the plugin has something to say, when something changed that it reads."""
         if self.skipped:
             return
@@ -294,14 +294,14 @@ class RelativeColumn(ScoreColumn):
             self.epoch += before != (self.constant, False)
         self.position = full.cluster.log.position
 
-    def compute(self, pod: PodInfo, nodes: Nodes) -> None:
+    def compute(self, pod: PodInfo, nodes: Snapshot) -> None:
         """Ask whether the plugin has something to say about these rows."""
         relevant = self.plugin.relevant
         self.changes += 1
         self.constant = None if relevant is None or relevant(pod, nodes) else 0
         self.watches = self.plugin.watches if self.constant is None else self.plugin.relevance
 
-    def normalized(self, pod: PodInfo, full: Nodes, feasible: Feasible) -> IntArray | int:
+    def normalized(self, pod: PodInfo, full: Snapshot, feasible: Feasible) -> IntArray | int:
         """0…100 for the feasible rows."""
         if self.constant is not None or self.plugin.score_among is None:
             return self.constant or 0
@@ -312,7 +312,7 @@ class RelativeColumn(ScoreColumn):
             return answer or 0
         return normalized(self.plugin.name, "none", checked_scores(self.plugin.name, answer, len(positions)))
 
-    def _asked_ceiling(self, pod: PodInfo, full: Nodes) -> IntArray | int | None:  # noqa: ARG002 - of scores per row
+    def _asked_ceiling(self, pod: PodInfo, full: Snapshot) -> IntArray | int | None:  # noqa: ARG002 - of scores per row
         """What other rows score counts, too."""
         return None
 
@@ -326,6 +326,6 @@ class RelativeColumn(ScoreColumn):
         return self.constant is not None
 
 
-def score_column(plugin: Loaded) -> ScoreColumn:
+def score_column(plugin: RegisteredPlugin) -> ScoreColumn:
     """An empty column for a score plugin."""
     return ScoreColumn(plugin) if plugin.score_among is None else RelativeColumn(plugin)

@@ -5,35 +5,35 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import NODE
 from robotapp_scheduler.core.explain.top_nodes import Scorers, Sight
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime.filter_results import Verdicts
+from robotapp_scheduler.core.runtime.filter_results import NodeToStatus
 from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, view_of
-from robotapp_scheduler.core.runtime.normalized_scores import Shares
+from robotapp_scheduler.core.runtime.normalized_scores import NormalizedScores
 from robotapp_scheduler.core.runtime.ranking import INFEASIBLE, Hashes, Ranking
-from robotapp_scheduler.core.runtime.row_scores import Sums
-from robotapp_scheduler.core.runtime.score_bounds import Doubts
+from robotapp_scheduler.core.runtime.row_scores import RowScores
+from robotapp_scheduler.core.runtime.score_bounds import ScoreBounds
 from robotapp_scheduler.core.runtime.score_results import ScoreColumn
 
 _NODE: Final = int(NODE)
 
 
-class Totals:
+class TotalScores:
     """True after `refresh` or `compute`, but for rows in doubt: whoever asks brings what they are looked at with.
 
     `interest` are the changes after which a verdict may be another.
     """
 
     def __init__(self, columns: list[ScoreColumn], interest: int) -> None:
-        self._sums = Sums(columns)
-        self._shares = Shares()
+        self._sums = RowScores(columns)
+        self._shares = NormalizedScores()
         self._ranking = Ranking()
-        self._doubts = Doubts(self._sums, self._ranking)
+        self._doubts = ScoreBounds(self._sums, self._ranking)
         self.said = self._ranking.sights
         """What `sight` answered and would answer again."""
         self._position = -1
@@ -44,17 +44,17 @@ class Totals:
             self._interest |= column.plugin.interest
 
     def __repr__(self) -> str:
-        return f"Totals({self._sums!r}, {self._doubts!r})"
+        return f"TotalScores({self._sums!r}, {self._doubts!r})"
 
     # --- Asking --------------------------------------------------------------------------------------------------
 
-    def all(self, pod: PodInfo, cluster: Cluster, verdicts: Verdicts) -> IntArray:
+    def all(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus) -> IntArray:
         """Per row; INFEASIBLE where the row is not feasible."""
         self._settle(pod, cluster, verdicts)
         return self._ranking.total
 
     def score_of(
-        self, pod: PodInfo, cluster: Cluster, verdicts: Verdicts, *, column: ScoreColumn, rows: npt.NDArray[np.intp]
+        self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, *, column: ScoreColumn, rows: npt.NDArray[np.intp]
     ) -> list[int]:
         """Normalised scores of one plugin at feasible rows."""
         if column.constant is not None:
@@ -71,7 +71,7 @@ class Totals:
         """The plugins with an opinion."""
         return self._sums.parts.scorers
 
-    def choose(self, pod: PodInfo, cluster: Cluster, verdicts: Verdicts, *, hashes: Hashes, draw: int) -> int:
+    def choose(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, *, hashes: Hashes, draw: int) -> int:
         """A row with the highest total, see `Best`, by `hashes` of the node names. One row must be feasible."""
         doubtful = self._doubts.rows
         while (found := self._ranking.best(hashes).choose(draw)) in doubtful:
@@ -79,7 +79,7 @@ class Totals:
         return found
 
     def first(
-        self, pod: PodInfo, cluster: Cluster, verdicts: Verdicts, *, hashes: Hashes, count: int
+        self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, *, hashes: Hashes, count: int
     ) -> tuple[int, ...]:
         """The best rows, see `Best`. So many must be feasible."""
         doubtful = self._doubts.rows
@@ -87,7 +87,7 @@ class Totals:
             self._look(pod, cluster, verdicts, [row for row in found if row in doubtful])
         return found
 
-    def sight(self, pod: PodInfo, cluster: Cluster, verdicts: Verdicts, *, row: int, node: str) -> Sight:
+    def sight(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, *, row: int, node: str) -> Sight:
         """What there is to say about one feasible row, which stands for this node."""
         if row in self._doubts.rows:
             self._look(pod, cluster, verdicts, [row])
@@ -106,7 +106,7 @@ class Totals:
             scores.append(values if isinstance(values, int) else values.item(row))
         return tuple(scores)
 
-    def _look(self, pod: PodInfo, cluster: Cluster, verdicts: Verdicts, rows: list[int]) -> None:
+    def _look(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, rows: list[int]) -> None:
         """Add these rows up, which are in doubt; all of them, when it is quicker."""
         position, self._position = self._position, -1  # should a plugin fail here, everything is added up anew
         done = self._doubts.look(pod, cluster, verdicts, rows)
@@ -114,16 +114,16 @@ class Totals:
         if not done:
             self._settle(pod, cluster, verdicts)
 
-    def _settle(self, pod: PodInfo, cluster: Cluster, verdicts: Verdicts) -> None:
+    def _settle(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus) -> None:
         """Add up every row in doubt."""
         if self._doubts.rows:
             position = self._position
-            self._add_up(pod, Nodes(cluster), verdicts)
+            self._add_up(pod, Snapshot(cluster), verdicts)
             self._position = position  # whatever happened since, the filters may not have seen
 
     # --- Adding up -----------------------------------------------------------------------------------------------
 
-    def refresh(self, pod: PodInfo, full: Nodes, verdicts: Verdicts) -> None:
+    def refresh(self, pod: PodInfo, full: Snapshot, verdicts: NodeToStatus) -> None:
         """Bring the totals up to date. Raises PluginError when a plugin's score cannot be used."""
         since, head = self._position, full.cluster.log.position
         same = verdicts.revision == self._revision
@@ -139,7 +139,7 @@ class Totals:
                 return
         self._add_up(pod, full, verdicts)
 
-    def compute(self, pod: PodInfo, nodes: Nodes, verdicts: Verdicts) -> None:
+    def compute(self, pod: PodInfo, nodes: Snapshot, verdicts: NodeToStatus) -> None:
         """Make the totals of exactly these rows, nothing kept."""
         for column in self._sums.columns:
             column.compute(pod, nodes)
@@ -148,12 +148,12 @@ class Totals:
         self._share(pod, nodes, verdicts)
         self._combine_all(verdicts)
 
-    def _add_up(self, pod: PodInfo, full: Nodes, verdicts: Verdicts) -> None:
+    def _add_up(self, pod: PodInfo, full: Snapshot, verdicts: NodeToStatus) -> None:
         """Add up every row that changed or is in doubt."""
         since, self._position = self._position, -1  # should a plugin fail here, everything is added up anew
         same, news = self._sums.bring_up(pod, full, since)
         self._doubts.heard(news)
-        rows: Nodes | None = None
+        rows: Snapshot | None = None
         if same and news is not None:
             rows = view_of(news, self._interest, full.cluster)
             if news.kinds & _NODE:
@@ -161,7 +161,7 @@ class Totals:
         if rows is None:
             self._sums.add_all(full.n)
         elif self._doubts.rows:
-            rows = Nodes(full.cluster, [*self._doubts.rows.union(rows.row_list)])
+            rows = Snapshot(full.cluster, [*self._doubts.rows.union(rows.row_list)])
         if (rows is None or rows.n or verdicts.revision != self._revision) and self._sums.reject_bad(verdicts):
             self._ranking.sights.clear()
         shared = self._share(pod, full, verdicts)
@@ -178,7 +178,7 @@ class Totals:
         self._position = full.cluster.log.position
         self._revision, self._combines = verdicts.revision, verdicts.combines
 
-    def _share(self, pod: PodInfo, nodes: Nodes, verdicts: Verdicts) -> bool:
+    def _share(self, pod: PodInfo, nodes: Snapshot, verdicts: NodeToStatus) -> bool:
         """Work out the shares that are not true any more; was there any?"""
         relative, shares = self._sums.parts.relative, self._shares
         if not relative and not shares:
@@ -195,7 +195,7 @@ class Totals:
                 found = True
         return found
 
-    def _mend_rows(self, stale: Nodes, verdicts: Verdicts) -> None:
+    def _mend_rows(self, stale: Snapshot, verdicts: NodeToStatus) -> None:
         """Add these rows up again, and nothing is shared: no other row has another total."""
         self._sums.add_rows(stale)
         local, reason = self._sums.local, verdicts.reason
@@ -209,7 +209,7 @@ class Totals:
             self._ranking.put(rows, [INFEASIBLE if reason.item(row) else local.item(row) for row in rows])
         self._doubts.learn_rows(stale)
 
-    def _combine_all(self, verdicts: Verdicts) -> None:
+    def _combine_all(self, verdicts: NodeToStatus) -> None:
         total = self._sums.local
         for column in self._sums.parts.relative:
             if not column.plugin.shadow:

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from robotapp_api.values.duration import parse_go_ns
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import Code, FilterResult, PreFilter, Status
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -49,7 +49,7 @@ class DynamicResources:
         """Does the pod name resource claims?"""
         return bool(pod.pod.spec.resource_claims)
 
-    def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:
+    def pre_filter(self, pod: PodInfo, nodes: Snapshot) -> PreFilter | None:
         """Refuses a pod with a claim that is missing, not allocated or not for it."""
         if not self.narrows(pod):
             return None
@@ -65,7 +65,7 @@ class DynamicResources:
                 return PreFilter(status=Status(Code.UNRESOLVABLE, text))
         return None
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True on nodes from which the devices of every claim can be reached."""
         if not pod.pod.spec.resource_claims:
             return None
@@ -92,7 +92,7 @@ class DynamicResources:
         return True
 
 
-def _claims(pod: PodInfo, nodes: Nodes) -> Iterator[ResourceClaim]:
+def _claims(pod: PodInfo, nodes: Snapshot) -> Iterator[ResourceClaim]:
     for each in wanted(pod.pod):
         found = nodes.cluster.resource_claims.get(pod.namespace, each.claim) if each.claim else None
         if found is not None:

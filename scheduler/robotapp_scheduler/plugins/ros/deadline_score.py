@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import ScoreResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -21,7 +21,7 @@ class DeadlineScore:
     row_local = True
     events = Change.NONE
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """0…100 per node; no opinion without a deadline or a known other end."""
         if pod.ros is None or not pod.ros.deadline_us or not pod.ros.endpoints:
             return None

@@ -6,7 +6,7 @@ import numpy as np
 
 from robotapp_api.model.names import HARDWARE_PREFIX
 from robotapp_scheduler.core.api.ros import DeviceWish, Hardware
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.nodes.columns import BoolArray
@@ -33,7 +33,7 @@ class HardwareAffinityFilter:
             return True
         return pod.member is not None and pod.member.app_uid == (event.new or event.old).metadata.uid
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True where every requirement and device is there; no opinion without any."""
         if pod.ros is None or not (pod.ros.hardware or pod.ros.devices):
             return None
@@ -45,7 +45,7 @@ class HardwareAffinityFilter:
         return mask
 
 
-def has_hardware(nodes: Nodes, hardware: Hardware) -> BoolArray:
+def has_hardware(nodes: Snapshot, hardware: Hardware) -> BoolArray:
     """Nodes that offer one capability, by label, extended resource or device."""
     wish = DeviceWish("", hardware.type, hardware.model, hardware.interface)
     mask = _labelled(nodes, hardware) | nodes.named(nodes.cluster.devices.capable(wish))
@@ -56,7 +56,7 @@ def has_hardware(nodes: Nodes, hardware: Hardware) -> BoolArray:
     return mask
 
 
-def _labelled(nodes: Nodes, hardware: Hardware) -> BoolArray:
+def _labelled(nodes: Snapshot, hardware: Hardware) -> BoolArray:
     """The thesis' three rules: type exists; type has the model as value; type-interface exists."""
     if hardware.interface:
         column = nodes.label(f"{HARDWARE_PREFIX}{hardware.type}-{hardware.interface}")

@@ -7,7 +7,7 @@ import numpy as np
 
 from robotapp_api.values.duration import parse_us
 from robotapp_scheduler.core.api.ros import Endpoint
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import FilterResult, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
@@ -61,7 +61,7 @@ class LatencyFilter:
         # The median of all nodes is part of an outlier's verdict: then no row stands alone.
         self.row_local = args.outlier_factor == 0.0
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True where no rule objects; no opinion for a pod without ROS fields."""
         if pod.ros is None:
             return None
@@ -74,7 +74,7 @@ class LatencyFilter:
         reasons = ((DRAINING,), (TOO_FAR,), (UNKNOWN,), (OUTLIER,), (UNREACHABLE,), (LIKELY_TOO_FAR,))
         return Verdict(mask, np.maximum(codes, 0), reasons, detail=detail, detail_unit="ms")
 
-    def _judge(self, nodes: Nodes, endpoint: Endpoint, codes: IntArray, detail: FloatArray) -> None:
+    def _judge(self, nodes: Snapshot, endpoint: Endpoint, codes: IntArray, detail: FloatArray) -> None:
         rtt_us = nearest_us(nodes, endpoint)
         budget_us = self.most_us if endpoint.budget_us is None else endpoint.budget_us
         lost = np.isinf(rtt_us)

@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 
 from robotapp_scheduler.core.api.ros import Endpoint
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import ScoreResult, Scores
 from robotapp_scheduler.core.nodes.columns import FloatArray
@@ -37,7 +37,7 @@ class LatencyScore:
         self._by_budget = form == "Budget"
         self.row_local = self._by_budget
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """0…100 per node; no opinion for a pod without ROS fields."""
         if pod.ros is None:
             return None
@@ -53,7 +53,7 @@ class LatencyScore:
         return scores
 
 
-def _nearness(nodes: Nodes, ends: list[Endpoint]) -> FloatArray:
+def _nearness(nodes: Snapshot, ends: list[Endpoint]) -> FloatArray:
     """Minus the worst RTT. An unknown one counts like the slowest known, an unreachable one like twice that, or twice the budget."""
     worst = np.zeros(nodes.n)
     for end in ends:

@@ -5,7 +5,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import ScoreResult
 from robotapp_scheduler.core.nodes.columns import FloatArray
@@ -41,7 +41,7 @@ class LoadBalanceScore:
         if not self._measured:
             self.score_row = self._score_row
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """0…100 per node; no opinion for a pod without ROS fields."""
         if pod.ros is None:
             return None
@@ -58,7 +58,7 @@ class LoadBalanceScore:
         # Rounded first: 100·(1 - 0.29) is 70.99999… in floats and must not be cut to 70.
         return np.clip(np.round(100.0 * (1.0 - used), 6), 0.0, 100.0)
 
-    def ceiling(self, _pod: PodInfo, _nodes: Nodes) -> int | None:
+    def ceiling(self, _pod: PodInfo, _nodes: Snapshot) -> int | None:
         """More pods ask for more: where that is what counts, no score rises."""
         return None if self._measured else 0
 
@@ -78,7 +78,7 @@ class LoadBalanceScore:
         used = taken / weight_sum if weight_sum > 0.0 else 0.0
         return int(min(max(float(np.round(100.0 * (1.0 - used), 6)), 0.0), 100.0))
 
-    def _share(self, nodes: Nodes, resources: tuple[str, ...], field: str) -> FloatArray:
+    def _share(self, nodes: Snapshot, resources: tuple[str, ...], field: str) -> FloatArray:
         """Used share per node, NaN where the node offers none."""
         offered = np.zeros(nodes.n)
         used = np.zeros(nodes.n)

@@ -8,7 +8,7 @@ from typing import Final
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -47,7 +47,7 @@ class ROSReserve:
         alone = pod.member is None or (pod.ros is not None and all(wish.exclusive for wish in pod.ros.devices))
         return 1 if alone else None
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True where the devices can be had; no opinion for a pod without any."""
         ros = pod.ros
         if ros is None or ros.holder is None or not ros.devices:

@@ -3,12 +3,12 @@
 import numpy as np
 
 from robotapp_scheduler.core.api.ros import Endpoint
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.robotics.rtt import ESTIMATED
 
 
-def nearest_us(nodes: Nodes, endpoint: Endpoint, percentile: int | None = None) -> FloatArray:
+def nearest_us(nodes: Snapshot, endpoint: Endpoint, percentile: int | None = None) -> FloatArray:
     """RTT from the nearest node of the endpoint to every row, microseconds, NaN where unknown, infinite where unreachable."""
     wanted = endpoint.percentile if percentile is None else percentile
     rows = [nodes.rtt_from(name, wanted).rtt_us for name in endpoint.nodes]
@@ -21,7 +21,7 @@ def nearest_us(nodes: Nodes, endpoint: Endpoint, percentile: int | None = None) 
     return result
 
 
-def estimated(nodes: Nodes, endpoint: Endpoint, rtt_us: FloatArray) -> BoolArray:
+def estimated(nodes: Snapshot, endpoint: Endpoint, rtt_us: FloatArray) -> BoolArray:
     """Rows whose time in `rtt_us`, made by `nearest_us`, is an estimate."""
     rows = [nodes.rtt_from(name, endpoint.percentile) for name in endpoint.nodes]
     found: BoolArray = np.any([(row.source == ESTIMATED) & (row.rtt_us == rtt_us) for row in rows], axis=0)

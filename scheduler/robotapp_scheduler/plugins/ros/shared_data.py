@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import Code, FilterResult, PreFilter, Status, Verdict
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -27,7 +27,7 @@ class SharedDataFilter:
         """Only pods with ROS fields."""
         return pod.ros is not None
 
-    def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:  # noqa: ARG002 - the contract's signature
+    def pre_filter(self, pod: PodInfo, nodes: Snapshot) -> PreFilter | None:  # noqa: ARG002 - the contract's signature
         """Volume claims decide by their volume's node affinity, which is not read yet: refused, not guessed."""
         if pod.ros is None or not pod.ros.volume_claims:
             return None
@@ -35,7 +35,7 @@ class SharedDataFilter:
         reason = f"shared-data claim {claim!r} is not supported by this scheduler yet; list peer pods instead"
         return PreFilter(status=Status(Code.UNRESOLVABLE, reason))
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True on nodes shared with all placed peers and with no component to keep apart from."""
         if pod.ros is None or not (pod.ros.together or pod.ros.apart):
             return None

@@ -3,7 +3,7 @@
 from typing import Final
 
 from robotapp_api.model.names import Annotation
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -25,7 +25,7 @@ class AllowedNamespaces:
     reason = NOT_ADMITTED
     resolvable = False
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """False on nodes of robots that admit other namespaces only; no opinion for a pod without ROS fields."""
         if pod.ros is None:
             return None

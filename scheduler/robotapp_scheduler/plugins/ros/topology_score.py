@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import MAX_SCORE, ScoreResult, Scores
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -32,7 +32,7 @@ class TopologyScore:
         if not 0 <= self._uniform <= MAX_SCORE:
             raise ValueError("masterNodeWeight: not in valid range [0-100]")
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """The cost per node; no opinion for a pod without ROS fields."""
         if pod.ros is None:
             return None

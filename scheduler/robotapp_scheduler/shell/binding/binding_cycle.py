@@ -14,12 +14,12 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.diagnosis import BIND_CHECK, DEVICE_PLUGIN, FULL_POOL
 from robotapp_scheduler.core.cycle.group_gates import groups_around
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
-from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod, Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.binding.binder import Binder, BindOutcome, BindResult
 from robotapp_scheduler.shell.binding.claim_reserver import READY, Readiness, Reserved, Reserver, wants
@@ -81,7 +81,7 @@ class Placer:
     def __repr__(self) -> str:
         return f"<Placer of {self._core!r}>"
 
-    def refuse(self, decision: Decision, *, started_s: float) -> None:
+    def refuse(self, decision: ScheduleResult, *, started_s: float) -> None:
         """The pod got no node: tell why, and let it wait for what may help. The attempt began at `started_s`."""
         queued = _queued(decision)
         pod, known = decision.pod.pod, decision.pod.uid in self._waiting
@@ -100,7 +100,7 @@ class Placer:
         result = AttemptResult.UNSCHEDULABLE if decision.rejected_by else AttemptResult.ERROR
         self._attempted(result, decision.pod, started_s)
 
-    def waits_on(self, queued: QueuedPod) -> bool:
+    def waits_on(self, queued: QueuedPodInfo) -> bool:
         """Back with a pod that was refused for a domain or a device while no domain is free; no node is looked for.
 
         Hundreds of them may wait. Decided and refused at its claims, a pod would give back the room and the device it
@@ -123,13 +123,13 @@ class Placer:
             if uid in self._waiting:
                 self._name_holders(pod)
 
-    def abandon(self, decision: Decision) -> None:
+    def abandon(self, decision: ScheduleResult) -> None:
         """Something unforeseen happened on the way: back into the queue as an error, nothing stays counted."""
         self._forget(decision.pod)
         text = "internal error while binding; the scheduler's log has the stack"
         self._return(_queued(decision), Rejection(), reason=PodReason.SCHEDULER_ERROR, message=text)
 
-    async def check(self, placed: Sequence[Decision]) -> dict[str, Reserved]:
+    async def check(self, placed: Sequence[ScheduleResult]) -> dict[str, Reserved]:
         """The bind check for all pods of one batch, by uid."""
         if all(decision.pod.member is None for decision in placed):
             return {}
@@ -139,11 +139,11 @@ class Placer:
             self._metrics.permit_wait_s.labels(WAITED[checked.readiness]).observe(self._clock() - started_s)
         return found
 
-    def may_take_long(self, decision: Decision) -> bool:
+    def may_take_long(self, decision: ScheduleResult) -> bool:
         """Does the way to the node wait for more than the API server's next answers?"""
         return decision.volumes is not None or self._core.engine(decision.pod.scheduler_name).profile.waits
 
-    def is_plain(self, decision: Decision) -> bool:
+    def is_plain(self, decision: ScheduleResult) -> bool:
         """Nothing has to be asked, claimed, written or waited for before this pod's Binding may leave."""
         pod = decision.pod
         return not (
@@ -154,25 +154,25 @@ class Placer:
             or wants(pod, decision.grants)
         )
 
-    def send(self, decision: Decision, told: Callable[[float | None, ClientError | None], None]) -> None:
+    def send(self, decision: ScheduleResult, told: Callable[[float | None, ClientError | None], None]) -> None:
         """The Binding of a plain decision leaves. `told` hands what it gets over to `sent`, or to `insist` with an error."""
         began_s = self._timer.begin("Bind")
         self._binder.send(decision.pod.pod, str(decision.node), partial(told, began_s))
 
-    def sent(self, decision: Decision, *, started_s: float, began_s: float | None) -> None:
+    def sent(self, decision: ScheduleResult, *, started_s: float, began_s: float | None) -> None:
         """That Binding was accepted."""
         self._timer.end("Bind", decision.pod.scheduler_name, began_s)
         self._bound(decision, str(decision.node), started_s)
 
     async def insist(
-        self, decision: Decision, refused: ClientError, *, started_s: float, began_s: float | None
+        self, decision: ScheduleResult, refused: ClientError, *, started_s: float, began_s: float | None
     ) -> None:
         """It was not, or nobody knows: go on as after the first try of any other."""
         outcome = await self._binder.bind(decision.pod.pod, str(decision.node), refused=refused)
         self._timer.end("Bind", decision.pod.scheduler_name, began_s, code=_code(outcome))
         self._settle(decision, outcome, started_s)
 
-    async def place(self, decision: Decision, checked: Reserved = READY, *, started_s: float) -> None:
+    async def place(self, decision: ScheduleResult, checked: Reserved = READY, *, started_s: float) -> None:
         """Bring one assumed pod to its node, or back into the queue. The attempt began at `started_s`."""
         if checked.readiness is not Readiness.READY:
             self._unready(decision, checked, started_s)
@@ -190,8 +190,8 @@ class Placer:
                 await steps.finish()
 
     async def _brought(
-        self, decision: Decision, steps: BindSteps, started_s: float
-    ) -> tuple[Decision, BindOutcome] | None:
+        self, decision: ScheduleResult, steps: BindSteps, started_s: float
+    ) -> tuple[ScheduleResult, BindOutcome] | None:
         """Everything up to the bind's answer; None = the pod went back on the way."""
         lost: set[str] = set()
         volumes: VolumePlan | None = None  # the plan that was carried out
@@ -223,13 +223,13 @@ class Placer:
                 break
         return decision, outcome
 
-    async def _enter_claims(self, decision: Decision) -> Refused | None:
+    async def _enter_claims(self, decision: ScheduleResult) -> Refused | None:
         if not decision.pod.pod.spec.resource_claims:
             return None
         trouble = await self._claims.enter(decision.pod)
         return failed_step("PreBind", "DynamicResources", trouble) if trouble else None
 
-    async def _bind_volumes(self, decision: Decision) -> Refused | None:
+    async def _bind_volumes(self, decision: ScheduleResult) -> Refused | None:
         if decision.volumes is None:
             return None
         await self._reporter.promise(decision.pod.pod, str(decision.node))
@@ -239,7 +239,7 @@ class Placer:
         self._timer.end("PreBind", decision.pod.scheduler_name, began_s, code=code)
         return failed_step("PreBind", "VolumeBinding", trouble) if trouble else None
 
-    async def _bind(self, decision: Decision, reserved: Reserved, annotations: Mapping[str, str]) -> BindOutcome:
+    async def _bind(self, decision: ScheduleResult, reserved: Reserved, annotations: Mapping[str, str]) -> BindOutcome:
         began_s = self._timer.begin("Bind")
         outcome = await self._binder.bind(
             decision.pod.pod,
@@ -250,7 +250,9 @@ class Placer:
         self._timer.end("Bind", decision.pod.scheduler_name, began_s, code=_code(outcome))
         return outcome
 
-    async def _reserve(self, decision: Decision, lost: set[str], started_s: float) -> tuple[Decision, Reserved] | None:
+    async def _reserve(
+        self, decision: ScheduleResult, lost: set[str], started_s: float
+    ) -> tuple[ScheduleResult, Reserved] | None:
         """Claim what the pod is granted, on another node if a device was lost to somebody; None = it went back."""
         reserved = await self._reserver.things(decision.pod, str(decision.node), decision.grants)
         while reserved.readiness is Readiness.BUSY:
@@ -267,7 +269,7 @@ class Placer:
             return None
         return decision, reserved
 
-    def _settle(self, decision: Decision, outcome: BindOutcome, started_s: float) -> None:
+    def _settle(self, decision: ScheduleResult, outcome: BindOutcome, started_s: float) -> None:
         if outcome.result is BindResult.BOUND:
             self._bound(decision, outcome.node, started_s)
             return
@@ -285,7 +287,7 @@ class Placer:
         message = f'binding rejected: running Bind plugin "ROSBind": {outcome.message}'
         self._reject(decision, Refused(Rejection(), PodReason.SCHEDULER_ERROR, message), started_s)
 
-    def _bound(self, decision: Decision, node: str, started_s: float) -> None:
+    def _bound(self, decision: ScheduleResult, node: str, started_s: float) -> None:
         pod = decision.pod
         self._core.queue.done(pod.uid)
         if decision.volumes is not None:
@@ -293,7 +295,7 @@ class Placer:
         self._reporter.scheduled(pod.pod, node, more=budget_without_end() if pod.budget_without_end else "")
         self._metrics.bound(_queued(decision), pod.scheduler_name, started_s=started_s, now_s=self._clock())
 
-    def _reject(self, decision: Decision, refused: Refused, started_s: float) -> None:
+    def _reject(self, decision: ScheduleResult, refused: Refused, started_s: float) -> None:
         """Not to this node after all: the room is free again, and the pod waits for what its refusal says."""
         if not refused.rejection.plugins:
             log.warning("%s was not bound to %s: %s", decision.pod.key, decision.node, refused.message)
@@ -305,7 +307,7 @@ class Placer:
     def _attempted(self, result: AttemptResult, pod: PodInfo, started_s: float) -> None:
         self._metrics.attempted(result, pod.scheduler_name, self._clock() - started_s)
 
-    def _unready(self, decision: Decision, found: Reserved, started_s: float) -> None:
+    def _unready(self, decision: ScheduleResult, found: Reserved, started_s: float) -> None:
         queued = _queued(decision)
         self._forget(decision.pod)
         if found.readiness is Readiness.GONE:
@@ -318,7 +320,7 @@ class Placer:
         self._attempted(result, decision.pod, started_s)
         self._return(queued, rejection, reason=found.reason, message=found.message)
 
-    def _return(self, queued: QueuedPod, rejection: Rejection, *, reason: str, message: str) -> None:
+    def _return(self, queued: QueuedPodInfo, rejection: Rejection, *, reason: str, message: str) -> None:
         """Back into the queue in the newest version, unless the pod is gone or bound meanwhile."""
         uid = queued.info.uid
         newest = self._waiting.get(uid)
@@ -372,7 +374,7 @@ def _code(outcome: BindOutcome) -> Code:
     return Code.SUCCESS if outcome.result is BindResult.BOUND else Code.ERROR
 
 
-def _queued(decision: Decision) -> QueuedPod:
+def _queued(decision: ScheduleResult) -> QueuedPodInfo:
     if decision.queued is None:  # pragma: no cover - schedule() always sets it
         raise ValueError(f"{decision!r} did not come from the queue")
     return decision.queued

@@ -13,7 +13,14 @@ from typing import Any, Final, NamedTuple, Self
 
 from robotapp_api.model.names import GRANTED_PREFIX, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.framework.interface import BindContext, Code, Loaded, PluginError, Status, histogram
+from robotapp_scheduler.core.framework.interface import (
+    BindContext,
+    Code,
+    PluginError,
+    RegisteredPlugin,
+    Status,
+    histogram,
+)
 from robotapp_scheduler.core.framework.plugin_calls import Overdue, asking
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.framework.third_party import odd_status
@@ -46,7 +53,7 @@ class BindSteps:
 
     def __init__(self, profile: Profile, pod: PodInfo, timer: PointTimer, promise: Promise) -> None:
         """`promise` is told the node before the pod waits for an `async` permit or pre_bind."""
-        self._chains: Mapping[str, Sequence[Loaded]] = {
+        self._chains: Mapping[str, Sequence[RegisteredPlugin]] = {
             "reserve": profile.reserves,
             "permit": profile.permits,
             "pre_bind": profile.pre_binds,
@@ -59,7 +66,7 @@ class BindSteps:
         self._promised = ""
         self._node = ""
         self._bound = False
-        self._reserved: list[Loaded] = []
+        self._reserved: list[RegisteredPlugin] = []
         self.context = BindContext()
 
     def __repr__(self) -> str:
@@ -107,7 +114,7 @@ class BindSteps:
             if hasattr(loaded.plugin, "unreserve"):
                 await self._ask(loaded, "Unreserve", "unreserve")
 
-    async def _ask(self, loaded: Loaded, point: str, hook: str) -> Status:
+    async def _ask(self, loaded: RegisteredPlugin, point: str, hook: str) -> Status:
         """The plugin's answer, timed; what it raises is an Error."""
         started_s, pod = self._timer.clock(), self._pod
         try:

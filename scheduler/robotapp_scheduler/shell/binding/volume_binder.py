@@ -14,7 +14,7 @@ from robotapp_api.client.api.resources import PERSISTENTVOLUMECLAIMS, PERSISTENT
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.values.selector import matches_node_terms
 from robotapp_scheduler.core.api.storage_v1 import BOUND_BY_CONTROLLER, SELECTED_NODE, Claim, PersistentVolume
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
@@ -38,7 +38,7 @@ class VolumeWriter:
     """One per process. `wake` on every change of a claim or volume; `alive(uid)` tells whether a pod still waits."""
 
     def __init__(
-        self, client: ApiClient, cluster: Cluster, *, alive: Callable[[str], bool], clock: Callable[[], float]
+        self, client: ApiClient, cluster: Cache, *, alive: Callable[[str], bool], clock: Callable[[], float]
     ) -> None:
         self._client = client
         self._cluster = cluster

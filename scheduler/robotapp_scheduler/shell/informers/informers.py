@@ -22,7 +22,7 @@ from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_api.client.informer.reflector import Reflector
 from robotapp_api.client.transport.errors import ClientError, NotFound
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.watch.routes import Route, group_routes, plain_routes, robotics_routes, storage_routes
@@ -56,7 +56,7 @@ class Feed:
     def __init__(
         self,
         client: ApiClient,
-        cluster: Cluster,
+        cluster: Cache,
         *,
         on_pod: Callable[[Seen], Change],
         on_change: Callable[[Event], None],

@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection
 
 from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.pods.in_place_resize import held_per_container
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -20,7 +20,7 @@ class Intake:
 
     def __init__(
         self,
-        cluster: Cluster,
+        cluster: Cache,
         queue: SchedulingQueue,
         reporter: Reporter,
         *,

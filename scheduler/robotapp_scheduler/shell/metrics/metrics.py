@@ -12,7 +12,7 @@ from prometheus_client import CollectorRegistry, Counter, ProcessCollector, disa
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod
+from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo
 from robotapp_scheduler.shell.metrics.histogram import Histogram, Tally
 
 # kube-scheduler has none: a counter's `_created` would be a gauge nobody's dashboard knows.
@@ -111,7 +111,7 @@ class Metrics:
         """An attempt has ended."""
         self.attempt_s.labels(result, profile).observe(seconds)
 
-    def bound(self, queued: QueuedPod, profile: str, *, started_s: float, now_s: float) -> None:
+    def bound(self, queued: QueuedPodInfo, profile: str, *, started_s: float, now_s: float) -> None:
         """A pod got its node."""
         scheduled = self._scheduled.get(profile)
         if scheduled is None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from itertools import cycle
 from typing import Any, Final, TypeVar
 
-from robotapp_scheduler.core.framework.interface import Code, Loaded
+from robotapp_scheduler.core.framework.interface import Code, RegisteredPlugin
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.shell.metrics.histogram import Histogram
 from robotapp_scheduler.shell.metrics.metrics import Metrics
@@ -41,7 +41,7 @@ def time_plugins(profiles: Mapping[str, Profile], metrics: Metrics, *, clock: Cl
             _time(loaded, metrics.plugin_s, clock)
 
 
-def _time(loaded: Loaded, histogram: Histogram, clock: Clock) -> None:
+def _time(loaded: RegisteredPlugin, histogram: Histogram, clock: Clock) -> None:
     for hook, point in HOOKS.items():
         function = getattr(loaded, hook)
         if function is not None:

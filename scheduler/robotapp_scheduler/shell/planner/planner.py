@@ -16,7 +16,7 @@ from typing import Final
 import msgspec
 
 from robotapp_scheduler.core.cycle.group_cycle import Advice, advice_of
-from robotapp_scheduler.core.cycle.joint_problem import Posed
+from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.joint.message import decode_solution, encode_problem
 from robotapp_scheduler.joint.problem import Problem
 from robotapp_scheduler.joint.solve import Limits, Solution, solve
@@ -70,7 +70,7 @@ class Planner:
         state = "no worker" if self._process is None else f"worker {self._process.pid}"
         return f"<Planner {state}, {self.starts} starts>"
 
-    async def advise(self, posed: Posed) -> Advice:
+    async def advise(self, posed: JointProblem) -> Advice:
         """Where the pods should go. Never raises, never waits longer than its limits."""
         problem = posed.problem
         if problem.pods * problem.rows * len(problem.edges) <= self._small:

@@ -13,11 +13,11 @@ from functools import partial
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.cycle.group_cycle import Advice
-from robotapp_scheduler.core.cycle.joint_problem import Posed
+from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod, Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
 from robotapp_scheduler.shell.binding.binding_cycle import Placer
 from robotapp_scheduler.shell.binding.claim_reserver import READY, Reserved
 from robotapp_scheduler.shell.metrics.metrics import Metrics
@@ -107,7 +107,7 @@ class SchedulerLoop:
         finally:
             ticker.cancel()
 
-    def _begin(self, batch: Sequence[QueuedPod]) -> None:
+    def _begin(self, batch: Sequence[QueuedPodInfo]) -> None:
         if len(batch) == 1 and self._placer.waits_on(batch[0]):
             return
         self._slots -= 1
@@ -127,7 +127,7 @@ class SchedulerLoop:
                     self._landed.clear()
                     await self._landed.wait()
 
-    def _posed(self, batch: Sequence[QueuedPod]) -> Posed | None:
+    def _posed(self, batch: Sequence[QueuedPodInfo]) -> JointProblem | None:
         """The problem a planner has to solve for these pods first, if any."""
         try:
             return self._core.pose(batch)
@@ -135,7 +135,7 @@ class SchedulerLoop:
             log.exception("posing the problem of %s failed", _names(batch))
             return None
 
-    async def _plan(self, batch: Sequence[QueuedPod], posed: Posed) -> None:
+    async def _plan(self, batch: Sequence[QueuedPodInfo], posed: JointProblem) -> None:
         """Meanwhile others are placed: what the plan says is checked when it is followed. Some pods may be gone by then."""
         try:
             advice = await self._planner.advise(posed)
@@ -153,7 +153,7 @@ class SchedulerLoop:
         self._tasks.add(task)
         task.add_done_callback(self._ended)
 
-    def _decide(self, batch: Sequence[QueuedPod], advice: Advice | None = None) -> None:
+    def _decide(self, batch: Sequence[QueuedPodInfo], advice: Advice | None = None) -> None:
         started_s = self._clock()
         try:
             decisions = self._core.schedule(batch, advice=advice)
@@ -185,7 +185,7 @@ class SchedulerLoop:
             self._free()
         task.add_done_callback(self._ended if slow else self._finished)
 
-    def _send(self, decision: Decision, started_s: float) -> None:
+    def _send(self, decision: ScheduleResult, started_s: float) -> None:
         """The usual way: no task waits for the bind's answer."""
         self._sent += 1
         try:
@@ -195,7 +195,9 @@ class SchedulerLoop:
             self._abandon(decision)
             self._over()
 
-    def _told(self, decision: Decision, started_s: float, began_s: float | None, error: ClientError | None) -> None:
+    def _told(
+        self, decision: ScheduleResult, started_s: float, began_s: float | None, error: ClientError | None
+    ) -> None:
         if error is not None:
             self._follow(self._insist(decision, error, started_s, began_s))
             return
@@ -206,7 +208,9 @@ class SchedulerLoop:
             self._abandon(decision)
         self._over()
 
-    async def _insist(self, decision: Decision, error: ClientError, started_s: float, began_s: float | None) -> None:
+    async def _insist(
+        self, decision: ScheduleResult, error: ClientError, started_s: float, began_s: float | None
+    ) -> None:
         try:
             await self._placer.insist(decision, error, started_s=started_s, began_s=began_s)
         except Exception:  # as above
@@ -225,7 +229,7 @@ class SchedulerLoop:
         self._freed += 1
         self._woken.set()
 
-    async def _carry_out(self, placed: Sequence[Decision], started_s: float) -> None:
+    async def _carry_out(self, placed: Sequence[ScheduleResult], started_s: float) -> None:
         try:
             checked = await self._placer.check(placed)
         except Exception:  # an answer nobody foresaw must not leave the batch assumed and in flight for ever
@@ -240,14 +244,14 @@ class SchedulerLoop:
             for decision in placed:
                 group.create_task(self._place(decision, checked, started_s))
 
-    async def _place(self, decision: Decision, checked: Mapping[str, Reserved], started_s: float) -> None:
+    async def _place(self, decision: ScheduleResult, checked: Mapping[str, Reserved], started_s: float) -> None:
         try:
             await self._placer.place(decision, checked.get(decision.pod.uid, READY), started_s=started_s)
         except Exception:  # a pod must never stay assumed and forgotten because of a bug
             log.exception("placing %s failed", decision.pod.key)
             self._abandon(decision)
 
-    def _abandon(self, decision: Decision) -> None:
+    def _abandon(self, decision: ScheduleResult) -> None:
         try:
             self._placer.abandon(decision)
         except Exception:  # the other pods of the batch go on: raising here would cancel their binds half-way
@@ -290,5 +294,5 @@ class SchedulerLoop:
         self._woken.set()
 
 
-def _names(batch: Sequence[QueuedPod]) -> str:
+def _names(batch: Sequence[QueuedPodInfo]) -> str:
     return ", ".join(queued.info.key for queued in batch)

@@ -20,7 +20,7 @@ from robotapp_api.model.names import SCHEDULER_MANAGER, EventReason
 from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import Options
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.group_gates import groups_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
@@ -122,7 +122,7 @@ class Scheduler:
         profiles = config.build()
         self._watch_over(profiles)
         return SchedulerCore(
-            Cluster(clock=CLOCK),
+            Cache(clock=CLOCK),
             profiles,
             clock=CLOCK,
             stopwatch=Stopwatch(self.metrics),

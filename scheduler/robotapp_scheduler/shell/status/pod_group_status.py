@@ -17,7 +17,7 @@ from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.api.pod_group import INITIALLY_SCHEDULED, PodGroup
 from robotapp_scheduler.core.cycle.all_or_nothing import UNSCHEDULABLE_GROUP
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.pods.pod_group_index import WORKLOADS, GroupRef, PodGroups
 from robotapp_scheduler.shell.status.latest_queue import Newest
 from robotapp_scheduler.shell.status.pod_status import utc_now
@@ -72,7 +72,7 @@ class GroupReporter:
     def __repr__(self) -> str:
         return f"<GroupReporter {len(self._waiting)} conditions to write>"
 
-    def decided(self, decisions: Sequence[Decision]) -> None:
+    def decided(self, decisions: Sequence[ScheduleResult]) -> None:
         """An attempt for the pods of one batch ended. Says something only about a group that found no place."""
         ref = decisions[0].pod.pod_group
         if ref is None or ref.api != WORKLOADS or any(decision.placed for decision in decisions):
@@ -166,7 +166,7 @@ class GroupReporter:
             log.warning("the condition of PodGroup %s/%s cannot be written: %s", ref.namespace, ref.name, error)
 
 
-def _failure(decisions: Sequence[Decision], needed: int, there: int) -> str:
+def _failure(decisions: Sequence[ScheduleResult], needed: int, there: int) -> str:
     """The text a pod was given that would have had a place; without one, that none had, and why not the first."""
     for decision in decisions:
         if decision.message.startswith(UNSCHEDULABLE_GROUP):

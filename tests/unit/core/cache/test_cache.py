@@ -2,14 +2,14 @@ import pytest
 from tests.support.scheduling import make_cluster, make_info, make_node, make_pod, member_pod
 
 from robotapp_scheduler.core.api.core_v1 import ResourceRequirements
-from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 
 
-def used(cluster: Cluster, node: str) -> tuple[int, int]:
+def used(cluster: Cache, node: str) -> tuple[int, int]:
     """(cpu milli, pods)"""
-    nodes = Nodes(cluster)
+    nodes = Snapshot(cluster)
     i = nodes.indices((node,))[0]
     return int(nodes.requested("cpu")[i]), int(nodes.requested("pods")[i])
 
@@ -89,18 +89,18 @@ def test_selector_counts_follow_pods_and_leave_terminating_ones_out() -> None:
     cluster = make_cluster(make_node("a"), make_node("b"))
     web = {"matchLabels": {"app": "web"}}
     cluster.apply_pod(make_pod("x", node="a", labels={"app": "web"}))
-    assert Nodes(cluster).count_pods(web, "default").tolist() == [1, 0]
+    assert Snapshot(cluster).count_pods(web, "default").tolist() == [1, 0]
     cluster.apply_pod(make_pod("y", node="b", labels={"app": "web"}))
     cluster.apply_pod(make_pod("z", node="b", labels={"app": "web"}, namespace="other"))
-    assert Nodes(cluster).count_pods(web, "default").tolist() == [1, 1]
+    assert Snapshot(cluster).count_pods(web, "default").tolist() == [1, 1]
     going = make_pod("x", node="a", labels={"app": "web"})
     going.metadata.deletion_timestamp = "2026-01-01T00:00:00Z"
     cluster.apply_pod(going)
-    assert Nodes(cluster).count_pods(web, "default").tolist() == [0, 1]
+    assert Snapshot(cluster).count_pods(web, "default").tolist() == [0, 1]
     for i in range(100):
         cluster.apply_node(make_node(f"more{i}"))
     cluster.apply_pod(make_pod("far", node="more99", labels={"app": "web"}))
-    assert Nodes(cluster).count_pods(web, "default").sum() == 2
+    assert Snapshot(cluster).count_pods(web, "default").sum() == 2
 
 
 def test_pods_are_found_by_their_own_and_their_deployments_name() -> None:
@@ -137,4 +137,4 @@ def test_a_pod_that_begins_to_end_or_is_resized_is_counted_anew() -> None:
         ResourceRequirements(requests={"cpu": "3"}),
     )
     assert cluster.apply_pod(resized) == Change.POD_UPDATED
-    assert Nodes(cluster).requested("cpu").tolist() == [3000]
+    assert Snapshot(cluster).requested("cpu").tolist() == [3000]

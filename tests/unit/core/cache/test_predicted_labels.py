@@ -4,17 +4,17 @@ import pytest
 from tests.support.scheduling import make_cluster, make_info, make_node, make_pod
 
 from robotapp_scheduler.core.api.topology_labels import REGION, ZONE
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change
 
 PLACE = {ZONE: "z1", REGION: "r1"}
 
 
-def in_zone() -> Cluster:
+def in_zone() -> Cache:
     return make_cluster(make_node("a", labels={**PLACE, "disk": "ssd"}))
 
 
-def bind(cluster: Cluster, name: str, *, own: dict[str, str], shown: dict[str, str]) -> bool:
+def bind(cluster: Cache, name: str, *, own: dict[str, str], shown: dict[str, str]) -> bool:
     """Assume and confirm a pod with labels of its `own`, `shown` with others. Was its record kept as it was?"""
     info = make_info(name, labels=own)
     cluster.apply_pod(info.pod)

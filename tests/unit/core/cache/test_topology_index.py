@@ -7,9 +7,9 @@ import pytest
 from tests.support.scheduling import make_cluster, make_info, make_node, make_pod, owner, pod_json, to_pod
 
 from robotapp_scheduler.core.api.core_v1 import Namespace, NodeImage, Selecting
-from robotapp_scheduler.core.cache.cache import Cluster
-from robotapp_scheduler.core.cache.dry_run import Trial
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.dry_run import DryRun
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.selectors import affinity_index, pod_counts
 from robotapp_scheduler.core.selectors.affinity_terms import Kind
@@ -21,7 +21,7 @@ WEB = {"matchLabels": {"app": "web"}}
 ZONE = "zone"
 
 
-def zones(count: int = 4) -> Cluster:
+def zones(count: int = 4) -> Cache:
     """Nodes n0 … with two nodes per zone."""
     return make_cluster(*(make_node(f"n{i}", labels={ZONE: f"z{i // 2}"}) for i in range(count)))
 
@@ -30,7 +30,7 @@ def web(name: str, node: str, **fields: Any) -> Any:
     return make_pod(name, node=node, labels={"app": "web"}, **fields)
 
 
-def per_zone(cluster: Cluster, selector: Any, census: Census = Census.ALIVE) -> list[int]:
+def per_zone(cluster: Cache, selector: Any, census: Census = Census.ALIVE) -> list[int]:
     counter = cluster.topology.counter(Wanted((pods_of("default", selector),), census))
     return counter.domains(ZONE).values.tolist()
 
@@ -95,12 +95,12 @@ def test_a_trial_is_counted_inside_and_undone_afterwards() -> None:
     def seen() -> tuple[list[int], list[int], list[list[int]], list[int]]:
         pull = cluster.topology.affinity.pull(label_key("default", {"app": "web"}))
         away = [totals.values.tolist() for totals in pull[Kind.KEEPS_AWAY]]
-        cpu = Nodes(cluster).requested("cpu").tolist()
+        cpu = Snapshot(cluster).requested("cpu").tolist()
         return per_zone(cluster, WEB, Census.SPREAD), per_zone(cluster, {}, Census.SPREAD), away, cpu
 
     before, position = seen(), cluster.log.position
     assert before == ([0, 0, 0], [0, 0, 0], [[0, 1, 0]], [100, 0, 0, 0])
-    with Trial(cluster) as trial:
+    with DryRun(cluster) as trial:
         trial.take(cluster.placed["uid-x"])
         trial.put(cluster.record(info, "n3"))
         # Upstream's trials look neither at deletionTimestamp nor at an empty selector.

@@ -9,9 +9,9 @@ from tests.support.scheduling import Clock, app_object, chain, make_core, make_n
 
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.cycle.group_cycle import Advice, advice_of
-from robotapp_scheduler.core.cycle.joint_problem import Posed
+from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod
+from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo
 from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 from robotapp_scheduler.joint.problem import Relation
 from robotapp_scheduler.joint.solve import Limits, Solution, solve
@@ -46,7 +46,7 @@ def field(clock: Clock | None = None) -> SchedulerCore:
     return core
 
 
-def six(core: SchedulerCore) -> list[QueuedPod]:
+def six(core: SchedulerCore) -> list[QueuedPodInfo]:
     """The app's pods, popped: camera and driver on the robot, operator at the desk, three anywhere."""
     names = ("camera", "vision", "planner", "driver", "operator", "map")
     teleop(core, *({"name": name} for name in names), edges=[edge(*ends) for ends in EDGES])
@@ -57,7 +57,7 @@ def six(core: SchedulerCore) -> list[QueuedPod]:
     return core.queue.pop()
 
 
-def planned(core: SchedulerCore, batch: list[QueuedPod]) -> tuple[Posed, Advice]:
+def planned(core: SchedulerCore, batch: list[QueuedPodInfo]) -> tuple[JointProblem, Advice]:
     posed = core.pose(batch)
     assert posed is not None
     return posed, advice_of(posed, solve(posed.problem, Limits(seconds=1e9, gap=0.0), lambda: 0.0))
@@ -78,7 +78,7 @@ def least_wire_ms() -> float:
     return min(wire_ms(where) for where in every if all(list(where.values()).count(node) <= 2 for node in nodes))
 
 
-def placed(core: SchedulerCore, batch: list[QueuedPod], advice: Advice | None) -> dict[str, str]:
+def placed(core: SchedulerCore, batch: list[QueuedPodInfo], advice: Advice | None) -> dict[str, str]:
     decisions = core.schedule(batch, advice=advice)
     return {d.pod.labels[Label.COMPONENT]: d.node for d in decisions if d.node is not None}
 
@@ -195,7 +195,7 @@ def test_the_problem_binds_a_whole_group_though_its_middle_runs_already() -> Non
     assert bound == ["ac"]
 
 
-def tiered(room: int) -> tuple[SchedulerCore, list[QueuedPod]]:
+def tiered(room: int) -> tuple[SchedulerCore, list[QueuedPodInfo]]:
     """Four components of a chain that all prefer the edge, where `room` of them fit, to the big robot, where all would score."""
     core = make_core(
         make_node("robot", cpu="64", memory="64Gi", labels={str(Label.TIER): "robot"}),

@@ -10,7 +10,7 @@ from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.api.core_v1 import Node, OwnerReference, Pod
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
-from robotapp_scheduler.core.queue.queued_pod_info import Gate
+from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus
 
 EDGE = {str(Label.TIER): "edge"}
 ROBOT_TIER = {str(Label.TIER): "robot"}
@@ -48,7 +48,7 @@ def succession(labels: dict[str, str] | str, **component: Any) -> SchedulerCore:
     return core
 
 
-def gate_of(core: SchedulerCore) -> Gate:
+def gate_of(core: SchedulerCore) -> PreEnqueueStatus:
     (queued,) = core.queue.gated()
     assert queued.gate is not None
     return queued.gate

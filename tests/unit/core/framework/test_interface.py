@@ -7,13 +7,13 @@ import pytest
 from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.interface import (
     Code,
-    Loaded,
     PluginError,
     PreFilter,
+    RegisteredPlugin,
     Status,
     Verdict,
     histogram,
@@ -34,7 +34,7 @@ class QuietNodes:
     node_reads = ("requested",)
     normalize = "minmax"
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> Any:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> Any:
         return nodes.free("cpu")
 
 
@@ -51,7 +51,7 @@ def test_a_ten_line_plugin_decides_and_is_repaired_as_pods_arrive() -> None:
     core = core_with(QuietNodes)
     for i in range(12):
         decision = core.schedule_one(make_info(f"p{i}", cpu="500m"))
-        free = Nodes(core.cluster).free("cpu").tolist()
+        free = Snapshot(core.cluster).free("cpu").tolist()
         chosen = core.cluster.nodes.row_of[str(decision.node)]
         assert free[chosen] + 500 == max([*free, free[chosen] + 500])
 
@@ -68,7 +68,7 @@ def test_a_filter_that_answers_nonsense_is_an_error_that_names_it(answer: Callab
     class Broken:
         name = "Broken"
 
-        def filter(self, pod: PodInfo, nodes: Nodes) -> Any:
+        def filter(self, pod: PodInfo, nodes: Snapshot) -> Any:
             return answer(nodes.n)
 
     decision = core_with(Broken).schedule_one(make_info("p"))
@@ -86,7 +86,7 @@ def test_a_score_that_is_no_number_from_0_to_100_is_an_error(value: float, norma
     class Broken:
         name = "Broken"
 
-        def score(self, pod: PodInfo, nodes: Nodes) -> Any:
+        def score(self, pod: PodInfo, nodes: Snapshot) -> Any:
             scores = np.full(nodes.n, 50.0)
             scores[1] = value
             return scores
@@ -101,7 +101,7 @@ def test_an_unusable_score_of_a_node_that_is_out_anyway_does_no_harm() -> None:
     class Divides:
         name = "Divides"
 
-        def score(self, pod: PodInfo, nodes: Nodes) -> Any:
+        def score(self, pod: PodInfo, nodes: Snapshot) -> Any:
             return 100.0 * nodes.free("cpu") / nodes.allocatable("cpu")
 
     core = core_with(Divides)
@@ -144,7 +144,7 @@ def test_several_reasons_details_and_finality_of_a_verdict_reach_message_and_exp
     class Picky:
         name = "Picky"
 
-        def filter(self, pod: PodInfo, nodes: Nodes) -> Verdict:
+        def filter(self, pod: PodInfo, nodes: Snapshot) -> Verdict:
             codes = np.arange(nodes.n) % 2
             detail = np.arange(nodes.n) * 1.5
             mask = np.zeros(nodes.n, dtype=np.bool_)
@@ -306,7 +306,7 @@ def test_unknown_reads_are_refused_when_the_plugin_is_loaded() -> None:
         reads = ("mood",)
 
     with pytest.raises(PluginError, match="mood"):
-        Loaded(Wrong())
+        RegisteredPlugin(Wrong())
 
 
 def test_decisions_are_counted_per_plugin_point_and_result() -> None:
@@ -328,7 +328,7 @@ def test_a_plugin_may_fill_a_column_of_its_own_which_ages() -> None:
         row_local = True
         reason = "node(s) were too noisy"
 
-        def filter(self, pod: PodInfo, nodes: Nodes) -> Any:
+        def filter(self, pod: PodInfo, nodes: Snapshot) -> Any:
             return ~(nodes.column("noise", max_age=30) > 60)
 
     core = core_with(Noise, count=2)
@@ -341,4 +341,4 @@ def test_a_plugin_may_fill_a_column_of_its_own_which_ages() -> None:
     core.cluster.set_column("noise", {"n1": 80.0})
     assert core.schedule_one(make_info("p"), assume=False).node == "n0"
     core._clock.forward(31)  # type: ignore[attr-defined]  # the test's clock
-    assert np.isnan(Nodes(core.cluster).column("noise", max_age=30)).all()
+    assert np.isnan(Snapshot(core.cluster).column("noise", max_age=30)).all()

@@ -9,9 +9,9 @@ from tests.support.pod_groups import announce, arrive, pod_group, team_pod
 from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME, PodReason
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.framework.interface import Code, Loaded, Status
+from robotapp_scheduler.core.framework.interface import Code, RegisteredPlugin, Status
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.framework.third_party import guarded
 from robotapp_scheduler.core.queue.scheduling_queue import Rejection
@@ -101,10 +101,10 @@ def test_scores_in_narrow_or_huge_integers_are_normalised_without_overflow(
 ) -> None:
     from robotapp_scheduler.core.framework.interface import normalized
 
-    loaded = guarded(Loaded(breaking("score", raw)()))
+    loaded = guarded(RegisteredPlugin(breaking("score", raw)()))
     assert loaded.score is not None
     cluster = make_cluster(*(make_node(f"n{i}") for i in range(len(raw))))
-    found: Any = loaded.score(make_info("p"), Nodes(cluster))
+    found: Any = loaded.score(make_info("p"), Snapshot(cluster))
     assert normalized("P", normalize, found).tolist() == expected
 
 
@@ -161,5 +161,5 @@ def test_a_plugin_that_inherits_from_one_of_ours_is_not_believed_like_it() -> No
 
 
 def test_what_a_plugin_inherits_about_room_does_not_tell_preemption_what_its_own_filter_would_say() -> None:
-    assert Loaded(NodeResourcesFit()).room is not None
-    assert guarded(Loaded(Heir())).room is None
+    assert RegisteredPlugin(NodeResourcesFit()).room is not None
+    assert guarded(RegisteredPlugin(Heir())).room is None

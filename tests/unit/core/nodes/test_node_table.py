@@ -4,7 +4,7 @@ import pytest
 from tests.support.scheduling import make_cluster, make_node, make_pod
 
 from robotapp_api.model.names import Annotation, Label
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 
@@ -55,7 +55,7 @@ def test_a_removed_node_leaves_nothing_in_its_row() -> None:
         make_node("a", taints=[{"key": "k", "effect": "NoSchedule"}], unschedulable=True), make_node("b")
     )
     cluster.remove_node("a")
-    nodes = Nodes(cluster)
+    nodes = Snapshot(cluster)
     assert nodes.names == ["", "b"]
     assert nodes.valid.tolist() == [False, True]
     assert nodes.allocatable("cpu").tolist() == [0, 4000]
@@ -76,7 +76,7 @@ def test_nodes_of_a_robot_are_found_by_its_name_and_lost_with_the_label() -> Non
 
 def test_views_are_read_only_and_a_view_of_some_rows_agrees_with_the_whole() -> None:
     cluster = make_cluster(*(make_node(f"n{i}", cpu=str(i + 1), labels={"rank": str(i)}) for i in range(5)))
-    whole, some = Nodes(cluster), Nodes(cluster, [3, 1])
+    whole, some = Snapshot(cluster), Snapshot(cluster, [3, 1])
     assert some.names == ["n3", "n1"]
     assert some.free("cpu").tolist() == [4000, 2000]
     assert some.label("rank").texts() == ["3", "1"]
@@ -97,11 +97,11 @@ def test_amounts_nobody_can_read_are_refused_before_anything_changes() -> None:
 def test_a_view_stays_true_when_resources_get_columns_after_it_was_looked_at(rows: list[int] | None) -> None:
     cluster = make_cluster(make_node("a", cpu="4"), make_node("b", cpu="2"))
     cluster.apply_pod(make_pod(node="a", cpu="100m", memory="1Gi"))
-    view = Nodes(cluster, rows)
+    view = Snapshot(cluster, rows)
     first = view.block("free", ("pods", "cpu")).tolist()
     for i in range(20):
         cluster.nodes.resources.code(f"x.io/r{i}")
-    whole = Nodes(cluster, rows)
+    whole = Snapshot(cluster, rows)
     assert view.block("requested", ("cpu", "memory")).tolist() == whole.block("requested", ("cpu", "memory")).tolist()
     assert view.scored("memory").tolist() == whole.scored("memory").tolist()
     assert view.requested("x.io/r19").tolist() == [0, 0]

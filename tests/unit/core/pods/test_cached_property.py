@@ -1,11 +1,11 @@
-from robotapp_scheduler.core.pods.cached_property import Lazy
+from robotapp_scheduler.core.pods.cached_property import CachedProperty
 
 
 class Counted:
     def __init__(self) -> None:
         self.asked = 0
 
-    @Lazy
+    @CachedProperty
     def answer(self) -> int:
         """How often it was worked out."""
         self.asked += 1

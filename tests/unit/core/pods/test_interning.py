@@ -1,13 +1,13 @@
 from tests.support.scheduling import make_cluster, make_node, make_pod, owner
 
 from robotapp_scheduler.core.api.core_v1 import NodeImage
-from robotapp_scheduler.core.pods.interning import Alike
+from robotapp_scheduler.core.pods.interning import Interner
 
 REPLICA = owner("ReplicaSet", "rs", "u1")
 
 
 def test_siblings_share_equal_parts_and_keep_what_is_their_own() -> None:
-    alike = Alike()
+    alike = Interner()
     first, second, other = (
         make_pod(f"p{i}", node="n", labels={"app": app}, owner=REPLICA, cpu="1")
         for i, app in enumerate(("a", "a", "b"))
@@ -23,7 +23,7 @@ def test_siblings_share_equal_parts_and_keep_what_is_their_own() -> None:
 
 
 def test_pods_of_other_owners_and_namespaces_share_nothing() -> None:
-    alike = Alike()
+    alike = Interner()
     pods = [make_pod("p", node="n", namespace=name) for name in ("a", "b")]
     for pod in pods:
         alike.share(pod)
@@ -41,7 +41,7 @@ def test_nodes_with_equal_images_hold_the_same_objects() -> None:
 
 
 def test_replicas_in_the_same_state_hold_one_status_and_nodes_of_their_own() -> None:
-    alike = Alike()
+    alike = Interner()
     first, second, third = (make_pod(f"p{i}", node=f"n{i}", owner=REPLICA, priority=i // 2) for i in range(3))
     for pod in (first, second, third):
         pod.status.phase = "Running"
@@ -53,7 +53,7 @@ def test_replicas_in_the_same_state_hold_one_status_and_nodes_of_their_own() -> 
 
 
 def test_a_pod_whose_spec_is_that_of_its_last_version_keeps_it() -> None:
-    alike = Alike()
+    alike = Interner()
     sibling, bound, running = (make_pod(name, node=node, owner=REPLICA) for name, node in ("am", "bn", "bn"))
     alike.share(bound)
     alike.share(sibling)

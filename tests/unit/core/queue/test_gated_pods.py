@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.queue.gated_pods import Gated
+from robotapp_scheduler.core.queue.gated_pods import GatedPods
 
 CHANGES = st.sampled_from([Change.NONE, Change.POD_REMOVED, Change.NODE_ADDED, Change.POD_REMOVED | Change.LABELS])
 STEPS = st.lists(st.tuples(st.sampled_from("abcd"), st.none() | CHANGES), max_size=30)
@@ -14,7 +14,7 @@ STEPS = st.lists(st.tuples(st.sampled_from("abcd"), st.none() | CHANGES), max_si
 def test_a_change_concerns_exactly_the_gates_that_wait_for_it(
     steps: list[tuple[str, Change | None]], change: Change
 ) -> None:
-    gated, model = Gated(), dict[str, Change]()
+    gated, model = GatedPods(), dict[str, Change]()
     for uid, events in steps:
         model.pop(uid, None)
         if events is None:
@@ -29,6 +29,6 @@ def test_a_change_concerns_exactly_the_gates_that_wait_for_it(
 
 
 def test_a_gate_that_nothing_opens_is_never_tested() -> None:
-    gated = Gated()
+    gated = GatedPods()
     gated.add("preemptor", Change.NONE)
     assert gated.concerned(Change.ALL) == []

@@ -8,15 +8,15 @@ from hypothesis import strategies as st
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.queue import in_flight
-from robotapp_scheduler.core.queue.in_flight import Flight, Flights
+from robotapp_scheduler.core.queue.in_flight import InFlightPod, InFlightPods
 
 
-def changes(flight: Flight) -> Change:
+def changes(flight: InFlightPod) -> Change:
     return reduce(or_, (event.change for event in flight.seen), Change.NONE)
 
 
 def test_a_pod_lands_with_what_changed_while_it_was_away_and_nothing_else() -> None:
-    found = Flights()
+    found = InFlightPods()
     found.start("a", "A")
     found.note(Event("", Change.LABELS), but="")
     found.start("b", "B")
@@ -30,7 +30,7 @@ def test_a_pod_lands_with_what_changed_while_it_was_away_and_nothing_else() -> N
 
 
 def test_a_pod_takes_no_notice_of_the_room_its_own_failure_freed() -> None:
-    found = Flights()
+    found = InFlightPods()
     found.start("a", "A")
     found.note(Event("", Change.POD_REMOVED), but="a")
     landed = found.land("a")
@@ -39,7 +39,7 @@ def test_a_pod_takes_no_notice_of_the_room_its_own_failure_freed() -> None:
 
 
 def test_nobody_in_flight_nothing_is_kept() -> None:
-    found = Flights()
+    found = InFlightPods()
     found.note(Event("", Change.LABELS), but="")
     found.start("a", "A")
     landed = found.land("a")
@@ -50,7 +50,7 @@ def test_nobody_in_flight_nothing_is_kept() -> None:
 
 def test_short_flights_keep_the_objects_of_what_they_saw(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(in_flight, "MOST_LOGGED", 4)
-    found = Flights()
+    found = InFlightPods()
     uids = [f"u{i}" for i in range(20)]
     found.start(uids[0], "")
     for before, uid in itertools.pairwise(uids):
@@ -73,7 +73,7 @@ steps = st.lists(
 def test_the_log_tells_the_same_as_telling_every_pod_at_once(script: list[tuple[str, str, Change]], limit: int) -> None:
     before, in_flight.MOST_LOGGED = in_flight.MOST_LOGGED, limit
     try:
-        found, expected = Flights(), dict[str, int]()
+        found, expected = InFlightPods(), dict[str, int]()
         for step, uid, change in script:
             if step == "start" and uid not in found:
                 found.start(uid, uid)

@@ -4,30 +4,30 @@ from hypothesis import strategies as st
 from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework.queueing_hint import Waker
+from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.core.queue.backoff import Backoff, Heap
-from robotapp_scheduler.core.queue.queued_pod_info import Gate, QueuedPod, Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus, QueuedPodInfo, Rejection
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
 
 FIT = Rejection(plugins=frozenset({"Fit"}))
 EVENTS = {"Fit": Change.POD_REMOVED, "Group": Change.POD_SEEN}
 
 
-def make_queue(clock: Clock, gates: dict[str, Gate] | None = None) -> SchedulingQueue:
+def make_queue(clock: Clock, gates: dict[str, PreEnqueueStatus] | None = None) -> SchedulingQueue:
     return SchedulingQueue(
         clock=clock,
         key=lambda info, queued_s: (-info.priority, queued_s),
         gate=lambda info: (gates or {}).get(info.name),
-        waker=lambda _, plugin: Waker(plugin, EVENTS.get(plugin, Change.NONE)),
+        waker=lambda _, plugin: QueueingHint(plugin, EVENTS.get(plugin, Change.NONE)),
         group=lambda info: info.labels.get("group"),
     )
 
 
-def names(batch: list[QueuedPod]) -> list[str]:
+def names(batch: list[QueuedPodInfo]) -> list[str]:
     return [queued.info.name for queued in batch]
 
 
-def only(queue: SchedulingQueue) -> QueuedPod:
+def only(queue: SchedulingQueue) -> QueuedPodInfo:
     (queued,) = queue.pop()
     return queued
 
@@ -140,7 +140,7 @@ def test_nothing_waits_longer_than_five_minutes() -> None:
 
 
 def test_a_gate_is_tested_only_by_its_events_and_around_its_app() -> None:
-    gates = {"a": Gate(plugin="Group", reason="waits", events=Change.POD_SEEN, group="app-1")}
+    gates = {"a": PreEnqueueStatus(plugin="Group", reason="waits", events=Change.POD_SEEN, group="app-1")}
     queue = make_queue(Clock(), gates)
     queue.add(make_info("a"))
     assert queue.pending()["gated"] == 1
@@ -153,7 +153,7 @@ def test_a_gate_is_tested_only_by_its_events_and_around_its_app() -> None:
 
 
 def test_a_group_leaves_together_wherever_its_members_wait() -> None:
-    gates = {"d": Gate(plugin="Group", reason="closed")}
+    gates = {"d": PreEnqueueStatus(plugin="Group", reason="closed")}
     queue = make_queue(Clock(), gates)
     for name in "abcd":
         queue.add(make_info(name, labels={"group": "g"}))
@@ -258,12 +258,12 @@ def test_what_entered_which_queue_is_counted_for_the_metrics() -> None:
 
 def test_under_other_rules_every_pod_is_tried_again_in_the_new_order_and_no_sooner_than_its_back_off() -> None:
     clock = Clock()
-    order, gates = {"by": 1}, {"gated": Gate(plugin="Gates", reason="closed", events=Change.NONE)}
+    order, gates = {"by": 1}, {"gated": PreEnqueueStatus(plugin="Gates", reason="closed", events=Change.NONE)}
     queue = SchedulingQueue(
         clock=clock,
         key=lambda info, queued_s: (order["by"] * info.priority, queued_s),
         gate=lambda info: gates.get(info.name),
-        waker=lambda _, plugin: Waker(plugin, EVENTS.get(plugin, Change.NONE)),
+        waker=lambda _, plugin: QueueingHint(plugin, EVENTS.get(plugin, Change.NONE)),
     )
     for name, priority in (("refused", 1), ("failed", 9), ("flying", 5)):
         queue.add(make_info(name, priority=priority))

@@ -6,7 +6,7 @@ import pytest
 from tests.support.scheduling import Clock, make_info, make_node, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.queueing_hint import Waker
+from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
@@ -29,7 +29,7 @@ def queue_with(hinter: Hinter, events: Change = Change.POD_REMOVED) -> Schedulin
     return SchedulingQueue(
         clock=Clock(),
         key=lambda info, queued_s: (-info.priority, queued_s),
-        waker=lambda _, plugin: Waker(plugin, events, hinter.hint, ("labels",)),
+        waker=lambda _, plugin: QueueingHint(plugin, events, hinter.hint, ("labels",)),
     )
 
 
@@ -56,7 +56,7 @@ def test_for_events_that_concern_each_pod_in_its_own_way_every_pod_is_asked_abou
     queue = SchedulingQueue(
         clock=Clock(),
         key=lambda info, queued_s: (-info.priority, queued_s),
-        waker=lambda _, plugin: Waker(plugin, Change.ALL, hinter.hint, (), lambda event: event.old is not None),
+        waker=lambda _, plugin: QueueingHint(plugin, Change.ALL, hinter.hint, (), lambda event: event.old is not None),
     )
     rejected(queue, *(make_info(f"p{i}", labels={"help": "yes"} if i == 7 else {}) for i in range(10)))
     assert queue.move(GONE) == 1
@@ -145,7 +145,7 @@ def test_a_hint_that_raises_counts_as_yes_and_is_logged(caplog: pytest.LogCaptur
     def broken(pod: PodInfo, event: Event) -> bool:
         raise ValueError(pod.name + event.resource)
 
-    waker = Waker("Broken", Change.ALL, broken, ("uid",))
+    waker = QueueingHint("Broken", Change.ALL, broken, ("uid",))
     with caplog.at_level(logging.ERROR):
         assert waker.wants(make_info("p"), GONE)
     assert "queueing hint of Broken failed for default/p on AssignedPodDelete" in caplog.text

@@ -5,19 +5,19 @@ from tests.support.scheduling import app_object, chain, make_cluster, make_info,
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.ros import DeviceHolder, Endpoint, Hardware, RosContext, thesis_tier, tier
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
 from robotapp_scheduler.core.robotics.app_index import read_app
 from robotapp_scheduler.core.robotics.resolve import qos_fields, resolve
 
 
-def fleet() -> Cluster:
+def fleet() -> Cache:
     return make_cluster(
         make_node("robot", labels={str(Label.ROBOT): "amr"}), make_node("edge"), make_node("cloud"), make_node("other")
     )
 
 
-def app_cluster(*components: dict[str, Any], **spec: Any) -> Cluster:
+def app_cluster(*components: dict[str, Any], **spec: Any) -> Cache:
     cluster = fleet()
     cluster.apply_app(app_object(*components, **spec))
     for component in components:
@@ -26,13 +26,13 @@ def app_cluster(*components: dict[str, Any], **spec: Any) -> Cluster:
     return cluster
 
 
-def context(cluster: Cluster, component: str, instance: str = "amr") -> RosContext:
+def context(cluster: Cache, component: str, instance: str = "amr") -> RosContext:
     found = resolve(PodInfo(member_pod(component, instance=instance)), cluster)
     assert found is not None
     return found
 
 
-def annotated(cluster: Cluster, labels: dict[str, str] | None = None, **annotations: str) -> RosContext | None:
+def annotated(cluster: Cache, labels: dict[str, str] | None = None, **annotations: str) -> RosContext | None:
     keys = {"policies": Annotation.POLICIES, "topology": Annotation.TOPOLOGY, "shared": Annotation.SHARED_DATA}
     keys["affinity"] = Annotation.AFFINITY
     found = {str(keys[name]): text for name, text in annotations.items()}
@@ -79,7 +79,7 @@ def test_the_robot_end_is_the_node_of_the_instance() -> None:
     assert context(cluster, "a", instance="").endpoints == ()
 
 
-def computers(*primary: str) -> Cluster:
+def computers(*primary: str) -> Cache:
     """A robot of two computers, those named labelled as primary."""
     cluster = app_cluster(
         {"name": "a", "policies": {"latencyBudget": "40ms"}}, {"name": "driver", "runsOn": ["Robot"]},
@@ -161,7 +161,7 @@ def test_only_exclusive_devices_are_held_and_a_count_asks_for_as_many() -> None:
     devices = [
         {"name": "bus", "type": "can", "count": 2},
         {"name": "tap", "type": "can", "sharing": "Namespace"},
-        {"name": "mic", "type": "usb", "sharing": "Cluster"},
+        {"name": "mic", "type": "usb", "sharing": "Cache"},
     ]
     found = context(app_cluster({"name": "a", "devices": devices}), "a")
     assert [(wish.name, wish.exclusive) for wish in found.devices] == [
@@ -189,7 +189,7 @@ def test_peers_to_join_and_to_avoid_are_resolved_to_nodes() -> None:
     assert found.apart == ("cloud",)
 
 
-def beside(cluster: Cluster, component: str) -> dict[str, tuple[str, ...]]:
+def beside(cluster: Cache, component: str) -> dict[str, tuple[str, ...]]:
     return {group.what.removeprefix("component "): group.nodes for group in context(cluster, component).together}
 
 

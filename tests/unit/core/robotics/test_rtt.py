@@ -7,17 +7,17 @@ from tests.support.scheduling import Clock, make_cluster, make_node, telemetry
 
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.robotics.rtt import PairView
 from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 
 
-def zoned(clock: Clock | None = None, **zones: str) -> Cluster:
+def zoned(clock: Clock | None = None, **zones: str) -> Cache:
     return make_cluster(*(make_node(n, labels={str(Label.ZONE): z}) for n, z in zones.items()), clock=clock)
 
 
-def measured_by_planner(cluster: Cluster) -> dict[tuple[str, str], float]:
+def measured_by_planner(cluster: Cache) -> dict[tuple[str, str], float]:
     """p95 in microseconds per measured pair, as the joint planner gets it."""
     measured = LatencyExport(cluster.rtt).latencies().measured
     names = cluster.nodes.names

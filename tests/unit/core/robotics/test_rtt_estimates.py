@@ -7,7 +7,7 @@ import pytest
 from tests.support.scheduling import Clock, make_cluster, make_node, telemetry
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 
@@ -17,12 +17,12 @@ WIFI_MS = dict(zip(FLOOR, (0, 0, 0, 0, 30, 70), strict=True))
 """What the last hop of a node on the floor adds: four wired machines and two robots."""
 
 
-def zoned(names: list[str], clock: Clock | None = None) -> Cluster:
+def zoned(names: list[str], clock: Clock | None = None) -> Cache:
     nodes = (make_node(name, labels={str(Label.ZONE): name.split("-")[0]}) for name in names)
     return make_cluster(*nodes, clock=clock)
 
 
-def plant(clock: Clock | None = None) -> Cluster:
+def plant(clock: Clock | None = None) -> Cache:
     """Racks 10 ms from the floor. Each machine on the floor measured three racks and one neighbour."""
     cluster = zoned(RACK + FLOOR, clock)
     for at, name in enumerate(FLOOR):
@@ -32,7 +32,7 @@ def plant(clock: Clock | None = None) -> Cluster:
     return cluster
 
 
-def ms(cluster: Cluster, one: str, other: str) -> float | None:
+def ms(cluster: Cache, one: str, other: str) -> float | None:
     time_us, source = cluster.rtt.between(one, other, 95)
     assert source == ("unknown" if time_us is None else "estimated")
     return None if time_us is None else time_us / 1000
@@ -89,7 +89,7 @@ def test_a_thousand_robots_of_one_reading_each_are_fitted_without_warnings() -> 
     assert ms(cluster, "z-0", "z-500") == pytest.approx(5)
 
 
-def large(clock: Clock) -> tuple[Cluster, list[str]]:
+def large(clock: Clock) -> tuple[Cache, list[str]]:
     """More readings than are fitted at once."""
     names = [f"{'ab'[i % 2]}-{i}" for i in range(600)]
     cluster = zoned(names, clock)

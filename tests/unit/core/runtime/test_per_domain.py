@@ -9,7 +9,7 @@ import pytest
 from tests.support.scheduling import Clock, make_cluster, make_info, make_node, make_pod
 
 from robotapp_api.model.names import SCHEDULER_NAME, Label
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.interface import PerDomain, Verdict
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
@@ -20,7 +20,7 @@ ZONE = str(Label.ZONE)
 MOST = 6
 
 
-def pods_per_zone(nodes: Nodes) -> Any:
+def pods_per_zone(nodes: Snapshot) -> Any:
     table = nodes.cluster.nodes
     found = np.zeros(len(nodes.label(ZONE).vocabulary.values), dtype=np.int64)
     for record in nodes.cluster.placed.values():
@@ -34,18 +34,18 @@ class PerZone:
     node_reads = ("labels", "pods")
     normalize = "minmax"
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> Any:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> Any:
         return Verdict(pods_per_zone(nodes) < MOST, label=nodes.label(ZONE))
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> Any:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> Any:
         return PerDomain(pods_per_zone(nodes), nodes.label(ZONE))
 
 
 class PerNode(PerZone):
-    def filter(self, pod: PodInfo, nodes: Nodes) -> Any:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> Any:
         return (pods_per_zone(nodes) < MOST)[nodes.label(ZONE).codes]
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> Any:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> Any:
         return pods_per_zone(nodes)[nodes.label(ZONE).codes]
 
 

@@ -7,7 +7,7 @@ import pytest
 from tests.support.scheduling import Clock, make_cluster, make_info, make_node, make_pod, telemetry
 
 from robotapp_api.model.names import SCHEDULER_NAME, PodReason
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.plugins.kubernetes.node_resources.fit import NodeResourcesFit
@@ -24,7 +24,7 @@ class Asked:
         self.rows = 0
         score, score_row = NodeResourcesFit.score, NodeResourcesFit.score_row
 
-        def of_all(plugin: NodeResourcesFit, pod: Any, nodes: Nodes) -> Any:
+        def of_all(plugin: NodeResourcesFit, pod: Any, nodes: Snapshot) -> Any:
             self.rows += nodes.n
             return score(plugin, pod, nodes)
 
@@ -78,7 +78,7 @@ class Heir(NodeResourcesFit):
 
     name = "Heir"
 
-    def score(self, pod: Any, nodes: Nodes) -> Any:  # noqa: ARG002 - the contract's signature
+    def score(self, pod: Any, nodes: Snapshot) -> Any:  # noqa: ARG002 - the contract's signature
         return np.minimum(nodes.requested("pods"), 100)
 
     def score_row(self, pod: Any, row: Any) -> int:  # noqa: ARG002 - the contract's signature
@@ -90,7 +90,7 @@ class Careless(Heir):
 
     name = "Careless"
 
-    def ceiling(self, pod: Any, nodes: Nodes) -> Any:  # noqa: ARG002 - the contract's signature
+    def ceiling(self, pod: Any, nodes: Snapshot) -> Any:  # noqa: ARG002 - the contract's signature
         return np.full(nodes.n, 0.5)
 
 
@@ -110,7 +110,7 @@ class Son(NodeResourcesFit):
 
     name = "Son"
 
-    def score(self, pod: Any, nodes: Nodes) -> Any:  # noqa: ARG002 - the contract's signature
+    def score(self, pod: Any, nodes: Snapshot) -> Any:  # noqa: ARG002 - the contract's signature
         return np.minimum(nodes.requested("cpu") // 100, 100)
 
 
@@ -138,7 +138,7 @@ class Calm:
     node_reads = ("load",)
     row_local = True
 
-    def score(self, _pod: Any, nodes: Nodes) -> Any:
+    def score(self, _pod: Any, nodes: Snapshot) -> Any:
         return 100.0 - nodes.load("cpu_percent")
 
 
@@ -161,7 +161,7 @@ class Fickle:
     row_local = True
     answers: ClassVar[int] = 1000
 
-    def score(self, _pod: Any, nodes: Nodes) -> Any:
+    def score(self, _pod: Any, nodes: Snapshot) -> Any:
         return np.maximum(100 - 7 * nodes.requested("cpu") // 100, 0)
 
     def score_row(self, _pod: Any, row: Any) -> int:
@@ -171,7 +171,7 @@ class Fickle:
         ((_, requested, _),) = row.of(("cpu",))
         return int(max(100 - 7 * requested // 100, 0))
 
-    def ceiling(self, _pod: Any, _nodes: Nodes) -> int:
+    def ceiling(self, _pod: Any, _nodes: Snapshot) -> int:
         return 0
 
 
@@ -204,7 +204,7 @@ class Turncoat:
     row_local = False
     normalize = "none"
 
-    def score(self, _pod: Any, nodes: Nodes) -> Any:
+    def score(self, _pod: Any, nodes: Snapshot) -> Any:
         table = nodes.cluster.nodes
         turned = "turned" in table.annotations[table.row_of["n0"]]
         scores = {"n7" if turned else "n3": 100, "n0": 1000 if turned else 10}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.support.scheduling import make_cluster, make_core, make_info, make_node, make_pod
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.framework.interface import Code, PluginError, Verdict
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.plugins.kubernetes.node.node_affinity import NodeAffinity, NodeAffinityArgs
@@ -26,11 +26,11 @@ from robotapp_scheduler.plugins.kubernetes.queue_sort import PrioritySort, Sched
 Json = dict[str, Any]
 
 
-def view(*nodes: Any, pods: list[Any] | None = None) -> Nodes:
+def view(*nodes: Any, pods: list[Any] | None = None) -> Snapshot:
     cluster = make_cluster(*nodes)
     for pod in pods or []:
         cluster.apply_pod(pod)
-    return Nodes(cluster)
+    return Snapshot(cluster)
 
 
 def fit(args: Json | None = None) -> NodeResourcesFit:
@@ -153,7 +153,7 @@ def test_host_ports_clash_by_protocol_port_and_address(
     info = make_info("p", **with_port(*mine))
     assert values(NodePorts().filter(info, nodes)) == [free]
     nodes.cluster.remove_pod(old)
-    assert values(NodePorts().filter(info, Nodes(nodes.cluster))) == [1]
+    assert values(NodePorts().filter(info, Snapshot(nodes.cluster))) == [1]
 
 
 def test_host_ports_of_sidecars_count_and_those_of_init_steps_do_not() -> None:

@@ -10,7 +10,7 @@ from tests.support.scripted_client import ScriptedClient
 from tests.support.volumes import make_claim, make_volume, mounting
 
 from robotapp_api.client.transport.errors import Conflict
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.binding.volume_binder import VolumeWriter, claim_patch, volume_patch
 
@@ -25,7 +25,7 @@ class Rig:
 
     def __init__(self) -> None:
         self.client = ScriptedClient()
-        self.cluster = Cluster(clock=self.clock)
+        self.cluster = Cache(clock=self.clock)
         self.cluster.apply_node(make_node("n0"))
         self.store = self.cluster.volumes
         self.alive = True

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_scheduler.core.api.core_v1 import Metadata, Node, NodeStatus, Pod, PodSpec, PodStatus
-from robotapp_scheduler.core.cache.cache import Cluster
+from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
@@ -30,7 +30,7 @@ class Silent:
 
 class Desk:
     def __init__(self) -> None:
-        self.cluster = Cluster(clock=lambda: 0.0)
+        self.cluster = Cache(clock=lambda: 0.0)
         self.cluster.apply_node(
             Node(metadata=Metadata(name="n1"), status=NodeStatus(allocatable={"cpu": "4", "pods": "10"}))
         )

@@ -16,7 +16,7 @@ from robotapp_api.client.informer.watch_decoder import ADDED, WatchDecoder
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.cycle.schedule_result import Decision
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.shell.informers.pod_handler import Intake
 
@@ -70,7 +70,7 @@ class Feed:
         self._intake.take(Seen(ADDED, event.identity.key, None, event.obj))
         return True
 
-    def decide(self) -> Decision | None:
+    def decide(self) -> ScheduleResult | None:
         """The next pod; None for one that met a bug, which the loop takes back."""
         batch = self.core.queue.pop()
         try:

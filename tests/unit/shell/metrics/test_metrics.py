@@ -8,7 +8,7 @@ from tests.support.scheduling import device_claim, make_core, make_info, make_no
 
 from robotapp_api.claims.objects import Claim
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.queue.queued_pod_info import QueuedPod, Rejection
+from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
 from robotapp_scheduler.shell.metrics.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics.metrics import MOST_SERIES, AttemptResult, Metrics
 
@@ -62,7 +62,7 @@ def test_refused_and_failed_attempts_have_a_duration_too() -> None:
 
 
 def test_attempts_beyond_upstreams_last_label_share_it() -> None:
-    metrics, queued = Metrics(CollectorRegistry()), QueuedPod(make_info(), 0.0)
+    metrics, queued = Metrics(CollectorRegistry()), QueuedPodInfo(make_info(), 0.0)
     for attempts in (14, 15, 40):
         queued.attempts = attempts
         metrics.bound(queued, "ours", started_s=0.0, now_s=1.0)

@@ -10,7 +10,7 @@ from typing import Any
 from tests.support.clients import until
 from tests.support.joint_problems import field_problem
 
-from robotapp_scheduler.core.cycle.joint_problem import Posed
+from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.shell.planner.planner import PAUSE_S, Planner
 
 READY = "import sys, time; out = sys.stdout.buffer; out.write(bytes(4)); out.flush();"
@@ -38,9 +38,9 @@ class Seconds:
         return self.now_s
 
 
-def posed(pods: int = 6, *, seed: int = 3) -> Posed:
+def posed(pods: int = 6, *, seed: int = 3) -> JointProblem:
     problem = field_problem(Random(seed), pods=pods, edges=pods, rows=60)
-    return Posed(problem, tuple(f"u{i}" for i in range(pods)), tuple(f"n{i}" for i in range(60)))
+    return JointProblem(problem, tuple(f"u{i}" for i in range(pods)), tuple(f"n{i}" for i in range(60)))
 
 
 def planner(**settings: Any) -> Planner:

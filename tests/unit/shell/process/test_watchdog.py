@@ -21,7 +21,7 @@ from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import BindContext
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
-from robotapp_scheduler.core.framework.queueing_hint import Waker
+from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.binding.extension_points import BindSteps
 from robotapp_scheduler.shell.metrics.metrics import Metrics
@@ -140,7 +140,7 @@ async def test_a_hint_without_end_counts_as_yes() -> None:
     pod = make_info("p")
     async with watched():
         began_s = time.monotonic()
-        assert Waker("Loops", Change.ALL, hint).wants(pod, Event("pods", Change.POD_REMOVED, pod.pod, None))
+        assert QueueingHint("Loops", Change.ALL, hint).wants(pod, Event("pods", Change.POD_REMOVED, pod.pod, None))
     assert time.monotonic() - began_s < LONG_S / 2
 
 

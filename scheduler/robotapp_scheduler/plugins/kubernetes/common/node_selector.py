@@ -6,12 +6,12 @@ import numpy as np
 
 from robotapp_api.values.selector import integer, valid_term
 from robotapp_scheduler.core.api.core_v1 import NodeSelectorTerm, Requirement
-from robotapp_scheduler.core.cache.snapshot import LabelColumn, Nodes
+from robotapp_scheduler.core.cache.snapshot import LabelColumn, Snapshot
 from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 
-def own_terms_mask(pod: PodInfo, nodes: Nodes) -> BoolArray:
+def own_terms_mask(pod: PodInfo, nodes: Snapshot) -> BoolArray:
     """Nodes that the pod's nodeSelector and required node affinity allow."""
     mask = labels_mask(nodes, pod.node_selector.items())
     required = pod.node_affinity.required if pod.node_affinity is not None else None
@@ -20,7 +20,7 @@ def own_terms_mask(pod: PodInfo, nodes: Nodes) -> BoolArray:
     return mask
 
 
-def labels_mask(nodes: Nodes, wanted: Iterable[tuple[str, str]]) -> BoolArray:
+def labels_mask(nodes: Snapshot, wanted: Iterable[tuple[str, str]]) -> BoolArray:
     """Nodes that have all these labels."""
     mask = np.ones(nodes.n, dtype=np.bool_)
     for key, value in wanted:
@@ -28,7 +28,7 @@ def labels_mask(nodes: Nodes, wanted: Iterable[tuple[str, str]]) -> BoolArray:
     return mask
 
 
-def terms_mask(nodes: Nodes, terms: Iterable[NodeSelectorTerm]) -> BoolArray:
+def terms_mask(nodes: Snapshot, terms: Iterable[NodeSelectorTerm]) -> BoolArray:
     """Nodes that match at least one term; invalid and empty terms match none."""
     mask = np.zeros(nodes.n, dtype=np.bool_)
     for term in terms:
@@ -36,7 +36,7 @@ def terms_mask(nodes: Nodes, terms: Iterable[NodeSelectorTerm]) -> BoolArray:
     return mask
 
 
-def term_mask(nodes: Nodes, term: NodeSelectorTerm) -> BoolArray:
+def term_mask(nodes: Snapshot, term: NodeSelectorTerm) -> BoolArray:
     """Nodes that match every expression and field of a term."""
     if not (term.match_expressions or term.match_fields) or not valid_term(term):
         return np.zeros(nodes.n, dtype=np.bool_)

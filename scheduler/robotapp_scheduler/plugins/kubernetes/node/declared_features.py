@@ -3,7 +3,7 @@
 import msgspec
 import numpy as np
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -31,7 +31,7 @@ class NodeDeclaredFeatures:
     def __init__(self, args: DeclaredFeaturesArgs | None = None) -> None:
         self._looks = is_new((args or DeclaredFeaturesArgs()).compat_version)
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True where every needed feature is declared."""
         if not pod.needs or not self._looks:
             return None

@@ -5,7 +5,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import MAX_SCORE, ScoreResult
 from robotapp_scheduler.core.nodes.columns import IntArray
@@ -36,7 +36,7 @@ class ImageLocality:
     def __init__(self, args: ImageLocalityArgs | None = None) -> None:
         self._counts_volumes = is_new((args or ImageLocalityArgs()).compat_version)
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """0…100 between 23 MiB and 1000 MiB per image."""
         images = nodes.cluster.topology.images
         wanted = pod.images if self._counts_volumes else pod.images[: -pod.image_volumes or None]

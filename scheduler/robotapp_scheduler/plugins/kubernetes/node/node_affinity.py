@@ -8,7 +8,7 @@ import numpy as np
 
 from robotapp_api.values.selector import NAME_FIELD, matches_node_terms, valid_term
 from robotapp_scheduler.core.api.core_v1 import Node, NodeSelectorTerm, PreferredTerm
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import (
     Code,
@@ -60,7 +60,7 @@ class NodeAffinity:
         """Only pods that require something of the node."""
         return pod.node_affinity is not None and pod.node_affinity.required is not None
 
-    def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:  # noqa: ARG002 - the contract's signature
+    def pre_filter(self, pod: PodInfo, nodes: Snapshot) -> PreFilter | None:  # noqa: ARG002 - the contract's signature
         """Narrow to the nodes that every required term names in metadata.name (how DaemonSet pods come)."""
         affinity = pod.node_affinity
         required = affinity.required if affinity is not None else None
@@ -76,7 +76,7 @@ class NodeAffinity:
             return PreFilter(status=Status(Code.UNRESOLVABLE, CONFLICT))
         return PreFilter(names=frozenset(names))
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True where labels and name fit; no opinion for a pod without any wish."""
         affinity = pod.node_affinity
         required = affinity.required if affinity is not None else None
@@ -89,7 +89,7 @@ class NodeAffinity:
         codes = np.where(enforced, 0, 1)
         return Verdict(mask & enforced, codes=codes, reasons=((POD_REASON,), (ENFORCED_REASON,)))
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """Sum of the weights of the preferred terms a node matches. Raises PluginError for a term nobody can read."""
         affinity = pod.node_affinity
         preferred = affinity.preferred if affinity is not None else ()
@@ -110,7 +110,7 @@ class NodeAffinity:
             selector is None or matches_node_terms(selector.node_selector_terms, labels, name) for selector in required
         )
 
-    def _weights(self, terms: Sequence[PreferredTerm], nodes: Nodes) -> IntArray:
+    def _weights(self, terms: Sequence[PreferredTerm], nodes: Snapshot) -> IntArray:
         total = np.zeros(nodes.n, dtype=np.int64)
         for i, term in enumerate(terms):
             if term.weight == 0 or not (term.preference.match_expressions or term.preference.match_fields):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import NODE, Event
 from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -19,7 +19,7 @@ class NodeName:
     reason = "node(s) didn't match the requested node name"
     resolvable = False
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True on the named node; no opinion without a name."""
         wanted = pod.pod.spec.node_name
         if not wanted:

@@ -1,7 +1,7 @@
 """NodePorts: a host port is taken once per node, protocol and address."""
 
 from robotapp_scheduler.core.cache.host_ports import clash
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import Beside, FilterResult
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
@@ -19,7 +19,7 @@ class NodePorts:
     reason = "node(s) didn't have free ports for the requested pod ports"
     resolvable = True
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True where none of the pod's host ports is in use; no opinion for a pod without any."""
         if not pod.host_ports:
             return None
@@ -30,7 +30,7 @@ class NodePorts:
         """Only pods that use one of the ports."""
         return any(clash(wanted, used) for used in other.ports for wanted in pod.host_ports)
 
-    def beside(self, pod: PodInfo, nodes: Nodes) -> Beside:  # noqa: ARG002 - the contract's signature
+    def beside(self, pod: PodInfo, nodes: Snapshot) -> Beside:  # noqa: ARG002 - the contract's signature
         """Where no pod that stays uses one of the ports."""
         return Beside(lambda _, others: not any(self.touched_by(pod, other) for other in others))
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from robotapp_api.values.toleration import tolerates
 from robotapp_scheduler.core.api.core_v1 import Taint
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -25,7 +25,7 @@ class NodeUnschedulable:
     reason = "node(s) were unschedulable"
     resolvable = False
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True where the node is not cordoned; no opinion when the pod tolerates cordoning."""
         if _tolerated(pod):
             return None

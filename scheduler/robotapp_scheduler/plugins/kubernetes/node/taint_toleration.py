@@ -7,7 +7,7 @@ import numpy as np
 
 from robotapp_api.values.toleration import tolerates
 from robotapp_scheduler.core.api.core_v1 import Node, Taint, Toleration
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult, ScoreResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -28,7 +28,7 @@ class TaintToleration:
     resolvable = False
     normalize = "inverse"
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True where every NoSchedule and NoExecute taint is tolerated."""
         codes, sets = nodes.taint_sets
         passes = [untolerated(taints, pod.tolerations, HARD_EFFECTS) == 0 for taints in sets]
@@ -41,7 +41,7 @@ class TaintToleration:
         before: Node | None = event.old
         return _passes(event.new, pod) and (before is None or not _passes(before, pod))
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """Number of untolerated PreferNoSchedule taints; fewer is better."""
         soft = [t for t in pod.tolerations if t.effect in {"", SOFT}]
         codes, sets = nodes.taint_sets

@@ -7,12 +7,12 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import MAX_SCORE, ScoreResult
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import NodeAmounts, Row
-from robotapp_scheduler.core.pods.cached_property import Lazy
+from robotapp_scheduler.core.pods.cached_property import CachedProperty
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.kubernetes.common.arguments import balance_problems, refuse
 from robotapp_scheduler.plugins.kubernetes.common.compat import NEW, is_new
@@ -59,7 +59,7 @@ class NodeResourcesBalancedAllocation:
         self._names = tuple(resource.name for resource in args.resources or USUAL)
         self._change = is_new(args.compat_version)
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """50…100, 75 where the pod changes nothing (1.37); no opinion when it asks for none of the resources."""
         wish = self._wish(pod)
         if wish is None:
@@ -72,7 +72,7 @@ class NodeResourcesBalancedAllocation:
             after >>= _HALVED
         return after
 
-    def _balances(self, wish: "_Wish", nodes: Nodes) -> IntArray:
+    def _balances(self, wish: "_Wish", nodes: Snapshot) -> IntArray:
         """Without the pod (when that counts) and with it, shape (steps, rows)."""
         first = 0 if self._change else 1
         plain = nodes.plain(wish.names) if len(wish.names) == 2 else None
@@ -93,7 +93,7 @@ class NodeResourcesBalancedAllocation:
         balance = _balance_row(there, wish.amounts)
         return 50 + (50 + balance - _balance_row(there, wish.nothing)) // 2 if self._change else balance
 
-    def ceiling(self, pod: PodInfo, nodes: Nodes) -> IntArray | int | None:
+    def ceiling(self, pod: PodInfo, nodes: Snapshot) -> IntArray | int | None:
         """The most that one pod can even out: its share of what a node offers, wherever the others have brought it.
 
         Every used fraction moves by 0 to a share `a` of the pod, so their standard deviation, and half the difference of
@@ -132,12 +132,12 @@ class _Wish:
         self.nothing = tuple([(place, 0) for place in range(len(names))])
         """The same of no pod."""
 
-    @Lazy
+    @CachedProperty
     def steps(self) -> IntArray:
         """Shape (2, resources, 1): nothing, and what the pod adds."""
         return np.array([(0, amount) for _, amount in self.amounts], dtype=np.int64).T[:, :, None]
 
-    @Lazy
+    @CachedProperty
     def floats(self) -> FloatArray:
         """The same in float64."""
         return self.steps.astype(np.float64)

@@ -8,12 +8,12 @@ import numpy as np
 
 from robotapp_api.values.requests import amounts
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult, ScoreResult, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import Row
-from robotapp_scheduler.core.pods.cached_property import Lazy
+from robotapp_scheduler.core.pods.cached_property import CachedProperty
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.pod_signature import requests_of
 from robotapp_scheduler.plugins.kubernetes.common.arguments import fit_problems, refuse
@@ -80,7 +80,7 @@ class NodeResourcesFit:
         self._weights: dict[tuple[str, ...], Weights] = {}
         """By the resources that a pod is scored by."""
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True where one more pod and all its requests fit; every lacking resource is reported."""
         wish = self._wish(pod)
         if nodes.surely_free(wish.free):
@@ -122,11 +122,11 @@ class NodeResourcesFit:
         wish = self._wish(pod).scored
         return self._strategy.row(row.of(wish.names), wish.amounts)
 
-    def ceiling(self, _pod: PodInfo, _nodes: Nodes) -> int | None:
+    def ceiling(self, _pod: PodInfo, _nodes: Snapshot) -> int | None:
         """More pods leave less free: no score ever rises where that is what counts."""
         return 0 if self._strategy.falls else None
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """0…100 by the configured strategy, over the resources of the configuration."""
         wish = self._wish(pod).scored
         plain = nodes.plain(wish.names) if self._strategy.floats else None
@@ -195,12 +195,12 @@ class _Scored:
         self.weights = weights
         self.amounts: Wanted = tuple(zip(range(len(amounts)), amounts.values(), weights.each, strict=True))
 
-    @Lazy
+    @CachedProperty
     def column(self) -> IntArray:
         """What the pod asks for, shape (resources, 1)."""
         return _column([amount for _, amount, _ in self.amounts])
 
-    @Lazy
+    @CachedProperty
     def floats(self) -> FloatArray:
         """The same in float64."""
         return self.column.astype(np.float64)
@@ -217,12 +217,12 @@ class _Wish:
         """The same by name, with a place for one more pod before."""
         self.scored = scored
 
-    @Lazy
+    @CachedProperty
     def places(self) -> tuple[str, ...]:
         """The names in `free`."""
         return ("pods", *self.names)
 
-    @Lazy
+    @CachedProperty
     def column(self) -> IntArray:
         """The amounts in `free`, shape (places, 1)."""
         return _column([amount for _, amount in self.free])
@@ -232,7 +232,7 @@ def _column(amounts: list[int]) -> IntArray:
     return np.array(amounts, dtype=np.int64).reshape(-1, 1)
 
 
-def _verdict(nodes: Nodes, wish: _Wish, short: BoolArray) -> Verdict:
+def _verdict(nodes: Snapshot, wish: _Wish, short: BoolArray) -> Verdict:
     """`short`: what each row lacks, shape (places, rows)."""
     bits = np.zeros(nodes.n, dtype=np.int64)
     for i, lacks in enumerate(short[:MOST_WISHES]):

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from robotapp_api.values.selector import matches_requirements
 from robotapp_scheduler.core.api.core_v1 import Affinity, Namespace, Node, PodAffinityTerm
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import PLACED, Change, Event
 from robotapp_scheduler.core.framework.interface import (
     Beside,
@@ -65,7 +65,7 @@ class InterPodAffinity:
         self._hard_weight = args.hard_pod_affinity_weight
         self._ignore = args.ignore_preferred_terms_of_existing_pods
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """The pod's own affinity, its own anti-affinity, then the anti-affinity of placed pods."""
         terms, pull = self._terms(pod, nodes)
         away = pull[Kind.KEEPS_AWAY]
@@ -91,7 +91,7 @@ class InterPodAffinity:
             codes[~_accompanied(pod, nodes, terms)] = _AFFINITY
         return Verdict(codes == 0, codes=codes, reasons=REASONS, resolvable=RESOLVABLE)
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """Σ weight over the preferred terms of the pod and of the pods in a node's domains, required ones included."""
         terms, pull = self._terms(pod, nodes)
         if self._ignore and not terms.preferred:
@@ -118,7 +118,7 @@ class InterPodAffinity:
         """A pod without terms only minds the terms of others."""
         return self.node_reads if pod.affinity_key else ("labels", "namespaces", "terms")
 
-    def confined(self, pod: PodInfo, nodes: Nodes, position: int) -> bool:
+    def confined(self, pod: PodInfo, nodes: Snapshot, position: int) -> bool:
         """With terms on the hostname only, a pod that comes or goes changes nothing but its own node."""
         topology = nodes.cluster.topology
         terms = topology.terms_of(pod)
@@ -133,7 +133,7 @@ class InterPodAffinity:
             return True
         return any(placed.term.kind is Kind.KEEPS_AWAY and _may_mean(placed.term, pod) for placed in other.terms)
 
-    def beside(self, pod: PodInfo, nodes: Nodes) -> Beside | None:
+    def beside(self, pod: PodInfo, nodes: Snapshot) -> Beside | None:
         """With anti-affinity on the hostname only, of both sides, no other node matters."""
         terms, pull = self._terms(pod, nodes)
         topology = nodes.cluster.topology
@@ -175,7 +175,7 @@ class InterPodAffinity:
         """A pod went that may have kept others away by their labels."""
         return event.resource == "pods" and event.old is not None and bool(_away(event.old.spec.affinity))
 
-    def _terms(self, pod: PodInfo, nodes: Nodes) -> tuple[Terms, Pull]:
+    def _terms(self, pod: PodInfo, nodes: Snapshot) -> tuple[Terms, Pull]:
         topology = nodes.cluster.topology
         terms = topology.terms_of(pod)
         if terms.broken:
@@ -183,7 +183,7 @@ class InterPodAffinity:
         return terms, topology.affinity.pull(pod.shape.label_key)
 
 
-def _values(nodes: Nodes, key: str, *terms: Term) -> IntArray:
+def _values(nodes: Snapshot, key: str, *terms: Term) -> IntArray:
     """Placed pods that all these terms mean, per value of a node label; 0 for nodes without it."""
     topology = nodes.cluster.topology
     matchers = tuple([term.matcher(topology.namespaces) for term in terms])
@@ -192,7 +192,7 @@ def _values(nodes: Nodes, key: str, *terms: Term) -> IntArray:
     return values
 
 
-def _accompanied(pod: PodInfo, nodes: Nodes, terms: Terms) -> BoolArray:
+def _accompanied(pod: PodInfo, nodes: Snapshot, terms: Terms) -> BoolArray:
     """Nodes with a pod, in each domain, that all terms mean; or, without any such pod, where the pod would be the first."""
     keys = tuple(dict.fromkeys(term.topology_key for term in terms.affinity))
     there: list[npt.NDArray[np.bool_]] = [_values(nodes, key, *terms.affinity) > 0 for key in keys]

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import NODE, PLACED, Change, Event
 from robotapp_scheduler.core.framework.interface import MAX_SCORE, AmongResult, Beside, FilterResult, Positions, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
@@ -79,7 +79,7 @@ class PodTopologySpread:
 
     # --- Filter ------------------------------------------------------------------------------------------------------
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """Where the pod would not make the spread of a DoNotSchedule constraint more uneven than it may be."""
         constraints = self._constraints(pod, nodes, HARD)
         if not constraints:
@@ -102,7 +102,7 @@ class PodTopologySpread:
             constraint.wanted.matchers[0].matches(other.namespace, other.labels) for constraint in self._own(pod, HARD)
         )
 
-    def beside(self, pod: PodInfo, nodes: Nodes) -> Beside:
+    def beside(self, pod: PodInfo, nodes: Snapshot) -> Beside:
         """Where the counts without those that go are even enough."""
         constraints = self._constraints(pod, nodes, HARD)
         keys = _keys(constraints)
@@ -116,11 +116,11 @@ class PodTopologySpread:
 
     # --- Score -------------------------------------------------------------------------------------------------------
 
-    def relevant(self, pod: PodInfo, nodes: Nodes) -> bool:
+    def relevant(self, pod: PodInfo, nodes: Snapshot) -> bool:
         """Are there constraints to score by?"""
         return bool(self._constraints(pod, nodes, SOFT))
 
-    def score_among(self, pod: PodInfo, nodes: Nodes, feasible: Positions) -> AmongResult:
+    def score_among(self, pod: PodInfo, nodes: Snapshot, feasible: Positions) -> AmongResult:
         """Fewer matching pods in a node's domains are better; weights grow with the number of domains in view."""
         constraints = self._constraints(pod, nodes, SOFT)
         if not constraints:
@@ -154,12 +154,12 @@ class PodTopologySpread:
 
     # --- Inside ------------------------------------------------------------------------------------------------------
 
-    def _constraints(self, pod: PodInfo, nodes: Nodes, when: str) -> tuple[Constraint, ...]:
+    def _constraints(self, pod: PodInfo, nodes: Snapshot, when: str) -> tuple[Constraint, ...]:
         if not pod.pod.spec.topology_spread_constraints:
             return self._default(pod, nodes, when) if when in self._default_whens else ()
         return self._own(pod, when)
 
-    def _default(self, pod: PodInfo, nodes: Nodes, when: str) -> tuple[Constraint, ...]:
+    def _default(self, pod: PodInfo, nodes: Snapshot, when: str) -> tuple[Constraint, ...]:
         requirements = nodes.cluster.topology.selectors.of(pod)
         if not requirements:
             return ()
@@ -206,7 +206,7 @@ class _Raw(NamedTuple):
 class _Counted:
     """One DoNotSchedule constraint, reckoned for single nodes of which some pods go."""
 
-    def __init__(self, constraint: Constraint, nodes: Nodes, scope: Scope) -> None:
+    def __init__(self, constraint: Constraint, nodes: Snapshot, scope: Scope) -> None:
         domains = constraint.counter(nodes).domains(constraint.key, scope)
         self._constraint = constraint
         self._scope = scope
@@ -248,7 +248,7 @@ def _keys(constraints: Sequence[Constraint]) -> tuple[str, ...]:
     return (constraints[0].key,) if len(constraints) == 1 else tuple(dict.fromkeys([each.key for each in constraints]))
 
 
-def _verdicts(constraint: Constraint, pod: PodInfo, nodes: Nodes, keys: tuple[str, ...]) -> npt.NDArray[np.int8]:
+def _verdicts(constraint: Constraint, pod: PodInfo, nodes: Snapshot, keys: tuple[str, ...]) -> npt.NDArray[np.int8]:
     """What to say about a node, per code of its label: 0 fine, else an index of REASONS."""
     domains = constraint.counter(nodes).domains(constraint.key, scope_of(pod, nodes, constraint, keys))
     present = domains.present
@@ -259,7 +259,7 @@ def _verdicts(constraint: Constraint, pod: PodInfo, nodes: Nodes, keys: tuple[st
     return found
 
 
-def _burden(constraint: Constraint, pod: PodInfo, nodes: Nodes, soft: _Soft, view: _View) -> _Burden:
+def _burden(constraint: Constraint, pod: PodInfo, nodes: Snapshot, soft: _Soft, view: _View) -> _Burden:
     """Count · ln(domains + 2) + maxSkew - 1 per feasible node; 0 where the label is absent."""
     counter = constraint.counter(nodes)
     if constraint.key == HOSTNAME:

@@ -10,7 +10,7 @@ from robotapp_api.model.names import Label
 from robotapp_api.values.selector import Expression, label_requirements, matches_requirements
 from robotapp_scheduler.core.api.core_v1 import Pod, TopologySpreadConstraint
 from robotapp_scheduler.core.api.topology_labels import ZONE
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -57,7 +57,7 @@ class Constraint(NamedTuple):
     honor_affinity: bool
     honor_taints: bool
 
-    def counter(self, nodes: Nodes) -> Counter:
+    def counter(self, nodes: Snapshot) -> Counter:
         """The pods it counts."""
         return nodes.cluster.topology.counter(self.wanted)
 
@@ -84,7 +84,7 @@ def default_constraints(
     return tuple(_constraint(raw, pod, requirements) for raw in defaults if raw.when_unsatisfiable == when)
 
 
-def scope_of(pod: PodInfo, nodes: Nodes, constraint: Constraint, required_keys: tuple[str, ...]) -> Scope:
+def scope_of(pod: PodInfo, nodes: Snapshot, constraint: Constraint, required_keys: tuple[str, ...]) -> Scope:
     """The rows whose pods count: all required keys present, node affinity and taints as the policies say."""
     table = nodes.cluster.nodes
     key = (
@@ -95,7 +95,7 @@ def scope_of(pod: PodInfo, nodes: Nodes, constraint: Constraint, required_keys: 
     stamp = (table.generation, table.taint_generation if constraint.honor_taints else 0)
 
     def mask() -> BoolArray:  # an expression here would be evaluated for every pod
-        every = Nodes(nodes.cluster)
+        every = Snapshot(nodes.cluster)
         found = every.valid.copy()
         for name in required_keys:
             found &= every.label(name).exists

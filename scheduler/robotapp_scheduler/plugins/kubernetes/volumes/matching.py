@@ -18,7 +18,7 @@ from robotapp_scheduler.core.api.storage_v1 import (
     PersistentVolume,
     StorageClass,
 )
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
@@ -61,7 +61,7 @@ class Match(NamedTuple):
     made: tuple[Made, ...]
 
 
-def match(nodes: Nodes, claims: Sorted, store: Volumes, reach: Reach) -> Match:
+def match(nodes: Snapshot, claims: Sorted, store: Volumes, reach: Reach) -> Match:
     """Judge every node in view. Raises PluginError when a claim's class has disappeared."""
     bits = _bound(nodes, claims.bound, store, reach)
     if not claims.delayed:
@@ -83,7 +83,7 @@ def match(nodes: Nodes, claims: Sorted, store: Volumes, reach: Reach) -> Match:
     return Match(bits, given, made)
 
 
-def _bound(nodes: Nodes, claims: Sequence[Claim], store: Volumes, reach: Reach) -> IntArray:
+def _bound(nodes: Snapshot, claims: Sequence[Claim], store: Volumes, reach: Reach) -> IntArray:
     """The first bound claim that speaks against a node decides."""
     bits = np.zeros(nodes.n, dtype=np.int64)
     open_ = np.ones(nodes.n, dtype=np.bool_)
@@ -99,7 +99,7 @@ def _bound(nodes: Nodes, claims: Sequence[Claim], store: Volumes, reach: Reach) 
     return bits
 
 
-def _within_reach(volume: PersistentVolume, nodes: Nodes, store: Volumes, reach: Reach) -> BoolArray | None:
+def _within_reach(volume: PersistentVolume, nodes: Snapshot, store: Volumes, reach: Reach) -> BoolArray | None:
     """Nodes that reach a bound volume, None for all; where its CSI driver attaches it, that driver's labels count."""
     plain = reach.mask(volume, nodes) if volume.affinity is not None else None
     kind = volume.in_tree
@@ -121,7 +121,7 @@ def _within_reach(volume: PersistentVolume, nodes: Nodes, store: Volumes, reach:
 # --- Volumes that exist ------------------------------------------------------------------------------------------------
 
 
-def _give(nodes: Nodes, claims: Sequence[Claim], store: Volumes, reach: Reach) -> tuple[Given, ...]:
+def _give(nodes: Snapshot, claims: Sequence[Claim], store: Volumes, reach: Reach) -> tuple[Given, ...]:
     used: dict[str, BoolArray] = {}
     """Volumes that smaller claims of the pod have taken, and where."""
     found: list[Given] = []
@@ -181,7 +181,9 @@ def _free_for(volume: PersistentVolume, claim: Claim) -> bool:
 # --- Volumes to be made ------------------------------------------------------------------------------------------------
 
 
-def _make(nodes: Nodes, wanting: Sequence[tuple[Claim, BoolArray]], store: Volumes, bits: IntArray) -> tuple[Made, ...]:
+def _make(
+    nodes: Snapshot, wanting: Sequence[tuple[Claim, BoolArray]], store: Volumes, bits: IntArray
+) -> tuple[Made, ...]:
     """Per claim the nodes where its volume can be made; the first claim that cannot be made on a node decides there."""
     open_ = np.ones(nodes.n, dtype=np.bool_)
     made: list[Made] = []
@@ -204,14 +206,14 @@ def _make(nodes: Nodes, wanting: Sequence[tuple[Claim, BoolArray]], store: Volum
     return tuple(made)
 
 
-def _provisionable(nodes: Nodes, storage_class: StorageClass) -> BoolArray:
+def _provisionable(nodes: Snapshot, storage_class: StorageClass) -> BoolArray:
     if storage_class.provisioner in {"", NO_PROVISIONER}:
         return np.zeros(nodes.n, dtype=np.bool_)
     return topology_mask(nodes, storage_class.allowed_topologies)
 
 
 def _room(
-    nodes: Nodes, claim: Claim, storage_class: StorageClass, store: Volumes
+    nodes: Snapshot, claim: Claim, storage_class: StorageClass, store: Volumes
 ) -> tuple[Sequence[CSIStorageCapacity] | None, IntArray]:
     """Per node the report of free room that suffices, -1 for none; no list when the driver does not report any."""
     chosen = np.full(nodes.n, -1, dtype=np.int64)

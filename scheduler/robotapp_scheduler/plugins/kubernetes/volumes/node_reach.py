@@ -9,7 +9,7 @@ import numpy.typing as npt
 from robotapp_api.values.selector import matches_requirement, valid_requirement, valid_term
 from robotapp_scheduler.core.api.core_v1 import NodeSelector, NodeSelectorTerm, Requirement
 from robotapp_scheduler.core.api.storage_v1 import PersistentVolume, TopologyTerm
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.plugins.kubernetes.common.node_selector import expression_mask, labels_mask, term_mask
 
@@ -24,7 +24,7 @@ class Reach:
         self._by_volume: dict[str, tuple[PersistentVolume, Positions]] = {}
         self._by_affinity: dict[NodeSelector, Positions] = {}
 
-    def mask(self, volume: PersistentVolume, nodes: Nodes) -> BoolArray:
+    def mask(self, volume: PersistentVolume, nodes: Snapshot) -> BoolArray:
         """Nodes that can reach the volume."""
         if volume.affinity is None:
             return np.ones(nodes.n, dtype=np.bool_)
@@ -34,7 +34,7 @@ class Reach:
         mask[self.positions(volume, nodes)] = True
         return mask
 
-    def positions(self, volume: PersistentVolume, nodes: Nodes) -> Positions:
+    def positions(self, volume: PersistentVolume, nodes: Snapshot) -> Positions:
         """The same as positions in the view."""
         affinity = volume.affinity
         if affinity is None:
@@ -56,7 +56,7 @@ class Reach:
         return found
 
 
-def affinity_mask(nodes: Nodes, affinity: NodeSelector) -> BoolArray:
+def affinity_mask(nodes: Snapshot, affinity: NodeSelector) -> BoolArray:
     """Nodes whose labels match one of the terms. Fields are tested as for a node without a name."""
     mask = np.zeros(nodes.n, dtype=np.bool_)
     for term in affinity.node_selector_terms:
@@ -68,7 +68,7 @@ def affinity_mask(nodes: Nodes, affinity: NodeSelector) -> BoolArray:
     return mask
 
 
-def topology_mask(nodes: Nodes, terms: Sequence[TopologyTerm]) -> BoolArray:
+def topology_mask(nodes: Snapshot, terms: Sequence[TopologyTerm]) -> BoolArray:
     """Nodes in one of a class's allowed topologies; no terms allow every node, an empty term allows none."""
     if not terms:
         return np.ones(nodes.n, dtype=np.bool_)
@@ -85,7 +85,7 @@ def topology_mask(nodes: Nodes, terms: Sequence[TopologyTerm]) -> BoolArray:
     return mask
 
 
-def selector_mask(nodes: Nodes, selector: Mapping[str, Any] | None) -> BoolArray:
+def selector_mask(nodes: Snapshot, selector: Mapping[str, Any] | None) -> BoolArray:
     """Nodes whose labels match a label selector (plain JSON); None and an invalid one match none, {} matches all."""
     if selector is None:
         return np.zeros(nodes.n, dtype=np.bool_)

@@ -5,7 +5,7 @@ from collections.abc import Hashable
 import msgspec
 import numpy as np
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult, PreFilter, ScoreResult, Verdict
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -64,7 +64,7 @@ class VolumeBinding:
         """Does the pod mount claims?"""
         return pod.volumes is not None and bool(pod.volumes.claims)
 
-    def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:
+    def pre_filter(self, pod: PodInfo, nodes: Snapshot) -> PreFilter | None:
         """Refuses a pod with a claim that is missing, lost, on its way out, or to be bound before it is scheduled."""
         if not self.narrows(pod):
             return None
@@ -72,14 +72,14 @@ class VolumeBinding:
         text = trouble(pod, store) or (UNBOUND if sorted_claims(pod, store).immediate else "")
         return unresolvable(text) if text else None
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True where every claim has its volume in reach or could get one; no opinion without claims."""
         if pod.volumes is None or not pod.volumes.claims:
             return None
         bits = self._match(pod, nodes).bits
         return Verdict(bits == 0, codes=bits, reasons=TEXTS)
 
-    def score(self, pod: PodInfo, nodes: Nodes) -> ScoreResult:
+    def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """How empty the chosen volumes stay; 0 everywhere for a pod without unbound claims."""
         if not self._scores or pod.volumes is None or not pod.volumes.claims:
             return None
@@ -88,7 +88,7 @@ class VolumeBinding:
             return np.zeros(nodes.n, dtype=np.int64)
         return score(found, nodes.cluster.volumes, self._points)
 
-    def plan(self, pod: PodInfo, nodes: Nodes) -> VolumePlan | None:
+    def plan(self, pod: PodInfo, nodes: Snapshot) -> VolumePlan | None:
         """What placing the pod on the one node in view asks of its claims; None when all are bound."""
         if pod.volumes is None or not sorted_claims(pod, nodes.cluster.volumes).delayed:
             return None
@@ -121,7 +121,7 @@ class VolumeBinding:
                 return old is None or room_grew(old, new)
         return True
 
-    def _match(self, pod: PodInfo, nodes: Nodes) -> Match:
+    def _match(self, pod: PodInfo, nodes: Snapshot) -> Match:
         state = _state(pod, nodes) if nodes.full else None
         if state is not None and self._last[0] == state and self._last[1] is not None:
             return self._last[1]
@@ -132,7 +132,7 @@ class VolumeBinding:
         return found
 
 
-def _state(pod: PodInfo, nodes: Nodes) -> Hashable:
+def _state(pod: PodInfo, nodes: Snapshot) -> Hashable:
     """Everything a match over all nodes depends on."""
     cluster = nodes.cluster
     return (id(cluster), pod.uid, cluster.volumes.key_of(pod), cluster.nodes.generation, cluster.nodes.size)

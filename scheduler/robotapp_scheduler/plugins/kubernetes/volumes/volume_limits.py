@@ -5,7 +5,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult, PluginError, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray
@@ -40,7 +40,7 @@ class NodeVolumeLimits:
     def __init__(self, args: VolumeLimitsArgs | None = None) -> None:
         self._asks_for_driver = is_new((args or VolumeLimitsArgs()).compat_version)
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True where all drivers are installed that insist on it, and no limit is passed."""
         if not _attaches(pod.volumes):
             return None
@@ -92,7 +92,7 @@ def _attaches(volumes: PodVolumes | None) -> bool:
     return volumes is not None and bool(volumes.claims or volumes.drives)
 
 
-def _check_drives(pod: PodInfo, nodes: Nodes, store: Volumes) -> None:
+def _check_drives(pod: PodInfo, nodes: Snapshot, store: Volumes) -> None:
     """Raises PluginError for an inline disk its driver cannot know, once a node has drivers at all."""
     for drive in pod.volumes.drives if pod.volumes is not None else ():
         if drive.problem and not store.csi_nodes.keys().isdisjoint(nodes.names):
@@ -117,14 +117,14 @@ def _wanted(pod: PodInfo, store: Volumes) -> tuple[dict[str, set[str]], set[str]
     return found, certain
 
 
-def _lacks(driver: str, nodes: Nodes, store: Volumes, *, anywhere: bool) -> BoolArray:
+def _lacks(driver: str, nodes: Snapshot, store: Volumes, *, anywhere: bool) -> BoolArray:
     """Nodes without the driver; not `anywhere` = only those that have a CSINode at all."""
     known = store.csi_nodes
     installed = {name for name, node in known.items() if any(other.name == driver for other in node.drivers)}
     return np.array([name not in installed and (anywhere or name in known) for name in nodes.names], dtype=np.bool_)
 
 
-def _passes_limit(driver: str, handles: set[str], nodes: Nodes, store: Volumes) -> BoolArray:
+def _passes_limit(driver: str, handles: set[str], nodes: Snapshot, store: Volumes) -> BoolArray:
     limits = store.limits.get(driver)
     if not limits:
         return np.zeros(nodes.n, dtype=np.bool_)

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from robotapp_scheduler.core.api.storage_v1 import ONE_POD
-from robotapp_scheduler.core.cache.snapshot import Nodes
+from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult, PreFilter, Verdict
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
@@ -33,14 +33,14 @@ class VolumeRestrictions:
         """Has the pod volumes that decide anything?"""
         return pod.volumes is not None
 
-    def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:
+    def pre_filter(self, pod: PodInfo, nodes: Snapshot) -> PreFilter | None:
         """Refuses a pod that names a claim nobody has made."""
         if not self.narrows(pod):
             return None
         lacking = next((name for name, claim in named_claims(pod, nodes.cluster.volumes) if claim is None), None)
         return unresolvable(missing(lacking)) if lacking is not None else None
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """False everywhere while another pod uses a one-pod claim, and where a disk is mounted by another pod."""
         if pod.volumes is None:
             return None

@@ -7,7 +7,7 @@ import numpy as np
 from robotapp_scheduler.core.api.core_v1 import Requirement
 from robotapp_scheduler.core.api.storage_v1 import Claim, PersistentVolume
 from robotapp_scheduler.core.api.topology_labels import SEPARATOR, TODAY
-from robotapp_scheduler.core.cache.snapshot import LabelColumn, Nodes
+from robotapp_scheduler.core.cache.snapshot import LabelColumn, Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult, PreFilter
 from robotapp_scheduler.core.nodes.columns import BoolArray
@@ -34,7 +34,7 @@ class VolumeZone:
         """Has the pod volumes that decide anything?"""
         return pod.volumes is not None
 
-    def pre_filter(self, pod: PodInfo, nodes: Nodes) -> PreFilter | None:
+    def pre_filter(self, pod: PodInfo, nodes: Snapshot) -> PreFilter | None:
         """Refuses a pod whose claims cannot be followed to a volume and will not be bound by the scheduler."""
         if not self.narrows(pod):
             return None
@@ -45,7 +45,7 @@ class VolumeZone:
                 return unresolvable(text)
         return None
 
-    def filter(self, pod: PodInfo, nodes: Nodes) -> FilterResult:
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True where every label of every bound volume holds."""
         if pod.volumes is None or not pod.volumes.claims:
             return None
