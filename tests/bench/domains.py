@@ -31,7 +31,7 @@ from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.shell.binding import claim_reserver
-from robotapp_scheduler.shell.binding.claim_reserver import Readiness, Reserver
+from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver, Readiness
 from robotapp_testbed import ControlPlane, product
 from robotapp_testbed.namespaces import created
 
@@ -135,7 +135,7 @@ async def _noting(on: bool) -> AsyncIterator[None]:
 
 async def _bare(place: Live, pods: list[Json], arguments: argparse.Namespace) -> None:
     turn = asyncio.Semaphore(arguments.at_once)
-    reserver = Reserver(place.scheduler)
+    reserver = ClaimReserver(place.scheduler)
 
     async def one(body: Json) -> None:
         async with turn:
@@ -148,7 +148,7 @@ async def _bare(place: Live, pods: list[Json], arguments: argparse.Namespace) ->
 
 
 async def _members(place: Live, pods: list[Json], arguments: argparse.Namespace) -> None:
-    reserver, turn = Reserver(place.scheduler), asyncio.Semaphore(arguments.at_once)
+    reserver, turn = ClaimReserver(place.scheduler), asyncio.Semaphore(arguments.at_once)
 
     async def bind(body: Json) -> None:
         async with turn:

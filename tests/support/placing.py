@@ -22,7 +22,7 @@ from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.binding.binder import BindOutcome, BindResult
-from robotapp_scheduler.shell.binding.binding_cycle import Placer
+from robotapp_scheduler.shell.binding.binding_cycle import BindingCycle
 from robotapp_scheduler.shell.binding.claim_reserver import READY, Reserved
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.planner.planner import Planner
@@ -151,7 +151,7 @@ class Rig:
         self.metrics = Metrics(CollectorRegistry())
         self.waiting: dict[str, Pod] = {}
         self.evicted: list[tuple[Plan, PodInfo]] = []
-        placer = Placer(
+        placer = BindingCycle(
             self.core,
             binder=self.io,  # type: ignore[arg-type]
             reserver=self.io,  # type: ignore[arg-type]

@@ -19,7 +19,7 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.device_index import Device, DeviceGrant
 from robotapp_scheduler.shell.binding import claim_reserver
-from robotapp_scheduler.shell.binding.claim_reserver import Readiness, Reserver
+from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver, Readiness
 
 NODE = "edge-1"
 CAN = Device(id="can-can0", type="can", interface="can0")
@@ -48,7 +48,7 @@ class World:
             assert body is not None
             if body["spec"].get("nodeName"):
                 return
-            reserver = Reserver(client)  # type: ignore[arg-type]  # the verbs that claims use
+            reserver = ClaimReserver(client)  # type: ignore[arg-type]  # the verbs that claims use
             found = await reserver.things(PodInfo(msgspec.convert(body, Pod)), NODE, (grant,))
             if found.readiness is not Readiness.READY:
                 return

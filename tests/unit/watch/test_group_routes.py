@@ -15,7 +15,7 @@ from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_group_index import COSCHEDULING, GroupRef
 from robotapp_scheduler.shell.informers import informers as feeding
-from robotapp_scheduler.shell.informers.informers import Feed
+from robotapp_scheduler.shell.informers.informers import Informers
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 
 
@@ -36,7 +36,7 @@ async def test_they_cost_one_question_each_until_a_pod_names_one(monkeypatch: py
             return sum(found == path for _, found in server.requests)
 
         monkeypatch.setattr(client, "request", request)
-        feed = Feed(client, cluster, on_pod=lambda _: Change.NONE, on_change=lambda _: None, metrics=Metrics())
+        feed = Informers(client, cluster, on_pod=lambda _: Change.NONE, on_change=lambda _: None, metrics=Metrics())
         task = asyncio.create_task(feed.run())
         await until(lambda: asked(ROBOTAPPS.root) >= 5, what="several looks for our own CRDs")
         assert [asked(root) for root in roots] == [1, 1]

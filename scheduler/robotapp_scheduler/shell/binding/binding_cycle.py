@@ -22,8 +22,8 @@ from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.binding.binder import Binder, BindOutcome, BindResult
-from robotapp_scheduler.shell.binding.claim_reserver import READY, Readiness, Reserved, Reserver, wants
-from robotapp_scheduler.shell.binding.extension_points import BindSteps, Refused, failed_step
+from robotapp_scheduler.shell.binding.claim_reserver import READY, ClaimReserver, Readiness, Reserved, wants
+from robotapp_scheduler.shell.binding.extension_points import ExtensionPoints, Refused, failed_step
 from robotapp_scheduler.shell.binding.resource_claim_users import ClaimUsers
 from robotapp_scheduler.shell.binding.volume_binder import VolumeWriter
 from robotapp_scheduler.shell.metrics.metrics import AttemptResult, Metrics
@@ -47,7 +47,7 @@ VERSION_TRIES = 3
 CHANGING = "the pod, or the node chosen for it, changed at every try"
 
 
-class Placer:
+class BindingCycle:
     """One instance per process; `place` is awaited once per decided pod, but for a plain one: `send`."""
 
     def __init__(
@@ -55,7 +55,7 @@ class Placer:
         core: SchedulerCore,
         *,
         binder: Binder,
-        reserver: Reserver,
+        reserver: ClaimReserver,
         reporter: Reporter,
         metrics: Metrics,
         volumes: VolumeWriter,
@@ -178,7 +178,7 @@ class Placer:
             self._unready(decision, checked, started_s)
             return
         profile = self._core.engine(decision.pod.scheduler_name).profile
-        async with BindSteps(profile, decision.pod, self._timer, self._reporter.promise) as steps:
+        async with ExtensionPoints(profile, decision.pod, self._timer, self._reporter.promise) as steps:
             found = await self._brought(decision, steps, started_s)
             if found is None:
                 return
@@ -190,7 +190,7 @@ class Placer:
                 await steps.finish()
 
     async def _brought(
-        self, decision: ScheduleResult, steps: BindSteps, started_s: float
+        self, decision: ScheduleResult, steps: ExtensionPoints, started_s: float
     ) -> tuple[ScheduleResult, BindOutcome] | None:
         """Everything up to the bind's answer; None = the pod went back on the way."""
         lost: set[str] = set()

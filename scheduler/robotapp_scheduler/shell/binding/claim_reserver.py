@@ -54,7 +54,7 @@ class Readiness(StrEnum):
 class Reserved:
     """`annotations` and `resource_version` go into the Binding; `reason` and `message` to the user otherwise.
 
-    sharing: what is held until the pod is bound (`Reserver.bound`).
+    sharing: what is held until the pod is bound (`ClaimReserver.bound`).
     """
 
     readiness: Readiness
@@ -68,7 +68,7 @@ class Reserved:
 READY = Reserved(Readiness.READY)
 
 
-class Reserver:
+class ClaimReserver:
     """Bind checks and device claims through one client. `known_claims`: from the cache, so that nobody tries a taken domain."""
 
     def __init__(self, client: ApiClient, *, known_claims: Callable[[], Collection[Claim]] = tuple) -> None:

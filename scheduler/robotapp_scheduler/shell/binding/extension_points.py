@@ -48,7 +48,7 @@ class Refused(NamedTuple):
     message: str
 
 
-class BindSteps:
+class ExtensionPoints:
     """The steps of one attempt: `async with` them, `run` on the chosen node, and `finish` once the pod is bound."""
 
     def __init__(self, profile: Profile, pod: PodInfo, timer: PointTimer, promise: Promise) -> None:

@@ -47,7 +47,7 @@ class _Served(msgspec.Struct):
     resources: list[_Name] = []
 
 
-class Feed:
+class Informers:
     """All reflectors. `run` until cancelled; `synced` once everything there was at the start is in the cluster.
 
     `on_change` is told what changed (never nothing) after the cluster has taken it in.

@@ -12,7 +12,7 @@ from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
 from robotapp_scheduler.shell.status.pod_status import Reporter
 
 
-class Intake:
+class PodHandler:
     """Pods of every scheduler count in the cluster; only ours are queued.
 
     Keeps the newest version of each of our pods that still waits, by uid: a failed bind goes on with that one.

@@ -34,7 +34,7 @@ MARK: Final = "asking"
 DEATHS: Final = "deaths.json"
 
 
-class Death(msgspec.Struct, frozen=True):
+class CrashRecord(msgspec.Struct, frozen=True):
     """What was asked when the process died. `alike` is the uid of the pod's controller, else its own."""
 
     plugin: str
@@ -63,10 +63,10 @@ class _Memory(msgspec.Struct):
     """The file. What was learnt under another configuration does not count."""
 
     digest: str
-    deaths: list[Death] = []
+    deaths: list[CrashRecord] = []
 
 
-class Vigil:
+class CrashJournal:
     """Call it with (plugin, hook, pod) and hold it while the plugin is asked; one question at a time."""
 
     def __init__(self, folder: Path, digest: str) -> None:
@@ -88,7 +88,7 @@ class Vigil:
         return f"<Vigil in {self._file.parent}, {len(self._deaths)} deaths>"
 
     @property
-    def barred(self) -> list[Death]:
+    def barred(self) -> list[CrashRecord]:
         """The questions that are not asked any more."""
         return [death for death in self._deaths.values() if death.counts]
 
@@ -115,7 +115,7 @@ class Vigil:
     def stuck(self, plugin: str, hook: str, pod: PodInfo) -> None:
         """The process is about to end, because this hook cannot be broken off."""
         self._clear()
-        self._add(Death(plugin, hook, pod.key, _alike(pod), stuck=True))
+        self._add(CrashRecord(plugin, hook, pod.key, _alike(pod), stuck=True))
 
     def start_anew(self, digest: str) -> None:
         """Another configuration is in use: everything may be asked again."""
@@ -130,7 +130,7 @@ class Vigil:
             if not is_ours(loaded.plugin):
                 loaded.vigil = self
 
-    def _add(self, death: Death) -> None:
+    def _add(self, death: CrashRecord) -> None:
         known = self._deaths.pop((death.plugin, death.alike), None)
         if known is not None:
             death = msgspec.structs.replace(death, times=known.times + 1, stuck=known.stuck or death.stuck)
@@ -142,16 +142,16 @@ class Vigil:
     def _clear(self) -> None:
         self._page[0:2] = b"\0\0"
 
-    def _left(self) -> Death | None:
+    def _left(self) -> CrashRecord | None:
         """What was being asked when a process before us ended."""
         length = int.from_bytes(self._page[0:2], "little")
         parts = self._page[2 : 2 + length].decode(errors="replace").split("\n") if length else []
         if len(parts) != NOTED or parts[0] != self._digest:
             return None
         _, plugin, hook, pod, alike = parts
-        return Death(plugin, hook, pod, alike)
+        return CrashRecord(plugin, hook, pod, alike)
 
-    def _read(self) -> Iterable[Death]:
+    def _read(self) -> Iterable[CrashRecord]:
         try:
             with open(self._file, "rb", opener=_no_link) as file:
                 memory = msgspec.json.decode(file.read(), type=_Memory)
@@ -174,12 +174,12 @@ class Vigil:
             log.warning("%s cannot be written: %s", self._file, error)
 
 
-def opened(folder: Path | None, digest: str) -> Vigil | None:
+def opened(folder: Path | None, digest: str) -> CrashJournal | None:
     """A vigil in this folder; None without one, and (told) where it cannot be used: pods are placed all the same."""
     if folder is None:
         return None
     try:
-        vigil = Vigil(folder, digest)
+        vigil = CrashJournal(folder, digest)
     except OSError as error:
         log.warning("--state-dir: plugins that end the process will not be remembered: %s", error)
         return None

@@ -18,11 +18,11 @@ from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
-from robotapp_scheduler.shell.binding.binding_cycle import Placer
+from robotapp_scheduler.shell.binding.binding_cycle import BindingCycle
 from robotapp_scheduler.shell.binding.claim_reserver import READY, Reserved
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.planner.planner import Planner
-from robotapp_scheduler.shell.process.response_batching import Gathering
+from robotapp_scheduler.shell.process.response_batching import ResponseBatching
 from robotapp_scheduler.shell.status.pod_group_status import GroupReporter
 from robotapp_scheduler.shell.status.pod_status import Reporter
 
@@ -45,7 +45,7 @@ class SchedulerLoop:
     def __init__(
         self,
         core: SchedulerCore,
-        placer: Placer,
+        placer: BindingCycle,
         reporter: Reporter,
         metrics: Metrics,
         *,
@@ -68,7 +68,7 @@ class SchedulerLoop:
         self._slots = in_flight
         """Free ones: each batch takes one, until it is bound or waits for something that may take long."""
         self._freed = 0
-        self._gathering = Gathering(lambda: self._slots < in_flight // 2, lambda: self._freed)
+        self._gathering = ResponseBatching(lambda: self._slots < in_flight // 2, lambda: self._freed)
         self._tasks: set[asyncio.Task[None]] = set()
         self._sent = 0
         self._landed = asyncio.Event()

@@ -32,15 +32,15 @@ from robotapp_scheduler.port.pages import pages
 from robotapp_scheduler.port.request_handler import RequestHandler
 from robotapp_scheduler.port.supervisor import PortSupervisor
 from robotapp_scheduler.shell.binding.binder import Binder
-from robotapp_scheduler.shell.binding.binding_cycle import Placer
-from robotapp_scheduler.shell.binding.claim_reserver import Reserver, granted_pods
+from robotapp_scheduler.shell.binding.binding_cycle import BindingCycle
+from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver, granted_pods
 from robotapp_scheduler.shell.binding.evictor import Evictor
 from robotapp_scheduler.shell.binding.resource_claim_users import ClaimUsers
 from robotapp_scheduler.shell.binding.volume_binder import INTERESTING, VolumeWriter
 from robotapp_scheduler.shell.config.reload import Reloader, Running, first
 from robotapp_scheduler.shell.config.sources import LastGood, NoSource, Source, sources
-from robotapp_scheduler.shell.informers.informers import Feed
-from robotapp_scheduler.shell.informers.pod_handler import Intake
+from robotapp_scheduler.shell.informers.informers import Informers
+from robotapp_scheduler.shell.informers.pod_handler import PodHandler
 from robotapp_scheduler.shell.metrics.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import Stopwatch, time_plugins
@@ -136,7 +136,7 @@ class Scheduler:
         self.events = PodEvents(client, names)
         self.reporter = Reporter(client, self.events, permitted=self._may_act)
         self.refusals = KubeletRefusals(client, self.events, self.metrics)
-        self.intake = Intake(
+        self.intake = PodHandler(
             self.core.cluster,
             self.core.queue,
             self.reporter,
@@ -145,7 +145,7 @@ class Scheduler:
             per_container=self.running.config.sums_per_container,
         )
         self.domains = DomainClaims()
-        self.feed = Feed(
+        self.feed = Informers(
             client, self.core.cluster, on_pod=self.intake.take, on_change=self._changed, metrics=self.metrics
         )
 
@@ -158,10 +158,10 @@ class Scheduler:
         self.evictor = Evictor(
             self.core, client, self.events, self.metrics, clock=CLOCK, permitted=self._may_act, wake=self._wake
         )
-        placer = Placer(
+        placer = BindingCycle(
             self.core,
             binder=Binder(client, permitted=self._may_act),
-            reserver=Reserver(client, known_claims=self.domains.held),
+            reserver=ClaimReserver(client, known_claims=self.domains.held),
             reporter=self.reporter,
             metrics=self.metrics,
             volumes=self.volumes,

@@ -24,7 +24,7 @@ def _rest(seconds: float) -> None:
     select.select((), (), (), seconds)
 
 
-class Gathering:
+class ResponseBatching:
     """`begin` when there may be load; from then on the event loop rests whenever it has nothing to do, until there is none.
 
     `taken` counts the answers since the start; the rests grow and shrink with how many came during the last one.

@@ -38,7 +38,7 @@ DUMP_BEATS: Final = 5
 OURS: Final = frozenset({"robotapp_scheduler", "robotapp_api"})
 
 
-class Asked(NamedTuple):
+class PluginCall(NamedTuple):
     """A hook of a plugin that has not answered yet."""
 
     plugin: str
@@ -51,14 +51,14 @@ class Asked(NamedTuple):
         return f" about pod {self.pod.key}" if self.pod is not None else ""
 
 
-ASKING: Final[Mapping[tuple[str, str], Callable[[Mapping[str, Any]], Asked]]] = {
-    ("robotapp_scheduler.core.framework.third_party", "asked"): lambda known: Asked(
+ASKING: Final[Mapping[tuple[str, str], Callable[[Mapping[str, Any]], PluginCall]]] = {
+    ("robotapp_scheduler.core.framework.third_party", "asked"): lambda known: PluginCall(
         known["plugin"], known["hook"], next((each for each in known["args"] if isinstance(each, PodInfo)), None)
     ),
-    ("robotapp_scheduler.core.framework.queueing_hint", "wants"): lambda known: Asked(
+    ("robotapp_scheduler.core.framework.queueing_hint", "wants"): lambda known: PluginCall(
         known["self"].plugin, "hint", known["pod"]
     ),
-    ("robotapp_scheduler.shell.binding.extension_points", "_ask"): lambda known: Asked(
+    ("robotapp_scheduler.shell.binding.extension_points", "_ask"): lambda known: PluginCall(
         known["loaded"].name, known["hook"], known["pod"]
     ),
 }
@@ -131,7 +131,7 @@ class Watchdog:
             self._raised += 1
             raise Overdue(f"did not answer within {waited_s:g} s and was broken off")
 
-    def _give_up(self, asked: Asked) -> None:
+    def _give_up(self, asked: PluginCall) -> None:
         """`sys.exit` would be swallowed too. Whoever leads next meets the same pod; `last_words` may spare us that."""
         log.critical(
             "%s of plugin %s cannot be broken off%s, it catches BaseException: the process ends. Take the plugin out of the "
@@ -151,11 +151,11 @@ def _asking(frame: FrameType | None) -> FrameType | None:
     return frame if frame is not inner and frame is not None and _place(frame) in ASKING else None
 
 
-def _asked(asking: FrameType | None) -> Asked | None:
+def _asked(asking: FrameType | None) -> PluginCall | None:
     return None if asking is None else ASKING[_place(asking)](asking.f_locals)
 
 
-def _told(asked: Asked | None, frame: FrameType, waited_s: float) -> str:
+def _told(asked: PluginCall | None, frame: FrameType, waited_s: float) -> str:
     if asked is not None:
         return (
             f"{asked.hook} of plugin {asked.plugin} has not answered for {waited_s:g} s{asked.about}: it is broken off"

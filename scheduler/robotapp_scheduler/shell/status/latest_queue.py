@@ -8,7 +8,7 @@ Key = TypeVar("Key")
 Word = TypeVar("Word")
 
 
-class Newest(Generic[Key, Word]):
+class LatestQueue(Generic[Key, Word]):
     """Words by key, taken in the order in which their keys came; a newer word takes the place of one not yet taken."""
 
     def __init__(self) -> None:

@@ -19,7 +19,7 @@ from robotapp_scheduler.core.api.pod_group import INITIALLY_SCHEDULED, PodGroup
 from robotapp_scheduler.core.cycle.all_or_nothing import UNSCHEDULABLE_GROUP
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.pods.pod_group_index import WORKLOADS, GroupRef, PodGroups
-from robotapp_scheduler.shell.status.latest_queue import Newest
+from robotapp_scheduler.shell.status.latest_queue import LatestQueue
 from robotapp_scheduler.shell.status.pod_status import utc_now
 
 log = logging.getLogger(__name__)
@@ -66,7 +66,7 @@ class GroupReporter:
         self._groups = groups
         self._permitted = permitted
         self._now = now
-        self._waiting: Newest[GroupRef, _Record] = Newest()
+        self._waiting: LatestQueue[GroupRef, _Record] = LatestQueue()
         self._records: dict[GroupRef, _Record] = {}
 
     def __repr__(self) -> str:

@@ -28,7 +28,7 @@ from robotapp_api.values.buckets import Buckets
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.schedule_result import skipped_deleting
 from robotapp_scheduler.shell.status import messages
-from robotapp_scheduler.shell.status.latest_queue import Newest
+from robotapp_scheduler.shell.status.latest_queue import LatestQueue
 
 log = logging.getLogger(__name__)
 
@@ -89,7 +89,7 @@ class Reporter:
         self._changes = Buckets(per_s=1 / CHANGE_S, burst=CHANGES, clock=client.clock)
         self._held: dict[str, tuple[float, Callable[[], None]]] = {}
         """Words that came too soon after others: when they are due, and how they are said."""
-        self._waiting: Newest[str, _Text] = Newest()
+        self._waiting: LatestQueue[str, _Text] = LatestQueue()
         self._writing: set[str] = set()
         self._later: dict[str, _Text] = {}
         """What is to be said of pods of which something is being said: two words on their way may overtake each other."""

@@ -20,9 +20,9 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.shell.binding.claim_reserver import (
+    ClaimReserver,
     Readiness,
     Reserved,
-    Reserver,
     domain_wish,
     granted_pods,
     holder_of,
@@ -52,14 +52,14 @@ async def stored(client: ApiClient, name: str, **meta: Any) -> PodInfo:
 async def test_a_pod_that_wants_nothing_costs_no_request(client: ApiClient) -> None:
     pod = await stored(client, "plain")
     before = client.requests.total()
-    assert (await Reserver(client).things(pod, "edge-1", ())).readiness is Readiness.READY
-    assert (await Reserver(client).check_domains([(pod, "edge-1")]))[pod.uid].readiness is Readiness.READY
+    assert (await ClaimReserver(client).things(pod, "edge-1", ())).readiness is Readiness.READY
+    assert (await ClaimReserver(client).check_domains([(pod, "edge-1")]))[pod.uid].readiness is Readiness.READY
     assert client.requests.total() == before
 
 
 async def test_a_claimed_device_is_granted_with_the_version_the_pod_was_read_at(client: ApiClient) -> None:
     pod = await stored(client, "drv")
-    found = await Reserver(client).things(pod, "edge-1", (CAN,))
+    found = await ClaimReserver(client).things(pod, "edge-1", (CAN,))
     assert found.readiness is Readiness.READY
     assert found.annotations == {str(Annotation.GRANTED_DEVICES): "can-can0"}
     assert found.resource_version == pod.pod.metadata.resource_version
@@ -70,8 +70,8 @@ async def test_a_claimed_device_is_granted_with_the_version_the_pod_was_read_at(
 
 async def test_the_second_pod_is_told_who_holds_the_device(client: ApiClient) -> None:
     first, second = await stored(client, "first"), await stored(client, "second")
-    await Reserver(client).things(first, "edge-1", (CAN,))
-    found = await Reserver(client).things(second, "edge-1", (CAN,))
+    await ClaimReserver(client).things(first, "edge-1", (CAN,))
+    found = await ClaimReserver(client).things(second, "edge-1", (CAN,))
     assert found.readiness is Readiness.BUSY
     assert "a/first" in found.message
 
@@ -79,8 +79,8 @@ async def test_the_second_pod_is_told_who_holds_the_device(client: ApiClient) ->
 async def test_a_pod_that_gets_only_one_of_two_devices_gives_it_back_at_once(client: ApiClient) -> None:
     zero = DeviceGrant("a", "edge-1", Device(id="a-first", type="can"), exclusive=True)
     rival, pod = await stored(client, "rival"), await stored(client, "drv")
-    await Reserver(client).things(rival, "edge-1", (CAN,))
-    found = await Reserver(client).things(pod, "edge-1", (zero, CAN))
+    await ClaimReserver(client).things(rival, "edge-1", (CAN,))
+    found = await ClaimReserver(client).things(pod, "edge-1", (zero, CAN))
     assert (found.readiness, found.annotations) == (Readiness.BUSY, {})
     (claim,) = (await client.list(ROBOTCLAIMS)).items
     assert claim["spec"]["holder"]["uid"] == rival.uid
@@ -91,9 +91,9 @@ async def test_a_pod_that_gets_only_one_of_two_devices_gives_it_back_at_once(cli
 async def test_a_pod_that_is_gone_or_replaced_claims_nothing(client: ApiClient) -> None:
     pod = await stored(client, "drv")
     await client.delete(PODS, "drv", namespace="a")
-    assert (await Reserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.GONE
+    assert (await ClaimReserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.GONE
     await stored(client, "drv")
-    assert (await Reserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.GONE
+    assert (await ClaimReserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.GONE
     assert (await client.list(ROBOTCLAIMS)).items == []
 
 
@@ -109,18 +109,18 @@ async def bind(client: ApiClient, pod: PodInfo, found: Reserved) -> None:
 async def test_a_device_is_shared_by_many_and_no_claim_stays(client: ApiClient) -> None:
     for name in ("first", "second"):
         pod = await stored(client, name)
-        found = await Reserver(client).things(pod, "edge-1", (SHARED,))
+        found = await ClaimReserver(client).things(pod, "edge-1", (SHARED,))
         assert found.annotations == {str(Annotation.GRANTED_SHARED): "can-can0"}
         (claim,) = (await client.list(ROBOTCLAIMS, as_type=Claim)).items
         assert (claim.momentary, claim.holder.uid) == (True, pod.uid)
         await bind(client, pod, found)
-        await Reserver(client).bound(found)
+        await ClaimReserver(client).bound(found)
         assert (await client.list(ROBOTCLAIMS)).items == []
 
 
 async def test_nobody_shares_a_device_that_is_held_alone(client: ApiClient) -> None:
-    await Reserver(client).things(await stored(client, "holder"), "edge-1", (CAN,))
-    late = await Reserver(client).things(await stored(client, "late"), "edge-1", (SHARED,))
+    await ClaimReserver(client).things(await stored(client, "holder"), "edge-1", (CAN,))
+    late = await ClaimReserver(client).things(await stored(client, "late"), "edge-1", (SHARED,))
     assert (late.readiness, late.reason) == (Readiness.BUSY, "DeviceBusy")
     assert "held by pod a/holder" in late.message
 
@@ -128,22 +128,22 @@ async def test_nobody_shares_a_device_that_is_held_alone(client: ApiClient) -> N
 async def test_another_scheduler_does_not_hold_alone_what_is_just_being_shared(client: ApiClient) -> None:
     """The binding of the first is decided and on its way; the second scheduler's caches know nothing of it."""
     sharer, alone = await stored(client, "sharer"), await stored(client, "alone")
-    on_its_way = await Reserver(client).things(sharer, "edge-1", (SHARED,))
-    assert (await Reserver(client).things(alone, "edge-1", (CAN,))).readiness is Readiness.BUSY
+    on_its_way = await ClaimReserver(client).things(sharer, "edge-1", (SHARED,))
+    assert (await ClaimReserver(client).things(alone, "edge-1", (CAN,))).readiness is Readiness.BUSY
     await bind(client, sharer, on_its_way)
-    await Reserver(client).bound(on_its_way)
-    found = await Reserver(client).things(alone, "edge-1", (CAN,))
+    await ClaimReserver(client).bound(on_its_way)
+    found = await ClaimReserver(client).things(alone, "edge-1", (CAN,))
     assert (found.readiness, found.annotations) == (Readiness.BUSY, {})
     assert "device can-can0 on edge-1 is shared by a/sharer" in found.message
     assert (await client.list(ROBOTCLAIMS)).items == [], "what was taken in vain is given back"
     await client.patch(PODS, "sharer", {"status": {"phase": "Succeeded"}}, namespace="a", subresource="status")
-    assert (await Reserver(client).things(alone, "edge-1", (CAN,))).readiness is Readiness.READY
+    assert (await ClaimReserver(client).things(alone, "edge-1", (CAN,))).readiness is Readiness.READY
 
 
 async def test_a_pod_that_cannot_have_its_own_device_gives_the_way_into_a_shared_one_back(client: ApiClient) -> None:
     lidar = DeviceGrant("lidar", "edge-1", Device(id="lidar-top", type="lidar"), exclusive=False)
-    await Reserver(client).things(await stored(client, "holder"), "edge-1", (CAN,))
-    found = await Reserver(client).things(await stored(client, "both"), "edge-1", (lidar, CAN))
+    await ClaimReserver(client).things(await stored(client, "holder"), "edge-1", (CAN,))
+    found = await ClaimReserver(client).things(await stored(client, "both"), "edge-1", (lidar, CAN))
     assert found.readiness is Readiness.BUSY
     assert len((await client.list(ROBOTCLAIMS)).items) == 1
 
@@ -151,8 +151,8 @@ async def test_a_pod_that_cannot_have_its_own_device_gives_the_way_into_a_shared
 async def test_whoever_joins_at_the_same_time_waits_for_its_turn(client: ApiClient) -> None:
     async def join(name: str) -> Readiness:
         pod = await stored(client, name)
-        found = await Reserver(client).things(pod, "edge-1", (SHARED,))
-        await Reserver(client).bound(found)
+        found = await ClaimReserver(client).things(pod, "edge-1", (SHARED,))
+        await ClaimReserver(client).bound(found)
         return found.readiness
 
     assert await asyncio.gather(*map(join, "abcd")) == [Readiness.READY] * 4
@@ -161,29 +161,29 @@ async def test_whoever_joins_at_the_same_time_waits_for_its_turn(client: ApiClie
 @pytest.mark.parametrize(("wish", "expected"), [("auto", {"1", "2", "3"}), ("2", {"2"})])
 async def test_a_bare_pod_is_granted_the_domain_it_asks_for(client: ApiClient, wish: str, expected: set[str]) -> None:
     pod = await stored(client, "talker", annotations={str(Annotation.DDS_DOMAIN): wish})
-    found = await Reserver(client).things(pod, "edge-1", ())
+    found = await ClaimReserver(client).things(pod, "edge-1", ())
     assert found.annotations[str(Annotation.GRANTED_DOMAIN)] in expected
-    again = await Reserver(client).things(pod, "edge-1", ())
+    again = await ClaimReserver(client).things(pod, "edge-1", ())
     assert again.annotations == found.annotations
     assert len((await client.list(ROBOTCLAIMS)).items) == 1
 
 
 async def test_a_pod_that_waits_for_its_domain_keeps_nobody_from_its_devices(client: ApiClient) -> None:
     number = {str(Annotation.DDS_DOMAIN): "2"}
-    await Reserver(client).things(await stored(client, "other", annotations=number), "edge-1", ())
+    await ClaimReserver(client).things(await stored(client, "other", annotations=number), "edge-1", ())
     for free_name, grant in (("one", SHARED), ("two", CAN)):
         waiting = await stored(client, f"waits-{free_name}", annotations=number)
-        found = await Reserver(client).things(waiting, "edge-1", (grant,))
+        found = await ClaimReserver(client).things(waiting, "edge-1", (grant,))
         assert found.readiness is Readiness.WAIT
-        free = await Reserver(client).things(await stored(client, free_name), "edge-1", (SHARED,))
+        free = await ClaimReserver(client).things(await stored(client, free_name), "edge-1", (SHARED,))
         assert free.readiness is Readiness.READY
-        await Reserver(client).bound(free)
+        await ClaimReserver(client).bound(free)
 
 
 async def test_a_pod_whose_binding_is_not_tried_lets_others_share(client: ApiClient) -> None:
     refused = await stored(client, "refused")
-    found = await Reserver(client).things(refused, "edge-1", (SHARED,))
-    await Reserver(client).not_bound(refused, found)
+    found = await ClaimReserver(client).things(refused, "edge-1", (SHARED,))
+    await ClaimReserver(client).not_bound(refused, found)
     assert (await client.list(ROBOTCLAIMS)).items == []
     current = await client.get(PODS, "refused", namespace="a")
     assert current["metadata"]["resourceVersion"] != found.resource_version, (
@@ -193,24 +193,26 @@ async def test_a_pod_whose_binding_is_not_tried_lets_others_share(client: ApiCli
 
 async def test_a_device_is_shared_or_held_alone_by_others_while_a_pod_waits_for_its_volumes(client: ApiClient) -> None:
     waiting = await stored(client, "waiting")
-    before = await Reserver(client).things(waiting, "edge-1", (SHARED,))
-    await Reserver(client).not_bound(waiting, before)
-    other = await Reserver(client).things(await stored(client, "other"), "edge-1", (SHARED,))
-    await Reserver(client).bound(other)
-    again = await Reserver(client).things(waiting, "edge-1", (SHARED,))
+    before = await ClaimReserver(client).things(waiting, "edge-1", (SHARED,))
+    await ClaimReserver(client).not_bound(waiting, before)
+    other = await ClaimReserver(client).things(await stored(client, "other"), "edge-1", (SHARED,))
+    await ClaimReserver(client).bound(other)
+    again = await ClaimReserver(client).things(waiting, "edge-1", (SHARED,))
     assert (again.readiness, again.resource_version != before.resource_version) == (Readiness.READY, True)
-    await Reserver(client).not_bound(waiting, again)
-    assert (await Reserver(client).things(await stored(client, "alone"), "edge-1", (CAN,))).readiness is Readiness.READY
-    assert (await Reserver(client).things(waiting, "edge-1", (SHARED,))).readiness is Readiness.BUSY
+    await ClaimReserver(client).not_bound(waiting, again)
+    assert (
+        await ClaimReserver(client).things(await stored(client, "alone"), "edge-1", (CAN,))
+    ).readiness is Readiness.READY
+    assert (await ClaimReserver(client).things(waiting, "edge-1", (SHARED,))).readiness is Readiness.BUSY
 
 
 async def test_an_empty_pool_lets_the_pod_wait_with_what_to_do(client: ApiClient) -> None:
     for number in range(3):
-        await Reserver(client).things(
+        await ClaimReserver(client).things(
             await stored(client, f"t{number}", annotations={str(Annotation.DDS_DOMAIN): "auto"}), "edge-1", ()
         )
     late = await stored(client, "late", annotations={str(Annotation.DDS_DOMAIN): "auto"})
-    found = await Reserver(client).things(late, "edge-1", ())
+    found = await ClaimReserver(client).things(late, "edge-1", ())
     assert (found.readiness, found.reason) == (Readiness.WAIT, PodReason.WAITING_FOR_DOMAIN)
     assert "3 of 3 domain ids" in found.message
 
@@ -220,10 +222,10 @@ async def test_pods_that_wait_for_a_full_pool_cost_the_server_one_look_at_the_po
         await client.create(DOMAINPOOLS, {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": "1-3"}})
         auto = {str(Annotation.DDS_DOMAIN): "auto"}
         for number in range(3):
-            await Reserver(client).things(await stored(client, f"t{number}", annotations=auto), "edge-1", ())
+            await ClaimReserver(client).things(await stored(client, f"t{number}", annotations=auto), "edge-1", ())
         late = [await stored(client, f"late-{number}", annotations=auto) for number in range(5)]
         known = (await client.list(ROBOTCLAIMS, as_type=Claim)).items
-        reserver = Reserver(client, known_claims=lambda: known)
+        reserver = ClaimReserver(client, known_claims=lambda: known)
         before = len(server.requests)
         answers = [await reserver.things(pod, "edge-1", ()) for pod in late]
         assert {answer.reason for answer in answers} == {PodReason.WAITING_FOR_DOMAIN}
@@ -245,7 +247,7 @@ async def test_of_the_pods_that_wait_as_many_try_as_ids_are_free_and_who_holds_o
     async with FakeApiServer() as server, client_for(server.endpoint) as client:
         await client.create(DOMAINPOOLS, {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": "1-3"}})
         known: list[Claim] = []
-        reserver = Reserver(client, known_claims=lambda: known)
+        reserver = ClaimReserver(client, known_claims=lambda: known)
         pods = [await stored(client, f"t{number}", annotations=auto) for number in range(9)]
         for pod in pods[:2]:
             assert (await reserver.things(pod, "edge-1", ())).readiness is Readiness.READY
@@ -259,7 +261,7 @@ async def test_of_the_pods_that_wait_as_many_try_as_ids_are_free_and_who_holds_o
 async def test_a_bare_pod_that_names_a_reserved_id_is_told_to_change_its_annotation(client: ApiClient) -> None:
     await client.patch(DOMAINPOOLS, "default", {"spec": {"reserved": [2]}})
     pod = await stored(client, "talker", annotations={str(Annotation.DDS_DOMAIN): "2"})
-    found = await Reserver(client).things(pod, "edge-1", ())
+    found = await ClaimReserver(client).things(pod, "edge-1", ())
     assert (found.readiness, found.reason) == (Readiness.WAIT, PodReason.INVALID_ANNOTATION)
     assert 'write "auto" in the annotation scheduler.robotics.io/dds-domain' in found.message
     assert "spec.ros2" not in found.message
@@ -269,7 +271,7 @@ async def test_a_bare_pod_that_names_a_reserved_id_is_told_to_change_its_annotat
 async def test_a_pod_of_an_app_is_not_ready_before_its_domain_is_claimed(client: ApiClient) -> None:
     labels = {str(Label.APP_UID): "app-1", str(Label.APP): "teleop", str(Label.INSTANCE): ""}
     pod = await stored(client, "drv", labels=labels, domain="2")
-    found = (await Reserver(client).check_domains([(pod, "edge-1")]))[pod.uid]
+    found = (await ClaimReserver(client).check_domains([(pod, "edge-1")]))[pod.uid]
     assert (found.readiness, found.reason) == (Readiness.WAIT, PodReason.WAITING_FOR_DOMAIN)
 
 
@@ -281,7 +283,7 @@ async def test_the_claim_names_the_node_before_the_binding_of_a_pod(client: ApiC
     notes = {str(Annotation.DOMAIN_CLAIM): "dds.default.c.2"}
     first = await stored(client, "drv", labels=labels, annotations=notes, domain="2")
     second = await stored(client, "cam", labels=labels, annotations=notes, domain="2")
-    found = await Reserver(client).check_domains([(first, "amr-1"), (second, "edge-1")])
+    found = await ClaimReserver(client).check_domains([(first, "amr-1"), (second, "edge-1")])
     assert {one.readiness for one in found.values()} == {Readiness.READY}
     (claim,) = (await client.list(ROBOTCLAIMS)).items
     assert claim["status"]["nodes"] == ["amr-1", "edge-1"]
@@ -291,16 +293,16 @@ async def test_without_an_api_server_the_pod_is_retried_as_an_error() -> None:
     async with FakeApiServer() as server, client_for(server.endpoint) as client:
         pod = await stored(client, "drv", labels={str(Label.APP_UID): "app-1"}, domain="2")
         server.failing.extend([403] * 20)
-        assert (await Reserver(client).check_domains([(pod, "edge-1")]))[pod.uid].readiness is Readiness.ERROR
-        assert (await Reserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.ERROR
+        assert (await ClaimReserver(client).check_domains([(pod, "edge-1")]))[pod.uid].readiness is Readiness.ERROR
+        assert (await ClaimReserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.ERROR
 
 
 async def test_a_404_that_does_not_name_the_pod_is_retried_as_an_error() -> None:
     async with FakeApiServer() as server, client_for(server.endpoint) as client:
         pod = await stored(client, "drv", labels={str(Label.APP_UID): "app-1"}, domain="2")
         server.failing.extend([404] * 2)
-        assert (await Reserver(client).check_domains([(pod, "edge-1")]))[pod.uid].readiness is Readiness.ERROR
-        assert (await Reserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.ERROR
+        assert (await ClaimReserver(client).check_domains([(pod, "edge-1")]))[pod.uid].readiness is Readiness.ERROR
+        assert (await ClaimReserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.ERROR
 
 
 def info(**meta: Any) -> PodInfo:

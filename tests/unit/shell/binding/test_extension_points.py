@@ -13,7 +13,7 @@ from robotapp_api.model.names import Annotation, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.interface import Code, Status
 from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef, Profile, ProfileSpec, build_profiles
-from robotapp_scheduler.shell.binding.extension_points import BindSteps, Promise, Refused
+from robotapp_scheduler.shell.binding.extension_points import ExtensionPoints, Promise, Refused
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import PointTimer
 
@@ -46,12 +46,12 @@ def plugin(name: str, told: list[str], **answers: Any) -> type:
 async def nobody_hears(_pod: Pod, _node: str) -> None: ...
 
 
-def steps(*plugins: type, promise: Promise = nobody_hears) -> tuple[BindSteps, Metrics]:
+def steps(*plugins: type, promise: Promise = nobody_hears) -> tuple[ExtensionPoints, Metrics]:
     classes = {cls.__name__: cls for cls in (Fifo, *plugins)}
     catalogue = Catalogue(classes=classes, defaults=tuple(PluginRef(name) for name in classes))
     profile: Profile = build_profiles([ProfileSpec("ours")], catalogue)["ours"]
     metrics = Metrics(CollectorRegistry())
-    return BindSteps(profile, make_info("p"), PointTimer(metrics), promise), metrics
+    return ExtensionPoints(profile, make_info("p"), PointTimer(metrics), promise), metrics
 
 
 async def test_points_come_in_order_and_what_they_annotate_is_kept_for_the_binding() -> None:
@@ -121,7 +121,7 @@ async def test_a_reserve_that_failed_is_asked_to_clean_up_and_those_after_it_are
     assert [line.split()[0] for line in told] == ["One.reserve", "One.unreserve"]
 
 
-async def broken_off(subject: BindSteps, error: type[BaseException]) -> None:
+async def broken_off(subject: ExtensionPoints, error: type[BaseException]) -> None:
     async with subject:
         await subject.run("n1")
         raise error

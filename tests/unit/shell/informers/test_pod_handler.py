@@ -11,7 +11,7 @@ from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
-from robotapp_scheduler.shell.informers.pod_handler import Intake
+from robotapp_scheduler.shell.informers.pod_handler import PodHandler
 
 OURS = "ours"
 
@@ -36,7 +36,7 @@ class Desk:
         )
         self.queue = SchedulingQueue(clock=lambda: 0.0, key=lambda info, since_s: (-info.priority, since_s))
         self.reporter = Silent()
-        self.intake = Intake(self.cluster, self.queue, self.reporter, scheduler_names=[OURS])  # type: ignore[arg-type]
+        self.intake = PodHandler(self.cluster, self.queue, self.reporter, scheduler_names=[OURS])  # type: ignore[arg-type]
         self.stored: dict[str, Pod] = {}
 
     def show(self, pod: Pod) -> None:
@@ -189,7 +189,7 @@ def test_giving_up_a_nominated_node_wakes_those_who_wait_for_room() -> None:
 def test_a_pod_that_vanishes_is_shown_to_who_asks_why() -> None:
     desk = Desk()
     seen: list[str] = []
-    desk.intake = Intake(
+    desk.intake = PodHandler(
         desk.cluster,
         desk.queue,
         desk.reporter,  # type: ignore[arg-type]

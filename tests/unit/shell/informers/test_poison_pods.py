@@ -18,7 +18,7 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
-from robotapp_scheduler.shell.informers.pod_handler import Intake
+from robotapp_scheduler.shell.informers.pod_handler import PodHandler
 
 NODES = 200
 POISON = poison_pods()
@@ -51,7 +51,7 @@ class Feed:
         self.core: SchedulerCore = make_core(*(make_node(f"n{i}", labels=zones[i]) for i in range(NODES)))
         for index in range(50):
             self.core.cluster.apply_pod(make_pod(f"run-{index}", node=f"n{index}", labels={"app": f"a-{index % 7}"}))
-        self._intake = Intake(
+        self._intake = PodHandler(
             self.core.cluster,
             self.core.queue,
             Silent(),  # type: ignore[arg-type]

@@ -19,10 +19,10 @@ from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import BindContext, PluginError
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell.binding.extension_points import BindSteps
+from robotapp_scheduler.shell.binding.extension_points import ExtensionPoints
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import PointTimer
-from robotapp_scheduler.shell.process.crash_journal import DEATHS, MARK, MOST, Vigil, opened
+from robotapp_scheduler.shell.process.crash_journal import DEATHS, MARK, MOST, CrashJournal, opened
 
 WEB = owner("ReplicaSet", "web", "rs-1")
 
@@ -53,10 +53,10 @@ def nothing_asked() -> None:
 
 def die(folder: Path, pod: Any, digest: str = "d1") -> None:
     """A process that asks the plugin about this pod and is never heard of again."""
-    Vigil(folder, digest)("Dies", "filter", pod)
+    CrashJournal(folder, digest)("Dies", "filter", pod)
 
 
-def core_with(vigil: Vigil) -> SchedulerCore:
+def core_with(vigil: CrashJournal) -> SchedulerCore:
     clock = Clock()
     cluster = make_cluster(make_node("n1"), make_node("n2"), clock=clock)
     plugins = {"multiPoint": PluginSet(enabled=(PluginRef("Dies"),))}
@@ -66,8 +66,8 @@ def core_with(vigil: Vigil) -> SchedulerCore:
 
 
 def test_a_hook_that_could_not_be_broken_off_is_not_asked_about_that_pod_by_the_next_process(tmp_path: Path) -> None:
-    Vigil(tmp_path, "d1").stuck("Dies", "filter", make_info("bad"))
-    core = core_with(Vigil(tmp_path, "d1"))
+    CrashJournal(tmp_path, "d1").stuck("Dies", "filter", make_info("bad"))
+    core = core_with(CrashJournal(tmp_path, "d1"))
     decision = core.schedule_one(make_info("bad"))
     assert decision.reason is PodReason.SCHEDULER_ERROR
     assert decision.message == (
@@ -83,25 +83,25 @@ def test_a_death_for_an_unknown_reason_may_be_chance_and_the_second_one_in_the_s
     tmp_path: Path,
 ) -> None:
     die(tmp_path, make_info("bad"))
-    assert Vigil(tmp_path, "d1").barred == []
+    assert CrashJournal(tmp_path, "d1").barred == []
     die(tmp_path, make_info("bad"))
-    (death,) = Vigil(tmp_path, "d1").barred
+    (death,) = CrashJournal(tmp_path, "d1").barred
     assert "the process died 2 times while filter was asked" in str(death)
-    assert [death] == Vigil(tmp_path, "d1").barred, "a start by itself is no death"
+    assert [death] == CrashJournal(tmp_path, "d1").barred, "a start by itself is no death"
 
 
 def test_a_process_that_ends_in_between_questions_leaves_no_mark(tmp_path: Path) -> None:
     folder = tmp_path / "0"
     for number in range(1, 4):
-        core = core_with(Vigil(folder, "d1"))
+        core = core_with(CrashJournal(folder, "d1"))
         assert core.schedule_one(make_info("p")).placed
         folder = shutil.copytree(folder, tmp_path / str(number))  # what the next process finds
-    Vigil(folder, "d1")
+    CrashJournal(folder, "d1")
     assert not (folder / DEATHS).exists()
 
 
 def test_pods_of_the_same_controller_are_alike(tmp_path: Path) -> None:
-    vigil = Vigil(tmp_path, "d1")
+    vigil = CrashJournal(tmp_path, "d1")
     vigil.stuck("Dies", "filter", make_info("web-1", owner=WEB))
     with pytest.raises(PluginError, match="pods like default/web-1"):
         vigil("Dies", "score", make_info("web-2", owner=WEB))
@@ -111,26 +111,26 @@ def test_pods_of_the_same_controller_are_alike(tmp_path: Path) -> None:
 
 def test_another_configuration_asks_again_at_a_start_and_while_running(tmp_path: Path) -> None:
     pod = make_info("bad")
-    Vigil(tmp_path, "d1").stuck("Dies", "filter", pod)
-    assert Vigil(tmp_path, "d2").barred == []
-    vigil = Vigil(tmp_path, "d1")
+    CrashJournal(tmp_path, "d1").stuck("Dies", "filter", pod)
+    assert CrashJournal(tmp_path, "d2").barred == []
+    vigil = CrashJournal(tmp_path, "d1")
     vigil.start_anew("d2")
     with vigil("Dies", "filter", pod):
         pass
     del vigil
-    assert Vigil(tmp_path, "d2").barred == []
-    assert Vigil(tmp_path, "d1").barred == []
+    assert CrashJournal(tmp_path, "d2").barred == []
+    assert CrashJournal(tmp_path, "d1").barred == []
 
 
 async def test_hooks_on_the_way_to_the_node_and_hints_are_not_asked_either(tmp_path: Path) -> None:
-    vigil, pod = Vigil(tmp_path, "d1"), make_info("bad")
+    vigil, pod = CrashJournal(tmp_path, "d1"), make_info("bad")
     vigil.stuck("Dies", "reserve", pod)
     profile = core_with(vigil).engine(SCHEDULER_NAME).profile
 
     async def promised(*_: Any) -> None:
         raise AssertionError
 
-    async with BindSteps(profile, pod, PointTimer(Metrics()), promised) as steps:
+    async with ExtensionPoints(profile, pod, PointTimer(Metrics()), promised) as steps:
         refused = await steps.run("n1")
     assert refused is not None
     assert refused.message.startswith(
@@ -141,11 +141,11 @@ async def test_hooks_on_the_way_to_the_node_and_hints_are_not_asked_either(tmp_p
 
 
 def test_only_so_many_are_remembered_the_newest(tmp_path: Path) -> None:
-    vigil = Vigil(tmp_path, "d1")
+    vigil = CrashJournal(tmp_path, "d1")
     for number in range(MOST + 3):
         vigil.stuck("Dies", "filter", make_info(f"p{number}"))
     del vigil
-    kept = [death.pod for death in Vigil(tmp_path, "d1").barred]
+    kept = [death.pod for death in CrashJournal(tmp_path, "d1").barred]
     assert kept == [f"default/p{number}" for number in range(3, MOST + 3)]
 
 
@@ -190,8 +190,8 @@ def test_a_full_disk_is_told_and_the_vigil_is_off(
 HOLDS = """
 import sys
 from pathlib import Path
-from robotapp_scheduler.shell.process.crash_journal import Vigil
-vigil = Vigil(Path(sys.argv[1]), "d1")
+from robotapp_scheduler.shell.process.crash_journal import CrashJournal
+vigil = CrashJournal(Path(sys.argv[1]), "d1")
 print("held", flush=True)
 sys.stdin.read()
 """
@@ -220,7 +220,7 @@ def test_the_folder_is_ours_alone_and_links_in_it_are_not_followed(
     theirs.write_text("precious")
     for name in (DEATHS, Path(DEATHS).with_suffix(".new")):
         (folder / name).symlink_to(theirs)
-    vigil = Vigil(folder, "d1")
+    vigil = CrashJournal(folder, "d1")
     vigil.stuck("Dies", "filter", make_info("bad"))
     assert "cannot be read" in caplog.text
     assert "cannot be written" in caplog.text

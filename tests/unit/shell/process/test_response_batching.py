@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from robotapp_scheduler.shell.process.response_batching import LEAST_S, MOST_S, TOGETHER, TURNS, Gathering
+from robotapp_scheduler.shell.process.response_batching import LEAST_S, MOST_S, TOGETHER, TURNS, ResponseBatching
 
 
 class Course:
@@ -15,7 +15,7 @@ class Course:
         self.per_s = per_s
         self.came = 0.0
         self.rests: list[float] = []
-        self.gathering = Gathering(lambda: self.busy, lambda: int(self.came), rest=self._rest)
+        self.gathering = ResponseBatching(lambda: self.busy, lambda: int(self.came), rest=self._rest)
 
     def _rest(self, seconds: float) -> None:
         self.rests.append(seconds)

@@ -23,7 +23,7 @@ from robotapp_scheduler.core.framework.interface import BindContext
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.shell.binding.extension_points import BindSteps
+from robotapp_scheduler.shell.binding.extension_points import ExtensionPoints
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import PointTimer
 from robotapp_scheduler.shell.process.watchdog import Watchdog
@@ -126,7 +126,7 @@ async def test_a_hook_on_the_way_to_the_node_is_broken_off_too() -> None:
     async def promised(*_: Any) -> None:
         raise AssertionError
 
-    async with watched(), BindSteps(profile, make_info("p"), PointTimer(Metrics()), promised) as steps:
+    async with watched(), ExtensionPoints(profile, make_info("p"), PointTimer(Metrics()), promised) as steps:
         refused = await steps.run("n1")
     assert refused is not None
     assert refused.message == 'running Reserve plugin "Loops": Overdue: did not answer within 0.1 s and was broken off'

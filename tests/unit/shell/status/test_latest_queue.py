@@ -1,11 +1,11 @@
 import asyncio
 
-from robotapp_scheduler.shell.status.latest_queue import Newest
+from robotapp_scheduler.shell.status.latest_queue import LatestQueue
 
 
 def test_a_newer_word_takes_the_place_of_the_one_not_yet_taken() -> None:
     async def run() -> list[tuple[str, int]]:
-        newest: Newest[str, int] = Newest()
+        newest: LatestQueue[str, int] = LatestQueue()
         for key, word in (("a", 1), ("b", 2), ("a", 3)):
             newest.put(key, word)
         return [await newest.take() for _ in range(len(newest))]
@@ -15,7 +15,7 @@ def test_a_newer_word_takes_the_place_of_the_one_not_yet_taken() -> None:
 
 def test_what_was_taken_or_dropped_is_not_there_any_more() -> None:
     async def run() -> None:
-        newest: Newest[str, int] = Newest()
+        newest: LatestQueue[str, int] = LatestQueue()
         newest.put("a", 1)
         newest.put("b", 2)
         assert newest.get("b") == 2
@@ -29,7 +29,7 @@ def test_what_was_taken_or_dropped_is_not_there_any_more() -> None:
 
 def test_a_key_dropped_and_put_again_stands_last() -> None:
     async def run() -> list[str]:
-        newest: Newest[str, int] = Newest()
+        newest: LatestQueue[str, int] = LatestQueue()
         for key in ("a", "b"):
             newest.put(key, 0)
         newest.drop("a")
@@ -41,7 +41,7 @@ def test_a_key_dropped_and_put_again_stands_last() -> None:
 
 def test_several_that_wait_share_what_comes_and_none_is_given_what_was_dropped() -> None:
     async def run() -> None:
-        newest: Newest[str, int] = Newest()
+        newest: LatestQueue[str, int] = LatestQueue()
         takers = [asyncio.create_task(newest.take()) for _ in range(3)]
         await asyncio.sleep(0)
         newest.put("gone", 0)
