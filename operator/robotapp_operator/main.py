@@ -36,7 +36,7 @@ from robotapp_operator.reconcile.metrics import Metrics
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.pool_status import Pools
 from robotapp_operator.reconcile.probe_targets import Probes
-from robotapp_operator.reconcile.reconcile_state import Memory
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates
 from robotapp_operator.reconcile.status_reporter import Reporter
 from robotapp_operator.settings import Settings, parse
@@ -76,7 +76,7 @@ class Operator:
         identity = candidate_identity(os.environ)
         self.identity = identity
         self.cache = Cache(default_scheduler=settings.scheduler_name)
-        self.memory = Memory()
+        self.memory = ReconcileState()
         self.metrics = Metrics()
         self.queue = Queue(clock=time.monotonic, jitter=random.random, background=BACKGROUND)
         self.recorder = EventRecorder(client, controller=OPERATOR_MANAGER, instance=identity)

@@ -14,7 +14,7 @@ from robotapp_operator.queue.work import BACKGROUND
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.reconcile.controller import Controller
 from robotapp_operator.reconcile.metrics import Metrics
-from robotapp_operator.reconcile.reconcile_state import Memory
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
 
 
@@ -48,7 +48,7 @@ class World:
     def __init__(self) -> None:
         self.clock = Clock()
         self.cache = Cache()
-        self.memory = Memory()
+        self.memory = ReconcileState()
         self.metrics = Metrics()
         self.queue = Queue(clock=self.clock, jitter=lambda: 0.5, background=BACKGROUND)
         self.children, self.reporter, self.fleet, self.gates = (Worker() for _ in range(4))

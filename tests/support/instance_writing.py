@@ -15,7 +15,7 @@ from robotapp_api.model.names import Reason
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.reconcile.instance_objects import InstanceObjects
 from robotapp_operator.reconcile.observer import Observer
-from robotapp_operator.reconcile.reconcile_state import Memory
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
 
 REFUSED = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
@@ -28,7 +28,7 @@ class World:
         self.api = api
         self.client = client
         self.cache = Cache()
-        self.memory = Memory()
+        self.memory = ReconcileState()
         self.now_s = 1000.0
         self.conflicts: dict[tuple[str, str], str] = {}
         observer = Observer(self.cache, self.memory, clock=lambda: self.now_s, on_change=lambda *_: None)

@@ -17,7 +17,7 @@ from robotapp_operator.reconcile.instance_reconciler import Children
 from robotapp_operator.reconcile.metrics import Metrics
 from robotapp_operator.reconcile.pool_status import Pools
 from robotapp_operator.reconcile.probe_targets import Probes
-from robotapp_operator.reconcile.reconcile_state import Memory
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates
 from robotapp_operator.reconcile.status_reporter import Reporter
 from robotapp_operator.watch.cache import Cache
@@ -55,7 +55,7 @@ class Controller:
         self,
         cache: Cache,
         queue: Queue,
-        memory: Memory,
+        memory: ReconcileState,
         metrics: Metrics,
         *,
         children: Children,

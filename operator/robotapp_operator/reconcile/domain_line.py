@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from robotapp_api.claims.domain import pool_ids
 from robotapp_api.model.names import Reason
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.reconcile.reconcile_state import Memory
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
 
 Waiting = tuple[str, str]
@@ -19,7 +19,7 @@ Waiting = tuple[str, str]
 class Line:
     """Decides on the caches: who is asked in vain loses nothing but its turn, and the next in line is asked soon."""
 
-    def __init__(self, cache: Cache, memory: Memory) -> None:
+    def __init__(self, cache: Cache, memory: ReconcileState) -> None:
         self._cache = cache
         self._memory = memory
         self._order: dict[str, list[Waiting]] = {}

@@ -21,7 +21,7 @@ from robotapp_operator.plan.status.facts import AppFacts, of_instance
 from robotapp_operator.plan.status.instance_status import render_instance, same_instance_status
 from robotapp_operator.plan.status.pace import is_urgent
 from robotapp_operator.reconcile.observer import Observer
-from robotapp_operator.reconcile.reconcile_state import InstanceMemory, Memory
+from robotapp_operator.reconcile.reconcile_state import InstanceMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import instances_by_name
 
@@ -40,7 +40,7 @@ class InstanceObjects:
         self,
         client: ApiClient,
         cache: Cache,
-        memory: Memory,
+        memory: ReconcileState,
         observer: Observer,
         *,
         conflict_of: Callable[[str, str], str],

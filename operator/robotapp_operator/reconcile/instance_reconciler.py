@@ -38,7 +38,7 @@ from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Serv
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.apply_plan import execute, stop
-from robotapp_operator.reconcile.reconcile_state import Memory
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config_maps import ParamsWatch
 from robotapp_operator.watch.lister import cached_domain, needs_domain, problems_now, wanted_instances
@@ -52,7 +52,9 @@ TURNS: Final = 4
 class Children:
     """Reconciles instances. `version` is the operator's, written on everything it renders."""
 
-    def __init__(self, client: ApiClient, cache: Cache, memory: Memory, params: ParamsWatch, *, version: str) -> None:
+    def __init__(
+        self, client: ApiClient, cache: Cache, memory: ReconcileState, params: ParamsWatch, *, version: str
+    ) -> None:
         self._client = client
         self._cache = cache
         self._memory = memory

@@ -17,7 +17,7 @@ from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.spec.validate import notes_of
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, publish
-from robotapp_operator.reconcile.reconcile_state import AppMemory, InstanceMemory, Memory
+from robotapp_operator.reconcile.reconcile_state import AppMemory, InstanceMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import cached_domain, instance_facts, instances_by_name, offline_s, problems_now
 
@@ -26,7 +26,7 @@ class Observer:
     """`clock` is monotonic. `on_change` is called with the app's uid and the name of an instance whose facts have changed."""
 
     def __init__(
-        self, cache: Cache, memory: Memory, *, clock: Callable[[], float], on_change: Callable[[str, str], None]
+        self, cache: Cache, memory: ReconcileState, *, clock: Callable[[], float], on_change: Callable[[str, str], None]
     ) -> None:
         self._cache = cache
         self._memory = memory

@@ -79,7 +79,7 @@ class AppMemory:
         return next((text for (_, name), text in self.bugs.items() if instance in (None, name)), "")
 
 
-class Memory:
+class ReconcileState:
     """By app uid."""
 
     def __init__(self) -> None:

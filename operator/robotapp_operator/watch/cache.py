@@ -23,8 +23,8 @@ from robotapp_operator.plan.spec.objects import (
 )
 from robotapp_operator.plan.spec.record import Record, parse_record
 from robotapp_operator.watch.nodes import Nodes
-from robotapp_operator.watch.out_of_sight import Sight
-from robotapp_operator.watch.sharing_index import Sharing
+from robotapp_operator.watch.out_of_sight import OutOfSight
+from robotapp_operator.watch.sharing_index import SharingIndex
 
 T = TypeVar("T")
 InstanceKey = tuple[str, str]
@@ -188,9 +188,9 @@ class Cache:
         self._announced: dict[str, tuple[object, ...]] = {}
         self._numbers = itertools.count(1)
         self._versions: dict[str, dict[str, int]] = {}
-        self.sharing = Sharing()
+        self.sharing = SharingIndex()
         self.nodes = Nodes()
-        self.sight = Sight()
+        self.sight = OutOfSight()
         self.telemetry: dict[str, Telemetry] = {}
         self.round_trips = RoundTrips()
         self.pools: dict[str, Pool] = {}

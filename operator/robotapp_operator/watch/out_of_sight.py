@@ -26,7 +26,7 @@ class Missing:
     ended: frozenset[str] = _NOTHING
 
 
-class Sight:
+class OutOfSight:
     """Since when robots have been missing, by app uid. It starts empty: who is missing then has the whole grace again."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:

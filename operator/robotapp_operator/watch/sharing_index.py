@@ -9,7 +9,7 @@ from robotapp_api.claims.share import AppKey
 from robotapp_operator.plan.spec.desired import App
 
 
-class Sharing:
+class SharingIndex:
     """Apps by namespace and name, and who names them in shareWith. An app and its successor of one name may both be here."""
 
     def __init__(self) -> None:

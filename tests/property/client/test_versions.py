@@ -8,7 +8,7 @@ import msgspec
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robotapp_api.client.informer.pod_diff import Versions, managed
+from robotapp_api.client.informer.pod_diff import PodDiff, managed
 from robotapp_api.client.informer.watch_decoder import ADDED, DELETED, MODIFIED, WatchDecoder
 
 TEXTS = st.sampled_from(
@@ -161,7 +161,7 @@ def test_of_a_pod_that_got_labels_of_its_place_only_these_are_decoded() -> None:
 
 
 def test_what_is_kept_is_bounded_and_ends_with_the_pod() -> None:
-    versions = Versions(Podlike, most_bytes=500)
+    versions = PodDiff(Podlike, most_bytes=500)
     decoder = WatchDecoder(Podlike, namespaced=True, fixed_keys=True)
     for uid in "123":
         line = _news(kind=ADDED, uid=uid)

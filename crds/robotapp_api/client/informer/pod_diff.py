@@ -58,7 +58,7 @@ class _Kept(msgspec.Struct, gc=False):
     obj: Any
 
 
-class Versions(Generic[T]):
+class PodDiff(Generic[T]):
     """The last versions of pods: structs with `metadata` (which has `labels`), `spec` (which has a `node_name`) and `status`.
 
     `start` and `end` in a watch line are where the contents of managedFields are, if they are easily found (`managed`).

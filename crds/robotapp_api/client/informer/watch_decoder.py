@@ -7,7 +7,7 @@ from typing import Any, Final, Generic, TypeVar, get_type_hints
 import msgspec
 
 from robotapp_api.client.api.client import ListMeta, Page
-from robotapp_api.client.informer.pod_diff import Versions, managed
+from robotapp_api.client.informer.pod_diff import PodDiff, managed
 from robotapp_api.client.transport.errors import Status, Unreachable, error_from_status
 
 T = TypeVar("T")
@@ -179,10 +179,10 @@ class WatchDecoder(Generic[T]):
     ) -> None:
         """`fixed_keys`: in nothing that `as_type` reads can a user have named something "managedFields".
 
-        `known_specs` is for pods besides: of an update only what has changed is decoded (`Versions`).
+        `known_specs` is for pods besides: of an update only what has changed is decoded (`PodDiff`).
         """
         self._fixed_keys = fixed_keys
-        self._versions: Versions[T] | None = Versions(as_type) if known_specs else None
+        self._versions: PodDiff[T] | None = PodDiff(as_type) if known_specs else None
         self.identify = identify_with(as_type, namespaced=namespaced)
         # The types are made at run time, which no checker can follow.
         typed: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Typed[as_type])  # type: ignore[valid-type]

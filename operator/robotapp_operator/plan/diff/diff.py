@@ -16,7 +16,7 @@ from robotapp_operator.plan.render.infrastructure import infrastructure
 from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.render.services import peers_service
 from robotapp_operator.plan.spec.covers import covers
-from robotapp_operator.plan.spec.desired import App, Domain, Wish
+from robotapp_operator.plan.spec.desired import App, Desired, Domain
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Service
 
 Observed = Deployment | Service
@@ -49,7 +49,7 @@ class Plan:
 
 
 def wanted_children(
-    wish: Wish, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
+    wish: Desired, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
 ) -> list[Child]:
     """Everything the instance should have, infrastructure first: it starts while the components are scheduled.
 

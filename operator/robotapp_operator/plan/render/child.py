@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, Annotation, Label
 from robotapp_operator.plan.spec.covers import content_hash
-from robotapp_operator.plan.spec.desired import App, Wish
+from robotapp_operator.plan.spec.desired import App, Desired
 from robotapp_operator.plan.spec.objects import ChildRef
 
 DEPLOYMENT: Final = "Deployment"
@@ -64,7 +64,7 @@ def owner_reference(app: App) -> dict[str, Any]:
     }
 
 
-def instance_labels(wish: Wish) -> dict[str, str]:
+def instance_labels(wish: Desired) -> dict[str, str]:
     """Labels every child of an instance carries; they find candidates, the owner chain decides membership."""
     return {
         Label.APP.value: wish.app.name,
@@ -75,11 +75,11 @@ def instance_labels(wish: Wish) -> dict[str, str]:
     }
 
 
-def component_labels(wish: Wish, component: str) -> dict[str, str]:
+def component_labels(wish: Desired, component: str) -> dict[str, str]:
     return instance_labels(wish) | {Label.COMPONENT.value: component, Label.NAME.value: component}
 
 
-def role_labels(wish: Wish, role: str) -> dict[str, str]:
+def role_labels(wish: Desired, role: str) -> dict[str, str]:
     """Infrastructure pods have a role instead of a component: they are no members of the scheduling group."""
     return instance_labels(wish) | {Label.ROLE.value: role, Label.NAME.value: role}
 

@@ -7,12 +7,12 @@ from robotapp_api.model.component import Component
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child, component_labels, selector
 from robotapp_operator.plan.render.parameters import NONE, ParameterState
 from robotapp_operator.plan.render.pod_template import pod_template
-from robotapp_operator.plan.spec.desired import Domain, Wish
+from robotapp_operator.plan.spec.desired import Desired, Domain
 from robotapp_operator.plan.spec.objects import ChildRef
 
 
 def component_deployments(
-    wish: Wish, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
+    wish: Desired, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
 ) -> list[Child]:
     """`running` False: no pods (suspended, or no domain to be had), everything else stays."""
     return [
@@ -22,7 +22,7 @@ def component_deployments(
 
 
 def _deployment(
-    component: Component, wish: Wish, *, domain: Domain | None, state: ParameterState, running: bool
+    component: Component, wish: Desired, *, domain: Domain | None, state: ParameterState, running: bool
 ) -> Child:
     labels = component_labels(wish, component.name)
     template = pod_template(component, wish, domain=domain, state=state)

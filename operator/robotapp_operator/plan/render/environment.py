@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 
 from robotapp_api.checks.middleware import BEFORE_IRON, CONNEXT, CYCLONE, CYCLONE_11, FAST_DDS
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
-from robotapp_operator.plan.spec.desired import EnvVar, Wish
+from robotapp_operator.plan.spec.desired import Desired, EnvVar
 
 DISCOVERY_SERVER_PORT: Final = 11811
 ZENOH_PORT: Final = 7447
@@ -19,7 +19,7 @@ CYCLONE_MAX_INDEX: Final = 15
 """ROS processes per component that find each other without multicast; every peer is probed on this many ports."""
 
 
-def ros2_environment(wish: Wish, *, domain: int) -> list[EnvVar]:
+def ros2_environment(wish: Desired, *, domain: int) -> list[EnvVar]:
     """Variables of every ROS 2 container of an instance, in a fixed order."""
     variables = {ROS_DOMAIN_ID: str(domain), "RMW_IMPLEMENTATION": wish.rmw}
     variables |= _discovery_range(wish)
@@ -28,14 +28,14 @@ def ros2_environment(wish: Wish, *, domain: int) -> list[EnvVar]:
     return [EnvVar(name, value) for name, value in variables.items()]
 
 
-def _discovery_range(wish: Wish) -> dict[str, str]:
+def _discovery_range(wish: Desired) -> dict[str, str]:
     local = wish.discovery == "Localhost"
     if wish.distro in BEFORE_IRON:
         return {"ROS_LOCALHOST_ONLY": "1" if local else "0"}
     return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST" if local else "SUBNET"}
 
 
-def _discovery(wish: Wish) -> dict[str, str]:
+def _discovery(wish: Desired) -> dict[str, str]:
     match wish.discovery:
         case "Server":
             return {"ROS_DISCOVERY_SERVER": ";".join(f"{name}:{DISCOVERY_SERVER_PORT}" for name in wish.server_names)}
@@ -69,7 +69,7 @@ def cyclone_config(peers: Sequence[str], *, distro: str) -> str:
     )
 
 
-def _transport(wish: Wish) -> dict[str, str]:
+def _transport(wish: Desired) -> dict[str, str]:
     """UDP alone where the app asks for it: Fast DDS tries shared memory with peers it takes for the same host, which pods cannot share."""
     udp_alone = wish.transport == "UDP" and wish.rmw in FAST_DDS
     return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"} if udp_alone else {}

@@ -16,7 +16,7 @@ from robotapp_operator.plan.render.node_affinity import (
 )
 from robotapp_operator.plan.render.ros1 import MASTER_PORT, own_address
 from robotapp_operator.plan.render.services import role_service
-from robotapp_operator.plan.spec.desired import MASTER, ROUTER, SERVERS, Wish
+from robotapp_operator.plan.spec.desired import MASTER, ROUTER, SERVERS, Desired
 from robotapp_operator.plan.spec.objects import ChildRef
 
 DISCOVERY: Final = "discovery"
@@ -24,7 +24,7 @@ ROUTER_ROLE: Final = "router"
 MASTER_ROLE: Final = "master"
 
 
-def infrastructure(wish: Wish, *, running: bool) -> list[Child]:
+def infrastructure(wish: Desired, *, running: bool) -> list[Child]:
     """Deployments and Services of the instance's discovery, possibly none."""
     if wish.app.ros_version == 1:
         return _master(wish, running=running) if wish.app.managed_master else []
@@ -33,7 +33,7 @@ def infrastructure(wish: Wish, *, running: bool) -> list[Child]:
     return _router(wish, running=running) if wish.discovery == "Router" else []
 
 
-def _server(wish: Wish, index: int, *, running: bool) -> list[Child]:
+def _server(wish: Desired, index: int, *, running: bool) -> list[Child]:
     """Fast DDS discovery server `index`. Data flows pod to pod; the server only introduces participants."""
     labels = role_labels(wish, DISCOVERY) | {Label.PART.value: str(index)}
     image = wish.app.discovery_image or f"ros:{wish.distro}-ros-base"
@@ -57,7 +57,7 @@ def _server(wish: Wish, index: int, *, running: bool) -> list[Child]:
     return [_deployment(wish, SERVERS[index], labels, container, home=home, running=running), service]
 
 
-def _router(wish: Wish, *, running: bool) -> list[Child]:
+def _router(wish: Desired, *, running: bool) -> list[Child]:
     """Zenoh router from the first component's image, which has rmw_zenoh_cpp or could not run at all."""
     labels = role_labels(wish, ROUTER_ROLE)
     container = {
@@ -75,7 +75,7 @@ def _router(wish: Wish, *, running: bool) -> list[Child]:
     return [_deployment(wish, ROUTER, labels, container, home=wish.robot, running=running), service]
 
 
-def _master(wish: Wish, *, running: bool) -> list[Child]:
+def _master(wish: Desired, *, running: bool) -> list[Child]:
     """roscore: a name service; nodes then connect to each other."""
     labels = role_labels(wish, MASTER_ROLE)
     image = (wish.app.spec.ros1.image if wish.app.spec.ros1 else "") or f"ros:{wish.distro}-ros-core"
@@ -99,7 +99,7 @@ def _master(wish: Wish, *, running: bool) -> list[Child]:
 
 
 def _deployment(
-    wish: Wish,
+    wish: Desired,
     part: str,
     labels: dict[str, str],
     container: dict[str, Any],

@@ -10,12 +10,12 @@ from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_api.values.selector import matches_labels
 from robotapp_api.values.tiers import KEEP, ROBOT, on_disconnect
 from robotapp_operator.plan.render.child import component_labels, selector
-from robotapp_operator.plan.spec.desired import Wish
+from robotapp_operator.plan.spec.desired import Desired
 
 DISCONNECTED: Final = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
 
 
-def _keeps_pods(component: Component, wish: Wish) -> bool:
+def _keeps_pods(component: Component, wish: Desired) -> bool:
     """Whether pods of the component stay on a lost node: `on_disconnect`, and one more rule for other schedulers.
 
     Our scheduler holds a successor back while its predecessor may still drive; others do not, so with them a pod that may be
@@ -26,7 +26,7 @@ def _keeps_pods(component: Component, wish: Wish) -> bool:
     return on_disconnect(component.runs_on, component.on_disconnect) == KEEP
 
 
-def tolerations(component: Component, wish: Wish) -> list[dict[str, Any]]:
+def tolerations(component: Component, wish: Desired) -> list[dict[str, Any]]:
     """The component's own, then robots' taints where it may run there, then how long it stays on a lost node."""
     result = [*component.template.spec.tolerations]
     if _may_be_on_robot(component, wish):
@@ -34,11 +34,11 @@ def tolerations(component: Component, wish: Wish) -> list[dict[str, Any]]:
     return result + disconnect_tolerations(None if _keeps_pods(component, wish) else int(wish.app.grace_s))
 
 
-def _may_be_on_robot(component: Component, wish: Wish) -> bool:
+def _may_be_on_robot(component: Component, wish: Desired) -> bool:
     return ROBOT in component.runs_on or bool(wish.robot and not component.runs_on)
 
 
-def shared_tolerations(wish: Wish) -> list[dict[str, Any]]:
+def shared_tolerations(wish: Desired) -> list[dict[str, Any]]:
     """What every component tolerates. Servers and routers go where all components may: a tainted pool is then no trap."""
     first, *others = wish.app.spec.components
     return [
@@ -48,7 +48,7 @@ def shared_tolerations(wish: Wish) -> list[dict[str, Any]]:
     ]
 
 
-def shared_node_selector(wish: Wish) -> dict[str, str]:
+def shared_node_selector(wish: Desired) -> dict[str, str]:
     """Labels that every component asks of its node."""
     first, *others = wish.app.spec.components
     return {
@@ -73,7 +73,7 @@ def disconnect_tolerations(seconds: int | None) -> list[dict[str, Any]]:
     return [{"key": key, "operator": "Exists", "effect": "NoExecute", **limit} for key in DISCONNECTED]
 
 
-def affinity(component: Component, wish: Wish) -> dict[str, Any]:
+def affinity(component: Component, wish: Desired) -> dict[str, Any]:
     """Affinity of the component's pods, {} when nothing is required.
 
     Our scheduler reads devices, requirements, colocateWith, sharedData.with and separateFrom from the RobotApp and explains refusals in
@@ -93,7 +93,7 @@ def affinity(component: Component, wish: Wish) -> dict[str, Any]:
     return result
 
 
-def may_run_on(component: Component, wish: Wish, labels: Mapping[str, str]) -> bool:
+def may_run_on(component: Component, wish: Desired, labels: Mapping[str, str]) -> bool:
     """Whether the pods' own requirements admit a node with these labels."""
     terms = _node_terms(component, wish) or [[]]
     chosen = component.template.spec.node_selector.items()
@@ -113,7 +113,7 @@ def is_in(key: str, *values: str) -> dict[str, Any]:
     return {"key": key, "operator": "In", "values": list(values)}
 
 
-def _node_terms(component: Component, wish: Wish) -> list[list[dict[str, Any]]]:
+def _node_terms(component: Component, wish: Desired) -> list[list[dict[str, Any]]]:
     """Which tiers are allowed; which of them is preferred is the scheduler's business. `Robot` means the instance's own."""
     common: list[dict[str, Any]] = [] if wish.app.our_scheduler else list(_hardware(component))
     if component.runs_on:
@@ -142,7 +142,7 @@ def _labelled(kind: str, interface: str, model: str) -> dict[str, Any]:
     return is_in(key, model) if model else {"key": key, "operator": "Exists"}
 
 
-def _neighbours(component: Component, wish: Wish) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def _neighbours(component: Component, wish: Desired) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Pod affinity towards components earlier in the list: two pods that each wait for the other would never start."""
     together: list[dict[str, Any]] = []
     apart: list[dict[str, Any]] = []

@@ -12,7 +12,7 @@ from typing import Any, Final
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import PARAMETERS_PATH, PARAMETERS_PREFIX, PARAMETERS_VOLUME, Annotation
 from robotapp_api.model.parameters import ConfigMapKey, Parameters
-from robotapp_operator.plan.spec.desired import App, Wish
+from robotapp_operator.plan.spec.desired import App, Desired
 from robotapp_operator.plan.spec.objects import ConfigMap
 
 
@@ -96,7 +96,7 @@ def parameter_annotations(component: Component, state: ParameterState) -> dict[s
     return inline | ({Annotation.PARAMETERS_HASH.value: state.hash} if state.hash else {})
 
 
-def parameter_volume(component: Component, wish: Wish, state: ParameterState) -> list[dict[str, Any]]:
+def parameter_volume(component: Component, wish: Desired, state: ParameterState) -> list[dict[str, Any]]:
     """One volume with all files, none when there are none."""
     sources = [
         _source(file, position, wish.robot)

@@ -17,7 +17,7 @@ from robotapp_operator.plan.render.parameters import (
 )
 from robotapp_operator.plan.render.readiness_probes import readiness_probe
 from robotapp_operator.plan.render.ros1 import ros1_environment
-from robotapp_operator.plan.spec.desired import Domain, Wish
+from robotapp_operator.plan.spec.desired import Desired, Domain
 
 DEFAULT_ACCOUNT: Final = "default"
 GRANTED_DEVICES_PATH: Final = f"metadata.annotations['{Annotation.GRANTED_DEVICES.value}']"
@@ -25,7 +25,9 @@ PEER_WAIT_S: Final = 10
 """A peer that is late is found later through its own announcement; waiting longer would only delay the others."""
 
 
-def pod_template(component: Component, wish: Wish, *, domain: Domain | None, state: ParameterState) -> dict[str, Any]:
+def pod_template(
+    component: Component, wish: Desired, *, domain: Domain | None, state: ParameterState
+) -> dict[str, Any]:
     """Labels, annotations and spec of the component's pods."""
     template = component.template.spec
     annotations = component.template.metadata.annotations | parameter_annotations(component, state)
@@ -60,7 +62,7 @@ def pod_template(component: Component, wish: Wish, *, domain: Domain | None, sta
     }
 
 
-def container(component: Component, wish: Wish, *, domain: Domain | None, state: ParameterState) -> dict[str, Any]:
+def container(component: Component, wish: Desired, *, domain: Domain | None, state: ParameterState) -> dict[str, Any]:
     """The component's container."""
     return _written(
         name=component.name,
@@ -83,7 +85,7 @@ def container(component: Component, wish: Wish, *, domain: Domain | None, state:
 
 
 def environment(
-    component: Component, wish: Wish, *, domain: Domain | None, state: ParameterState
+    component: Component, wish: Desired, *, domain: Domain | None, state: ParameterState
 ) -> list[dict[str, Any]]:
     """Ours first, so that the component's own variables can refer to them; its own value wins where both set one.
 
@@ -105,20 +107,20 @@ def environment(
     return [*(variable for variable in ours if variable["name"] not in own), *component.env]
 
 
-def _ros_environment(wish: Wish, *, domain: Domain | None) -> list[dict[str, Any]]:
+def _ros_environment(wish: Desired, *, domain: Domain | None) -> list[dict[str, Any]]:
     if wish.app.ros_version == 1 or domain is None:
         return ros1_environment(wish)
     return [{"name": variable.name, "value": variable.value} for variable in ros2_environment(wish, domain=domain.id)]
 
 
-def _peer_identity(component: Component, wish: Wish) -> dict[str, str]:
+def _peer_identity(component: Component, wish: Desired) -> dict[str, str]:
     """A DNS name per component, under the headless Service."""
     if wish.discovery != "Peers":
         return {}
     return {"hostname": component.name, "subdomain": wish.peers_service}
 
 
-def _waiting(component: Component, wish: Wish) -> list[dict[str, Any]]:
+def _waiting(component: Component, wish: Desired) -> list[dict[str, Any]]:
     """An init step that gives the names discovery needs up to 10 s to resolve; it runs in the component's own image.
 
     Cyclone resolves its peers once, when it starts; Fast DDS its servers likewise.

@@ -3,11 +3,11 @@
 from typing import Any
 
 from robotapp_operator.plan.render.child import SERVICE, Child, instance_labels, selector
-from robotapp_operator.plan.spec.desired import Wish
+from robotapp_operator.plan.spec.desired import Desired
 from robotapp_operator.plan.spec.objects import ChildRef
 
 
-def peers_service(wish: Wish) -> Child:
+def peers_service(wish: Desired) -> Child:
     """Headless: a name per pod, published before it is ready, because discovery happens while starting."""
     labels = instance_labels(wish)
     return _service(
@@ -16,7 +16,7 @@ def peers_service(wish: Wish) -> Child:
 
 
 def role_service(
-    wish: Wish, *, name: str, role: str, labels: dict[str, str], port: int, protocol: str, headless: bool
+    wish: Desired, *, name: str, role: str, labels: dict[str, str], port: int, protocol: str, headless: bool
 ) -> Child:
     """`headless` for UDP: an answer would come from the pod's own address, not the Service's."""
     kind: dict[str, Any] = {"clusterIP": "None"} if headless else {}

@@ -138,7 +138,7 @@ class App:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Wish:
+class Desired:
     """One instance: names of its infrastructure and the resolved middleware settings."""
 
     app: App
@@ -182,9 +182,9 @@ class Wish:
         return ()
 
 
-def wish_of(app: App, robot: str) -> Wish:
+def wish_of(app: App, robot: str) -> Desired:
     """The instance's wish; total, also for a spec that is not accepted."""
-    return Wish(
+    return Desired(
         app=app,
         robot=robot,
         rmw=app.rmw,

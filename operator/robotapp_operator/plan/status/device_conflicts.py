@@ -11,7 +11,7 @@ from robotapp_api.model.component import Component
 from robotapp_api.model.device import Device
 from robotapp_operator.plan.render.node_affinity import may_run_on
 from robotapp_operator.plan.spec.desired import App, wish_of
-from robotapp_operator.plan.spec.desired import Wish as InstanceWish
+from robotapp_operator.plan.spec.desired import Desired as InstanceWish
 from robotapp_operator.plan.spec.objects import Node, Telemetry
 
 SHOWN: Final = 3
@@ -28,7 +28,7 @@ class Place(NamedTuple):
         return f"{self.id} on {self.node}"
 
 
-class Wish(NamedTuple):
+class DeviceRequest(NamedTuple):
     """An exclusive device that a component asks for, and those that would do, held or not."""
 
     component: str
@@ -52,7 +52,7 @@ def device_trouble(
     closed = closed_nodes([node.metadata for node in nodes.values()], app.namespace)
     nodes = {name: node for name, node in nodes.items() if name not in closed}  # others' robots are not talked about
     wishes = [
-        Wish(component.name, device.name, fitting)
+        DeviceRequest(component.name, device.name, fitting)
         for component in app.spec.components
         for device in component.devices
         if claimed(device)
@@ -87,7 +87,7 @@ def _can_have(fitting: Sequence[frozenset[Place]], group: Sequence[int]) -> bool
     return assign(wanted, preferred=range(len(places))) is not None
 
 
-def _rivals_text(group: Sequence[Wish]) -> str:
+def _rivals_text(group: Sequence[DeviceRequest]) -> str:
     components = [wish.component for wish in group]
     names = [
         wish.component if components.count(wish.component) == 1 else f"{wish.component} ({wish.device})"

@@ -9,7 +9,7 @@ from robotapp_api.model.names import Condition, EventReason, Reason
 from robotapp_operator.plan.spec.desired import App
 
 
-class News(NamedTuple):
+class EventChanges(NamedTuple):
     reason: EventReason
     note: str
     warning: bool
@@ -56,17 +56,21 @@ _TURNS = (
 )
 
 
-def news_of(before: Mapping[str, Any], after: Mapping[str, Any], *, new_domains: Mapping[str, int]) -> list[News]:
+def news_of(
+    before: Mapping[str, Any], after: Mapping[str, Any], *, new_domains: Mapping[str, int]
+) -> list[EventChanges]:
     """Compare two statuses of one app. `new_domains`: instance -> id that was claimed since."""
     news = [
-        News(EventReason.DOMAIN_ALLOCATED, f"{f'robot {robot}: ' if robot else ''}domain {number}", warning=False)
+        EventChanges(
+            EventReason.DOMAIN_ALLOCATED, f"{f'robot {robot}: ' if robot else ''}domain {number}", warning=False
+        )
         for robot, number in sorted(new_domains.items())
     ]
     turned = _turned(_reasons(before), _reasons(after))
     for turn in _TURNS:
         status, reason, message = turned.get(turn.kind.value, ("", "", ""))
         if status and (status == turn.status or reason in turn.reasons):
-            news.append(News(turn.event or EventReason(reason), message, turn.warning))
+            news.append(EventChanges(turn.event or EventReason(reason), message, turn.warning))
     return news
 
 
@@ -77,7 +81,7 @@ def _turned(
     return {kind: now for kind, now in new.items() if old.get(kind, ())[:2] != now[:2]}
 
 
-def end_of_life(app: App, before: Mapping[str, Any], today: date) -> News | None:
+def end_of_life(app: App, before: Mapping[str, Any], today: date) -> EventChanges | None:
     """Once per generation: the distribution gets no more security fixes."""
     distro = DISTROS.get(app.distro)
     if distro is None or not distro.is_past_end_of_life(today):
@@ -85,7 +89,7 @@ def end_of_life(app: App, before: Mapping[str, Any], today: date) -> News | None
     if before.get("observedGeneration") == app.generation:
         return None
     text = f"support of {distro.name} ended on {distro.end_of_life}; plan a move to a supported distribution"
-    return News(EventReason.EOL_DISTRO, text, warning=True)
+    return EventChanges(EventReason.EOL_DISTRO, text, warning=True)
 
 
 def _reasons(status: Mapping[str, Any]) -> dict[str, tuple[str, str, str]]:

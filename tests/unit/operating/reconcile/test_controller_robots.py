@@ -12,7 +12,7 @@ from robotapp_operator.plan.spec.objects import Deployment, Meta
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key
 from robotapp_operator.reconcile.controller import FIRST_OBJECT_S, ROBOTS_REST_S
-from robotapp_operator.watch.out_of_sight import Sight
+from robotapp_operator.watch.out_of_sight import OutOfSight
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 
@@ -58,7 +58,7 @@ async def test_a_robot_that_leaves_takes_its_instance_along_and_what_is_remember
 async def test_a_robot_out_of_sight_keeps_what_is_remembered_of_it_and_is_looked_at_when_its_grace_is_over(
     world: World,
 ) -> None:
-    world.cache.sight = Sight(world.clock)
+    world.cache.sight = OutOfSight(world.clock)
     await planned(world, "a", "b")
     owner = OwnerReference(api_version=API_VERSION, kind="RobotApp", uid="uid-1", controller=True)
     meta = Meta(name="d", labels={Label.INSTANCE.value: "b"}, owner_references=(owner,))

@@ -8,13 +8,13 @@ from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.claims.objects import Pool
 from robotapp_api.model.names import Reason
 from robotapp_operator.reconcile.domain_line import Line
-from robotapp_operator.reconcile.reconcile_state import Memory
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
 
 
 class World:
     def __init__(self, ids: str = "1-3", *, scope: str = "Cluster") -> None:
-        self.cache, self.memory = Cache(), Memory()
+        self.cache, self.memory = Cache(), ReconcileState()
         self.cache.pools["default"] = msgspec.convert(make.pool_json(ids, scope=scope), Pool)
         self.line = Line(self.cache, self.memory)
 

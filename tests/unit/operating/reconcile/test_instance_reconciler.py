@@ -28,10 +28,10 @@ from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, Service
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.reconcile.instance_reconciler import Children
-from robotapp_operator.reconcile.reconcile_state import Memory
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config_maps import ParamsWatch
-from robotapp_operator.watch.out_of_sight import Sight
+from robotapp_operator.watch.out_of_sight import OutOfSight
 
 VERSION = "1.2.0"
 MULTICAST = {"ros2": {"discovery": {"mode": "Multicast"}}}
@@ -44,7 +44,7 @@ class World:
         self.api = api
         self.client = client
         self.cache = Cache()
-        self.memory = Memory()
+        self.memory = ReconcileState()
         queue = Queue(clock=lambda: 0.0, jitter=lambda: 0.0)
         self.params = ParamsWatch(client, self.cache, queue)
         self.children = Children(client, self.cache, self.memory, self.params, version=VERSION)
@@ -237,7 +237,7 @@ async def test_what_runs_for_the_last_robot_goes_when_the_robot_does(world: Worl
 async def out_of_sight_for_the_grace(world: World, uid: str) -> None:
     """The cache loses all nodes. During the grace nothing happens, then it is over."""
     now_s = 0.0
-    world.cache.sight = Sight(lambda: now_s)
+    world.cache.sight = OutOfSight(lambda: now_s)
     world.cache.nodes.clear()
     writes = world.writes()
     assert await world.children.reconcile(uid, "amr-07")

@@ -17,7 +17,7 @@ from robotapp_operator.plan.spec.objects import ConfigMap, Node, ReplicaSet, Tel
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
 from robotapp_operator.reconcile import observer as module
 from robotapp_operator.reconcile.observer import Observer
-from robotapp_operator.reconcile.reconcile_state import Memory
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import wanted_instances
 from robotapp_operator.watch.nodes import Nodes
@@ -31,7 +31,7 @@ class World:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s = 0.0
         self.cache = Cache()
-        self.memory = Memory()
+        self.memory = ReconcileState()
         self.changed: list[tuple[str, str]] = []
         self.computed = 0
         self.observer = Observer(

@@ -20,7 +20,7 @@ from robotapp_operator.plan.spec.record import parse_record
 from robotapp_operator.plan.status.pace import BURST
 from robotapp_operator.reconcile import observer, status_reporter
 from robotapp_operator.reconcile.observer import Observer
-from robotapp_operator.reconcile.reconcile_state import Memory
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.status_reporter import Reporter, same_status, unreadable_status
 from robotapp_operator.watch.cache import Cache
 
@@ -42,7 +42,7 @@ class World:
         self.api = api
         self.client = client
         self.cache = Cache()
-        self.memory = Memory()
+        self.memory = ReconcileState()
         self.recorder = Recorder()
         self.today = datetime(2026, 1, 1, tzinfo=UTC)
         self.now_s = 0.0

@@ -11,7 +11,7 @@ from robotapp_api.model.names import Label
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import problems_now, wanted_instances
-from robotapp_operator.watch.out_of_sight import BRAKED_S, Sight
+from robotapp_operator.watch.out_of_sight import BRAKED_S, OutOfSight
 
 ALL = {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}
 NAMES = [f"r-{number:02}" for number in range(40)]
@@ -33,7 +33,7 @@ class World:
 
     def restart(self) -> None:
         """The caches of a new process are full before it works; what it remembers is gone."""
-        self.cache.sight = Sight(lambda: self.now_s)
+        self.cache.sight = OutOfSight(lambda: self.now_s)
 
     def bring(self, *names: str) -> None:
         self.cache.nodes.update(robots(*names))

@@ -7,15 +7,15 @@ from tests.support.factories import component, make_app
 
 from robotapp_api.checks.middleware import resolve_mode
 from robotapp_operator.plan.render.environment import cyclone_config, ros2_environment
-from robotapp_operator.plan.spec.desired import Wish, wish_of
+from robotapp_operator.plan.spec.desired import Desired, wish_of
 
 
-def wish(rmw: str | None = None, *, distro: str = "humble", mode: str = "Auto", **ros2: object) -> Wish:
+def wish(rmw: str | None = None, *, distro: str = "humble", mode: str = "Auto", **ros2: object) -> Desired:
     fields = {"discovery": {"mode": mode}, **ros2, **({"rmw": rmw} if rmw else {})}
     return wish_of(make_app(component("a"), component("b"), ros={"distro": distro}, ros2=fields), "amr-07")
 
 
-def variables(of: Wish) -> dict[str, str]:
+def variables(of: Desired) -> dict[str, str]:
     return {variable.name: variable.value for variable in ros2_environment(of, domain=7)}
 
 
