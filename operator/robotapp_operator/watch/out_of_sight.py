@@ -34,7 +34,7 @@ class OutOfSight:
         self._apps: dict[str, Missing] = {}
 
     def __repr__(self) -> str:
-        return f"<Sight: {sum(len(missing.since) for missing in self._apps.values())} robots missing>"
+        return f"<OutOfSight: {sum(len(missing.since) for missing in self._apps.values())} robots missing>"
 
     def kept(self, app: App, missing: frozenset[str], *, too_many: Callable[[], bool]) -> frozenset[str]:
         """Of the robots that are `missing` now, those whose instances go on.

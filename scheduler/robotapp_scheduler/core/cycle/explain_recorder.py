@@ -18,7 +18,7 @@ from robotapp_scheduler.core.explain.record import (
     Top,
     top_bytes,
 )
-from robotapp_scheduler.core.explain.top_nodes import Finish, Front, Sight
+from robotapp_scheduler.core.explain.top_nodes import ChosenNode, NodePluginScores, TopNodes
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import FilterColumn
@@ -50,7 +50,7 @@ class Recorder:
         self._attempt = attempt
         self.evaluation: Evaluation | None = None
         """What the filters said, once they have run."""
-        self.best: Finish | None = None
+        self.best: ChosenNode | None = None
         """What goes with the record about the best nodes; None when there was nothing to choose from."""
         self.shadows: tuple[str, ...] = ()
         """Shadow plugins that would have changed the choice."""
@@ -66,18 +66,18 @@ class Recorder:
         self.evaluation, self.tier = found
         return self.evaluation
 
-    def scored(self, pod: PodInfo, evaluation: Evaluation, chosen: Sight) -> None:
+    def scored(self, pod: PodInfo, evaluation: Evaluation, chosen: NodePluginScores) -> None:
         """The scores are in, and of the best rows `chosen` won."""
         cluster = self._cluster
         first = evaluation.first(pod, cluster, min(TOP, evaluation.feasible))
         front, scorers = evaluation.front, evaluation.scorers
         if front.positions is not first or front.scorers is not scorers:
             sights = evaluation.sights(pod, cluster, first)
-            front = evaluation.front = Front(first, sights, scorers, top_bytes(len(scorers.weights), len(first)))
+            front = evaluation.front = TopNodes(first, sights, scorers, top_bytes(len(scorers.weights), len(first)))
         if len(chosen.scores) != len(scorers.apart):
             # A look at the others showed that a plugin no longer says the same of all.
             chosen = evaluation.sight(pod, cluster, chosen.position)
-        self.best = Finish(front, chosen)
+        self.best = ChosenNode(front, chosen)
 
     def record(self, decision: ScheduleResult) -> Record:
         """The record but for the `best` nodes."""

@@ -84,7 +84,7 @@ class Record(msgspec.Struct, gc=False, rename="camel"):
     """Tie-break seed: with pod uid and node names it reproduces the choice among equal totals."""
 
 
-class Best(Protocol):
+class TopSource(Protocol):
     """What a decision saw of the best nodes, to be written out when somebody asks."""
 
     @property
@@ -95,7 +95,7 @@ class Best(Protocol):
         """The best nodes of that moment."""
 
 
-def finished(record: Record, best: Best | None) -> Record:
+def finished(record: Record, best: TopSource | None) -> Record:
     """The record with its best nodes written out."""
     if best is None:
         return record
@@ -128,7 +128,7 @@ class ExplainRing:
         self._kept = kept
         self._kept_bytes = kept_bytes
         self._bytes = 0
-        self._records: OrderedDict[str, tuple[Record, Best | None, int]] = OrderedDict()
+        self._records: OrderedDict[str, tuple[Record, TopSource | None, int]] = OrderedDict()
         """By pod uid, with what each weighs."""
 
     def __len__(self) -> int:
@@ -142,7 +142,7 @@ class ExplainRing:
         """Memory the records may take, estimated from above."""
         return self._bytes
 
-    def add(self, record: Record, best: Best | None = None) -> None:
+    def add(self, record: Record, best: TopSource | None = None) -> None:
         """Keep a record in place of an older one of the same pod. With `best` it gets its best nodes when it is read."""
         records, uid = self._records, record.uid
         if uid in records:

@@ -19,7 +19,7 @@ class Scorers(NamedTuple):
     """The others."""
 
 
-class Sight(msgspec.Struct, frozen=True, gc=False):
+class NodePluginScores(msgspec.Struct, frozen=True, gc=False):
     """One row: its node, its total, and the normalised scores of `Scorers.apart`, in that order."""
 
     position: int
@@ -28,24 +28,24 @@ class Sight(msgspec.Struct, frozen=True, gc=False):
     scores: tuple[int, ...]
 
 
-class Front(NamedTuple):
+class TopNodes(NamedTuple):
     """Up to TOP rows, none better than the first. Never changed: decisions that saw the same rows share it."""
 
     positions: tuple[int, ...]
-    sights: tuple[Sight, ...]
+    sights: tuple[NodePluginScores, ...]
     scorers: Scorers
     weight_bytes: int
     """What a `Top` of it takes, estimated from above."""
 
 
-NOTHING: Final = Front((), (), Scorers({}, (), {}, ()), 0)
+NOTHING: Final = TopNodes((), (), Scorers({}, (), {}, ()), 0)
 
 
-class Finish(msgspec.Struct, frozen=True, gc=False):
+class ChosenNode(msgspec.Struct, frozen=True, gc=False):
     """The row that won, beside those at the front when it did."""
 
-    front: Front
-    chosen: Sight
+    front: TopNodes
+    chosen: NodePluginScores
 
     @property
     def weight_bytes(self) -> int:

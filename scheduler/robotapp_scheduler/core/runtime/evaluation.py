@@ -10,7 +10,7 @@ from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import NODE
 from robotapp_scheduler.core.explain.record import EXAMPLES, Refusal
-from robotapp_scheduler.core.explain.top_nodes import NOTHING, Scorers, Sight
+from robotapp_scheduler.core.explain.top_nodes import NOTHING, NodePluginScores, Scorers
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.filter_results import HOLE, Codes, FilterColumn, NodeToStatus, Reasons
@@ -193,12 +193,12 @@ class Evaluation:
         """Positions of the best rows, better ones first; so many must be feasible."""
         return self._totals.first(pod, cluster, self._verdicts, hashes=self._hashes(cluster), count=count)
 
-    def sight(self, pod: PodInfo, cluster: Cache, position: int) -> Sight:
+    def sight(self, pod: PodInfo, cluster: Cache, position: int) -> NodePluginScores:
         """What there is to say about one feasible position."""
         node = cluster.nodes.names[position if self.rows is None else self.rows.item(position)]
         return self._totals.sight(pod, cluster, self._verdicts, row=position, node=node)
 
-    def sights(self, pod: PodInfo, cluster: Cache, positions: Sequence[int]) -> tuple[Sight, ...]:
+    def sights(self, pod: PodInfo, cluster: Cache, positions: Sequence[int]) -> tuple[NodePluginScores, ...]:
         """The same of several."""
         said = self._totals.said
         return tuple([said.get(position) or self.sight(pod, cluster, position) for position in positions])

@@ -1,7 +1,7 @@
 """Total scores of all rows and the rows with the best ones, updated incrementally.
 
-`Level` is the set of rows that share one total, `Best` holds the levels from some total on, `Ranking` the totals and the
-single rows whose score was looked up.
+`TiedRows` is the set of rows that share one total, `TopRows` holds these sets from some total on, `Ranking` the totals
+and the single rows whose score was looked up.
 """
 
 from bisect import insort
@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.explain.top_nodes import Sight
+from robotapp_scheduler.core.explain.top_nodes import NodePluginScores
 from robotapp_scheduler.core.nodes.columns import IntArray
 
 Positions = npt.NDArray[np.intp]
@@ -31,7 +31,7 @@ NOBODY: Final[Positions] = np.zeros(0, dtype=np.intp)
 NO_NAMES: Final[Hashes] = np.zeros(0, dtype=np.uint64)
 
 
-class Level:
+class TiedRows:
     """Positions whose total is `value`. `total` and `hashes` (of the node names) are those of all positions."""
 
     __slots__ = ("_gone", "_hashes", "_late", "_names", "_positions", "_total", "value")
@@ -48,7 +48,7 @@ class Level:
         """Those that are here and not among these."""
 
     def __repr__(self) -> str:
-        return f"Level({len(self)} rows with {self.value})"
+        return f"TiedRows({len(self)} rows with {self.value})"
 
     def __len__(self) -> int:
         return len(self._positions) - len(self._gone) + len(self._late)
@@ -140,7 +140,7 @@ NOWHERE: Final = (1, 0)
 """After the place of every row, in the order of `first`."""
 
 
-class Best:
+class TopRows:
     """All positions from some total on, by total. True while it is told of every total that changes (`all_changed`).
 
     The highest total alone is looked for at first, the next ones when somebody asks for more rows than have it. A row
@@ -154,12 +154,12 @@ class Best:
 
     def __init__(self, total: IntArray, hashes: Hashes) -> None:
         self._total, self._hashes = total, hashes
-        self._by_value: dict[int, Level] = {}
-        self._levels: list[Level] = []
+        self._by_value: dict[int, TiedRows] = {}
+        self._levels: list[TiedRows] = []
         """None of them empty, the highest one last."""
         self._floor = int(total.max())
         """All positions with this total or more are in a level."""
-        self._add(Level(self._floor, total, hashes, (total == self._floor).nonzero()[0]))
+        self._add(TiedRows(self._floor, total, hashes, (total == self._floor).nonzero()[0]))
         self._first: tuple[int, ...] = ()
         """The last answer of `first`, true while it was asked for `_asked` positions."""
         self._asked = -1
@@ -168,7 +168,7 @@ class Best:
         self._last = NOWHERE
 
     def __repr__(self) -> str:
-        return f"Best({len(self)} rows with {self.top})"
+        return f"TopRows({len(self)} rows with {self.top})"
 
     def __len__(self) -> int:
         return len(self._levels[-1])
@@ -236,24 +236,24 @@ class Best:
         found = ((total >= self._floor) & (total < floor)).nonzero()[0]
         above = total[found] - self._floor
         for step in np.bincount(above).nonzero()[0].tolist():
-            self._add(Level(self._floor + step, total, self._hashes, found[above == step]))
+            self._add(TiedRows(self._floor + step, total, self._hashes, found[above == step]))
 
     def _move(self, position: int, old: int, new: int) -> None:
         if new >= self._floor:
             level = self._by_value.get(new)
             if level is None:
-                level = self._add(Level(new, self._total, self._hashes))
+                level = self._add(TiedRows(new, self._total, self._hashes))
             level.join(position)
         if old >= self._floor:
             level = self._by_value[old]
             if not level.leave((position,)):
                 self._drop(level)
 
-    def _drop(self, level: Level) -> None:
+    def _drop(self, level: TiedRows) -> None:
         del self._by_value[level.value]
         self._levels.remove(level)
 
-    def _add(self, level: Level) -> Level:
+    def _add(self, level: TiedRows) -> TiedRows:
         self._by_value[level.value] = level
         insort(self._levels, level, key=_VALUE)
         return level
@@ -273,9 +273,9 @@ class Ranking:
 
     def __init__(self) -> None:
         self.total: IntArray = np.zeros(0, dtype=np.int64)
-        self.sights: dict[int, Sight] = {}
+        self.sights: dict[int, NodePluginScores] = {}
         """Of rows that somebody asked for, until they are added up again."""
-        self._best: Best | None = None
+        self._best: TopRows | None = None
 
     def __repr__(self) -> str:
         return f"Ranking({len(self.total)} rows)"
@@ -318,14 +318,14 @@ class Ranking:
             for row in rows:
                 sights.pop(row, None)
 
-    def say(self, sight: Sight) -> None:
+    def say(self, sight: NodePluginScores) -> None:
         """Keep this for the next who asks."""
         if len(self.sights) >= MOST_SIGHTS:
             self.sights.clear()
         self.sights[sight.position] = sight
 
-    def best(self, hashes: Hashes) -> Best:
+    def best(self, hashes: Hashes) -> TopRows:
         """By `hashes` of the node names. One row at least must be feasible."""
         if self._best is None:
-            self._best = Best(self.total, hashes)
+            self._best = TopRows(self.total, hashes)
         return self._best

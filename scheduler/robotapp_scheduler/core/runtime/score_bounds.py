@@ -4,7 +4,7 @@ Where several classes take turns, each finds some twenty rows that the others ha
 as much as the rest of a decision, and most change once more before their total is needed. What such a row scores can
 fall, or rise to the ceiling its plugins name: the bound is good enough while it stays below the rows that are chosen.
 
-`Patience` measures when bounds pay: not where pods come to the best rows only, or all rows must soon be added up anyway.
+`BoundsPayoff` measures when bounds pay: not where pods come to the best rows only, or all rows must soon be added up anyway.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ REST: Final = 16
 MOST_REST: Final = 4096
 
 
-class Patience:
+class BoundsPayoff:
     """What doubting saved and cost one class of late."""
 
     __slots__ = ("_came", "_decisions", "_looked", "_looks", "_pause", "_rest")
@@ -51,7 +51,7 @@ class Patience:
         """Rows that changed, and rows looked at one by one, in this window."""
 
     def __repr__(self) -> str:
-        return f"Patience({self._decisions} decisions, {self._looked} of {self._came} rows looked at, {self._pause} to rest)"
+        return f"BoundsPayoff({self._decisions} decisions, {self._looked} of {self._came} rows looked at, {self._pause} to rest)"
 
     def rest(self) -> bool:
         """One more decision goes by in which nothing may be doubted. False: it may."""
@@ -167,7 +167,7 @@ class ScoreBounds:
         """All rows with a limit above their total, and perhaps others; None where these are many."""
         self._judged = False
         """Was it asked whether the columns allow it, since they or the nodes changed?"""
-        self._patience = Patience()
+        self._patience = BoundsPayoff()
 
     def __repr__(self) -> str:
         return f"ScoreBounds({len(self.rows)} rows)"

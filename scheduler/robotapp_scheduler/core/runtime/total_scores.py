@@ -8,7 +8,7 @@ import numpy.typing as npt
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import NODE
-from robotapp_scheduler.core.explain.top_nodes import Scorers, Sight
+from robotapp_scheduler.core.explain.top_nodes import NodePluginScores, Scorers
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -72,7 +72,7 @@ class TotalScores:
         return self._sums.parts.scorers
 
     def choose(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, *, hashes: Hashes, draw: int) -> int:
-        """A row with the highest total, see `Best`, by `hashes` of the node names. One row must be feasible."""
+        """A row with the highest total, see `TopRows`, by `hashes` of the node names. One row must be feasible."""
         doubtful = self._doubts.rows
         while (found := self._ranking.best(hashes).choose(draw)) in doubtful:
             self._look(pod, cluster, verdicts, [found])
@@ -81,19 +81,19 @@ class TotalScores:
     def first(
         self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, *, hashes: Hashes, count: int
     ) -> tuple[int, ...]:
-        """The best rows, see `Best`. So many must be feasible."""
+        """The best rows, see `TopRows`. So many must be feasible."""
         doubtful = self._doubts.rows
         while not doubtful.isdisjoint(found := self._ranking.best(hashes).first(count)):
             self._look(pod, cluster, verdicts, [row for row in found if row in doubtful])
         return found
 
-    def sight(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, *, row: int, node: str) -> Sight:
+    def sight(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, *, row: int, node: str) -> NodePluginScores:
         """What there is to say about one feasible row, which stands for this node."""
         if row in self._doubts.rows:
             self._look(pod, cluster, verdicts, [row])
         found = self.said.get(row)
         if found is None:
-            found = Sight(row, node, self._ranking.total.item(row), self._scores(row))
+            found = NodePluginScores(row, node, self._ranking.total.item(row), self._scores(row))
             self._ranking.say(found)
         return found
 
