@@ -9,7 +9,7 @@ from robotapp_api.model.names import Condition, EventReason, Reason
 from robotapp_operator.plan.spec.desired import App
 
 
-class EventChanges(NamedTuple):
+class PendingEvent(NamedTuple):
     reason: EventReason
     note: str
     warning: bool
@@ -58,10 +58,10 @@ _TURNS = (
 
 def news_of(
     before: Mapping[str, Any], after: Mapping[str, Any], *, new_domains: Mapping[str, int]
-) -> list[EventChanges]:
+) -> list[PendingEvent]:
     """Compare two statuses of one app. `new_domains`: instance -> id that was claimed since."""
     news = [
-        EventChanges(
+        PendingEvent(
             EventReason.DOMAIN_ALLOCATED, f"{f'robot {robot}: ' if robot else ''}domain {number}", warning=False
         )
         for robot, number in sorted(new_domains.items())
@@ -70,7 +70,7 @@ def news_of(
     for turn in _TURNS:
         status, reason, message = turned.get(turn.kind.value, ("", "", ""))
         if status and (status == turn.status or reason in turn.reasons):
-            news.append(EventChanges(turn.event or EventReason(reason), message, turn.warning))
+            news.append(PendingEvent(turn.event or EventReason(reason), message, turn.warning))
     return news
 
 
@@ -81,7 +81,7 @@ def _turned(
     return {kind: now for kind, now in new.items() if old.get(kind, ())[:2] != now[:2]}
 
 
-def end_of_life(app: App, before: Mapping[str, Any], today: date) -> EventChanges | None:
+def end_of_life(app: App, before: Mapping[str, Any], today: date) -> PendingEvent | None:
     """Once per generation: the distribution gets no more security fixes."""
     distro = DISTROS.get(app.distro)
     if distro is None or not distro.is_past_end_of_life(today):
@@ -89,7 +89,7 @@ def end_of_life(app: App, before: Mapping[str, Any], today: date) -> EventChange
     if before.get("observedGeneration") == app.generation:
         return None
     text = f"support of {distro.name} ended on {distro.end_of_life}; plan a move to a supported distribution"
-    return EventChanges(EventReason.EOL_DISTRO, text, warning=True)
+    return PendingEvent(EventReason.EOL_DISTRO, text, warning=True)
 
 
 def _reasons(status: Mapping[str, Any]) -> dict[str, tuple[str, str, str]]:
