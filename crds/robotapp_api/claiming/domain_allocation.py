@@ -65,7 +65,7 @@ async def pool_claims(client: Api, request: DomainRequest) -> list[Claim]:
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class PoolCapacity:
     """What is left of a pool: the claims at one place, how many ids nobody holds, and the uids of the holders."""
 
     there: tuple[Claim, ...]
@@ -73,14 +73,16 @@ class Room:
     holders: frozenset[str]
 
 
-def room_of(request: DomainRequest, pool: Pool, claims: Iterable[Claim]) -> Room:
+def room_of(request: DomainRequest, pool: Pool, claims: Iterable[Claim]) -> PoolCapacity:
     """Of the pool and the place of this request; it is the same for all others who ask there."""
     there = tuple(claim for claim in claims if _same_place(claim, request))
     free = rules.pool_ids(pool) - _ids(there)
-    return Room(there, len(free), frozenset(claim.holder.uid for claim in there))
+    return PoolCapacity(there, len(free), frozenset(claim.holder.uid for claim in there))
 
 
-def full_pool(request: DomainRequest, pool: Pool, room: Room, *, trying: Collection[str] = ()) -> DomainOutcome | None:
+def full_pool(
+    request: DomainRequest, pool: Pool, room: PoolCapacity, *, trying: Collection[str] = ()
+) -> DomainOutcome | None:
     """Exhausted when others hold every id the pool hands out; None when one may be free, or one is asked for by its number.
 
     trying: uids of holders that are about to take one.

@@ -10,7 +10,7 @@ from robotapp_api.claims.objects import Claim, Meta
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
-from robotapp_scheduler.core.api.ros import DeviceWish, RosContext
+from robotapp_scheduler.core.api.ros import DeviceRequest, RosContext
 from robotapp_scheduler.core.cycle.diagnosis import BIND_CHECK, FULL_POOL, WAKERS
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import RegisteredPlugin
@@ -42,14 +42,14 @@ def gone(**pod: Any) -> Event:
 
 def bare() -> PodInfo:
     info = make_info("bare")
-    info.ros = RosContext(devices=(DeviceWish("can0", "can"),))
+    info.ros = RosContext(devices=(DeviceRequest("can0", "can"),))
     return info
 
 
 def member(component: str = "driver", *, exclusive: bool = True) -> PodInfo:
     labels = {Label.APP_UID: "app", Label.INSTANCE: "", Label.COMPONENT: component}
     info = make_info("part", labels={str(key): value for key, value in labels.items()})
-    info.ros = RosContext(devices=(DeviceWish("can0", "can", exclusive=exclusive),))
+    info.ros = RosContext(devices=(DeviceRequest("can0", "can", exclusive=exclusive),))
     return info
 
 
@@ -91,7 +91,7 @@ def test_one_device_serves_one_pod_that_wants_it_alone_and_any_number_that_share
 
 def test_pods_that_want_other_devices_do_not_share_a_turn() -> None:
     camera = bare()
-    camera.ros = RosContext(devices=(DeviceWish("video0", "video"),))
+    camera.ros = RosContext(devices=(DeviceRequest("video0", "video"),))
     assert RESERVE.key(bare()) == RESERVE.key(bare())
     assert RESERVE.key(bare()) != RESERVE.key(camera)
 

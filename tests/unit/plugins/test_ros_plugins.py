@@ -6,7 +6,7 @@ import pytest
 from tests.support.scheduling import device_claim, make_cluster, make_info, make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Annotation, Label
-from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish, Endpoint, Hardware, PeerGroup, RosContext
+from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceRequest, Endpoint, Hardware, PeerGroup, RosContext
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.framework.interface import Scores, Verdict
@@ -229,7 +229,7 @@ def test_every_requirement_must_be_met_and_devices_match_what_agents_see() -> No
     cluster = hardware_cluster()
     camera = {"id": "usb-cam", "type": "usb", "model": "d435", "identity": "usb:8086:0b3a:77"}
     cluster.apply_telemetry(telemetry("gpu", devices=[camera]))
-    wish = DeviceWish("cam", "usb", usb_id="8086:0b3a")
+    wish = DeviceRequest("cam", "usb", usb_id="8086:0b3a")
     nodes = Snapshot(cluster)
     info = pod(hardware=(Hardware("gpu"),), devices=(wish,))
     assert passing(HardwareAffinityFilter().filter(info, nodes), nodes) == {"gpu"}
@@ -271,7 +271,7 @@ def test_a_pod_only_fits_where_a_free_device_is_left_for_every_wish() -> None:
         cluster.apply_telemetry(telemetry(name, devices=devices))
     cluster.apply_claim(device_claim("busy", "can-can0", uid="stranger"))
     holder = DeviceHolder(uid="app", namespace="default", pod_uid="uid-p")
-    wishes = (DeviceWish("left", "can"), DeviceWish("right", "can"))
+    wishes = (DeviceRequest("left", "can"), DeviceRequest("right", "can"))
     nodes = Snapshot(cluster)
     assert passing(ROSReserve().filter(pod(devices=wishes, holder=holder), nodes), nodes) == {"two"}
     assert passing(ROSReserve().filter(pod(devices=wishes[:1], holder=holder), nodes), nodes) == {"one", "two", "busy"}

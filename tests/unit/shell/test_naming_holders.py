@@ -4,7 +4,7 @@ from tests.support.placing import Rig
 from tests.support.scheduling import device_claim
 
 from robotapp_api.model.names import HARDWARE_PREFIX, EventReason
-from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish, RosContext
+from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceRequest, RosContext
 from robotapp_scheduler.core.cycle.diagnosis import DEVICE_PLUGIN
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.framework.interface import Code
@@ -20,7 +20,7 @@ async def refused_while_another_is_placed() -> Rig:
     rig.show("q")
     (queued,) = rig.core.queue.pop()
     holder = DeviceHolder(uid="uid-q", namespace="a", pod_uid="uid-q")
-    queued.info.ros = RosContext(devices=(DeviceWish("can0", "can"),), holder=holder)
+    queued.info.ros = RosContext(devices=(DeviceRequest("can0", "can"),), holder=holder)
     decision = ScheduleResult(
         pod=queued.info, code=Code.UNSCHEDULABLE, message="busy", rejected_by=frozenset({DEVICE_PLUGIN}), queued=queued
     )

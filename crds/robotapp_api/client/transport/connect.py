@@ -8,7 +8,7 @@ from typing import Any, Final, TypeVar, cast
 from urllib.parse import urlsplit
 
 from robotapp_api.client.transport.kubeconfig import Endpoint
-from robotapp_api.client.transport.tls_sessions import Resuming
+from robotapp_api.client.transport.tls_sessions import SessionResumption
 
 CONNECT_TIMEOUT_S: Final = 5.0
 CLOSE_S: Final = 1.0
@@ -70,7 +70,7 @@ class Dialer:
         self.host_header = parts.netloc.rpartition("@")[2]
         self.prefix = parts.path.rstrip("/")
         self.open: set[Speaker] = set()
-        self._proved: Resuming | None = None
+        self._proved: SessionResumption | None = None
         """Before whom the server has proved itself last; None when that session is remembered."""
         self._endpoint = endpoint
         self._host = parts.hostname or ""
@@ -121,7 +121,7 @@ class Dialer:
             await asyncio.wait([made], timeout=CLOSE_S)
             raise
         spoken = transport.get_extra_info("ssl_object")
-        if isinstance(spoken, Resuming) and not spoken.session_reused:
+        if isinstance(spoken, SessionResumption) and not spoken.session_reused:
             self._proved = spoken
         return speaking
 

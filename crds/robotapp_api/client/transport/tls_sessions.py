@@ -16,11 +16,11 @@ def resuming(context: ssl.SSLContext) -> ssl.SSLContext:
 
     A session goes on as whoever began it: a certificate loaded later would not be shown.
     """
-    context.sslobject_class = Resuming
+    context.sslobject_class = SessionResumption
     return context
 
 
-class Resuming(ssl.SSLObject):
+class SessionResumption(ssl.SSLObject):
     """One end of a connection. A server that does not know the session any more asks for the whole handshake."""
 
     _begun = False

@@ -29,7 +29,7 @@ READ: Final = (
 _READ: Final = frozenset(READ)
 
 
-class _Refused(Exception):  # noqa: N818 - control flow inside this module, never seen outside
+class _InvalidValue(Exception):  # noqa: N818 - control flow inside this module, never seen outside
     def __init__(self, field: str, value: object, allowed: str) -> None:
         super().__init__(field, value, allowed)
         self.field, self.value, self.allowed = field, value, allowed
@@ -49,7 +49,7 @@ def parse_annotations(annotations: Mapping[str, str]) -> RosRequest | InvalidAnn
     for key in present:
         try:
             fields.update(_PARSERS[key](annotations[key]))
-        except _Refused as refused:
+        except _InvalidValue as refused:
             return InvalidAnnotation(
                 key=str(key), field=refused.field, value=_shown(refused.value), allowed=refused.allowed
             )
@@ -67,7 +67,7 @@ def _shown(value: object) -> str:
 
 def _check_size(text: str) -> None:
     if len(text) > MAX_BYTES or len(text.encode(errors="replace")) > MAX_BYTES:
-        raise _Refused("", text, f"at most {MAX_BYTES} bytes of JSON")
+        raise _InvalidValue("", text, f"at most {MAX_BYTES} bytes of JSON")
     depth = 0
     quoted = escaped = False
     for char in text:
@@ -79,7 +79,7 @@ def _check_size(text: str) -> None:
         elif char in "[{":
             depth += 1
             if depth > MAX_DEPTH:
-                raise _Refused("", text, f"at most {MAX_DEPTH} levels of nesting")
+                raise _InvalidValue("", text, f"at most {MAX_DEPTH} levels of nesting")
         elif char in "]}":
             depth -= 1
 
@@ -88,25 +88,25 @@ def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     result: dict[str, Any] = {}
     for key, value in pairs:
         if key in result:
-            raise _Refused(key, value, "each field once")
+            raise _InvalidValue(key, value, "each field once")
         result[key] = value
     return result
 
 
 def _no_constant(text: str) -> Any:
-    raise _Refused("", text, "numbers (NaN and Infinity are not JSON)")
+    raise _InvalidValue("", text, "numbers (NaN and Infinity are not JSON)")
 
 
 def _bounded_int(text: str) -> int:
     if len(text) > 10:
-        raise _Refused("", text, "integers of at most 9 digits")
+        raise _InvalidValue("", text, "integers of at most 9 digits")
     return int(text)
 
 
 def _bounded_float(text: str) -> float:
     value = float(text)
     if len(text) > 24 or abs(value) > 1e9:
-        raise _Refused("", text, "numbers up to 1e9")
+        raise _InvalidValue("", text, "numbers up to 1e9")
     return value
 
 
@@ -124,14 +124,14 @@ def _object(text: str, known: Mapping[str, Callable[[str, Any], Any]]) -> dict[s
     try:
         raw = _DECODER.decode(text)
     except json.JSONDecodeError as error:
-        raise _Refused("", text, f"a JSON object ({error.msg} at character {error.pos})") from None
+        raise _InvalidValue("", text, f"a JSON object ({error.msg} at character {error.pos})") from None
     if not isinstance(raw, dict):
-        raise _Refused("", raw, "a JSON object")
+        raise _InvalidValue("", raw, "a JSON object")
     found: dict[str, Any] = {}
     for field, value in raw.items():
         check = known.get(field)
         if check is None:
-            raise _Refused(field, value, "one of " + ", ".join(sorted(known)))
+            raise _InvalidValue(field, value, "one of " + ", ".join(sorted(known)))
         if value is not None:
             found[field] = check(field, value)
     return found
@@ -142,39 +142,39 @@ def _object(text: str, known: Mapping[str, Callable[[str, Any], Any]]) -> dict[s
 
 def _text(field: str, value: Any) -> str:
     if not isinstance(value, str) or len(value) > MAX_TEXT:
-        raise _Refused(field, value, f"a string of at most {MAX_TEXT} characters")
+        raise _InvalidValue(field, value, f"a string of at most {MAX_TEXT} characters")
     return value
 
 
 def _required_text(field: str, value: Any) -> str:
     if not _text(field, value):
-        raise _Refused(field, value, "a non-empty string")
+        raise _InvalidValue(field, value, "a non-empty string")
     return str(value)
 
 
 def _texts(field: str, value: Any) -> tuple[str, ...]:
     if not isinstance(value, list) or len(value) > MAX_ITEMS:
-        raise _Refused(field, value, f"a list of at most {MAX_ITEMS} strings")
+        raise _InvalidValue(field, value, f"a list of at most {MAX_ITEMS} strings")
     return tuple(_required_text(f"{field}[{i}]", item) for i, item in enumerate(value))
 
 
 def _duration(field: str, value: Any) -> int:
     allowed = "a positive duration with a unit, such as 30ms or 1.5s"
     if not isinstance(value, str):
-        raise _Refused(field, value, allowed)
+        raise _InvalidValue(field, value, allowed)
     try:
         duration_us = parse_us(_text(field, value))
     except ValueError:
-        raise _Refused(field, value, allowed) from None
+        raise _InvalidValue(field, value, allowed) from None
     if duration_us <= 0:
-        raise _Refused(field, value, allowed)
+        raise _InvalidValue(field, value, allowed)
     return duration_us
 
 
 def _one_of(*allowed: str) -> Callable[[str, Any], str]:
     def check(field: str, value: Any) -> str:
         if value not in allowed or not isinstance(value, str):
-            raise _Refused(field, value, "one of " + ", ".join(allowed))
+            raise _InvalidValue(field, value, "one of " + ", ".join(allowed))
         return value
 
     return check
@@ -182,32 +182,32 @@ def _one_of(*allowed: str) -> Callable[[str, Any], str]:
 
 def _count(field: str, value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 1_000_000:
-        raise _Refused(field, value, "an integer from 0 to 1000000")
+        raise _InvalidValue(field, value, "an integer from 0 to 1000000")
     return value
 
 
 def _flag(field: str, value: Any) -> bool:
     if not isinstance(value, bool):
-        raise _Refused(field, value, "true or false")
+        raise _InvalidValue(field, value, "true or false")
     return value
 
 
 def _hardware(field: str, value: Any) -> tuple[Hardware, ...]:
     if not isinstance(value, list) or len(value) > MAX_ITEMS:
-        raise _Refused(field, value, f"a list of at most {MAX_ITEMS} requirements")
+        raise _InvalidValue(field, value, f"a list of at most {MAX_ITEMS} requirements")
     return tuple(_requirement(f"{field}[{i}]", item) for i, item in enumerate(value))
 
 
 def _requirement(field: str, item: Any) -> Hardware:
     known = ("type", "model", "interface")
     if not isinstance(item, dict):
-        raise _Refused(field, item, "an object with " + ", ".join(known))
+        raise _InvalidValue(field, item, "an object with " + ", ".join(known))
     for name in item:
         if name not in known:
-            raise _Refused(f"{field}.{name}", item[name], "one of " + ", ".join(known))
+            raise _InvalidValue(f"{field}.{name}", item[name], "one of " + ", ".join(known))
     values = {name: _text(f"{field}.{name}", item[name]) for name in known if item.get(name) is not None}
     if not values.get("type"):
-        raise _Refused(f"{field}.type", item.get("type"), "a device type such as gpu, usb, can, serial or gpio")
+        raise _InvalidValue(f"{field}.type", item.get("type"), "a device type such as gpu, usb, can, serial or gpio")
     return Hardware(**values)
 
 
@@ -254,7 +254,7 @@ def _domain(text: str) -> dict[str, Any]:
     if value.isascii() and value.isdigit() and len(value) <= 3 and is_safe_id(int(value)):
         return {"dds_domain": str(int(value))}
     # Unsafe ids need a field that says so, which only a RobotApp has (ros2.allowUnsafeDomain).
-    raise _Refused("", text, f'"auto" or a number of {SAFE_IDS}')
+    raise _InvalidValue("", text, f'"auto" or a number of {SAFE_IDS}')
 
 
 _PARSERS: Final[dict[Annotation, Callable[[str], dict[str, Any]]]] = {

@@ -37,7 +37,7 @@ class PodGroupStatus(Slim):
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class PodGroupSpec:
     """What a spec of either API asks for: they share no field."""
 
     needed: int = 0
@@ -53,7 +53,7 @@ class PodGroup:
     """A PodGroup as we understand it."""
 
     metadata: Metadata
-    asked: Asked
+    asked: PodGroupSpec
     status: PodGroupStatus
 
     @property
@@ -73,7 +73,7 @@ def understood(given: GivenPodGroup) -> PodGroup:
     return PodGroup(given.metadata, _asked(given.spec), status)
 
 
-def _asked(spec: object) -> Asked:
+def _asked(spec: object) -> PodGroupSpec:
     found = _Fields(spec)
     member = found.number("spec.minMember")
     timeout = found.number("spec.scheduleTimeoutSeconds")
@@ -85,7 +85,7 @@ def _asked(spec: object) -> Asked:
     problem = found.problem
     if not problem and topology:
         problem = "it has schedulingConstraints.topology, which this scheduler does not support"
-    return Asked(
+    return PodGroupSpec(
         needed=max((count if gang is not None else member) or 0, 0),
         patience_s=float(timeout) if timeout is not None and timeout > 0 else PATIENCE_S,
         problem=problem,

@@ -19,7 +19,7 @@ class Hardware(msgspec.Struct, frozen=True, gc=False):
     interface: str = ""
 
 
-class DeviceWish(msgspec.Struct, frozen=True, gc=False):
+class DeviceRequest(msgspec.Struct, frozen=True, gc=False):
     """One device the pod wants. `usb_id` is vid:pid or vid:pid:serial; not exclusive = it must be there, is not held."""
 
     name: str
@@ -103,7 +103,7 @@ class RosContext(msgspec.Struct, frozen=True, gc=False):
     zones: tuple[str, ...] = ()
     master_node: str = ""
     hardware: tuple[Hardware, ...] = ()
-    devices: tuple[DeviceWish, ...] = ()
+    devices: tuple[DeviceRequest, ...] = ()
     holder: DeviceHolder | None = None
     tiers: tuple[str, ...] = ()
     """`runsOn` where it is a choice: allowed tiers, best first; empty when there is one tier or none."""

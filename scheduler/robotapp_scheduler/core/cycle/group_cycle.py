@@ -73,17 +73,17 @@ FEW_CANDIDATES: Final = 16
 """A peer with more places to go than this says little about where its partners should be."""
 
 
-class Wish(NamedTuple):
+class PlacementHint(NamedTuple):
     """Where a pod should go, if it still may, and why; no node = wherever it is best."""
 
     node: str = ""
     why: str = ""
 
 
-NO_WISH: Final = Wish()
+NO_WISH: Final = PlacementHint()
 
 
-class Advice:
+class GroupPlacement:
     """What a planner answered: `nodes` by pod uid, empty when it found nothing; `result` and `why` say what it is worth.
 
     `result` is for a metric; it becomes "stale" when the plan could not be followed.
@@ -97,16 +97,18 @@ class Advice:
         self.why = why
 
     def __repr__(self) -> str:
-        return f"Advice({self.result}: {self.why})"
+        return f"GroupPlacement({self.result}: {self.why})"
 
 
-def advice_of(posed: JointProblem, solution: Solution) -> Advice:
+def advice_of(posed: JointProblem, solution: Solution) -> GroupPlacement:
     """A solution in words and names."""
     rows = solution.rows
     if rows is None:
         if solution.impossible:
-            return Advice({}, result="impossible", why="no plan keeps every rule of the group: placed one by one")
-        return Advice({}, result="none", why="no plan was found in time: placed one by one")
+            return GroupPlacement(
+                {}, result="impossible", why="no plan keeps every rule of the group: placed one by one"
+            )
+        return GroupPlacement({}, result="none", why="no plan was found in time: placed one by one")
     nodes = {uid: posed.names[row] for uid, row in zip(posed.uids, rows, strict=True)}
     gap = 100 * solution.gap
     proved = gap <= 100 * GAP
@@ -115,7 +117,7 @@ def advice_of(posed: JointProblem, solution: Solution) -> Advice:
     else:
         worth = "no plan is better" if proved else f"no plan is more than {gap:.0f} % better"
     why = f"planned together with its group; {worth}"
-    return Advice(nodes, result="optimal" if proved else "bounded", why=why)
+    return GroupPlacement(nodes, result="optimal" if proved else "bounded", why=why)
 
 
 class Placer(Protocol):
@@ -124,13 +126,13 @@ class Placer(Protocol):
     cluster: Cache
     explain: ExplainRing
 
-    def schedule_one(self, pod: PodInfo, *, attempt: int = 1, wish: Wish = ...) -> ScheduleResult: ...
+    def schedule_one(self, pod: PodInfo, *, attempt: int = 1, wish: PlacementHint = ...) -> ScheduleResult: ...
     def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
         """How many nodes would take the pod now, and their names when there are not too many."""
 
 
 def plan_together(
-    core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], advice: Advice | None = None
+    core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], advice: GroupPlacement | None = None
 ) -> list[ScheduleResult]:
     """Decisions for all pods, in the order in which they were tried last. A plan is followed as a whole, or not."""
     if advice is not None and advice.nodes:
@@ -147,19 +149,19 @@ def plan_together(
     # A peer that comes later counts by the best node it may still use.
     apps.expect({pod.member: room[pod.uid][1] for pod in pods if pod.member is not None and room[pod.uid][1]})
     try:
-        return _plan(core, order, attempts, Wish(why=advice.why if advice is not None else ""))
+        return _plan(core, order, attempts, PlacementHint(why=advice.why if advice is not None else ""))
     finally:
         apps.expect({})
 
 
 def _follow(
-    core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], advice: Advice
+    core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], advice: GroupPlacement
 ) -> list[ScheduleResult] | None:
     """Put every planned pod on its node, each checked by all filters; None, and nobody placed, when one is refused."""
     decisions: list[ScheduleResult] = []
     for pod in sorted(pods, key=lambda pod: pod.uid not in advice.nodes):
         node = advice.nodes.get(pod.uid, "")
-        wish = Wish(node, advice.why)
+        wish = PlacementHint(node, advice.why)
         decision = core.schedule_one(pod, attempt=attempts.get(pod.uid, 1), wish=wish)
         decisions.append(decision)
         if node and decision.node != node:
@@ -168,7 +170,7 @@ def _follow(
     return decisions
 
 
-def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int], wish: Wish) -> list[ScheduleResult]:
+def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int], wish: PlacementHint) -> list[ScheduleResult]:
     decisions = _place(core, order, attempts, wish)
     for _ in range(min(MOST_RESTARTS, len(order), MOST_TRIES // len(order))):
         stuck = next((d for d in decisions if _refused(d) and order[0] is not d.pod), None)
@@ -189,7 +191,9 @@ def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int], wish:
     return all_or_none(core, decisions)
 
 
-def _place(core: Placer, order: Sequence[PodInfo], attempts: Mapping[str, int], wish: Wish) -> list[ScheduleResult]:
+def _place(
+    core: Placer, order: Sequence[PodInfo], attempts: Mapping[str, int], wish: PlacementHint
+) -> list[ScheduleResult]:
     return [core.schedule_one(pod, attempt=attempts.get(pod.uid, 1), wish=wish) for pod in order]
 
 

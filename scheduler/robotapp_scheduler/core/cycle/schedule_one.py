@@ -7,7 +7,13 @@ from robotapp_scheduler.core.api.ros import InvalidAnnotation
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.diagnosis import WAKERS, Diagnosis, closed, excessive, held, unreadable
 from robotapp_scheduler.core.cycle.explain_recorder import Recorder
-from robotapp_scheduler.core.cycle.group_cycle import NO_WISH, Advice, Wish, only_one_plan, plan_together
+from robotapp_scheduler.core.cycle.group_cycle import (
+    NO_WISH,
+    GroupPlacement,
+    PlacementHint,
+    only_one_plan,
+    plan_together,
+)
 from robotapp_scheduler.core.cycle.group_gates import (
     GangGates,
     group_key,
@@ -148,7 +154,11 @@ class SchedulerCore:
         return pose(self, [queued.info for queued in batch]) if len(batch) > 1 else None
 
     def schedule(
-        self, batch: Iterable[QueuedPodInfo], *, exclude: frozenset[str] = frozenset(), advice: Advice | None = None
+        self,
+        batch: Iterable[QueuedPodInfo],
+        *,
+        exclude: frozenset[str] = frozenset(),
+        advice: GroupPlacement | None = None,
     ) -> list[ScheduleResult]:
         """Place popped pods; those of one group against each other. Placed pods are assumed.
 
@@ -183,7 +193,7 @@ class SchedulerCore:
         exclude: frozenset[str] = frozenset(),
         assume: bool = True,
         attempt: int = 1,
-        wish: Wish = NO_WISH,
+        wish: PlacementHint = NO_WISH,
     ) -> ScheduleResult:
         """One pod, on the node of `wish` if it takes the pod. Never raises for what a pod or a plugin does wrong: that becomes a decision with code Error."""
         engine = self._engines.get(pod.scheduler_name)
@@ -262,7 +272,12 @@ class SchedulerCore:
         return None
 
     def _attempt(
-        self, pod: PodInfo, engine: ProfileRunner, exclude: frozenset[str], recorder: Recorder, wish: Wish = NO_WISH
+        self,
+        pod: PodInfo,
+        engine: ProfileRunner,
+        exclude: frozenset[str],
+        recorder: Recorder,
+        wish: PlacementHint = NO_WISH,
     ) -> ScheduleResult:
         try:
             return self._try(pod, engine, exclude, recorder, wish)
@@ -270,7 +285,7 @@ class SchedulerCore:
             return failed(pod, str(error), nodes=self.cluster.nodes.count)
 
     def _try(
-        self, pod: PodInfo, engine: ProfileRunner, exclude: frozenset[str], recorder: Recorder, wish: Wish
+        self, pod: PodInfo, engine: ProfileRunner, exclude: frozenset[str], recorder: Recorder, wish: PlacementHint
     ) -> ScheduleResult:
         early = self.prepare(pod)
         if early is not None:

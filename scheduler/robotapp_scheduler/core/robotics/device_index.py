@@ -13,7 +13,7 @@ from robotapp_api.claims.identity import UNKNOWN_DEVICE_TYPE, device_label, same
 from robotapp_api.claims.node_devices import Device, devices_of_labels
 from robotapp_api.claims.objects import Claim, DeviceThing, TelemetryDevice
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish
+from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceRequest
 
 
 class DeviceGrant(NamedTuple):
@@ -138,7 +138,7 @@ class DeviceIndex:
                 found[device.type] = found.get(device.type, 0) + free
         return found
 
-    def capable(self, wish: DeviceWish) -> frozenset[str]:
+    def capable(self, wish: DeviceRequest) -> frozenset[str]:
         """Names of nodes that have such a device, free or not."""
         key = (wish.type, wish.model, wish.interface, wish.usb_id)
         found = self._capable.get(key)
@@ -164,7 +164,9 @@ class DeviceIndex:
                 return Busy(device, use.namespace, use.name)
         return None
 
-    def choose(self, wishes: Sequence[DeviceWish], node: str, holder: DeviceHolder) -> tuple[DeviceGrant, ...] | None:
+    def choose(
+        self, wishes: Sequence[DeviceRequest], node: str, holder: DeviceHolder
+    ) -> tuple[DeviceGrant, ...] | None:
         """A different device for every exclusive wish and one that nobody holds alone for every shared one.
 
         All or nothing; None when the node cannot give that.
@@ -206,7 +208,7 @@ class DeviceIndex:
             taken.add(device_label(names[-1]))
         return names
 
-    def blockers(self, wishes: Sequence[DeviceWish], node: str, holder: DeviceHolder) -> tuple[Busy, ...]:
+    def blockers(self, wishes: Sequence[DeviceRequest], node: str, holder: DeviceHolder) -> tuple[Busy, ...]:
         """For the event: every matching but taken device of a node."""
         found = (
             self.blocker(node, device, holder, exclusive=wish.exclusive)

@@ -11,7 +11,7 @@ from robotapp_scheduler.core.api.ros import (
     DEFAULT_QOS_CLASS,
     EXCLUSIVE_TYPES,
     DeviceHolder,
-    DeviceWish,
+    DeviceRequest,
     Endpoint,
     Hardware,
     InvalidAnnotation,
@@ -69,7 +69,7 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
     if not endpoints and own_budget_us is not None:
         endpoints = _robot_endpoint(member.instance, around, budget_us=own_budget_us)
     wishes = tuple(
-        DeviceWish(d.name, d.type, d.model, d.interface, d.usb_id or "", claimed(d))
+        DeviceRequest(d.name, d.type, d.model, d.interface, d.usb_id or "", claimed(d))
         for d in component.devices
         if d.type != GPU
         for _ in range(d.count)
@@ -169,7 +169,7 @@ def _nodes_of(member: Member, components: tuple[str, ...], around: Surroundings)
 
 def _of_annotations(pod: PodInfo, request: RosRequest, around: Surroundings) -> RosContext:
     wishes = tuple(
-        DeviceWish(name=f"{h.type}{i}", type=h.type, model=h.model, interface=h.interface)
+        DeviceRequest(name=f"{h.type}{i}", type=h.type, model=h.model, interface=h.interface)
         for i, h in enumerate(request.hardware)
         if h.type in EXCLUSIVE_TYPES
     )

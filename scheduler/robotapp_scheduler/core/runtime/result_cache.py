@@ -56,7 +56,7 @@ class _Readers:
         return found
 
 
-class _Alike:
+class _CommonReaders:
     """Readers of what most pods have in common: a new class usually finds all their columns in one look."""
 
     def __init__(self, readers: Sequence[_Readers]) -> None:
@@ -100,7 +100,7 @@ class ColumnCache:
         for place, plugin in enumerate(scores):
             readers[plugin.reads].scores[place] = plugin
         self._apart = [each for each in readers.values() if not VARIED.isdisjoint(each.reads)]
-        self._alike = _Alike([each for each in readers.values() if VARIED.isdisjoint(each.reads)])
+        self._alike = _CommonReaders([each for each in readers.values() if VARIED.isdisjoint(each.reads)])
 
     def of(self, pod: PodInfo) -> tuple[list[FilterColumn], list[ScoreColumn]]:
         """The columns of all filters and of all scores for pods like this one, in the order of the plugins."""

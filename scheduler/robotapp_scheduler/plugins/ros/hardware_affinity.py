@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from robotapp_api.model.names import HARDWARE_PREFIX
-from robotapp_scheduler.core.api.ros import DeviceWish, Hardware
+from robotapp_scheduler.core.api.ros import DeviceRequest, Hardware
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult
@@ -47,7 +47,7 @@ class HardwareAffinityFilter:
 
 def has_hardware(nodes: Snapshot, hardware: Hardware) -> BoolArray:
     """Nodes that offer one capability, by label, extended resource or device."""
-    wish = DeviceWish("", hardware.type, hardware.model, hardware.interface)
+    wish = DeviceRequest("", hardware.type, hardware.model, hardware.interface)
     mask = _labelled(nodes, hardware) | nodes.named(nodes.cluster.devices.capable(wish))
     if not hardware.interface:
         for resource in nodes.cluster.nodes.resources.names:

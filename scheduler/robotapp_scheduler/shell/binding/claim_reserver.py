@@ -14,7 +14,7 @@ from typing import Final
 from robotapp_api.claiming.bind_check import check_bind_all
 from robotapp_api.claiming.device_sharing import begin_sharing, end_sharing, shared_by_others
 from robotapp_api.claiming.devices import Reservation, reserve_devices
-from robotapp_api.claiming.domain_allocation import Room, full_pool, room_of
+from robotapp_api.claiming.domain_allocation import PoolCapacity, full_pool, room_of
 from robotapp_api.claiming.domains import ensure_pod_domain
 from robotapp_api.claiming.release import give_back
 from robotapp_api.claiming.sweep_snapshot import find
@@ -79,7 +79,7 @@ class ClaimReserver:
         self._trying: set[str] = set()
         """Pods that are taking a domain just now: of those who wait as many try as ids are free."""
         self._pool_read_s = self._asked_s = float("-inf")
-        self._room: tuple[Pool, tuple[Claim, ...], Room] | None = None
+        self._room: tuple[Pool, tuple[Claim, ...], PoolCapacity] | None = None
         """What was counted last, and from what."""
 
     def __repr__(self) -> str:

@@ -15,7 +15,7 @@ from typing import Final
 
 import msgspec
 
-from robotapp_scheduler.core.cycle.group_cycle import Advice, advice_of
+from robotapp_scheduler.core.cycle.group_cycle import GroupPlacement, advice_of
 from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.joint.message import decode_solution, encode_problem
 from robotapp_scheduler.joint.problem import Problem
@@ -70,7 +70,7 @@ class Planner:
         state = "no worker" if self._process is None else f"worker {self._process.pid}"
         return f"<Planner {state}, {self.starts} starts>"
 
-    async def advise(self, posed: JointProblem) -> Advice:
+    async def advise(self, posed: JointProblem) -> GroupPlacement:
         """Where the pods should go. Never raises, never waits longer than its limits."""
         problem = posed.problem
         if problem.pods * problem.rows * len(problem.edges) <= self._small:
@@ -132,8 +132,8 @@ class Planner:
         await self.close()
 
 
-def _alone(result: str, why: str) -> Advice:
-    return Advice({}, result=result, why=f"{why}: placed one by one")
+def _alone(result: str, why: str) -> GroupPlacement:
+    return GroupPlacement({}, result=result, why=f"{why}: placed one by one")
 
 
 async def _frame(process: asyncio.subprocess.Process) -> bytes:

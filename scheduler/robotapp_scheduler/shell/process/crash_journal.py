@@ -59,7 +59,7 @@ class CrashRecord(msgspec.Struct, frozen=True):
         return f"not asked about pods like {self.pod} any more, because {why}; a new configuration or scheduler pod asks again"
 
 
-class _Memory(msgspec.Struct):
+class _JournalFile(msgspec.Struct):
     """The file. What was learnt under another configuration does not count."""
 
     digest: str
@@ -154,7 +154,7 @@ class CrashJournal:
     def _read(self) -> Iterable[CrashRecord]:
         try:
             with open(self._file, "rb", opener=_no_link) as file:
-                memory = msgspec.json.decode(file.read(), type=_Memory)
+                memory = msgspec.json.decode(file.read(), type=_JournalFile)
         except FileNotFoundError:
             return ()
         except (OSError, ValueError, RecursionError) as error:  # whatever a broken disk left there
@@ -164,7 +164,7 @@ class CrashJournal:
 
     def _write(self) -> None:
         """May be called in the middle of a plugin that is stuck: quick, and failing is only told."""
-        data = msgspec.json.encode(_Memory(self._digest, list(self._deaths.values())))
+        data = msgspec.json.encode(_JournalFile(self._digest, list(self._deaths.values())))
         new = self._file.with_suffix(".new")
         try:
             with open(new, "wb", opener=_no_link) as file:

@@ -12,7 +12,7 @@ from functools import partial
 
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import PodReason
-from robotapp_scheduler.core.cycle.group_cycle import Advice
+from robotapp_scheduler.core.cycle.group_cycle import GroupPlacement
 from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
@@ -153,7 +153,7 @@ class SchedulerLoop:
         self._tasks.add(task)
         task.add_done_callback(self._ended)
 
-    def _decide(self, batch: Sequence[QueuedPodInfo], advice: Advice | None = None) -> None:
+    def _decide(self, batch: Sequence[QueuedPodInfo], advice: GroupPlacement | None = None) -> None:
         started_s = self._clock()
         try:
             decisions = self._core.schedule(batch, advice=advice)

@@ -17,7 +17,7 @@ from tests.support.clients import FakeTime
 from robotapp_api.client.transport.credentials import Credentials, ExecPlugin, Token, file_source
 from robotapp_api.client.transport.errors import LoginError
 from robotapp_api.client.transport.kubeconfig import default_kubeconfigs, load
-from robotapp_api.client.transport.tls_sessions import Resuming
+from robotapp_api.client.transport.tls_sessions import SessionResumption
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def test_sessions_are_taken_up_unless_a_certificate_says_who_we_are(tmp_path: Pa
         for user in described:
             context = load(write(tmp_path / "k", user=user)).tls
             assert context is not None
-            assert (context.sslobject_class is Resuming) is taken_up
+            assert (context.sslobject_class is SessionResumption) is taken_up
 
 
 def test_plain_http_has_no_tls(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from tests.support.clients import until
 from robotapp_api.client import Endpoint
 from robotapp_api.client.transport.connect import Dialer
 from robotapp_api.client.transport.http11 import Answer, Connection, Exchange, Outcome
-from robotapp_api.client.transport.tls_sessions import Resuming, resuming
+from robotapp_api.client.transport.tls_sessions import SessionResumption, resuming
 
 ANSWER = b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n"
 
@@ -80,9 +80,9 @@ async def test_who_was_spoken_to_before_is_not_proved_again(
 async def test_a_connection_that_has_taken_a_session_up_is_not_asked_for_its_own(
     tmp_path: Path, authority: Authority, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[Resuming] = []
-    remember = Resuming.remember
-    monkeypatch.setattr(Resuming, "remember", lambda spoken: (asked.append(spoken), remember(spoken))[1])
+    asked: list[SessionResumption] = []
+    remember = SessionResumption.remember
+    monkeypatch.setattr(SessionResumption, "remember", lambda spoken: (asked.append(spoken), remember(spoken))[1])
     async with tls_server(tmp_path, authority) as port:
         context = resuming(ssl.create_default_context(cadata=authority.pem))
         dialer = Dialer(Endpoint(f"https://localhost:{port}", context))

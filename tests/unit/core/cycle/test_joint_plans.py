@@ -8,7 +8,7 @@ from tests.support.pod_groups import arrive
 from tests.support.scheduling import Clock, app_object, chain, make_core, make_node, make_pod, member_pod, telemetry
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.cycle.group_cycle import Advice, advice_of
+from robotapp_scheduler.core.cycle.group_cycle import GroupPlacement, advice_of
 from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo
@@ -57,7 +57,7 @@ def six(core: SchedulerCore) -> list[QueuedPodInfo]:
     return core.queue.pop()
 
 
-def planned(core: SchedulerCore, batch: list[QueuedPodInfo]) -> tuple[JointProblem, Advice]:
+def planned(core: SchedulerCore, batch: list[QueuedPodInfo]) -> tuple[JointProblem, GroupPlacement]:
     posed = core.pose(batch)
     assert posed is not None
     return posed, advice_of(posed, solve(posed.problem, Limits(seconds=1e9, gap=0.0), lambda: 0.0))
@@ -78,7 +78,7 @@ def least_wire_ms() -> float:
     return min(wire_ms(where) for where in every if all(list(where.values()).count(node) <= 2 for node in nodes))
 
 
-def placed(core: SchedulerCore, batch: list[QueuedPodInfo], advice: Advice | None) -> dict[str, str]:
+def placed(core: SchedulerCore, batch: list[QueuedPodInfo], advice: GroupPlacement | None) -> dict[str, str]:
     decisions = core.schedule(batch, advice=advice)
     return {d.pod.labels[Label.COMPONENT]: d.node for d in decisions if d.node is not None}
 
@@ -113,7 +113,7 @@ def test_a_plan_that_a_filter_refuses_is_dropped_as_a_whole_and_the_pods_are_pla
 def test_advice_without_nodes_is_told_in_the_explanation() -> None:
     core = field()
     batch = six(core)
-    advice = Advice({}, result="failed", why="the planning worker failed (it died): placed one by one")
+    advice = GroupPlacement({}, result="failed", why="the planning worker failed (it died): placed one by one")
     core.schedule(batch, advice=advice)
     record = core.explain.get(batch[0].info.uid)
     assert record is not None
@@ -295,7 +295,7 @@ def test_a_solution_is_put_in_words() -> None:
     assert advice_of(posed, Solution(None, float("inf"), 3.0, 1)).result == "none"
     impossible = advice_of(posed, Solution(None, float("inf"), float("inf"), 1))
     assert (impossible.result, dict(impossible.nodes)) == ("impossible", {})
-    assert repr(impossible).startswith("Advice(impossible")
+    assert repr(impossible).startswith("GroupPlacement(impossible")
 
 
 def test_exported_latencies_equal_the_model() -> None:

@@ -8,12 +8,12 @@ from tests.support.scheduling import device_claim, make_cluster, make_node, tele
 
 from robotapp_api.claims.node_devices import Device
 from robotapp_api.claims.objects import Claim, DeviceThing, TelemetryDevice
-from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish
+from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceRequest
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant, DeviceIndex
 
 CAMERAS = (("cam0", "111"), ("cam1", "222"))
 """Interface and serial of the two cameras that are really there."""
-CAMERA = DeviceWish("cam", "usb")
+CAMERA = DeviceRequest("cam", "usb")
 MINE = DeviceHolder(uid="app-1", namespace="default", component="driver", pod_uid="mine")
 SUCCESSOR = DeviceHolder(uid="app-1", namespace="default", component="driver", pod_uid="successor")
 OTHER = DeviceHolder(uid="app-2", namespace="default", component="driver", pod_uid="other")
@@ -142,13 +142,13 @@ def test_a_bus_that_an_agent_no_longer_lists_leaves_the_other_bus_free() -> None
     devices.set_telemetry("n", buses)
     devices.apply_claim(device_claim("n", "can-can0", uid="app-1"))
     devices.set_telemetry("n", buses[1:])
-    (grant,) = devices.choose((DeviceWish("bus", "can"),), "n", OTHER) or ()
+    (grant,) = devices.choose((DeviceRequest("bus", "can"),), "n", OTHER) or ()
     assert grant.device.id == "can-can1"
 
 
 def test_a_label_and_an_agent_that_use_one_name_mean_one_device() -> None:
     cluster = make_cluster(make_node("n", labels={f"{PREFIX}can-can0": "true"}))
-    wish = DeviceWish("bus", "can")
+    wish = DeviceRequest("bus", "can")
     cluster.apply_claim(device_claim("n", "can-can0", uid="app-1"))
     report = telemetry("n", devices=[{"id": "can-can0", "type": "can", "interface": "can0"}])
     for change in (cluster.apply_telemetry, cluster.remove_telemetry, cluster.apply_telemetry):
@@ -173,10 +173,10 @@ def test_a_device_is_found_by_each_of_its_names_and_claimed_under_its_id() -> No
     )
     devices.set_telemetry("n", [camera])
     asked = (
-        DeviceWish("cam", "video"),
-        DeviceWish("cam", "usb", usb_id="8086:0B3A"),
-        DeviceWish("cam", "sensor"),
-        DeviceWish("cam", "sensor", interface="usb-cam", model="D435i"),
+        DeviceRequest("cam", "video"),
+        DeviceRequest("cam", "usb", usb_id="8086:0B3A"),
+        DeviceRequest("cam", "sensor"),
+        DeviceRequest("cam", "sensor", interface="usb-cam", model="D435i"),
     )
     for wish in asked:
         (grant,) = devices.choose((wish,), "n", MINE) or ()
@@ -190,10 +190,10 @@ def test_a_name_with_another_interface_is_another_name() -> None:
     devices = DeviceIndex()
     devices.set_telemetry("n", [TelemetryDevice(id="video-a", type="video", names=("sensor-usb-cam",))])
     for wish in (
-        DeviceWish("cam", "sensor", interface="usb"),
-        DeviceWish("cam", "sens"),
-        DeviceWish("cam", "video", interface="usb-cam"),
-        DeviceWish("cam", "sensor", interface="usb-cam", model="D435i"),
+        DeviceRequest("cam", "sensor", interface="usb"),
+        DeviceRequest("cam", "sens"),
+        DeviceRequest("cam", "video", interface="usb-cam"),
+        DeviceRequest("cam", "sensor", interface="usb-cam", model="D435i"),
     ):
         assert not devices.capable(wish)
 

@@ -5,12 +5,12 @@ from robotapp_api.claims.identity import device_label
 from robotapp_api.claims.node_devices import Device, devices_of_labels
 from robotapp_api.claims.objects import TelemetryDevice
 from robotapp_api.model.names import Annotation
-from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceWish
+from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceRequest
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant, DeviceIndex
 
 MINE = DeviceHolder(uid="app-1", namespace="default", instance="amr", component="driver", pod_uid="new")
-CAN = DeviceWish("bus", "can")
+CAN = DeviceRequest("bus", "can")
 
 
 def index(*devices: TelemetryDevice) -> DeviceIndex:
@@ -29,9 +29,9 @@ def test_a_wish_is_met_by_the_rule_that_claims_use() -> None:
     )
     fitting = ({}, {"model": "d435", "interface": "video0"}, {"usb_id": "8086:0b3a"}, {"usb_id": "usb:8086:0b3a:123"})
     others = ({"model": "zed"}, {"interface": "video1"}, {"usb_id": "8086:0b3b"}, {"usb_id": "8086:0b3a:124"})
-    assert [devices.capable(DeviceWish("cam", "usb", **fields)) for fields in fitting] == [{"n"}] * 4
-    assert [devices.capable(DeviceWish("cam", "usb", **fields)) for fields in others] == [set()] * 4
-    assert devices.capable(DeviceWish("bus", "can")) == set()
+    assert [devices.capable(DeviceRequest("cam", "usb", **fields)) for fields in fitting] == [{"n"}] * 4
+    assert [devices.capable(DeviceRequest("cam", "usb", **fields)) for fields in others] == [set()] * 4
+    assert devices.capable(DeviceRequest("bus", "can")) == set()
 
 
 def test_labels_say_what_a_node_has_until_an_agent_does() -> None:
@@ -59,14 +59,14 @@ def test_an_absent_device_does_not_count() -> None:
 
 def test_two_wishes_get_two_devices_even_when_the_first_would_take_the_only_match_of_the_second() -> None:
     devices = index(can(0), can(1))
-    wishes = (DeviceWish("any", "can"), DeviceWish("front", "can", interface="can0"))
+    wishes = (DeviceRequest("any", "can"), DeviceRequest("front", "can", interface="can0"))
     grants = devices.choose(wishes, "n", MINE)
     assert grants is not None
     assert [(grant.wish, grant.device.id) for grant in grants] == [("any", "can-can1"), ("front", "can-can0")]
-    assert devices.choose((*wishes, DeviceWish("third", "can")), "n", MINE) is None
+    assert devices.choose((*wishes, DeviceRequest("third", "can")), "n", MINE) is None
 
 
-TAP = DeviceWish("tap", "can", exclusive=False)
+TAP = DeviceRequest("tap", "can", exclusive=False)
 STRANGER = DeviceHolder(uid="app-2", namespace="other", pod_uid="stranger")
 
 
@@ -118,7 +118,7 @@ def test_sharers_come_together_and_a_pods_own_exclusive_wish_leaves_it_the_devic
     devices.promise("other", [DeviceGrant("tap", "n", devices.of("n")[1], exclusive=False)], namespace="a", name="x")
     (grant,) = devices.choose((TAP,), "n", MINE) or ()
     assert grant.device.id == "can-can1"
-    front = DeviceWish("front", "can", interface="can0", exclusive=False)
+    front = DeviceRequest("front", "can", interface="can0", exclusive=False)
     both = index(can(0), can(1)).choose((CAN, front), "n", MINE)
     assert both is not None
     assert [grant.device.id for grant in both] == ["can-can1", "can-can0"]
@@ -167,7 +167,7 @@ def test_a_retry_keeps_all_it_has_claimed_whichever_wish_each_device_meets() -> 
         devices.apply_claim(
             device_claim("n", mine, uid="app-1", instance="amr", component="driver", phase="Reserved", pod="new")
         )
-    grants = devices.choose((DeviceWish("m", "can", model="m"), DeviceWish("x", "can", interface="x")), "n", MINE)
+    grants = devices.choose((DeviceRequest("m", "can", model="m"), DeviceRequest("x", "can", interface="x")), "n", MINE)
     assert grants is not None
     assert [grant.device.id for grant in grants] == ["can-both", "can-other"]
 

@@ -72,7 +72,7 @@ class NodeResourcesBalancedAllocation:
             after >>= _HALVED
         return after
 
-    def _balances(self, wish: "_Wish", nodes: Snapshot) -> IntArray:
+    def _balances(self, wish: "_PreScoreState", nodes: Snapshot) -> IntArray:
         """Without the pod (when that counts) and with it, shape (steps, rows)."""
         first = 0 if self._change else 1
         plain = nodes.plain(wish.names) if len(wish.names) == 2 else None
@@ -110,19 +110,19 @@ class NodeResourcesBalancedAllocation:
         ceiling >>= _HALVED
         return ceiling
 
-    def _wish(self, pod: PodInfo) -> "_Wish | None":
+    def _wish(self, pod: PodInfo) -> "_PreScoreState | None":
         """None when the pod asks for none of the resources."""
         notes = pod.shape.notes
         if self not in notes:
             wanted = pod.requests.exact
             names = tuple(name for name in self._names if name in NATIVE or wanted.get(name, 0))
             amounts = [wanted.get(name, 0) for name in names]
-            notes[self] = _Wish(names, amounts) if any(amounts) else None
-        found: _Wish | None = notes[self]
+            notes[self] = _PreScoreState(names, amounts) if any(amounts) else None
+        found: _PreScoreState | None = notes[self]
         return found
 
 
-class _Wish:
+class _PreScoreState:
     """Amounts by resource."""
 
     def __init__(self, names: tuple[str, ...], amounts: Sequence[int]) -> None:

@@ -135,13 +135,13 @@ class NodeResourcesFit:
         used = nodes.block("scored", wish.names) + wish.column
         return self._strategy.columns(nodes.block("allocatable", wish.names), used, wish.weights)
 
-    def _wish(self, pod: PodInfo) -> "_Wish":
-        found: _Wish | None = pod.shape.notes.get(self)
+    def _wish(self, pod: PodInfo) -> "_PreFilterState":
+        found: _PreFilterState | None = pod.shape.notes.get(self)
         if found is None:
             wanted = pod.requests.scored
             scored = [each for each in self._resources if each.name in NATIVE or wanted.get(each.name, 0)]
             amounts = {each.name: wanted.get(each.name, 0) for each in scored}
-            found = pod.shape.notes[self] = _Wish(self.room(pod), _Scored(amounts, self._weights_of(scored)))
+            found = pod.shape.notes[self] = _PreFilterState(self.room(pod), _Scored(amounts, self._weights_of(scored)))
         return found
 
     def _weights_of(self, scored: Sequence[ResourceWeight]) -> Weights:
@@ -206,7 +206,7 @@ class _Scored:
         return self.column.astype(np.float64)
 
 
-class _Wish:
+class _PreFilterState:
     """What must be free, and what is scored."""
 
     def __init__(self, room: Mapping[str, int], scored: _Scored) -> None:
@@ -232,7 +232,7 @@ def _column(amounts: list[int]) -> IntArray:
     return np.array(amounts, dtype=np.int64).reshape(-1, 1)
 
 
-def _verdict(nodes: Snapshot, wish: _Wish, short: BoolArray) -> Verdict:
+def _verdict(nodes: Snapshot, wish: _PreFilterState, short: BoolArray) -> Verdict:
     """`short`: what each row lacks, shape (places, rows)."""
     bits = np.zeros(nodes.n, dtype=np.int64)
     for i, lacks in enumerate(short[:MOST_WISHES]):

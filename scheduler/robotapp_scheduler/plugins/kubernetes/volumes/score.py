@@ -11,7 +11,7 @@ from robotapp_scheduler.plugins.kubernetes.node_resources.resource_math import h
 from robotapp_scheduler.plugins.kubernetes.volumes.matching import Match
 
 
-class _Sums:
+class _ClassUsage:
     """Requested and offered bytes per node for one storage class."""
 
     def __init__(self, rows: int) -> None:
@@ -41,13 +41,13 @@ def score(match: Match, store: Volumes, points: Sequence[int]) -> IntArray:
     return half_away(total / np.maximum(count, 1))
 
 
-def _existing(match: Match, store: Volumes, rows: int) -> list[_Sums]:
-    classes: dict[str, _Sums] = {}
+def _existing(match: Match, store: Volumes, rows: int) -> list[_ClassUsage]:
+    classes: dict[str, _ClassUsage] = {}
     for claim, volumes, chosen in match.given:
         where = chosen >= 0
         if not where.any():
             continue
-        sums = classes.setdefault(claim.class_name, _Sums(rows))
+        sums = classes.setdefault(claim.class_name, _ClassUsage(rows))
         sizes = np.array([min(store.sizes[volume.metadata.name], LARGEST) for volume in volumes], dtype=np.int64)
         sums.there |= where
         sums.requested[where] += min(claim.wants_bytes, LARGEST)
@@ -55,13 +55,13 @@ def _existing(match: Match, store: Volumes, rows: int) -> list[_Sums]:
     return list(classes.values())
 
 
-def _to_make(match: Match, rows: int) -> list[_Sums]:
-    classes: dict[str, _Sums] = {}
+def _to_make(match: Match, rows: int) -> list[_ClassUsage]:
+    classes: dict[str, _ClassUsage] = {}
     for claim, possible, capacities, chosen in match.made:
         where = possible & (chosen >= 0)
         if not where.any():
             continue
-        sums = classes.setdefault(claim.spec.storage_class_name or "", _Sums(rows))
+        sums = classes.setdefault(claim.spec.storage_class_name or "", _ClassUsage(rows))
         rooms = np.array(
             [min(bytes_of({"storage": capacity.capacity or 0}), LARGEST) for capacity in capacities], dtype=np.int64
         )
