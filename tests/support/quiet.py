@@ -1,8 +1,9 @@
 """What operator and scheduler write while nothing changes, and what they are refused, from the audit log."""
 
 import time
+from bisect import bisect_left
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
@@ -35,6 +36,12 @@ def writes_since(cp: ControlPlane, since: datetime, *, namespace: str = "") -> l
         and namespace in ("", record["objectRef"].get("namespace"))
         and datetime.fromisoformat(record["requestReceivedTimestamp"]) >= since
     ]
+
+
+def most_within_a_minute(times: Sequence[datetime]) -> int:
+    """The most of these, which are in order, that lie within one minute; a second less, for what requests take."""
+    minute = timedelta(seconds=59)
+    return max((bisect_left(times, one + minute) - index for index, one in enumerate(times)), default=0)
 
 
 def refused_since(cp: ControlPlane, since: datetime) -> set[str]:
