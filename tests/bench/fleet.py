@@ -10,7 +10,6 @@ import random
 import statistics
 import sys
 import time
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
@@ -21,7 +20,7 @@ from tests.support.appwatch import condition
 from tests.support.world import APIS, Object, World, plain_app
 
 from robotapp_api.model.names import API_VERSION, Condition, Label
-from robotapp_testbed import ControlPlane, audit, product, wait_until
+from robotapp_testbed import ControlPlane, product, wait_until
 from robotapp_testbed.network import Topology
 from robotapp_testbed.topology import fleet
 
@@ -119,12 +118,12 @@ def _start(world: World, robots: int, *, within_s: float) -> tuple[Figures, list
 def _writes_to_ready(world: World, began: datetime, *, seconds: float) -> Figures:
     """By the audit log: writes per instance object, statuses of the app, and everything."""
     records = quiet.writes_since(world.cp, began, namespace=world.namespace)
-    per_instance = _per_name(records, INSTANCES)
+    per_instance = [len(times) for times in _times(records).values()]
     statuses = [each for each in records if each["objectRef"]["resource"] == "robotapps"]
     return {
         "writes": len(records),
-        "writes_per_instance_median": statistics.median(per_instance.values() or [0]),
-        "writes_per_instance_max": max(per_instance.values(), default=0),
+        "writes_per_instance_median": statistics.median(per_instance or [0]),
+        "writes_per_instance_max": max(per_instance, default=0),
         "status_writes": len(statuses),
         "status_writes_per_s": len(statuses) / seconds,
     }
@@ -146,19 +145,14 @@ def _noise(world: World, arguments: argparse.Namespace) -> Figures:
         time.sleep(max(0.0, ROUND_S - (time.monotonic() - round_began_s)))
     records = quiet.writes_since(world.cp, began, namespace=world.namespace)
     seconds = time.monotonic() - began_s  # the last round may take long
-    per_instance = _per_name(records, INSTANCES)
+    times = _times(records)
     return {
         "seconds": seconds,
         "writes": len(records),
-        "writes_within_a_minute_max": max(map(quiet.most_within_a_minute, _times(records).values()), default=0),
-        "writes_per_instance_minute_mean": sum(per_instance.values()) / len(robots) / (seconds / 60),
+        "writes_within_a_minute_max": max(map(quiet.most_within_a_minute, times.values()), default=0),
+        "writes_per_instance_minute_mean": sum(map(len, times.values())) / len(robots) / (seconds / 60),
         "status_writes": sum(each["objectRef"]["resource"] == "robotapps" for each in records),
     }
-
-
-def _per_name(records: Iterable[Mapping[str, Any]], resource: str) -> Counter[str]:
-    mine = (each["objectRef"] for each in audit.writes(map(dict, records)) if each["objectRef"]["resource"] == resource)
-    return Counter(ref.get("name", "") for ref in mine)
 
 
 def _times(records: Iterable[Mapping[str, Any]]) -> Mapping[str, list[datetime]]:
