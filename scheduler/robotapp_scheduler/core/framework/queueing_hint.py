@@ -1,4 +1,4 @@
-"""What may help a pod that a plugin rejected: kinds of change, and the plugin's own opinion on each."""
+"""QueueingHint: when the scheduler tries a pod again that a plugin rejected."""
 
 import logging
 from collections.abc import Callable, Hashable

@@ -13,7 +13,7 @@ class GatedPods:
         self._by_events: dict[Change, dict[str, None]] = {}
 
     def __repr__(self) -> str:
-        return f"<Gated {len(self)}>"
+        return f"<GatedPods {len(self)}>"
 
     def __len__(self) -> int:
         return len(self._events)

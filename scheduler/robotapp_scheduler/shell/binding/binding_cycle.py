@@ -79,7 +79,7 @@ class BindingCycle:
         """Pods that were refused while the claim of the device they want was on the way: by uid."""
 
     def __repr__(self) -> str:
-        return f"<Placer of {self._core!r}>"
+        return f"<BindingCycle of {self._core!r}>"
 
     def refuse(self, decision: ScheduleResult, *, started_s: float) -> None:
         """The pod got no node: tell why, and let it wait for what may help. The attempt began at `started_s`."""

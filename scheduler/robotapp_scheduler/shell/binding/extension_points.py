@@ -70,7 +70,7 @@ class ExtensionPoints:
         self.context = BindContext()
 
     def __repr__(self) -> str:
-        return f"<BindSteps of {self._pod.key} on {self._node or 'no node yet'}>"
+        return f"<ExtensionPoints of {self._pod.key} on {self._node or 'no node yet'}>"
 
     async def __aenter__(self) -> Self:
         return self

@@ -40,7 +40,7 @@ class PodHandler:
         """As the watch shows them, those that count otherwise."""
 
     def __repr__(self) -> str:
-        return f"<Intake {len(self.waiting)} pods wait for a node>"
+        return f"<PodHandler {len(self.waiting)} pods wait for a node>"
 
     def take(self, seen: Seen) -> Change:
         """One change of the pod watch. Answers what it changed in the cluster."""

@@ -16,7 +16,7 @@ class LatestQueue(Generic[Key, Word]):
         self._some = asyncio.Event()
 
     def __repr__(self) -> str:
-        return f"<Newest {len(self)} waiting>"
+        return f"<LatestQueue {len(self)} waiting>"
 
     def __len__(self) -> int:
         return len(self._words)
