@@ -33,6 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--lose", type=options.amount, default=0.01, help="share of the answers to writes that get lost"
     )
+    parser.add_argument("--full-churn", action="store_true", help="a tenth goes each second, even if few were granted")
     parser.add_argument(
         "--weakened",
         choices=sorted(ALL),
@@ -61,6 +62,7 @@ def _plan(arguments: argparse.Namespace, weakened: str = "") -> Plan:
         lose=arguments.lose,
         seed=arguments.seed,
         weakened=weakened,
+        full_churn=arguments.full_churn,
         most_s=arguments.most_minutes * 60.0,
     )
 

@@ -53,6 +53,8 @@ class Plan:
     """So many apps, and as many pods, stay when the storm is over; there must be ids for all of them."""
     seed: int = 1
     weakened: str = ""
+    full_churn: bool = False
+    """A tenth goes each second, even where few hold something."""
     most_s: float = float("inf")
     """The storm ends then, with however few grants."""
 
@@ -136,7 +138,13 @@ class Storm:
         processes = [world.operator, world.another_operator(**self._flags(2)), world.scheduler]
         processes.append(self._second_scheduler(stack))
         recorder = stack.enter_context(Recorder(self._cp))
-        churn = Churn(world, wanted=self._plan.wanted, chance=self._chance("churn"), holders=recorder.holders)
+        churn = Churn(
+            world,
+            wanted=self._plan.wanted,
+            chance=self._chance("churn"),
+            holders=recorder.holders,
+            full=self._plan.full_churn,
+        )
         return _Scene(
             world=world,
             churn=churn,

@@ -2,7 +2,8 @@
 
 Four fifths of those that go hold a domain or a device: by chance alone it would be a fifth, and the others would wish in
 vain. Where fewer hold something than shall go, fewer go: programs that cannot keep up shall grant, not clean up after
-wishes that were never looked at.
+wishes that were never looked at. With `full` those that wait make up the rest, however few hold something: the rate is
+kept, and the programs do little but clean up.
 """
 
 import random
@@ -36,12 +37,19 @@ class Churn:
     """`with` it, the churn goes on. `there`: what was made and not deleted; `holders` names those that hold something."""
 
     def __init__(
-        self, world: World, *, wanted: int, chance: random.Random, holders: Callable[[], Collection[str]]
+        self,
+        world: World,
+        *,
+        wanted: int,
+        chance: random.Random,
+        holders: Callable[[], Collection[str]],
+        full: bool = False,
     ) -> None:
         self._world = world
         self._wanted = wanted
         self._chance = chance
         self._holders = holders
+        self._full = full
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="churn", daemon=True)
         self._error: BaseException | None = None
@@ -129,9 +137,10 @@ class Churn:
         shuffled = self._chance.sample(self.there, len(self.there))
         most = int(self._wanted * CHURN * SERVED)
         served = [what for what in shuffled if what[1] in holders][:most]
-        self._short += len(served) < most
+        self._short += not self._full and len(served) < most
         waiting = [what for what in shuffled if what[1] not in holders]
-        going = served + waiting[: max(1, round(len(served) * (1 - SERVED) / SERVED))]
+        also = int(self._wanted * CHURN) - len(served) if self._full else round(len(served) * (1 - SERVED) / SERVED)
+        going = served + waiting[: max(1, also)]
         gone = set(going)
         self.there = [what for what in self.there if what not in gone]
         return going

@@ -43,8 +43,8 @@ class World:
         self.cp = type("Plane", (), {"api": self.server})()
 
 
-def churn(world: World, *, wanted: int = 100, held: Callable[[], set[str]] = set) -> Churn:
-    return Churn(world, wanted=wanted, chance=random.Random(1), holders=held)  # type: ignore[arg-type]
+def churn(world: World, *, wanted: int = 100, held: Callable[[], set[str]] = set, full: bool = False) -> Churn:
+    return Churn(world, wanted=wanted, chance=random.Random(1), holders=held, full=full)  # type: ignore[arg-type]
 
 
 def rounds(of: Churn, count: int) -> None:
@@ -76,6 +76,14 @@ def test_where_few_hold_something_few_go_and_that_is_told() -> None:
     assert storm.gone == 5
     storm._rounds_s = [0.1, 0.1]
     assert storm.limit == "grants (in 50% of the rounds too few held anything)"
+
+
+def test_a_full_churn_keeps_its_rate_with_those_that_wait() -> None:
+    storm = churn(World(), held=lambda: {"s-1", "s-2", "s-3", "s-4"}, full=True)
+    rounds(storm, 3)
+    assert storm.gone == 20
+    storm._rounds_s = [0.1, 0.1]
+    assert storm.limit == "nothing"
 
 
 def test_some_go_although_nobody_holds_anything() -> None:
