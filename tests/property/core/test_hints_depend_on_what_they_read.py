@@ -8,7 +8,7 @@ import pytest
 from tests.support.scheduling import make_info, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.interface import RegisteredPlugin
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.plugins.kubernetes.topology.inter_pod_affinity import InterPodAffinity
 from robotapp_scheduler.plugins.kubernetes.topology.pod_topology_spread import PodTopologySpread
 

@@ -13,7 +13,7 @@ from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.api.ros import DeviceRequest, RosContext
 from robotapp_scheduler.core.cycle.diagnosis import BIND_CHECK, FULL_POOL, WAKERS
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.interface import RegisteredPlugin
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.ros.hardware_affinity import HardwareAffinityFilter
 from robotapp_scheduler.plugins.ros.reserve import ROSReserve

@@ -7,7 +7,7 @@ from tests.support.scheduling import make_info, make_node, make_pod
 
 from robotapp_scheduler.core.api.core_v1 import Metadata, Namespace
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.interface import RegisteredPlugin
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.registry import catalogue
 

@@ -23,7 +23,8 @@ from robotapp_scheduler.core.cycle.schedule_result import FAULTS, ScheduleResult
 from robotapp_scheduler.core.cycle.tiers import earlier_feasible
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain.record import ExplainRing, Record, finished
-from robotapp_scheduler.core.framework.interface import Code, histogram
+from robotapp_scheduler.core.framework.fit_error import histogram
+from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.core.pods.pod_info import PodInfo

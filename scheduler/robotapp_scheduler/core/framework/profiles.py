@@ -10,7 +10,8 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_scheduler.core.framework.interface import NoArgs, PluginError, RegisteredPlugin
+from robotapp_scheduler.core.framework.interface import PluginError
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.framework.shadow import silenced
 from robotapp_scheduler.core.framework.third_party import guarded, is_ours
 from robotapp_scheduler.core.pods.pod_info import ROS_FEATURES
@@ -44,6 +45,10 @@ class ConfigError(Exception):
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__("; ".join(problems))
         self.problems = tuple(problems)
+
+
+class NoArgs(msgspec.Struct, forbid_unknown_fields=True):
+    """Arguments of plugins that have none."""
 
 
 class PluginRef(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

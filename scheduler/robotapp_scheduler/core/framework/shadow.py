@@ -4,7 +4,8 @@ import logging
 from collections.abc import Callable
 from typing import Any, Final
 
-from robotapp_scheduler.core.framework.interface import PluginError, RegisteredPlugin
+from robotapp_scheduler.core.framework.interface import PluginError
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 
 log = logging.getLogger(__name__)
 

@@ -13,21 +13,20 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.snapshot import LabelColumn
 from robotapp_scheduler.core.events.cluster_event import interest_of
+from robotapp_scheduler.core.framework.incremental import Beside
 from robotapp_scheduler.core.framework.interface import (
     MAX_SCORE,
-    NORMALIZERS,
-    Beside,
     Code,
     PerDomain,
     PluginError,
     PreFilter,
-    RegisteredPlugin,
     Scores,
     Status,
     Verdict,
-    checked_scores,
 )
 from robotapp_scheduler.core.framework.plugin_calls import Overdue, asking
+from robotapp_scheduler.core.framework.plugin_results import NORMALIZERS, checked_scores
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.framework.validation import misread
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 

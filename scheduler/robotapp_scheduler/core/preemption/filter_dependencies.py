@@ -6,7 +6,8 @@ import numpy as np
 
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import OF_PODS
-from robotapp_scheduler.core.framework.interface import Beside, RegisteredPlugin
+from robotapp_scheduler.core.framework.incremental import Beside
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import HOLE, Codes, FilterColumn

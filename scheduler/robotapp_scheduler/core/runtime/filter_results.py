@@ -10,7 +10,9 @@ import numpy.typing as npt
 from robotapp_scheduler.core.cache.snapshot import LabelColumn, Snapshot
 from robotapp_scheduler.core.events.change_log import ChangeLogDelta
 from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES
-from robotapp_scheduler.core.framework.interface import RegisteredPlugin, Verdict, checked_mask
+from robotapp_scheduler.core.framework.interface import Verdict
+from robotapp_scheduler.core.framework.plugin_results import checked_mask
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.incremental import FEW_TO_ASK, stale_rows

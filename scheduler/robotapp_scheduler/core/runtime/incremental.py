@@ -7,7 +7,7 @@ from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.change_log import ChangeLogDelta
 from robotapp_scheduler.core.events.cluster_event import SAID_OF_PODS, Change
-from robotapp_scheduler.core.framework.interface import RegisteredPlugin
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 MOST_REPAIRED: Final = 256

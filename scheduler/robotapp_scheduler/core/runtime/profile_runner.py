@@ -11,8 +11,9 @@ import numpy as np
 
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.snapshot import Snapshot
-from robotapp_scheduler.core.framework.interface import Code, RegisteredPlugin, Status
+from robotapp_scheduler.core.framework.interface import Code, Status
 from robotapp_scheduler.core.framework.profiles import Profile
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE, OWN_FEATURES, PodInfo
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import FilterColumn, Reasons

@@ -9,7 +9,7 @@ from collections import OrderedDict
 from collections.abc import Hashable, Sequence
 from typing import Final, NamedTuple
 
-from robotapp_scheduler.core.framework.interface import RegisteredPlugin
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import OWN_FEATURES, VOLUME_FEATURE, PodInfo
 from robotapp_scheduler.core.runtime.filter_results import FilterColumn, Reasons
 from robotapp_scheduler.core.runtime.score_results import ScoreColumn, score_column

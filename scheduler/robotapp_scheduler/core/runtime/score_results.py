@@ -10,16 +10,9 @@ import numpy.typing as npt
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.change_log import ChangeLogDelta
 from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES, OFFERED, SAID_OF_PODS
-from robotapp_scheduler.core.framework.interface import (
-    MAX_SCORE,
-    PerDomain,
-    PluginError,
-    RegisteredPlugin,
-    ScoreResult,
-    Scores,
-    checked_scores,
-    normalized,
-)
+from robotapp_scheduler.core.framework.interface import MAX_SCORE, PerDomain, PluginError, ScoreResult, Scores
+from robotapp_scheduler.core.framework.plugin_results import checked_scores, normalized
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PodInfo

@@ -13,16 +13,11 @@ from typing import Any, Final, NamedTuple, Self
 
 from robotapp_api.model.names import GRANTED_PREFIX, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.framework.interface import (
-    BindContext,
-    Code,
-    PluginError,
-    RegisteredPlugin,
-    Status,
-    histogram,
-)
+from robotapp_scheduler.core.framework.fit_error import histogram
+from robotapp_scheduler.core.framework.interface import BindContext, Code, PluginError, Status
 from robotapp_scheduler.core.framework.plugin_calls import Overdue, asking
 from robotapp_scheduler.core.framework.profiles import Profile
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.framework.third_party import odd_status
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection

@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping
 from itertools import cycle
 from typing import Any, Final, TypeVar
 
-from robotapp_scheduler.core.framework.interface import Code, RegisteredPlugin
+from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.framework.profiles import Profile
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.shell.metrics.histogram import Histogram
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 

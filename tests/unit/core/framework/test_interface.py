@@ -9,19 +9,9 @@ from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.framework.interface import (
-    Code,
-    PluginError,
-    PreFilter,
-    RegisteredPlugin,
-    Status,
-    Verdict,
-    histogram,
-    normalized,
-    per_node,
-    pre_filter_message,
-)
+from robotapp_scheduler.core.framework.interface import Code, PluginError, PreFilter, Status, Verdict, per_node
 from robotapp_scheduler.core.framework.profiles import ConfigError, PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.registry import catalogue
 
@@ -108,36 +98,6 @@ def test_an_unusable_score_of_a_node_that_is_out_anyway_does_no_harm() -> None:
     core.cluster.apply_node(make_node("empty", cpu="0"))
     core.cluster.remove_node("n0")
     assert core.schedule_one(make_info("p")).placed
-
-
-@pytest.mark.parametrize(
-    ("how", "raw", "expected"),
-    [
-        ("max", [0, 5, 10], [0, 50, 100]),
-        ("max", [0, 0], [0, 0]),
-        ("max", [1, 3], [33, 100]),
-        ("inverse", [0, 1, 3], [100, 67, 0]),
-        ("inverse", [0, 0], [100, 100]),
-        ("minmax", [0, 29, 100], [0, 28, 100]),  # dividing first, as upstream
-        ("minmax", [7, 7], [0, 0]),
-        ("none", [12, 99], [12, 99]),
-        ("none", [12.9, 0.1], [12, 0]),
-    ],
-)
-def test_normalising_equals_upstreams_integers(how: str, raw: list[float], expected: list[int]) -> None:
-    assert normalized("P", how, np.array(raw)).tolist() == expected
-
-
-def test_a_normalised_score_outside_0_to_100_names_the_plugin() -> None:
-    with pytest.raises(PluginError, match="plugin P: returns an invalid score 120"):
-        normalized("P", "none", np.array([120]))
-
-
-def test_the_histogram_sorts_its_entries_as_strings() -> None:
-    counts = {"b": 2, "a": 10, "c": 2, "none": 0}
-    assert histogram(14, counts) == "0/14 nodes are available: 10 a, 2 b, 2 c."
-    assert histogram(0, {}) == "no nodes available to schedule pods"
-    assert pre_filter_message(5, "x") == "0/5 nodes are available: x."
 
 
 def test_several_reasons_details_and_finality_of_a_verdict_reach_message_and_explain() -> None:

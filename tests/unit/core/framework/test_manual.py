@@ -1,5 +1,6 @@
 """The plugin in the documentation is run as printed."""
 
+import ast
 import io
 import json
 import re
@@ -11,10 +12,14 @@ from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.framework import interface
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.core.framework.validation import HOOKS, KINDS
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation import bench_command
 
+ATTRIBUTES = {"name", "Args", "sound"}
+"""Class attributes whose type is not checked with the others."""
 MANUAL = Path(__file__).parents[4] / "docs" / "how-to" / "write-a-plugin.md"
 
 
@@ -35,6 +40,35 @@ def test_the_plugin_of_the_manual_filters_and_decides() -> None:
     cluster.remove_node("small")
     cluster.remove_node("large")
     assert core.schedule_one(make_info("q")).message.startswith("0/1 nodes are available: 1 node(s) were too busy.")
+
+
+def test_the_interface_has_the_example_of_the_manual() -> None:
+    (source,) = re.findall(r"```python\n(.*?)```", MANUAL.read_text(), flags=re.DOTALL)
+    assert [line.strip() for line in source.splitlines() if line.strip()] == [
+        line.strip()
+        for line in re.split(r"useful one:|Hooks, in", str(interface.__doc__))[1].splitlines()
+        if line.strip()
+    ]
+
+
+def test_the_two_tables_of_the_manual_name_every_hook_and_attribute_once() -> None:
+    _, _, tables = MANUAL.read_text().partition("## The plugin interface")
+    tables, _, _ = tables.partition("## When a plugin fails")
+    first_cells = re.findall(r"^\| (`.*?) \|", tables, flags=re.MULTILINE)
+    named = [name for cell in first_cells for name in re.findall(r"`(\w+)", cell)]
+    assert sorted(named) == sorted({*HOOKS, *KINDS, *ATTRIBUTES})
+
+
+def test_what_an_author_imports_is_fifteen_names_at_most() -> None:
+    tree = ast.parse(Path(interface.__file__).read_text())
+    names = [
+        node.name
+        if isinstance(node, ast.ClassDef | ast.FunctionDef)
+        else ast.unparse(node.targets[0] if isinstance(node, ast.Assign) else node.target)
+        for node in tree.body
+        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.Assign | ast.AnnAssign)
+    ]
+    assert len(names) <= 15, names
 
 
 def test_bench_plugin_reports_what_the_plugin_of_the_manual_costs(

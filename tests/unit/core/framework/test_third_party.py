@@ -11,8 +11,9 @@ from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 from robotapp_api.model.names import SCHEDULER_NAME, PodReason
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.framework.interface import Code, RegisteredPlugin, Status
+from robotapp_scheduler.core.framework.interface import Code, Status
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.framework.third_party import guarded
 from robotapp_scheduler.core.queue.scheduling_queue import Rejection
 from robotapp_scheduler.plugins.kubernetes.node_resources.fit import NodeResourcesFit
@@ -99,7 +100,7 @@ def test_pods_an_ordering_plugin_has_no_usable_key_for_come_by_priority_after_th
 def test_scores_in_narrow_or_huge_integers_are_normalised_without_overflow(
     raw: Any, normalize: str, expected: list[int]
 ) -> None:
-    from robotapp_scheduler.core.framework.interface import normalized
+    from robotapp_scheduler.core.framework.plugin_results import normalized
 
     loaded = guarded(RegisteredPlugin(breaking("score", raw)()))
     assert loaded.score is not None

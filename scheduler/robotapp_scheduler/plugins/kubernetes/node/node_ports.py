@@ -3,7 +3,8 @@
 from robotapp_scheduler.core.cache.host_ports import clash
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.interface import Beside, FilterResult
+from robotapp_scheduler.core.framework.incremental import Beside
+from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.pods.pod_signature import host_ports
 

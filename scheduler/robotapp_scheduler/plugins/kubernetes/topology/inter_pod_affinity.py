@@ -11,14 +11,8 @@ from robotapp_api.values.selector import matches_requirements
 from robotapp_scheduler.core.api.core_v1 import Affinity, Namespace, Node, PodAffinityTerm
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import PLACED, Change, Event
-from robotapp_scheduler.core.framework.interface import (
-    Beside,
-    FilterResult,
-    PerDomain,
-    PluginError,
-    ScoreResult,
-    Verdict,
-)
+from robotapp_scheduler.core.framework.incremental import Beside
+from robotapp_scheduler.core.framework.interface import FilterResult, PerDomain, PluginError, ScoreResult, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.selectors.affinity_index import Pull

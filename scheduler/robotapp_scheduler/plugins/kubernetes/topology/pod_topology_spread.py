@@ -10,7 +10,8 @@ import numpy.typing as npt
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import NODE, PLACED, Change, Event
-from robotapp_scheduler.core.framework.interface import MAX_SCORE, AmongResult, Beside, FilterResult, Positions, Verdict
+from robotapp_scheduler.core.framework.incremental import AmongResult, Beside, Positions
+from robotapp_scheduler.core.framework.interface import MAX_SCORE, FilterResult, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.selectors.label_sets import LabelSet
