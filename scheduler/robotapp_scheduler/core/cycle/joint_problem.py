@@ -1,12 +1,12 @@
 """Turns the pods of one app instance into a problem for the joint planner: what each costs where, and what binds them.
 
 Node scores are taken as the profile gives them while the others are not placed; connections among the pods are added as
-the LatencyScore and LatencyFilter of the profile see them. What the problem does not know (spread, affinity among the
+the plugins of the profile that limit or score connections see them (`LimitsConnections`, `ScoresConnections`). What the problem does not know (spread, affinity among the
 pods, devices) is checked when the plan is followed.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Edge as Connection
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.tiers import tier_ranks
+from robotapp_scheduler.core.framework.interface import MAX_SCORE
+from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.nodes.columns import FloatArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.app_index import App, on_one_node
@@ -28,8 +30,30 @@ MOST_PODS: Final = 96
 MOST_EDGES: Final = 320
 """A RobotApp has up to 64 components and 256 edges; groups larger by replicas are placed one after the other."""
 USUAL_CEILING_US: Final = 100_000.0
-BOTH_ENDS: Final = 2 * 100.0
-"""Each end of a connection scores it from 0 to 100."""
+ENDS: Final = 2
+"""Each end of a connection scores it."""
+
+
+@runtime_checkable
+class LimitsConnections(Protocol):
+    """A filter that rejects nodes by the round trips of a pod's connections, as LatencyFilter does."""
+
+    @property
+    def most_us(self) -> float:
+        """The longest round trip of a connection without a budget."""
+
+    @property
+    def deny_unknown(self) -> bool:
+        """It rejects a node where the round trip of a required connection is not known."""
+
+
+@runtime_checkable
+class ScoresConnections(Protocol):
+    """A score of the round trips of a pod's connections, as LatencyScore is."""
+
+    @property
+    def most_points(self) -> int:
+        """What one connection is worth to a node at best, before the plugin's weight."""
 
 
 class JointProblem(NamedTuple):
@@ -106,7 +130,7 @@ def _edges(core: Scores, app: App, pods: Sequence[PodInfo]) -> list[Edge]:
     for i, pod in enumerate(pods):
         if pod.member is not None and pod.member.component in app.components:
             of.setdefault(pod.member.component, []).append(i)
-    rules = _Rules(core.engine(pods[0].scheduler_name))
+    rules = _Rules(core.engine(pods[0].scheduler_name).profile)
     found = [
         rules.edge(connection, app, left, right)
         for connection in app.source.spec.edges
@@ -118,16 +142,20 @@ def _edges(core: Scores, app: App, pods: Sequence[PodInfo]) -> list[Edge]:
 
 
 class _Rules:
-    """What a connection costs, by the plugins of a profile."""
+    """What a connection costs, by the plugins of a profile. Of a shadow plugin only the longest round trip counts."""
 
-    def __init__(self, engine: ProfileRunner) -> None:
-        loaded = engine.profile.all
-        score, limit = loaded.get("LatencyScore"), loaded.get("LatencyFilter")
-        scores = score is not None and not score.shadow
-        self._weight = BOTH_ENDS * (score.weight if score is not None and scores else 1)
-        self._limits = limit is not None and not limit.shadow
-        self._ceiling_us = float(getattr(limit.plugin, "most_us", USUAL_CEILING_US)) if limit else USUAL_CEILING_US
-        self._deny_unknown = self._limits and bool(getattr(limit and limit.plugin, "deny_unknown", False))
+    def __init__(self, profile: Profile) -> None:
+        limits = [each.plugin for each in profile.filters if isinstance(each.plugin, LimitsConnections)]
+        shadows = [each.plugin for each in profile.shadow_filters if isinstance(each.plugin, LimitsConnections)]
+        points = [
+            each.weight * each.plugin.most_points
+            for each in profile.scores
+            if isinstance(each.plugin, ScoresConnections) and not each.shadow
+        ]
+        self._weight = float(ENDS * (sum(points) if points else MAX_SCORE))
+        self._limits = bool(limits)
+        self._ceiling_us = float(min((each.most_us for each in (*limits, *shadows)), default=USUAL_CEILING_US))
+        self._deny_unknown = any(each.deny_unknown for each in limits)
 
     def edge(self, connection: Connection, app: App, left: int, right: int) -> Edge:
         """One connection between two pods."""

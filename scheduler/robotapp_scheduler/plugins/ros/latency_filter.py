@@ -34,7 +34,10 @@ class LatencyFilterArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
 
 
 class LatencyFilter:
-    """RTT between the candidate and where each placed peer or the robot is, at the edge's percentile."""
+    """RTT between the candidate and where each placed peer or the robot is, at the edge's percentile.
+
+    `most_us` and `deny_unknown` are read by the joint planner as well (core.cycle.joint_problem.LimitsConnections).
+    """
 
     name = "LatencyFilter"
     reads = ("ros.endpoints",)

@@ -6,7 +6,7 @@ import numpy as np
 from robotapp_scheduler.core.api.ros import Endpoint
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework.interface import ScoreResult, Scores
+from robotapp_scheduler.core.framework.interface import MAX_SCORE, ScoreResult, Scores
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.ros.round_trips import nearest_us
@@ -28,6 +28,8 @@ class LatencyScore:
     reads = ("ros.endpoints",)
     node_reads = ("rtt",)
     events = Change.NONE
+    most_points = MAX_SCORE
+    """For the joint planner (core.cycle.joint_problem.ScoresConnections)."""
     Args = LatencyScoreArgs
 
     def __init__(self, args: LatencyScoreArgs | None = None) -> None:

@@ -5,16 +5,30 @@ from typing import Any
 
 import numpy as np
 from tests.support.pod_groups import arrive
-from tests.support.scheduling import Clock, app_object, chain, make_core, make_node, make_pod, member_pod, telemetry
+from tests.support.scheduling import (
+    Clock,
+    app_object,
+    chain,
+    make_cluster,
+    make_core,
+    make_node,
+    make_pod,
+    member_pod,
+    telemetry,
+)
 
-from robotapp_api.model.names import Label
+from robotapp_api.model.names import SCHEDULER_NAME, Label
 from robotapp_scheduler.core.cycle.group_cycle import GroupPlacement, advice_of
-from robotapp_scheduler.core.cycle.joint_problem import JointProblem
+from robotapp_scheduler.core.cycle.joint_problem import JointProblem, LimitsConnections, ScoresConnections
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo
 from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 from robotapp_scheduler.joint.problem import Relation
 from robotapp_scheduler.joint.solve import Limits, Solution, solve
+from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.plugins.ros.latency_filter import LatencyFilter
+from robotapp_scheduler.plugins.ros.latency_score import LatencyScore
 
 EDGES = (
     ("camera", "vision"), ("vision", "planner"), ("planner", "driver"), ("operator", "driver"), ("map", "planner"),
@@ -278,6 +292,32 @@ def test_without_a_latency_filter_that_denies_unknown_rtts_cost_half() -> None:
         posed = core.pose(core.queue.pop())
         assert posed is not None
         assert np.isinf(posed.problem.edges[0].unknown) == cost
+
+
+class Fussy(LatencyFilter):
+    """Limits connections under another name."""
+
+    name = "Fussy"
+
+
+def test_budgets_and_weights_come_from_whichever_plugins_limit_and_score_connections() -> None:
+    limits: LimitsConnections = LatencyFilter()
+    scores: ScoresConnections = LatencyScore()
+    assert isinstance(limits, LimitsConnections)
+    assert isinstance(scores, ScoresConnections)
+    assert not isinstance(limits, ScoresConnections)
+    clock = Clock()
+    off = PluginSet(disabled=(PluginRef("LatencyFilter"),), enabled=(PluginRef("Fussy"), PluginRef("LatencyScore", 7)))
+    for args, ceiling_us in (({}, 100_000.0), ({"maxLatency": "20ms"}, 20_000.0)):
+        spec = ProfileSpec(SCHEDULER_NAME, plugins={"multiPoint": off}, plugin_config={"Fussy": args})
+        cluster = make_cluster(make_node("n0"), make_node("n1"), clock=clock)
+        core = SchedulerCore(cluster, build_profiles([spec], catalogue({"Fussy": Fussy})), clock=clock)
+        teleop(core, {"name": "a"}, {"name": "b"}, edges=[{"topic": "/a", "from": "a", "to": "b"}])
+        arrive(core, member_pod("a"), member_pod("b"))
+        posed = core.pose(core.queue.pop())
+        assert posed is not None
+        (found,) = posed.problem.edges
+        assert (found.budget_us, found.hard, found.penalty) == (ceiling_us, True, 2 * 100 * 7)
 
 
 def test_a_solution_is_put_in_words() -> None:
