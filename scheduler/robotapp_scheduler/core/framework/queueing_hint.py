@@ -5,7 +5,6 @@ from collections.abc import Callable, Hashable
 from typing import Final, NamedTuple
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.plugin_calls import Overdue
 from robotapp_scheduler.core.pods.pod_info import LIVE, PodInfo
 
 log = logging.getLogger(__name__)
@@ -42,7 +41,7 @@ class QueueingHint(NamedTuple):
             return True
         try:
             return bool(self.hint(pod, event))
-        except (Exception, Overdue):  # a plugin's mistake must not lose a pod; the log has the stack
+        except Exception:  # a plugin's mistake must not lose a pod; the log has the stack
             log.exception("queueing hint of %s failed for %s on %s", self.plugin, pod.key, event.label)
             return True
 
@@ -52,6 +51,6 @@ class QueueingHint(NamedTuple):
             return None
         try:
             return self.serves(pod, event)
-        except (Exception, Overdue):  # as above
+        except Exception:  # as above
             log.exception("%s cannot tell for %s how many %s serves", self.plugin, pod.key, event.label)
             return None

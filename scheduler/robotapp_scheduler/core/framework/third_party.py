@@ -24,7 +24,7 @@ from robotapp_scheduler.core.framework.interface import (
     Status,
     Verdict,
 )
-from robotapp_scheduler.core.framework.plugin_calls import Overdue, asking
+from robotapp_scheduler.core.framework.plugin_calls import Overdue, PluginCall
 from robotapp_scheduler.core.framework.plugin_results import NORMALIZERS, checked_scores
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.framework.validation import misread
@@ -77,7 +77,7 @@ def _watched(loaded: RegisteredPlugin, hook: str, function: Callable[..., Any], 
 
     def asked(*args: Any) -> Any:
         try:
-            with asking(loaded.vigil, plugin, hook, args[0]):
+            with PluginCall(plugin, hook, args[0], loaded.vigil):
                 return check(plugin, hook, function(*args), *args)
         except (PluginError, KeyboardInterrupt):
             raise

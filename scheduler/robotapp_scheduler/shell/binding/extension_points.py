@@ -15,7 +15,7 @@ from robotapp_api.model.names import GRANTED_PREFIX, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.fit_error import histogram
 from robotapp_scheduler.core.framework.interface import BindContext, Code, PluginError, Status
-from robotapp_scheduler.core.framework.plugin_calls import Overdue, asking
+from robotapp_scheduler.core.framework.plugin_calls import Overdue, PluginCall
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.framework.third_party import odd_status
@@ -113,12 +113,13 @@ class ExtensionPoints:
         """The plugin's answer, timed; what it raises is an Error."""
         started_s, pod = self._timer.clock(), self._pod
         try:
-            with asking(loaded.vigil, loaded.name, hook, pod):
+            with PluginCall(loaded.name, hook, pod, loaded.vigil):
                 answer: Any = getattr(loaded.plugin, hook)(pod, self._node, self.context)
             if inspect.isawaitable(answer):
                 await self._say_where(hook)
                 async with asyncio.timeout(HOOK_S):
-                    answer = await answer
+                    with PluginCall(loaded.name, hook, pod):
+                        answer = await answer
             status = _status(answer, self.context)
         except TimeoutError as error:
             log.warning("%s of plugin %s for %s: %r", hook, loaded.name, pod.key, error)

@@ -1,8 +1,8 @@
 """Logs what blocks the event loop, and interrupts a third-party plugin that does not return.
 
 While the loop turns an alarm is put off once a second, so it never rings. When it rings, its handler runs in the one
-thread there is, in the middle of what holds the loop: it sees which hook is asked about which pod, and may raise there.
-It does so only between two lines of the plugin: what is ours is never left half done.
+thread there is, in the middle of what holds the loop. The caller of a plugin has noted the hook and the pod (core.framework.plugin_calls),
+so the handler knows them and may raise there. It does so only between two lines of the plugin: what is ours is never left half done.
 
 A hook that swallows even that, again and again, cannot be ended without the process: that ends, and says why.
 What never returns to Python (a regular expression without end) hears no alarm. Then the interpreter writes the stack on
@@ -17,11 +17,11 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from types import FrameType
-from typing import Any, Final, NamedTuple
+from typing import Final
 
-from robotapp_scheduler.core.framework.plugin_calls import Overdue
+from robotapp_scheduler.core.framework.plugin_calls import Overdue, PluginCall, running_call
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 log = logging.getLogger(__name__)
@@ -37,32 +37,6 @@ DUMP_S: Final = 30.0
 DUMP_BEATS: Final = 5
 OURS: Final = frozenset({"robotapp_scheduler", "robotapp_api"})
 
-
-class PluginCall(NamedTuple):
-    """A hook of a plugin that has not answered yet."""
-
-    plugin: str
-    hook: str
-    pod: PodInfo | None
-
-    @property
-    def about(self) -> str:
-        """Which pod, for a sentence."""
-        return f" about pod {self.pod.key}" if self.pod is not None else ""
-
-
-ASKING: Final[Mapping[tuple[str, str], Callable[[Mapping[str, Any]], PluginCall]]] = {
-    ("robotapp_scheduler.core.framework.third_party", "asked"): lambda known: PluginCall(
-        known["plugin"], known["hook"], next((each for each in known["args"] if isinstance(each, PodInfo)), None)
-    ),
-    ("robotapp_scheduler.core.framework.queueing_hint", "wants"): lambda known: PluginCall(
-        known["self"].plugin, "hint", known["pod"]
-    ),
-    ("robotapp_scheduler.shell.binding.extension_points", "_ask"): lambda known: PluginCall(
-        known["loaded"].name, known["hook"], known["pod"]
-    ),
-}
-"""Functions that ask a plugin and bear whatever it raises, with whom they ask about what."""
 
 LastWords = Callable[[str, str, PodInfo], None]
 """Told plugin, hook and pod, quickly."""
@@ -86,8 +60,8 @@ class Watchdog:
         self._last_words = last_words
         self._raised = 0
         """How often in the call that `_held` is."""
-        self._held: FrameType | None = None
-        """Who asked the plugin when the alarm rang last."""
+        self._held: PluginCall | None = None
+        """The call of a plugin that ran when the alarm rang last."""
         self._rung = 0
 
     def __repr__(self) -> str:
@@ -114,51 +88,49 @@ class Watchdog:
             signal.signal(signal.SIGALRM, former)
 
     def _rang(self, _signal: int, frame: FrameType | None) -> None:
-        asking = _asking(frame)
-        same = asking is not None and asking is self._held
+        call = _running(frame)
+        same = call is not None and call is self._held
         self._rung += 1
-        self._held = asking
+        self._held = call
         if self._rung < 2 or frame is None:
             return
         waited_s = self._patience_s + self._again_s * (self._rung - 1)
-        asked = _asked(asking)
         if self._rung == 2:
-            log.error("%s\n%s", _told(asked, frame, waited_s), "".join(traceback.format_stack(frame)))
+            log.error("%s\n%s", _told(call, frame, waited_s), "".join(traceback.format_stack(frame)))
         self._raised = self._raised if same else 0
-        if same and asked is not None:
+        if same and call is not None:
             if self._raised == MOST_SWALLOWED:
-                self._give_up(asked)
+                self._give_up(call)
             self._raised += 1
             raise Overdue(f"did not answer within {waited_s:g} s and was broken off")
 
-    def _give_up(self, asked: PluginCall) -> None:
-        """`sys.exit` would be swallowed too. Whoever leads next meets the same pod; `last_words` may spare us that."""
+    def _give_up(self, call: PluginCall) -> None:
+        """`sys.exit` would be swallowed too. The next leader meets the same pod; what `last_words` records may spare it that."""
         log.critical(
-            "%s of plugin %s cannot be broken off%s, it catches BaseException: the process ends. Take the plugin out of the "
-            "configuration%s",
-            *(asked.hook, asked.plugin, asked.about, ", or delete the pod" if asked.pod is not None else ""),
+            "%s of plugin %s cannot be broken off about pod %s, it catches BaseException: the process ends. Take the plugin out of the "
+            "configuration, or delete the pod",
+            *(call.hook, call.plugin, call.pod.key),
         )
-        if self._last_words is not None and asked.pod is not None:
-            self._last_words(asked.plugin, asked.hook, asked.pod)
+        if self._last_words is not None:
+            self._last_words(call.plugin, call.hook, call.pod)
         self._end(os.EX_SOFTWARE)
 
 
-def _asking(frame: FrameType | None) -> FrameType | None:
+def _running(frame: FrameType | None) -> PluginCall | None:
     """The call that waits for a plugin, when the line being run is the plugin's or of what it called, and none of ours."""
-    inner = frame
+    call, inner = running_call(), frame
+    if call is None:
+        return None
     while frame is not None and not _ours(frame):
         frame = frame.f_back
-    return frame if frame is not inner and frame is not None and _place(frame) in ASKING else None
+    return call if frame is not inner and frame is call.frame else None
 
 
-def _asked(asking: FrameType | None) -> PluginCall | None:
-    return None if asking is None else ASKING[_place(asking)](asking.f_locals)
-
-
-def _told(asked: PluginCall | None, frame: FrameType, waited_s: float) -> str:
-    if asked is not None:
+def _told(call: PluginCall | None, frame: FrameType, waited_s: float) -> str:
+    if call is not None:
         return (
-            f"{asked.hook} of plugin {asked.plugin} has not answered for {waited_s:g} s{asked.about}: it is broken off"
+            f"{call.hook} of plugin {call.plugin} has not answered for {waited_s:g} s about pod {call.pod.key}: "
+            "it is broken off"
         )
     pod = _pod(frame)
     about = f" with pod {pod}" if pod else ""
@@ -166,7 +138,7 @@ def _told(asked: PluginCall | None, frame: FrameType, waited_s: float) -> str:
 
 
 def _pod(frame: FrameType | None) -> str:
-    """The pod somebody on the stack is at work with."""
+    """A pod that a function on the stack works with: a guess, for the log only."""
     while frame is not None:
         pod = frame.f_locals.get("pod")
         if isinstance(pod, PodInfo):
@@ -177,7 +149,3 @@ def _pod(frame: FrameType | None) -> str:
 
 def _ours(frame: FrameType) -> bool:
     return str(frame.f_globals.get("__name__", "")).partition(".")[0] in OURS
-
-
-def _place(frame: FrameType) -> tuple[str, str]:
-    return str(frame.f_globals.get("__name__", "")), frame.f_code.co_name

@@ -20,8 +20,8 @@ from robotapp_api.model.names import SCHEDULER_NAME, PodReason
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import BindContext
+from robotapp_scheduler.core.framework.plugin_calls import running_call
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
-from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.binding.extension_points import ExtensionPoints
 from robotapp_scheduler.shell.metrics.metrics import Metrics
@@ -132,15 +132,41 @@ async def test_a_hook_on_the_way_to_the_node_is_broken_off_too() -> None:
     assert refused.message == 'running Reserve plugin "Loops": Overdue: did not answer within 0.1 s and was broken off'
 
 
-async def test_a_hint_without_end_counts_as_yes() -> None:
-    def hint(_pod: Any, _event: Event) -> bool:
-        turn()
-        return False
+async def test_an_async_hook_that_holds_the_loop_after_an_await_is_broken_off_too() -> None:
+    class Awaits(Loops):
+        name = "Awaits"
 
+        async def reserve(self, _pod: Any, _node: str, _ctx: BindContext) -> None:
+            await asyncio.sleep(0)
+            turn()
+
+    profile = next(iter(core_with(Awaits)._engines.values())).profile
+
+    async def promised(*_: Any) -> None:
+        raise AssertionError
+
+    async with watched(), ExtensionPoints(profile, make_info("p"), PointTimer(Metrics()), promised) as steps:
+        refused = await steps.run("n1")
+    assert refused is not None
+    assert refused.message == 'running Reserve plugin "Awaits": Overdue: did not answer within 0.1 s and was broken off'
+    assert running_call() is None
+
+
+async def test_a_hint_without_end_counts_as_yes() -> None:
+    class Wonders(Loops):
+        name = "Wonders"
+
+        def hint(self, _pod: Any, _event: Event) -> bool:
+            turn()
+            return False
+
+    (hint,) = [
+        each.waker for each in core_with(Wonders).engine(SCHEDULER_NAME).profile.filters if each.name == "Wonders"
+    ]
     pod = make_info("p")
     async with watched():
         began_s = time.monotonic()
-        assert QueueingHint("Loops", Change.ALL, hint).wants(pod, Event("pods", Change.POD_REMOVED, pod.pod, None))
+        assert hint.wants(pod, Event("pods", Change.POD_REMOVED, pod.pod, None))
     assert time.monotonic() - began_s < LONG_S / 2
 
 
