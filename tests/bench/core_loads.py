@@ -2,6 +2,8 @@
 
 import time
 from collections.abc import Callable
+from copy import copy
+from functools import partial
 from typing import Any, Final
 
 import msgspec
@@ -9,6 +11,7 @@ import numpy as np
 from tests.support.scheduling import default_profiles, make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Label
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
@@ -66,24 +69,61 @@ def _refuse(core: SchedulerCore) -> float:
     return time.perf_counter() - started
 
 
-def preempting(nodes: int, kind: str, pods: int) -> dict[str, Any]:
-    """ms per attempt of pods that find every node full of four pods of lower priority; victims go at once."""
+def preempting(nodes: int, kind: str, pods: int, *, gone: bool = True) -> dict[str, Any]:
+    """CPU in ms per attempt of pods that find every node full of four pods of lower priority.
+
+    `gone`: victims go at once and the pod is placed; otherwise they terminate for longer than the run, and all pods before
+    it are nominated. `copy_ms` is what copying would cost that a dry run writes (docs/design/012-what-if.md).
+    """
     core = _full(nodes)
-    spent = []
+    spent, copies = [], []
     for i in range(pods):
         fields = {"cpu": "8", "memory": "100Mi", "priority": 1000, "labels": {"color": "blue"}, **PREEMPTORS[kind]}
         info = PodInfo(make_pod(f"high-{i}", **fields))
-        started = time.perf_counter()
+        started = time.process_time()
         decision = core.schedule_one(info)
-        spent.append(1e3 * (time.perf_counter() - started))
+        spent.append(1e3 * (time.process_time() - started))
         if decision.plan is None:
-            raise SystemExit(f"{info.key} found nobody to preempt: {decision.message}")
+            raise SystemExit(f"{info.key} found no victims: {decision.message}")
         core.cluster.nominations.nominate(info, decision.plan.node)
         for victim in decision.plan.victims:
-            core.cluster.remove_pod(victim.pod)
-        core.schedule_one(info)
-    found = {"first_ms": round(spent[0], 2), "p50_ms": round(sorted(spent)[len(spent) // 2], 2)}
-    return {"nodes": nodes, "preemptors": kind, **found, "p99_ms": round(sorted(spent)[int(len(spent) * 0.99)], 2)}
+            if gone:
+                core.cluster.remove_pod(victim.pod)
+            else:
+                core.cluster.apply_pod(_terminating(victim.pod))
+        if gone:
+            core.schedule_one(info)
+        copies.append(spent_us(partial(_copied, core.cluster)) / 1e3)
+    found = {
+        "first_ms": round(spent[0], 2),
+        "p50_ms": _median(spent),
+        "p99_ms": round(sorted(spent)[int(len(spent) * 0.99)], 2),
+    }
+    row = {"nodes": nodes, "preemptors": kind, "victims": "gone" if gone else "terminating"}
+    return {**row, **found, "copy_ms": _median(copies)}
+
+
+def _median(values: list[float]) -> float:
+    return round(sorted(values)[len(values) // 2], 2)
+
+
+def _terminating(pod: Pod) -> Pod:
+    metadata = msgspec.structs.replace(pod.metadata, deletion_timestamp="2026-01-01T00:00:00Z")
+    return msgspec.structs.replace(pod, metadata=metadata)
+
+
+def _copied(cache: Cache) -> list[Any]:
+    """Shallow copies of what a dry run writes: less than a copy that works, which must also refer to its own parts."""
+    table, topology, users = cache.nodes, cache.topology, cache.volumes.users
+    return [
+        list(map(copy, cache.placed.values())), dict(cache._by_node), table.resources.ledger.copy(), table.versions.copy(),
+        {priority: block.copy() for priority, block in (cache.by_priority._blocks or {}).items()},
+        [(dict(each.rows), dict(each.ending)) for each in topology.label_sets._by_key.values()],
+        [each.column.copy() for each in topology.counts._counters.values()],
+        [dict(placed.rows) for placed in topology.affinity._terms.values()],
+        [totals.values.copy() for totals in topology.affinity._totals.values()],
+        dict(cache.names._by_name), dict(users._claims), dict(users._where), dict(users._mounted),
+    ]  # fmt: skip
 
 
 def _full(nodes: int) -> SchedulerCore:

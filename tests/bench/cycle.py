@@ -144,7 +144,8 @@ def main() -> None:
                 row = waiting(core, stuck, args.pods, lambda i, workload=workload: pod(i, 1, workload), wait=wait)
                 tell({"nodes": nodes, "workload": workload, **row})
         for kind in PREEMPTORS if args.preempting else ():
-            tell(preempting(nodes, kind, args.preempting))
+            for gone in (True, False):
+                tell(preempting(nodes, kind, args.preempting, gone=gone))
     if args.json:
         args.json.write_text(json.dumps(rows, indent=1))
 

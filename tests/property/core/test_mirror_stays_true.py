@@ -93,11 +93,11 @@ def test_whole_columns_are_those_of_the_ledger_whatever_happens(rounds: list[lis
         for step in steps:
             step.on(cluster)
         agrees(cluster)
-    with DryRun(cluster) as trial:
+    with DryRun(cluster) as dry_run:
         for step in tried:
             record = cluster.placed.get(make_pod(f"p{step.pod}").metadata.uid)
             if record is not None:
-                trial.take(record)
+                dry_run.take(record)
                 agrees(cluster)
     agrees(cluster)
 

@@ -349,7 +349,7 @@ class Cache:
         self._member(record.pod, record.node)
 
     def put_on(self, record: PlacedPod, change: Change) -> None:
-        """Count a pod on its node in every column and index. For this class and for trials."""
+        """Count a pod on its node in every column and index. For this class and `DryRun`."""
         self.placed[record.uid] = record
         self.topology.take(record)
         if not record.assumed:

@@ -64,6 +64,18 @@ class Nominator:
             del self._by_node[old.record.node]
         return True
 
+    def saved(self) -> tuple[Nomination, ...]:
+        """All nominations as they are now, for `restore`."""
+        return tuple(self._by_uid.values())
+
+    def restore(self, saved: tuple[Nomination, ...]) -> None:
+        """Return to the nominations that `saved` gave."""
+        self._by_uid.clear()
+        self._by_node.clear()
+        for found in saved:
+            self._by_uid[found.record.uid] = found
+            self._by_node.setdefault(found.record.node, {})[found.record.uid] = found
+
     def at_least(self, priority: int, *, but: str, node: str = "") -> dict[str, list[PlacedPod]]:
         """Node → what pods of this priority or higher will hold there, the pod `but` left out; of one node when given."""
         found: dict[str, list[PlacedPod]] = {}

@@ -33,6 +33,8 @@ class Topology:
         self.scopes = Scopes()
         self._wide_position = -1
         """Where the change log stood when a pod last came or went with a term that reaches other nodes."""
+        self._wide_before = -1
+        """The same before the dry run began."""
         self._single: dict[str, tuple[int, bool]] = {}
 
     def __repr__(self) -> str:
@@ -64,6 +66,16 @@ class Topology:
             placed.count(row, sign)
             if not self.single(placed.term.topology_key):
                 self._wide_position = self._log.position
+
+    def begin_dry_run(self) -> None:
+        """From now on pods are moved only for a dry run of preemption."""
+        self.counts.begin_dry_run()
+        self._wide_before = self._wide_position
+
+    def end_dry_run(self) -> None:
+        """All moves are undone."""
+        self.counts.end_dry_run()
+        self._wide_position = self._wide_before
 
     # --- Questions of the rules --------------------------------------------------------------------------------------
 

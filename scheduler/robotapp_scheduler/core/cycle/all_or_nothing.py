@@ -10,13 +10,13 @@ from typing import Final, Protocol
 
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.dry_run import DryRun
 from robotapp_scheduler.core.cycle.group_gates import POD_GROUP_PLUGIN, WHOLE_PLUGIN
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
-from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain.record import ExplainRing
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.pods.pod_group_index import GroupRef
-from robotapp_scheduler.core.pods.pod_info import Member, PlacedPod, PodInfo
+from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
 
 UNSCHEDULABLE_GROUP: Final = "pod group is unschedulable, "
 MOST_RESCUED: Final = 64
@@ -108,36 +108,28 @@ def _evict_in_vain_nobody(core: Placer, failures: Sequence[ScheduleResult], miss
 
 
 def _rescued(core: Placer, failures: Sequence[ScheduleResult], missing: int) -> bool:
-    """Would `missing` of these pods find a place by evictions? Tried for real, and everything is put back."""
+    """Would `missing` of these pods find a place by evictions? Tried in a dry run."""
     if not 0 < missing <= min(len(failures), MOST_RESCUED):
         return False
     cluster = core.cluster
     records = [core.explain.get(failure.pod.uid) for failure in failures]
-    evicted: list[PlacedPod] = []
-    order: dict[str, list[str]] = {}
-    placed: list[str] = []
-    for failure in failures:
-        again = core.schedule_one(failure.pod)
-        if again.plan is not None:
-            order.setdefault(again.plan.node, [pod.uid for pod in cluster.pods_on(again.plan.node)])
-            for victim in again.plan.victims:
-                cluster.take_off(victim.uid)
-                evicted.append(victim)
-            cluster.assume(failure.pod, again.plan.node)
-        if again.placed or again.plan is not None:
-            placed.append(failure.pod.uid)
-        if len(placed) == missing:
-            break
-    for uid in reversed(placed):
-        cluster.forget(uid)
-    for victim in reversed(evicted):
-        cluster.put_on(victim, Change.POD_ADDED)
-    for node, uids in order.items():
-        cluster.reorder(node, uids)
+    placed = 0
+    with DryRun(cluster, preemption=False) as dry_run:
+        for failure in failures:
+            again = core.schedule_one(failure.pod)
+            if again.plan is not None:
+                for victim in again.plan.victims:
+                    dry_run.take(victim)
+                dry_run.assume(failure.pod, again.plan.node)
+            elif again.placed:
+                dry_run.forget_later(failure.pod.uid)
+            placed += again.placed or again.plan is not None
+            if placed == missing:
+                break
     for record in records:
         if record is not None:
             core.explain.add(record)
-    return len(placed) == missing
+    return placed == missing
 
 
 def _taken_back(

@@ -13,8 +13,8 @@ import numpy as np
 
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.dry_run import DryRun
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain.record import Record
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -78,15 +78,13 @@ def _waiting(cluster: Cache, pod: Pod) -> Iterator[Pod]:
     waiting = msgspec.structs.replace(pod, spec=msgspec.structs.replace(pod.spec, node_name=""))
     # Not removed and applied again: its group would be one that was never placed, and it the last among equals on its node.
     record = cluster.placed[pod.metadata.uid]
-    order = [each.uid for each in cluster.pods_on(record.node)]
-    cluster.take_off(record.uid)
-    cluster.apps.place(waiting, "")
-    try:
-        yield waiting
-    finally:
-        cluster.apps.place(pod, record.node)
-        cluster.put_on(record, Change.POD_ADDED)
-        cluster.reorder(record.node, order)
+    with DryRun(cluster, preemption=False) as dry_run:
+        dry_run.take(record)
+        cluster.apps.place(waiting, "")
+        try:
+            yield waiting
+        finally:
+            cluster.apps.place(pod, record.node)
 
 
 def _table(pod: PodInfo, cluster: Cache, engine: ProfileRunner, evaluation: Evaluation) -> Table:

@@ -47,17 +47,17 @@ def _reasons(
         view = AdjustedSnapshot(cluster, rows, amounts(cluster, [promised[row] for row in rows]))
         return influence.codes(view, evaluation)[0]
     if influence.together(records):
-        with DryRun(cluster) as trial:
+        with DryRun(cluster) as dry_run:
             for record in records:
-                trial.put(record)
+                dry_run.put(record)
             return influence.asked(Snapshot(cluster, rows))
     found = np.zeros(len(rows), dtype=np.int32)
-    with DryRun(cluster) as trial:
+    with DryRun(cluster) as dry_run:
         for i, row in enumerate(rows):
             for record in promised[row]:
-                trial.put(record)
+                dry_run.put(record)
             found[i] = influence.asked(Snapshot(cluster, [row]))[0]
-            trial.back(0)
+            dry_run.back(0)
     return found
 
 

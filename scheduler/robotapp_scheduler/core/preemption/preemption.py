@@ -16,7 +16,7 @@ from robotapp_scheduler.core.cache.snapshot import AdjustedSnapshot, Snapshot
 from robotapp_scheduler.core.framework.fit_error import histogram
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.preemption.filter_dependencies import Influence
-from robotapp_scheduler.core.preemption.victims import Candidate, by_amounts, by_trial, lower_pods
+from robotapp_scheduler.core.preemption.victims import Candidate, by_amounts, by_dry_run, lower_pods
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import Codes
 
@@ -212,10 +212,10 @@ class _Search:
         promised = self._held.get(row, ())
         if promised:
             if self._touched(row) or any(self._influence.touched(record) for record in promised):
-                return self._by_trial(i, row, promised)
+                return self._by_dry_run(i, row, promised)
             return self._whole_numbers(row, promised=promised) if self._first[i] == 0 else None
         if self._touched(row, without=self._beside):
-            return self._by_trial(i, row, ())
+            return self._by_dry_run(i, row, ())
         touched = bool(self._beside) and self._touched(row)
         if (self._rest if touched else self._first)[i] != 0:
             return None
@@ -253,9 +253,9 @@ class _Search:
         wishes = room.room(self._pod) if room is not None and room.room is not None else {}
         return by_amounts(self._cluster, row, lower, wishes, promised=promised, fits=fits)
 
-    def _by_trial(self, i: int, row: int, promised: Sequence[PlacedPod]) -> Candidate | None:
+    def _by_dry_run(self, i: int, row: int, promised: Sequence[PlacedPod]) -> Candidate | None:
         lower = lower_pods(self._cluster, row, self._pod.priority, self._spared)
-        found = by_trial(self._cluster, self._influence, row, lower, promised) if lower else 0
+        found = by_dry_run(self._cluster, self._influence, row, lower, promised) if lower else 0
         if isinstance(found, Candidate):
             return found
         self._reasons[i] = found
@@ -269,7 +269,7 @@ class _Search:
             return int(self._first[i])
         if not promised and not self._touched(row, without=self._beside) and self._fits(row, self._staying(row)):
             return int(self._rest[i])
-        self._by_trial(i, row, promised)
+        self._by_dry_run(i, row, promised)
         return self._reasons.get(i, 0)
 
     def _staying(self, row: int) -> list[PlacedPod]:

@@ -87,36 +87,36 @@ def by_amounts(
     return _reprieved(row, cluster.budgets.split(lower), stays)
 
 
-def by_trial(
+def by_dry_run(
     cluster: Cache, influence: Influence, row: int, lower: Sequence[PlacedPod], promised: Sequence[PlacedPod]
 ) -> Candidate | int:
     """The victims with every filter asked after each step; the reason that is left when the pod does not fit at all."""
-    with DryRun(cluster) as trial:
+    with DryRun(cluster) as dry_run:
         for pod in lower:
-            trial.take(pod)
-        reason = _reason(cluster, influence, row, promised, trial)
+            dry_run.take(pod)
+        reason = _reason(cluster, influence, row, promised, dry_run)
         if reason:
             return reason
 
         def stays(pod: PlacedPod) -> bool:
-            depth = trial.depth
-            trial.put(pod)
-            if _reason(cluster, influence, row, promised, trial) == 0:
+            depth = dry_run.depth
+            dry_run.put(pod)
+            if _reason(cluster, influence, row, promised, dry_run) == 0:
                 return True
-            trial.back(depth)
+            dry_run.back(depth)
             return False
 
         found = _reprieved(row, cluster.budgets.split(lower), stays)
     return found if found is not None else 0
 
 
-def _reason(cluster: Cache, influence: Influence, row: int, promised: Sequence[PlacedPod], trial: DryRun) -> int:
-    """First reason against the node as it is in the trial, with the nominated pods there and without; 0 = none."""
-    depth = trial.depth
+def _reason(cluster: Cache, influence: Influence, row: int, promised: Sequence[PlacedPod], dry_run: DryRun) -> int:
+    """First reason against the node as it is in the dry run, with the nominated pods there and without; 0 = none."""
+    depth = dry_run.depth
     for record in promised:
-        trial.put(record)
+        dry_run.put(record)
     reason = int(influence.asked(Snapshot(cluster, [row]))[0])
-    trial.back(depth)
+    dry_run.back(depth)
     if promised and reason == 0:
         reason = int(influence.asked(Snapshot(cluster, [row]))[0])
     return reason

@@ -24,7 +24,7 @@ class Census(StrEnum):
     ALIVE = "alive"
     """Terminating ones not."""
     SPREAD = "spread"
-    """As ALIVE, and a selector without any expression counts none; a trial ignores both, as upstream does."""
+    """As ALIVE, and a selector without any expression counts none; a dry run counts them, as kube-scheduler does."""
 
 
 class Wanted(NamedTuple):
@@ -96,8 +96,8 @@ class PodCounts:
         self._labels = labels
         self._counters: OrderedDict[Wanted, Counter] = OrderedDict()
         self._by_label: ByLabel[Counter] = ByLabel()
-        self._trial: list[Counter] | None = None
-        """Counters made during a trial; None outside."""
+        self._dry_run: list[Counter] | None = None
+        """Counters made during a dry run; None outside."""
 
     def __repr__(self) -> str:
         return f"PodCounts({len(self._counters)} counters, {len(self._label_sets)} label sets)"
@@ -107,16 +107,16 @@ class PodCounts:
         found = dict.fromkeys(self._by_label.candidates(label_set.labels))
         label_set.counters = tuple(counter for counter in found if counter.wanted.matches(label_set))
 
-    def begin_trial(self) -> None:
-        """From now on changes are only imagined, and will be taken back."""
-        self._trial = []
+    def begin_dry_run(self) -> None:
+        """From now on pods are moved only for a dry run of preemption."""
+        self._dry_run = []
 
-    def end_trial(self) -> None:
-        """Everything was taken back. What was first counted in the middle of it is counted anew when asked for."""
-        for counter in self._trial or ():
+    def end_dry_run(self) -> None:
+        """All moves are undone. Counters made meanwhile are dropped: they began in the middle of the moves."""
+        for counter in self._dry_run or ():
             if self._counters.pop(counter.wanted, None) is counter:
                 self._drop(counter)
-        self._trial = None
+        self._dry_run = None
 
     def count(self, row: int, label_set: LabelSet, sign: int, *, ending: bool) -> None:
         """Count a pod in (+1) or out (-1)."""
@@ -126,7 +126,7 @@ class PodCounts:
         for counter in label_set.counters:
             if counter.census is not Census.ALL:
                 ignored = counter.blank or ending
-                if ignored and (self._trial is None or counter.census is not Census.SPREAD):
+                if ignored and (self._dry_run is None or counter.census is not Census.SPREAD):
                     continue
             counter.add(row, sign)
 
@@ -149,8 +149,8 @@ class PodCounts:
             if wanted.matches(label_set):
                 counter.gather(label_set)
                 label_set.counters = (*label_set.counters, counter)
-        if self._trial is not None:
-            self._trial.append(counter)
+        if self._dry_run is not None:
+            self._dry_run.append(counter)
         if len(self._counters) > MOST_COUNTERS:
             self._drop(self._counters.popitem(last=False)[1])
         return counter

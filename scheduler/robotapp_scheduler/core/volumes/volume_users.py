@@ -37,7 +37,7 @@ class VolumeUsers:
         self._mounted: dict[ClaimKey, int] = {}
         """Mounts by name of placed pods per claim (ephemeral volumes are made for one pod)."""
         self._moved: dict[ClaimKey, int] | None = None
-        """In a trial: how the mounts changed since it began."""
+        """In a dry run: how the mounts changed since it began."""
         self._disks: dict[str, dict[str, tuple[Disk, ...]]] = {}
         self._drives: dict[str, dict[str, tuple[Identity, ...]]] = {}
         """Inline disks that a CSI driver attaches, by node and pod."""
@@ -68,12 +68,12 @@ class VolumeUsers:
         _keep(self._drives, node, uid, drives, sign)
         self._uses.pop(node, None)
 
-    def begin_trial(self) -> None:
-        """Pods are taken off and put on only to see what would be."""
+    def begin_dry_run(self) -> None:
+        """From now on pods are moved only for a dry run of preemption."""
         self._moved = {}
 
-    def end_trial(self) -> None:
-        """Everything is as it was."""
+    def end_dry_run(self) -> None:
+        """All moves are undone."""
         self._moved = None
 
     def in_use(self, claims: Collection[ClaimKey], *, promised: bool) -> bool:

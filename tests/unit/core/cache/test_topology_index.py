@@ -85,7 +85,7 @@ def test_terminating_pods_count_for_affinity_and_not_for_spread() -> None:
     assert [sum(per_zone(cluster, {}, census)) for census in Census] == [2, 1, 0]
 
 
-def test_a_trial_is_counted_inside_and_undone_afterwards() -> None:
+def test_a_dry_run_is_counted_inside_and_undone_afterwards() -> None:
     cluster = zones()
     ending = web("x", "n0", affinity=anti(WEB))
     ending.metadata.deletion_timestamp = "2026-01-01T00:00:00Z"
@@ -100,10 +100,10 @@ def test_a_trial_is_counted_inside_and_undone_afterwards() -> None:
 
     before, position = seen(), cluster.log.position
     assert before == ([0, 0, 0], [0, 0, 0], [[0, 1, 0]], [100, 0, 0, 0])
-    with DryRun(cluster) as trial:
-        trial.take(cluster.placed["uid-x"])
-        trial.put(cluster.record(info, "n3"))
-        # Upstream's trials look neither at deletionTimestamp nor at an empty selector.
+    with DryRun(cluster) as dry_run:
+        dry_run.take(cluster.placed["uid-x"])
+        dry_run.put(cluster.record(info, "n3"))
+        # kube-scheduler's dry runs look neither at deletionTimestamp nor at an empty selector.
         assert seen() == ([0, -1, 1], [0, -1, 1], [[0, 0, 0]], [0, 0, 0, 100])
         assert per_zone(cluster, {"matchLabels": {"app": "web"}, "matchExpressions": []}, Census.SPREAD) == [0, -1, 1]
         assert per_zone(cluster, {"matchExpressions": [{"key": "app", "operator": "Exists"}]}, Census.SPREAD) == [
