@@ -29,9 +29,10 @@ from robotapp_api.claims.objects import ClaimSpec
 from robotapp_api.client.api.resources import NODES, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.framework.handle import Readiness
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.shell.binding import claim_reserver
-from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver, Readiness
+from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver
 from robotapp_testbed import ControlPlane, product
 from robotapp_testbed.namespaces import created
 

@@ -3,33 +3,34 @@
 import asyncio
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 from prometheus_client import CollectorRegistry
 from tests.support.scripted_client import ScriptedClient
 from tests.support.scripted_volumes import ScriptedVolumes
 
-from robotapp_api.client.transport.errors import ClientError, Unreachable
+from robotapp_api.client.transport.errors import Unreachable
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Metadata, Node, NodeStatus, Pod, PodSpec
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Change
+from robotapp_scheduler.core.framework.handle import READY, BindOutcome, BindResult, Handle, Reserved
 from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
-from robotapp_scheduler.shell.binding.binder import BindOutcome, BindResult
+from robotapp_scheduler.plugins.ros.bind import ROSBind
 from robotapp_scheduler.shell.binding.binding_cycle import BindingCycle
-from robotapp_scheduler.shell.binding.claim_reserver import READY, Reserved
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.planner.planner import Planner
 from robotapp_scheduler.shell.process.loop import SchedulerLoop
 from robotapp_scheduler.shell.status.pod_group_status import GroupReporter
 
 OURS = "ours"
+OF_THE_PROFILE: Final[Mapping[str, type]] = {"ROSBind": ROSBind}
 
 
 class Fifo:
@@ -38,12 +39,6 @@ class Fifo:
 
     def queue_key(self, _pod: PodInfo, queued_s: float) -> tuple[float]:
         return (queued_s,)
-
-
-class Bind:
-    name = "Bind"
-
-    def bind(self) -> None: ...
 
 
 class Scripted:
@@ -60,7 +55,7 @@ class Scripted:
         self.sharing: list[str] = []
         """How the claims of shared devices ended: `given back` or `bound`."""
 
-    def send(self, pod: Pod, node: str, told: Callable[[ClientError | None], None]) -> None:
+    def send(self, pod: Pod, node: str, told: Callable[[Exception | None], None]) -> None:
         """Success, or an error that makes `bind` give its scripted answer."""
         self.asked.append((pod.metadata.name, node, {}, ""))
         self.started.set()
@@ -72,12 +67,12 @@ class Scripted:
         pod: Pod,
         node: str,
         *,
-        grants: Mapping[str, str] | None = None,
+        annotations: Mapping[str, str] | None = None,
         resource_version: str = "",
-        refused: ClientError | None = None,
+        refused: Exception | None = None,
     ) -> BindOutcome:
         if refused is None:
-            self.asked.append((pod.metadata.name, node, dict(grants or {}), resource_version))
+            self.asked.append((pod.metadata.name, node, dict(annotations or {}), resource_version))
         self.started.set()
         await asyncio.sleep(0)
         answer = self.binds.popleft() if self.binds else BindOutcome(BindResult.BOUND, node=node)
@@ -105,6 +100,10 @@ def given(answer: Reserved | Exception) -> Reserved:
     if isinstance(answer, Exception):
         raise answer
     return answer
+
+
+def handle_of(io: Scripted) -> Handle:
+    return Handle(pods=io)
 
 
 class Said:
@@ -137,9 +136,9 @@ class Said:
 class Rig:
     """The loop and placer around the real core, with scripted writes."""
 
-    def __init__(self, nodes: int = 2) -> None:
+    def __init__(self, nodes: int = 2, *, plugins: Mapping[str, type] = OF_THE_PROFILE) -> None:
         self.now_s = 0.0
-        catalogue = Catalogue(classes={"Fifo": Fifo, "Bind": Bind}, defaults=(PluginRef("Fifo"), PluginRef("Bind")))
+        catalogue = Catalogue(classes={"Fifo": Fifo, **plugins}, defaults=(PluginRef("Fifo"), *map(PluginRef, plugins)))
         profiles = build_profiles([ProfileSpec(scheduler_name=OURS)], catalogue)
         self.core = SchedulerCore(Cache(clock=self.clock), profiles, clock=self.clock)
         for index in range(nodes):
@@ -153,7 +152,7 @@ class Rig:
         self.evicted: list[tuple[Plan, PodInfo]] = []
         placer = BindingCycle(
             self.core,
-            binder=self.io,  # type: ignore[arg-type]
+            handle=handle_of(self.io),
             reserver=self.io,  # type: ignore[arg-type]
             reporter=self.said,  # type: ignore[arg-type]
             metrics=self.metrics,

@@ -16,10 +16,11 @@ from robotapp_api.claiming.sweeper import Sweeper
 from robotapp_api.claims.identity import granted_devices, shared_devices
 from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
 from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.framework.handle import Readiness
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.device_index import Device, DeviceGrant
 from robotapp_scheduler.shell.binding import claim_reserver
-from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver, Readiness
+from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver
 
 NODE = "edge-1"
 CAN = Device(id="can-can0", type="can", interface="can0")

@@ -1,7 +1,11 @@
 """The order of the queue under each configuration, and what a binding carries."""
 
+import pytest
+from tests.support.placing import Scripted, handle_of
 from tests.support.scheduling import make_info
 
+from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult, Readiness, Reserved
+from robotapp_scheduler.core.framework.interface import BindContext
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.ros.bind import DefaultBinder, ROSBind
 from robotapp_scheduler.plugins.ros.queue_sort import ROSQueueSort, ROSQueueSortArgs
@@ -46,10 +50,23 @@ def test_with_ageing_a_waiting_pod_overtakes_a_higher_tier_of_the_same_priority(
     assert sort.queue_key(best_effort, 0.0) < sort.queue_key(realtime, 181.0)
 
 
-def test_grants_become_annotations_of_the_binding_under_either_name() -> None:
-    for plugin in (ROSBind(), DefaultBinder()):
-        assert plugin.bind(domain=7, devices=["usb-cam", "can-can0"]) == {
-            "granted.robotics.io/devices": "can-can0,usb-cam",
-            "granted.robotics.io/dds-domain": "7",
-        }
-        assert plugin.bind() == {}
+@pytest.mark.parametrize("plugin", [ROSBind(), DefaultBinder()], ids=lambda plugin: plugin.name)
+async def test_the_binding_carries_grants_and_annotations_for_the_version_they_were_made_for(plugin: ROSBind) -> None:
+    pods, pod = Scripted(), make_info("p")
+    context = BindContext(handle_of(pods))
+    context.annotations["lab.example/dock"] = "d1"
+    context.reserved = Reserved(
+        Readiness.READY, annotations={"granted.robotics.io/devices": "can0"}, resource_version="9"
+    )
+    assert await plugin.bind(pod, "n1", context) == BindOutcome(BindResult.BOUND, node="n1")
+    given = {"lab.example/dock": "d1", "granted.robotics.io/devices": "can0"}
+    assert pods.asked == [("p", "n1", given, "9")]
+
+
+async def test_a_bind_goes_on_after_the_first_try_that_was_sent_without_waiting() -> None:
+    pods, pod, told = Scripted(), make_info("p"), []
+    context = BindContext(handle_of(pods))
+    ROSBind().send(pod, "n1", context, told.append)
+    context.refused = ConnectionError("reset")
+    await ROSBind().bind(pod, "n1", context)
+    assert (told, pods.asked) == ([None], [("p", "n1", {}, "")])

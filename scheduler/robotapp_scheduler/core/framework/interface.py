@@ -33,6 +33,9 @@ Hooks, in the order of a cycle:
                                              called in this order between choice and bind, plain or `async`; `node` is its
                                              name, `ctx` a BindContext. None = Success; Unschedulable waits for `events`,
                                              Pending without back-off, Error is retried after back-off
+`bind(pod, node, ctx) -> Status | BindOutcome | None`
+                                             sends the Binding, through `ctx.handle.pods` or its own way, plain or
+                                             `async`. None = bound; Skip = the next bind plugin of the profile is asked
 `unreserve(pod, node, ctx)`                  after `reserve`, when the pod is not bound there; may come twice
 `post_bind(pod, node, ctx)`                  after the bind
 `hint(pod, event) -> bool`                   may this event help a pod the plugin rejected? `event` (core.events.cluster_event.Event)
@@ -68,6 +71,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.snapshot import LabelColumn, Snapshot
+from robotapp_scheduler.core.framework.handle import READY, Handle
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
@@ -203,14 +207,24 @@ class NodeRow:
 class BindContext:
     """One attempt to bind a pod. `annotations` go into the Binding, so the pod has them the moment it is bound.
 
-    `kept` is for the plugin's own use, from `reserve` to `post_bind`.
+    `kept` is for the plugin's own use, from `reserve` to `post_bind`; `handle` writes to the API server.
     """
 
-    __slots__ = ("annotations", "kept")
+    __slots__ = ("annotations", "handle", "kept", "refused", "reserved")
 
-    def __init__(self) -> None:
+    def __init__(self, handle: Handle, *, refused: Exception | None = None) -> None:
+        self.handle = handle
         self.annotations: dict[str, str] = {}
         self.kept: dict[str, object] = {}
+        self.reserved = READY
+        """What was granted to the pod: its `resource_version` is a precondition of the Binding."""
+        self.refused = refused
+        """What the first try of the bind came to where it was made without waiting (`Pods.send`)."""
 
     def __repr__(self) -> str:
         return f"BindContext({self.annotations})"
+
+    @property
+    def binding_annotations(self) -> dict[str, str]:
+        """All annotations of the Binding: those of the plugins and the grants."""
+        return {**self.annotations, **self.reserved.annotations}

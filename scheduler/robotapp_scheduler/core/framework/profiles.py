@@ -131,6 +131,8 @@ class Profile:
         self.reserves = _deciding(plugins, "reserve")
         self.permits = _deciding(plugins, "permit")
         self.pre_binds = _deciding(plugins, "preBind")
+        self.binds = tuple(plugins.get("bind", ()))
+        """The first that does not skip a pod binds it."""
         self.post_binds = _deciding(plugins, "postBind")
         self.waits = bool(self.permits or self.pre_binds)
         """May plugins make a placed pod wait before its bind?"""

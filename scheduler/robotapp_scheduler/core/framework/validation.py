@@ -34,6 +34,7 @@ HOOKS: Final = (
     *(
         "permit",
         "pre_bind",
+        "bind",
         "post_bind",
         "plan",
         "filter_row",

@@ -1,10 +1,12 @@
-"""The bind plugins, as names of a configuration: the Binding itself is sent by the shell, with the pod's uid as
-precondition, and carries whatever was granted, so that grant and placement become visible in one write.
+"""The bind plugins: one Binding with the pod's uid as precondition. It carries whatever was granted, so that grant and
+placement become visible in one write.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable
 
-from robotapp_api.claims.identity import grants
+from robotapp_scheduler.core.framework.handle import BindOutcome
+from robotapp_scheduler.core.framework.interface import BindContext
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 
 class ROSBind:
@@ -12,9 +14,19 @@ class ROSBind:
 
     name = "ROSBind"
 
-    def bind(self, *, domain: int | None = None, devices: Collection[str] = ()) -> dict[str, str]:
-        """Annotations of the Binding; empty for a pod that was granted nothing."""
-        return grants(domain=domain, devices=devices)
+    def send(self, pod: PodInfo, node: str, ctx: BindContext, told: Callable[[Exception | None], None]) -> None:
+        """The first try of `bind` for a pod that was granted nothing; `told` is called with its result."""
+        ctx.handle.pods.send(pod.pod, node, told)
+
+    async def bind(self, pod: PodInfo, node: str, ctx: BindContext) -> BindOutcome:
+        """Send the Binding with every grant and annotation, and find out what became of it."""
+        return await ctx.handle.pods.bind(
+            pod.pod,
+            node,
+            annotations=ctx.binding_annotations,
+            resource_version=ctx.reserved.resource_version,
+            refused=ctx.refused,
+        )
 
 
 class DefaultBinder(ROSBind):

@@ -10,7 +10,6 @@ import asyncio
 import itertools
 import random
 from collections.abc import Awaitable, Callable, Mapping
-from enum import StrEnum
 
 import msgspec
 
@@ -27,6 +26,7 @@ from robotapp_api.client.transport.errors import (
 )
 from robotapp_api.client.transport.http11 import Permitted, always
 from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult
 
 TRIES = 4
 FIRST_DELAY_S = 0.01
@@ -35,25 +35,6 @@ JITTER = 0.1
 MOST_DOUBT_DELAY_S = 2.0
 """Longest pause between two looks at a pod whose bind may have been applied."""
 """Retry policy of kube-scheduler 1.37: 4 tries, 10 ms, each delay five times the last, 10 % jitter."""
-
-
-class BindResult(StrEnum):
-    """What is known after a bind."""
-
-    BOUND = "Bound"
-    GONE = "Gone"  # deleted, re-created or being deleted: nothing to retry
-    TAKEN = "Taken"  # another scheduler bound it
-    CHANGED = "Changed"  # still pending, but not the version we decided on
-    DEPOSED = "Deposed"  # we lead no longer: nothing was sent, and nothing may be said about the pod
-    FAILED = "Failed"
-
-
-class BindOutcome(msgspec.Struct, frozen=True, gc=False):
-    """`message` says why it was not bound; `node` is where the pod is when somebody bound it."""
-
-    result: BindResult
-    message: str = ""
-    node: str = ""
 
 
 class _Reference(msgspec.Struct, rename="camel"):
@@ -101,14 +82,14 @@ class Binder:
         node: str,
         told: Callable[[ClientError | None], None],
         *,
-        grants: Mapping[str, str] | None = None,
+        annotations: Mapping[str, str] | None = None,
         resource_version: str = "",
     ) -> None:
         """The first try of `bind` without a task that waits: `told` gets None when the pod is bound.
 
         An error is the beginning of `bind`, to be given to it as `refused`.
         """
-        path, body = self._binding(pod, node, grants, resource_version)
+        path, body = self._binding(pod, node, annotations, resource_version)
         self._client.post_soon(path, body, told, permitted=self._permitted)
 
     async def bind(
@@ -116,23 +97,20 @@ class Binder:
         pod: Pod,
         node: str,
         *,
-        grants: Mapping[str, str] | None = None,
+        annotations: Mapping[str, str] | None = None,
         resource_version: str = "",
-        refused: ClientError | None = None,
+        refused: Exception | None = None,
     ) -> BindOutcome:
-        """Bind `pod` to `node`; `grants` are annotations, `resource_version` a precondition (both optional).
-
-        `refused` is what the first try came to where `send` has made it. Never raises for anything the API server or
-        the network may do.
-        """
-        path, body = self._binding(pod, node, grants, resource_version)
+        """As `core.framework.handle.Pods` has it. Never raises for anything the API server or the network may do."""
+        first = refused if isinstance(refused, ClientError) else None
+        path, body = self._binding(pod, node, annotations, resource_version)
         problem, in_doubt = "", False
         for attempt in range(TRIES):
             if attempt:
                 await self._sleep(self._delay_s(attempt))
-            if not self._permitted() and (attempt or refused is None):
+            if not self._permitted() and (attempt or first is None):
                 return BindOutcome(BindResult.DEPOSED)
-            error = refused if attempt == 0 and refused is not None else await self._post(path, body)
+            error = first if attempt == 0 and first is not None else await self._post(path, body)
             if error is None:
                 return BindOutcome(BindResult.BOUND, node=node)
             problem = str(error)
@@ -158,7 +136,7 @@ class Binder:
         return None
 
     def _binding(
-        self, pod: Pod, node: str, grants: Mapping[str, str] | None, resource_version: str
+        self, pod: Pod, node: str, annotations: Mapping[str, str] | None, resource_version: str
     ) -> tuple[str, bytes]:
         """Path and body."""
         meta = pod.metadata
@@ -167,7 +145,7 @@ class Binder:
             namespace=meta.namespace,
             uid=meta.uid,
             resource_version=resource_version,
-            annotations=dict(grants) if grants else {},
+            annotations=dict(annotations) if annotations else {},
         )
         body = self._encoder.encode(_Binding(metadata=metadata, target=_Reference(name=node)))
         return PODS.path(meta.namespace, meta.name, "binding"), body

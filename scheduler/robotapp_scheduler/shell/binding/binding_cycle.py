@@ -8,7 +8,6 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
-from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import EventReason, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.diagnosis import BIND_CHECK, DEVICE_PLUGIN, FULL_POOL
@@ -16,13 +15,15 @@ from robotapp_scheduler.core.cycle.group_gates import groups_around
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Event
-from robotapp_scheduler.core.framework.interface import Code
+from robotapp_scheduler.core.framework.handle import READY, BindOutcome, BindResult, Handle, Readiness, Reserved
+from robotapp_scheduler.core.framework.interface import BindContext, Code, Status
+from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
+from robotapp_scheduler.core.framework.third_party import is_ours
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
-from robotapp_scheduler.shell.binding.binder import Binder, BindOutcome, BindResult
-from robotapp_scheduler.shell.binding.claim_reserver import READY, ClaimReserver, Readiness, Reserved, wants
+from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver, wants
 from robotapp_scheduler.shell.binding.extension_points import ExtensionPoints, Refused, failed_step
 from robotapp_scheduler.shell.binding.resource_claim_users import ClaimUsers
 from robotapp_scheduler.shell.binding.volume_binder import VolumeWriter
@@ -54,7 +55,7 @@ class BindingCycle:
         self,
         core: SchedulerCore,
         *,
-        binder: Binder,
+        handle: Handle,
         reserver: ClaimReserver,
         reporter: Reporter,
         metrics: Metrics,
@@ -67,7 +68,7 @@ class BindingCycle:
         self._core = core
         self._volumes = volumes
         self._claims = claims
-        self._binder = binder
+        self._handle = handle
         self._reserver = reserver
         self._reporter = reporter
         self._metrics = metrics
@@ -152,12 +153,22 @@ class BindingCycle:
             or pod.pod.spec.resource_claims
             or self._core.engine(pod.scheduler_name).profile.hooks
             or wants(pod, decision.grants)
+            or self._sender(pod) is None
         )
 
-    def send(self, decision: ScheduleResult, told: Callable[[float | None, ClientError | None], None]) -> None:
+    def _sender(self, pod: PodInfo) -> RegisteredPlugin | None:
+        """The bind plugin, when it can send a Binding without a task that waits for the answer."""
+        loaded = self._core.engine(pod.scheduler_name).profile.binds[0]
+        return loaded if is_ours(loaded.plugin) and hasattr(loaded.plugin, "send") else None
+
+    def send(self, decision: ScheduleResult, told: Callable[[float | None, Exception | None], None]) -> None:
         """The Binding of a plain decision leaves. `told` hands what it gets over to `sent`, or to `insist` with an error."""
+        loaded = self._sender(decision.pod)
+        if loaded is None:  # pragma: no cover - only plain decisions are sent
+            raise ValueError(f"{decision!r} is not plain")
         began_s = self._timer.begin("Bind")
-        self._binder.send(decision.pod.pod, str(decision.node), partial(told, began_s))
+        context = BindContext(self._handle)
+        loaded.plugin.send(decision.pod, str(decision.node), context, partial(told, began_s))
 
     def sent(self, decision: ScheduleResult, *, started_s: float, began_s: float | None) -> None:
         """That Binding was accepted."""
@@ -165,37 +176,41 @@ class BindingCycle:
         self._bound(decision, str(decision.node), started_s)
 
     async def insist(
-        self, decision: ScheduleResult, refused: ClientError, *, started_s: float, began_s: float | None
+        self, decision: ScheduleResult, refused: Exception, *, started_s: float, began_s: float | None
     ) -> None:
         """It was not, or nobody knows: go on as after the first try of any other."""
-        outcome = await self._binder.bind(decision.pod.pod, str(decision.node), refused=refused)
-        self._timer.end("Bind", decision.pod.scheduler_name, began_s, code=_code(outcome))
-        self._settle(decision, outcome, started_s)
+        steps = self._steps(decision)
+        steps.context.refused = refused
+        outcome = await steps.bind(str(decision.node), began_s=began_s)
+        self._settle(decision, steps, outcome, started_s)
+
+    def _steps(self, decision: ScheduleResult) -> ExtensionPoints:
+        profile = self._core.engine(decision.pod.scheduler_name).profile
+        return ExtensionPoints(profile, decision.pod, self._timer, self._reporter.promise, handle=self._handle)
 
     async def place(self, decision: ScheduleResult, checked: Reserved = READY, *, started_s: float) -> None:
         """Bring one assumed pod to its node, or back into the queue. The attempt began at `started_s`."""
         if checked.readiness is not Readiness.READY:
             self._unready(decision, checked, started_s)
             return
-        profile = self._core.engine(decision.pod.scheduler_name).profile
-        async with ExtensionPoints(profile, decision.pod, self._timer, self._reporter.promise) as steps:
+        async with self._steps(decision) as steps:
             found = await self._brought(decision, steps, started_s)
             if found is None:
                 return
             decision, outcome = found
-            if outcome.result is not BindResult.BOUND:
+            if not _is_bound(outcome):
                 await steps.give_back()
-            self._settle(decision, outcome, started_s)
-            if outcome.result is BindResult.BOUND:
+            self._settle(decision, steps, outcome, started_s)
+            if _is_bound(outcome):
                 await steps.finish()
 
     async def _brought(
         self, decision: ScheduleResult, steps: ExtensionPoints, started_s: float
-    ) -> tuple[ScheduleResult, BindOutcome] | None:
+    ) -> tuple[ScheduleResult, BindOutcome | Refused] | None:
         """Everything up to the bind's answer; None = the pod went back on the way."""
         lost: set[str] = set()
         volumes: VolumePlan | None = None  # the plan that was carried out
-        outcome = BindOutcome(BindResult.CHANGED, CHANGING)
+        outcome: BindOutcome | Refused = BindOutcome(BindResult.CHANGED, CHANGING)
         for _ in range(VERSION_TRIES):
             await steps.give_back()
             found = await self._reserve(decision, lost, started_s)
@@ -204,7 +219,7 @@ class BindingCycle:
             decision, reserved = found
             refused = await steps.run(str(decision.node)) or await self._enter_claims(decision)
             waits = decision.volumes is not None and decision.volumes is not volumes
-            if reserved.sharing.claims and (waits or refused is not None):
+            if reserved.sharing and (waits or refused is not None):
                 await self._reserver.not_bound(decision.pod, reserved)
             if refused is None and waits:
                 refused = await self._bind_volumes(decision)
@@ -216,10 +231,11 @@ class BindingCycle:
                 volumes = decision.volumes
                 if reserved.annotations:
                     continue  # that took its time: the pod is read and reserves again, and is bound in its newest version
-            outcome = await self._bind(decision, reserved, steps.context.annotations)
-            if outcome.result is BindResult.BOUND and reserved.sharing.claims:
+            steps.context.reserved = reserved
+            outcome = await steps.bind(str(decision.node))
+            if _is_bound(outcome) and reserved.sharing:
                 await self._reserver.bound(reserved)
-            if outcome.result is not BindResult.CHANGED or not reserved.annotations:
+            if isinstance(outcome, Refused) or outcome.result is not BindResult.CHANGED or not reserved.annotations:
                 break
         return decision, outcome
 
@@ -238,17 +254,6 @@ class BindingCycle:
         code = Code.ERROR if trouble else Code.SUCCESS
         self._timer.end("PreBind", decision.pod.scheduler_name, began_s, code=code)
         return failed_step("PreBind", "VolumeBinding", trouble) if trouble else None
-
-    async def _bind(self, decision: ScheduleResult, reserved: Reserved, annotations: Mapping[str, str]) -> BindOutcome:
-        began_s = self._timer.begin("Bind")
-        outcome = await self._binder.bind(
-            decision.pod.pod,
-            str(decision.node),
-            grants={**annotations, **reserved.annotations} if annotations else reserved.annotations,
-            resource_version=reserved.resource_version,
-        )
-        self._timer.end("Bind", decision.pod.scheduler_name, began_s, code=_code(outcome))
-        return outcome
 
     async def _reserve(
         self, decision: ScheduleResult, lost: set[str], started_s: float
@@ -269,7 +274,12 @@ class BindingCycle:
             return None
         return decision, reserved
 
-    def _settle(self, decision: ScheduleResult, outcome: BindOutcome, started_s: float) -> None:
+    def _settle(
+        self, decision: ScheduleResult, steps: ExtensionPoints, outcome: BindOutcome | Refused, started_s: float
+    ) -> None:
+        if isinstance(outcome, Refused):
+            self._reject(decision, outcome, started_s)
+            return
         if outcome.result is BindResult.BOUND:
             self._bound(decision, outcome.node, started_s)
             return
@@ -284,8 +294,7 @@ class BindingCycle:
             self._forget(pod)
             self._core.queue.done(pod.uid)
             return
-        message = f'binding rejected: running Bind plugin "ROSBind": {outcome.message}'
-        self._reject(decision, Refused(Rejection(), PodReason.SCHEDULER_ERROR, message), started_s)
+        self._reject(decision, steps.bind_refused(Status(Code.ERROR, outcome.message)), started_s)
 
     def _bound(self, decision: ScheduleResult, node: str, started_s: float) -> None:
         pod = decision.pod
@@ -370,8 +379,8 @@ class BindingCycle:
         self._reporter.note(pod.pod, reason=EventReason.DEVICE_BUSY, text=text)
 
 
-def _code(outcome: BindOutcome) -> Code:
-    return Code.SUCCESS if outcome.result is BindResult.BOUND else Code.ERROR
+def _is_bound(outcome: BindOutcome | Refused) -> bool:
+    return isinstance(outcome, BindOutcome) and outcome.result is BindResult.BOUND
 
 
 def _queued(decision: ScheduleResult) -> QueuedPodInfo:

@@ -6,9 +6,8 @@ and the sweep frees it when the pod is gone; only what is of no use without a de
 
 import asyncio
 import logging
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from enum import StrEnum
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Final
 
 from robotapp_api.claiming.bind_check import check_bind_all
@@ -30,42 +29,14 @@ from robotapp_api.client.api.resources import DOMAINPOOLS, PODS
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
 from robotapp_scheduler.core.api.ros import RosRequest
+from robotapp_scheduler.core.framework.handle import READY, Readiness, Reserved
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 
 log = logging.getLogger(__name__)
 
-NOTHING: Final = Reservation(True)
 POOL_S: Final = 1.0
 """How old the pool may be by which a pod is told that all ids are taken. Before an id is taken it is read anew."""
-
-
-class Readiness(StrEnum):
-    """Outcome of a reservation."""
-
-    READY = "Ready"
-    BUSY = "Busy"  # a device went to somebody else: another node may have one
-    WAIT = "Wait"  # the domain's claim does not stand: the pod stays pending, with the reason
-    GONE = "Gone"
-    ERROR = "Error"
-
-
-@dataclass(frozen=True, slots=True)
-class Reserved:
-    """`annotations` and `resource_version` go into the Binding; `reason` and `message` to the user otherwise.
-
-    sharing: what is held until the pod is bound (`ClaimReserver.bound`).
-    """
-
-    readiness: Readiness
-    annotations: Mapping[str, str] = field(default_factory=dict)
-    resource_version: str = ""
-    reason: str = ""
-    message: str = ""
-    sharing: Reservation = NOTHING
-
-
-READY = Reserved(Readiness.READY)
 
 
 class ClaimReserver:
@@ -159,12 +130,12 @@ class ClaimReserver:
         version = stored.metadata.resource_version
         shared = [grant.device.id for grant in wanted if not grant.exclusive]
         given = grants(domain=number, devices=found.ids, shared=shared)
-        return Reserved(Readiness.READY, annotations=given, resource_version=version, sharing=sharing)
+        return Reserved(Readiness.READY, annotations=given, resource_version=version, sharing=sharing.claims)
 
     async def bound(self, reserved: Reserved) -> None:
         """The pod is bound: what stood for the way there goes. Where that fails, the sweep sees a pod without the grant."""
         try:
-            await end_sharing(self._client, reserved.sharing)
+            await end_sharing(self._client, Reservation(True, claims=reserved.sharing))
         except ClientError as error:
             log.info("claims of a shared device are left to the sweep: %s", error)
 
@@ -173,7 +144,7 @@ class ClaimReserver:
         try:
             stored = await self._stored(pod)
             if stored is not None:
-                await give_back(self._client, stored, reserved.sharing.claims)
+                await give_back(self._client, stored, reserved.sharing)
         except ClientError as error:
             log.info("claims of a shared device are left to the sweep: %s", error)
 

@@ -1,4 +1,4 @@
-"""The hooks of a profile between the choice of a node and the bind: reserve, permit, pre_bind; post_bind after it.
+"""The hooks of a profile from the choice of a node on: reserve, permit, pre_bind, bind, post_bind.
 
 A hook may be a plain function or a coroutine. One that raises is an error of the pod, never of the process. Whatever way
 an attempt ends but with the bind, everything that was reserved is given back in reverse order.
@@ -14,11 +14,12 @@ from typing import Any, Final, NamedTuple, Self
 from robotapp_api.model.names import GRANTED_PREFIX, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.fit_error import histogram
+from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult, Handle
 from robotapp_scheduler.core.framework.interface import BindContext, Code, PluginError, Status
 from robotapp_scheduler.core.framework.plugin_calls import Overdue, PluginCall
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
-from robotapp_scheduler.core.framework.third_party import odd_status
+from robotapp_scheduler.core.framework.third_party import is_ours, odd_status
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.plugins.kubernetes.common.arguments import QUALIFIED
@@ -46,7 +47,7 @@ class Refused(NamedTuple):
 class ExtensionPoints:
     """The steps of one attempt: `async with` them, `run` on the chosen node, and `finish` once the pod is bound."""
 
-    def __init__(self, profile: Profile, pod: PodInfo, timer: PointTimer, promise: Promise) -> None:
+    def __init__(self, profile: Profile, pod: PodInfo, timer: PointTimer, promise: Promise, *, handle: Handle) -> None:
         """`promise` is told the node before the pod waits for an `async` permit or pre_bind."""
         self._chains: Mapping[str, Sequence[RegisteredPlugin]] = {
             "reserve": profile.reserves,
@@ -54,15 +55,21 @@ class ExtensionPoints:
             "pre_bind": profile.pre_binds,
         }
         self._wanted = profile.waits or bool(profile.reserves)
+        self._binds = profile.binds
         self._after = profile.post_binds
         self._pod = pod
+        self._handle = handle
         self._timer = timer
         self._promise = promise
         self._promised = ""
         self._node = ""
         self._bound = False
         self._reserved: list[RegisteredPlugin] = []
-        self.context = BindContext()
+        self.context = BindContext(handle)
+        self._outcome: BindOutcome | None = None
+        """What a third-party plugin found out about its bind."""
+        self.binder = profile.binds[0].name
+        """The plugin that was last asked to bind."""
 
     def __repr__(self) -> str:
         return f"<ExtensionPoints of {self._pod.key} on {self._node or 'no node yet'}>"
@@ -78,7 +85,7 @@ class ExtensionPoints:
 
     async def run(self, node: str) -> Refused | None:
         """Everything before the bind; None when the pod may be bound to this node. May be run again after `give_back`."""
-        self._node, self.context = node, BindContext()
+        self._node, self.context = node, BindContext(self._handle)
         if not self._wanted:
             return None
         for point, hook in POINTS:
@@ -86,6 +93,45 @@ class ExtensionPoints:
             if refused is not None:
                 return refused
         return _forged(self.context)
+
+    async def bind(self, node: str, *, began_s: float | None = None) -> BindOutcome | Refused:
+        """Have the pod bound by the first plugin that does not skip it. The point may have begun at `began_s`."""
+        self._node = node
+        profile = self._pod.scheduler_name
+        if self.context.refused is None:
+            began_s = self._timer.begin("Bind")
+        answer = await self._bind()
+        bound = isinstance(answer, BindOutcome) and answer.result is BindResult.BOUND
+        self._timer.end("Bind", profile, began_s, code=Code.SUCCESS if bound else Code.ERROR)
+        return answer
+
+    async def _bind(self) -> BindOutcome | Refused:
+        answer: Status | BindOutcome = Status(Code.SKIP)
+        for loaded in self._binds:
+            self.binder = loaded.name
+            answer = await self._bind_with(loaded)
+            if isinstance(answer, BindOutcome):
+                return answer
+            if answer.code is Code.SUCCESS:
+                return BindOutcome(BindResult.BOUND, node=self._node)
+            if answer.code is not Code.SKIP:
+                return self.bind_refused(answer)
+        return self.bind_refused(Status(Code.ERROR, "every bind plugin of the profile skipped the pod"))
+
+    async def _bind_with(self, loaded: RegisteredPlugin) -> Status | BindOutcome:
+        if not is_ours(loaded.plugin):
+            self._outcome = None
+            status = await self._ask(loaded, "Bind", "bind")
+            return self._outcome or status
+        outcome: BindOutcome = await loaded.plugin.bind(self._pod, self._node, self.context)
+        return outcome
+
+    def bind_refused(self, status: Status) -> Refused:
+        """Why the plugin that was asked last did not bind the pod."""
+        refused = _refusal("Bind", self.binder, status)
+        if refused.rejection.plugins:
+            return refused
+        return refused._replace(message=f"binding rejected: {refused.message}")
 
     async def finish(self) -> None:
         """The pod is bound: tell the plugins. What they do wrong now is only logged."""
@@ -110,7 +156,7 @@ class ExtensionPoints:
                 await self._ask(loaded, "Unreserve", "unreserve")
 
     async def _ask(self, loaded: RegisteredPlugin, point: str, hook: str) -> Status:
-        """The plugin's answer, timed; what it raises is an Error."""
+        """The answer of a third-party plugin, timed; what it raises is an Error."""
         started_s, pod = self._timer.clock(), self._pod
         try:
             with PluginCall(loaded.name, hook, pod, loaded.vigil):
@@ -120,6 +166,8 @@ class ExtensionPoints:
                 async with asyncio.timeout(HOOK_S):
                     with PluginCall(loaded.name, hook, pod):
                         answer = await answer
+            if hook == "bind" and isinstance(answer, BindOutcome):
+                self._outcome, answer = answer, None
             status = _status(answer, self.context)
         except TimeoutError as error:
             log.warning("%s of plugin %s for %s: %r", hook, loaded.name, pod.key, error)

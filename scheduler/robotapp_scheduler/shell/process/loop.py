@@ -10,16 +10,15 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 
-from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.cycle.group_cycle import GroupPlacement
 from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Change
+from robotapp_scheduler.core.framework.handle import READY, Reserved
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
 from robotapp_scheduler.shell.binding.binding_cycle import BindingCycle
-from robotapp_scheduler.shell.binding.claim_reserver import READY, Reserved
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.planner.planner import Planner
 from robotapp_scheduler.shell.process.response_batching import ResponseBatching
@@ -195,9 +194,7 @@ class SchedulerLoop:
             self._abandon(decision)
             self._over()
 
-    def _told(
-        self, decision: ScheduleResult, started_s: float, began_s: float | None, error: ClientError | None
-    ) -> None:
+    def _told(self, decision: ScheduleResult, started_s: float, began_s: float | None, error: Exception | None) -> None:
         if error is not None:
             self._follow(self._insist(decision, error, started_s, began_s))
             return
@@ -209,7 +206,7 @@ class SchedulerLoop:
         self._over()
 
     async def _insist(
-        self, decision: ScheduleResult, error: ClientError, started_s: float, began_s: float | None
+        self, decision: ScheduleResult, error: Exception, started_s: float, began_s: float | None
     ) -> None:
         try:
             await self._placer.insist(decision, error, started_s=started_s, began_s=began_s)

@@ -24,6 +24,7 @@ from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.group_gates import groups_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
+from robotapp_scheduler.core.framework.handle import Handle
 from robotapp_scheduler.core.framework.profiles import Catalogue, Profile
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.port.explain import Explainer
@@ -160,7 +161,7 @@ class Scheduler:
         )
         placer = BindingCycle(
             self.core,
-            binder=Binder(client, permitted=self._may_act),
+            handle=Handle(pods=Binder(client, permitted=self._may_act)),
             reserver=ClaimReserver(client, known_claims=self.domains.held),
             reporter=self.reporter,
             metrics=self.metrics,

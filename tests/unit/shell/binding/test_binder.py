@@ -14,7 +14,8 @@ from robotapp_api.client.transport.errors import (
     Unreachable,
 )
 from robotapp_scheduler.core.api.core_v1 import Metadata, Pod, PodSpec
-from robotapp_scheduler.shell.binding.binder import MOST_DOUBT_DELAY_S, Binder, BindOutcome, BindResult
+from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult
+from robotapp_scheduler.shell.binding.binder import MOST_DOUBT_DELAY_S, Binder
 
 PATH = "/api/v1/namespaces/team-a/pods/drv-0/binding"
 
@@ -61,7 +62,7 @@ async def test_the_binding_names_pod_uid_and_node_and_nothing_else() -> None:
 
 async def test_grants_and_the_version_they_were_decided_on_travel_in_the_binding() -> None:
     client = ScriptedClient().script("post_raw", b"")
-    await bind(client, grants={"granted.robotics.io/devices": "can-can0"}, resource_version="7")
+    await bind(client, annotations={"granted.robotics.io/devices": "can-can0"}, resource_version="7")
     metadata = msgspec.json.decode(client.calls[0][2])["metadata"]
     assert metadata["resourceVersion"] == "7"
     assert metadata["annotations"] == {"granted.robotics.io/devices": "can-can0"}

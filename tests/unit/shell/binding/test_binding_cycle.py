@@ -7,9 +7,8 @@ from tests.support.pod_groups import pod_group
 
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.api.core_v1 import ClaimReference
+from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult, Readiness, Reserved
 from robotapp_scheduler.core.pods.pod_group_index import COSCHEDULING, POD_GROUP_LABEL, GroupRef
-from robotapp_scheduler.shell.binding.binder import BindOutcome, BindResult
-from robotapp_scheduler.shell.binding.claim_reserver import Readiness, Reserved
 from robotapp_scheduler.shell.process.loop import IN_FLIGHT, SLICE_S
 
 

@@ -17,12 +17,11 @@ from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation, Label, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.framework.handle import Readiness, Reserved
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.shell.binding.claim_reserver import (
     ClaimReserver,
-    Readiness,
-    Reserved,
     domain_wish,
     granted_pods,
     holder_of,

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import generate_latest
+from tests.support.placing import Scripted, handle_of
 from tests.support.scheduling import make_info
 from tests.support.virtual_time import run_virtually
 
@@ -24,7 +25,7 @@ class Fifo:
     def queue_key(self, _pod: Any, queued_s: float) -> tuple[float]:
         return (queued_s,)
 
-    def bind(self) -> None: ...
+    def bind(self, _pod: Any, _node: str, _ctx: Any) -> None: ...
 
 
 def plugin(name: str, told: list[str], **answers: Any) -> type:
@@ -51,7 +52,7 @@ def steps(*plugins: type, promise: Promise = nobody_hears) -> tuple[ExtensionPoi
     catalogue = Catalogue(classes=classes, defaults=tuple(PluginRef(name) for name in classes))
     profile: Profile = build_profiles([ProfileSpec("ours")], catalogue)["ours"]
     metrics = Metrics(CollectorRegistry())
-    return ExtensionPoints(profile, make_info("p"), PointTimer(metrics), promise), metrics
+    return ExtensionPoints(profile, make_info("p"), PointTimer(metrics), promise, handle=handle_of(Scripted())), metrics
 
 
 async def test_points_come_in_order_and_what_they_annotate_is_kept_for_the_binding() -> None:

@@ -2,10 +2,9 @@
 
 from tests.support.placing import Rig
 
-from robotapp_api.claiming.devices import Reservation
 from robotapp_api.claims.identity import holder_of_pod
 from robotapp_api.claims.objects import Claim, ClaimSpec, Meta
-from robotapp_scheduler.shell.binding.claim_reserver import Readiness, Reserved
+from robotapp_scheduler.core.framework.handle import Readiness, Reserved
 
 
 def sharing(version: str) -> Reserved:
@@ -17,7 +16,7 @@ def sharing(version: str) -> Reserved:
         Readiness.READY,
         annotations={"granted": "can0"},
         resource_version=version,
-        sharing=Reservation(True, claims=(claim,)),
+        sharing=(claim,),
     )
 
 

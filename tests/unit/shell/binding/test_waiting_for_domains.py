@@ -8,8 +8,8 @@ from robotapp_api.claims.objects import Claim, Meta
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.cycle.diagnosis import DEVICE_PLUGIN, FULL_POOL
 from robotapp_scheduler.core.events.cluster_event import Change, Event
+from robotapp_scheduler.core.framework.handle import Readiness, Reserved
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
-from robotapp_scheduler.shell.binding.claim_reserver import Readiness, Reserved
 from robotapp_scheduler.shell.process.loop import POOLS_S
 
 HOLDER = holder_of_pod(namespace="a", name="talker", uid="t")

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from tests.support.placing import Scripted, handle_of
 from tests.support.scheduling import Clock, make_cluster, make_info, make_node, owner
 
 from robotapp_api.model.names import SCHEDULER_NAME, PodReason
@@ -130,7 +131,7 @@ async def test_hooks_on_the_way_to_the_node_and_hints_are_not_asked_either(tmp_p
     async def promised(*_: Any) -> None:
         raise AssertionError
 
-    async with ExtensionPoints(profile, pod, PointTimer(Metrics()), promised) as steps:
+    async with ExtensionPoints(profile, pod, PointTimer(Metrics()), promised, handle=handle_of(Scripted())) as steps:
         refused = await steps.run("n1")
     assert refused is not None
     assert refused.message.startswith(

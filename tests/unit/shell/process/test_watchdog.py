@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.support.placing import Scripted, handle_of
 from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME, PodReason
@@ -126,7 +127,12 @@ async def test_a_hook_on_the_way_to_the_node_is_broken_off_too() -> None:
     async def promised(*_: Any) -> None:
         raise AssertionError
 
-    async with watched(), ExtensionPoints(profile, make_info("p"), PointTimer(Metrics()), promised) as steps:
+    async with (
+        watched(),
+        ExtensionPoints(
+            profile, make_info("p"), PointTimer(Metrics()), promised, handle=handle_of(Scripted())
+        ) as steps,
+    ):
         refused = await steps.run("n1")
     assert refused is not None
     assert refused.message == 'running Reserve plugin "Loops": Overdue: did not answer within 0.1 s and was broken off'
@@ -145,7 +151,11 @@ async def test_an_async_hook_that_holds_the_loop_after_an_await_is_broken_off_to
     async def promised(*_: Any) -> None:
         raise AssertionError
 
-    async with watched(), ExtensionPoints(profile, make_info("p"), PointTimer(Metrics()), promised) as steps:
+    handle = handle_of(Scripted())
+    async with (
+        watched(),
+        ExtensionPoints(profile, make_info("p"), PointTimer(Metrics()), promised, handle=handle) as steps,
+    ):
         refused = await steps.run("n1")
     assert refused is not None
     assert refused.message == 'running Reserve plugin "Awaits": Overdue: did not answer within 0.1 s and was broken off'
