@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
+from pydantic.alias_generators import to_snake
+
 from robotapp_api.checks.parameters import parameter_problems
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.component import Component
@@ -42,6 +44,9 @@ def component_notes(component: Component, at: str) -> Iterator[Note]:
             yield Note(f"{where}.sharing", "Namespace acts as Cluster: nothing keeps other namespaces from the device")
         if device.on_loss != "Keep":
             yield Note(f"{where}.onLoss", f"{device.on_loss} has no effect yet; the pod is kept")
+    for field in ("durability", "queueSize", "tcpNodelay"):
+        if getattr(component.policies, to_snake(field)) is not None:
+            yield Note(f"{at}.policies.{field}", "has no effect: the program's own setting counts")
     if component.on_disconnect == "Stop":
         yield Note(
             f"{at}.onDisconnect",

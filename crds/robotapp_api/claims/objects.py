@@ -167,6 +167,7 @@ class PoolSpec(Object, frozen=True, kw_only=True):
     reserved: tuple[int, ...] = ()
     quarantine_seconds: int = 60
     quota: PoolQuota = PoolQuota()
+    max_participants_per_host: int = 50
 
 
 class Pool(Object, frozen=True, kw_only=True):

@@ -12,6 +12,7 @@ from robotapp_api.model.markers import Column, Kind, ListSet, Rule
 from robotapp_api.model.scalars import Count, DomainId, Generation
 
 DEFAULT_IDS = names.SAFE_IDS
+DEFAULT_PARTICIPANTS: Final = 50
 Ids = Annotated[
     str,
     StringConstraints(max_length=128, pattern=r"^([0-9]{1,3}(-[0-9]{1,3})?(,[0-9]{1,3}(-[0-9]{1,3})?){0,31})?$"),
@@ -94,8 +95,9 @@ class PoolSpec(Model):
     """Seconds an id rests before somebody else gets it; DDS leases of the old participants must run out."""
     quota: Quota = Quota()
     """How many ids a namespace may hold."""
-    max_participants_per_host: Annotated[int, Field(ge=1, le=120)] = 50
-    """DDS participants one host can carry within a domain; the port rules of DDS allow 120 at most."""
+    max_participants_per_host: Annotated[int, Field(ge=1, le=120)] = DEFAULT_PARTICIPANTS
+    """DDS participants one host can carry within a domain; the port rules of DDS allow 120 at most. Not used yet: no pod is
+    refused because of it."""
 
 
 class PoolStatus(Observed):

@@ -48,10 +48,12 @@ class Observer:
         if app is None:
             return None
         wish = wish_of(app, "")
+        pool = self._cache.pools.get(app.pool) if app.ros_version == 2 else None
+        limit = pool.spec.max_participants_per_host if pool else None
         return AppFacts(
             app=app,
             problems=problems_now(app, self._cache),
-            notes=self._cache.answers.get(app, "notes", None, lambda: notes_of(app)),
+            notes=self._cache.answers.get(app, "notes", limit, lambda: notes_of(app, pool)),
             previous=record.status,
             now=now,
             rmw=wish.rmw,

@@ -12,6 +12,7 @@ from robotapp_api.client.api.resources import DOMAINPOOLS
 from robotapp_api.client.api.times import whole_seconds
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import PoolCondition, PoolReason
+from robotapp_operator.plan.spec.validate import limit_note
 from robotapp_operator.watch.cache import Cache
 
 log = logging.getLogger(__name__)
@@ -62,6 +63,8 @@ def _usable(pool: Pool, *, now: str) -> dict[str, Any]:
         )
     else:
         status, reason, text = "True", PoolReason.USABLE, "namespaces may get ids within their quota"
+        if note := limit_note(pool):
+            text = f"{text}; {note}"
     return condition(
         PoolCondition.USABLE.value,
         status,

@@ -132,4 +132,4 @@ class Reporter:
 
 def _made_of(facts: AppFacts, record: Record) -> tuple[object, ...]:
     """Everything a status is rendered from, but for the time."""
-    return (facts.instances, facts.problems, facts.bug, facts.conflict, record.resource_version)
+    return (facts.instances, facts.problems, facts.notes, facts.bug, facts.conflict, record.resource_version)

@@ -9,12 +9,13 @@ from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.instances import robot_of
 from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_api.model.pool import DEFAULT_PARTICIPANTS
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.instances import allowed_robots, matching_robots, open_robots
 from robotapp_operator.plan.spec.objects import Node
 from robotapp_operator.plan.spec.text import shown
 
-__all__ = ["Problem", "domain_problems", "notes_of", "problems_alone", "problems_with"]
+__all__ = ["Problem", "domain_problems", "limit_note", "notes_of", "problems_alone", "problems_with"]
 
 
 def problems_alone(app: App) -> tuple[Problem, ...]:
@@ -46,9 +47,18 @@ def domain_problems(app: App, pool: Pool | None, claims: Iterable[Claim]) -> tup
     return (Problem(refused.reason, "spec.ros2.domain", refused.message, of_cluster=number in pool.spec.reserved),)
 
 
-def notes_of(app: App) -> tuple[str, ...]:
-    """What of an accepted spec has no effect yet, a sentence each."""
-    return tuple(map(str, spec_notes(app.spec)))
+def notes_of(app: App, pool: Pool | None = None) -> tuple[str, ...]:
+    """What of an accepted spec and of its pool has no effect yet, a sentence each."""
+    found = tuple(map(str, spec_notes(app.spec)))
+    return (*found, limit_note(pool)) if pool is not None and limit_note(pool) else found
+
+
+def limit_note(pool: Pool) -> str:
+    """That a pool's own limit of participants does nothing yet; "" for a pool that has the default."""
+    limit = pool.spec.max_participants_per_host
+    if limit == DEFAULT_PARTICIPANTS:
+        return ""
+    return f"DomainPool {pool.metadata.name}: spec.maxParticipantsPerHost {limit} has no effect yet; no pod is refused because of it"
 
 
 def _placement_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem]:

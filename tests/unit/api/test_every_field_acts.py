@@ -1,0 +1,193 @@
+"""Every field of a RobotApp and of a DomainPool is read by code that acts on it, or its user is told that nothing does yet.
+
+The tables are written by hand: a new field fails the first test until its reader is named here, and a reader that no longer
+reads a field fails the second.
+"""
+
+import ast
+import functools
+import typing
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import pytest
+from tests.support.factories import component, make_app
+
+from robotapp_api.claims.objects import Pool
+from robotapp_api.model.base import Model
+from robotapp_api.model.pool import DEFAULT_PARTICIPANTS, PoolSpec
+from robotapp_api.model.robotapp import RobotAppSpec
+from robotapp_operator.plan.spec.validate import notes_of
+
+ROOT: Final = Path(__file__).resolve().parents[3]
+CHECKS, CLAIMS = "crds/robotapp_api/checks", "crds/robotapp_api/claims"
+PLAN = "operator/robotapp_operator/plan"
+CORE = "scheduler/robotapp_scheduler/core"
+
+READERS: Final[Mapping[str, str]] = {
+    f"{CHECKS}/ros.py": "spec.ros.version spec.ros.distro spec.ros2.rmw spec.ros2.discovery.mode",
+    f"{CHECKS}/edges.py": """
+        spec.edges.type spec.edges.rateHz spec.edges.messageBytes
+        spec.edges.qos.reliability spec.edges.qos.durability spec.edges.qos.history spec.edges.qos.depth
+        spec.edges.qos.deadline spec.edges.qos.liveliness spec.edges.qos.lease
+        spec.edges.requestedQos.reliability spec.edges.requestedQos.durability spec.edges.requestedQos.history
+        spec.edges.requestedQos.depth spec.edges.requestedQos.deadline spec.edges.requestedQos.liveliness
+        spec.edges.requestedQos.lease""",
+    f"{CHECKS}/components.py": "spec.components.devices.count spec.components.ready.lifecycle",
+    "crds/robotapp_api/values/selector.py": """
+        spec.robots.nodeSelector.matchLabels spec.robots.nodeSelector.matchExpressions.key
+        spec.robots.nodeSelector.matchExpressions.operator spec.robots.nodeSelector.matchExpressions.values""",
+    f"{CLAIMS}/instances.py": "spec.robots.assignment",
+    f"{CLAIMS}/device.py": """
+        spec.components.devices.type spec.components.devices.model spec.components.devices.interface
+        spec.components.devices.usbID spec.components.devices.sharing""",
+    f"{CLAIMS}/domain.py": "pool.scope pool.ids pool.reserved pool.quarantineSeconds pool.quota.default pool.quota.namespaces pool.sharedIds",
+    f"{PLAN}/diff/diff.py": "spec.update.operator",
+    f"{PLAN}/spec/desired.py": """
+        spec.ros2.domain spec.ros2.pool spec.ros2.transport spec.ros2.discovery.image spec.ros2.shareWith.namespace
+        spec.ros2.shareWith.name spec.ros1.master spec.schedulerName spec.connectivity.grace spec.suspend""",
+    f"{PLAN}/spec/validate.py": "spec.ros2.isolation spec.ros2.allowUnsafeDomain",
+    f"{PLAN}/render/ros1.py": "spec.ros1.uri",
+    f"{PLAN}/render/infrastructure.py": "spec.ros1.image spec.placement.masterNode",
+    f"{PLAN}/render/parameters.py": """
+        spec.components.parameters.inline
+        spec.components.parameters.configMapKeyRef.name spec.components.parameters.configMapKeyRef.key
+        spec.components.parameters.configMapKeyRef.optional
+        spec.components.parameters.secretKeyRef.name spec.components.parameters.secretKeyRef.key""",
+    f"{PLAN}/render/readiness_probes.py": """
+        spec.components.ready.topic.name spec.components.ready.topic.minRate
+        spec.components.readinessProbe""",
+    f"{PLAN}/render/pod_template.py": """
+        spec.components.name spec.components.image spec.components.command spec.components.args
+        spec.components.workingDir spec.components.env spec.components.envFrom spec.components.ports
+        spec.components.volumeMounts spec.components.resources spec.components.imagePullPolicy
+        spec.components.securityContext spec.components.livenessProbe spec.components.startupProbe
+        spec.components.lifecycle
+        spec.components.template.metadata.labels spec.components.template.metadata.annotations
+        spec.components.template.spec.volumes spec.components.template.spec.imagePullSecrets
+        spec.components.template.spec.initContainers spec.components.template.spec.nodeSelector
+        spec.components.template.spec.priorityClassName spec.components.template.spec.serviceAccountName
+        spec.components.template.spec.securityContext spec.components.template.spec.runtimeClassName
+        spec.components.template.spec.terminationGracePeriodSeconds""",
+    f"{PLAN}/render/node_affinity.py": """
+        spec.components.template.spec.tolerations spec.components.runsOn spec.components.onDisconnect
+        spec.components.requires.type spec.components.requires.model spec.components.requires.interface""",
+    f"{PLAN}/render/deployments.py": "spec.components.replicas",
+    f"{PLAN}/status/latency.py": "spec.edges.latency.percentile",
+    f"{PLAN}/status/device_conflicts.py": "spec.components.devices.name",
+    f"{CORE}/robotics/resolve.py": """
+        spec.components.qosClass spec.components.policies.latencyBudget spec.components.policies.deadline
+        spec.components.policies.reliability spec.components.policies.liveliness
+        spec.components.sharedData.peerPods spec.components.sharedData.claimNames
+        spec.placement.zones""",
+    f"{CORE}/robotics/app_index.py": """
+        spec.components.sharedData.with spec.components.colocateWith spec.components.separateFrom spec.edges.kind spec.edges.topic spec.edges.from
+        spec.edges.to spec.edges.latency.budget spec.edges.latency.enforce""",
+    f"{CORE}/cycle/all_or_nothing.py": "spec.placement.gang",
+}
+"""File -> the fields it reads and acts on. Of several readers, the one without which the field would do nothing."""
+
+REFUSED: Final = frozenset(
+    f"spec.components.template.spec.{name}"
+    for name in (
+        "nodeName",
+        "schedulerName",
+        "restartPolicy",
+        "resourceClaims",
+        "schedulingGates",
+        "ephemeralContainers",
+    )
+)
+"""They stand in the schema so that the API server's refusal can name what to write instead."""
+
+TOLD: Final[Mapping[str, dict[str, Any]]] = {
+    "spec.components.devices.onLoss": {
+        "components": [component(devices=[{"name": "c", "type": "can", "onLoss": "Restart"}])]
+    },
+    "spec.components.policies.durability": {"components": [component(policies={"durability": "transient_local"})]},
+    "spec.components.policies.queueSize": {"components": [component(policies={"queueSize": 3})]},
+    "spec.components.policies.tcpNodelay": {"components": [component(policies={"tcpNodelay": True})]},
+    "spec.edges.bandwidth": {"edges": [{"topic": "/t", "from": "operator", "to": "driver", "bandwidth": "40M"}]},
+    "spec.placement.objective": {"placement": {"objective": "Balance"}},
+    "spec.placement.fallback.steps": {"placement": {"fallback": {"steps": ["Wait"]}}},
+    "spec.placement.fallback.after": {"placement": {"fallback": {"after": "1m"}}},
+    "spec.placement.reschedule.when": {"placement": {"reschedule": {"when": "BudgetExceeded"}}},
+    "spec.placement.reschedule.for": {"placement": {"reschedule": {"for": "20s"}}},
+    "spec.placement.reschedule.cooldown": {"placement": {"reschedule": {"cooldown": "5m"}}},
+    "spec.placement.reschedule.maxPerDay": {"placement": {"reschedule": {"maxPerDay": 1}}},
+    "spec.ros2.transport": {"ros2": {"transport": "SHM"}},
+}
+"""Fields that wait for a later issue, or a value of them does, with a spec that sets them: `Accepted` names them."""
+
+
+def fields(model: type[Model], path: str) -> Iterator[tuple[str, str]]:
+    """(path as in YAML without indices, name in Python) of every field that holds a value."""
+    for name, field in model.model_fields.items():
+        at = f"{path}.{field.alias or name}"
+        parts = list(models(field.annotation))
+        if not parts:
+            yield at, name
+        for part in parts:
+            yield from fields(part, at)
+
+
+def models(annotation: Any) -> Iterator[type[Model]]:
+    if isinstance(annotation, type) and issubclass(annotation, Model):
+        yield annotation
+    for argument in typing.get_args(annotation):
+        yield from models(argument)
+
+
+PYTHON_NAMES: Final = dict([*fields(RobotAppSpec, "spec"), *fields(PoolSpec, "pool")])
+READER_OF: Final = {path: file for file, text in READERS.items() for path in text.split()}
+
+
+@functools.cache
+def names_read(file: str) -> frozenset[str]:
+    """Attributes and strings in a file, apart from functions that only tell the user about a field (`…_notes`)."""
+    found: set[str] = set()
+    waiting: list[ast.AST] = [ast.parse((ROOT / file).read_text())]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.FunctionDef) and node.name.endswith("_notes"):
+            continue
+        if isinstance(node, ast.Attribute):
+            found.add(node.attr)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            found.add(node.value)
+        waiting.extend(ast.iter_child_nodes(node))
+    return frozenset(found)
+
+
+def test_every_field_of_the_schema_has_a_reader_or_is_told_about() -> None:
+    known = READER_OF.keys() | TOLD.keys() | REFUSED | {"pool.maxParticipantsPerHost"}
+    assert PYTHON_NAMES.keys() - known == set(), "name the code that acts on it, or tell the user that none does"
+    assert known - PYTHON_NAMES.keys() == set(), "no field of that name any more"
+
+
+@pytest.mark.parametrize("path", sorted(READER_OF))
+def test_the_reader_of_a_field_reads_it(path: str) -> None:
+    name = PYTHON_NAMES[path]
+    whole = path.rpartition(".")[0].rpartition(".")[2] in ("qos", "requestedQos")  # compared as a whole
+    wanted = {"model_dump"} if whole else {name, path.rpartition(".")[2]}
+    assert names_read(READER_OF[path]) & wanted, f"{READER_OF[path]} reads no {name}"
+
+
+@pytest.mark.parametrize("path", sorted(TOLD))
+def test_a_field_without_effect_is_named_to_who_sets_it(path: str) -> None:
+    spec = dict(TOLD[path])
+    parts = spec.pop("components", ())
+    notes = " ".join(notes_of(make_app(*parts, **spec)))
+    assert path.rpartition(".")[2] in notes.replace("placement.fallback", "placement.fallback.steps.after"), notes
+
+
+def test_the_apps_of_a_pool_with_a_limit_of_its_own_are_told_that_it_does_nothing_yet() -> None:
+    assert notes_of(make_app(), make_pool()) == ()
+    (note,) = notes_of(make_app(), make_pool(maxParticipantsPerHost=DEFAULT_PARTICIPANTS - 1))
+    assert "spec.maxParticipantsPerHost 49 has no effect yet" in note
+
+
+def make_pool(**spec: Any) -> Pool:
+    return msgspec.convert({"metadata": {"name": "default"}, "spec": spec}, Pool)
