@@ -64,10 +64,10 @@ def spec_notes(spec: RobotAppSpec) -> Iterator[Note]:
 
 
 def reschedule_notes(spec: RobotAppSpec) -> Iterator[Note]:
-    """Each of its fields that is not left at its default."""
+    """Each of its fields that is not left at its default; `for` is how long a budget is exceeded before that counts."""
     written, default = dump(spec.placement.reschedule), dump(Reschedule())
     for field, value in written.items():
-        if value != default.get(field):
+        if value != default.get(field) and field != "for":
             yield Note(f"spec.placement.reschedule.{field}", f"{value} has no effect yet; nothing moves")
 
 

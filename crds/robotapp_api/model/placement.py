@@ -28,7 +28,7 @@ class Reschedule(Model):
     when: RescheduleWhen = "Never"
     """Never, or BudgetExceeded: a required edge stays above its budget."""
     for_: Annotated[Duration, Field(alias="for")] = "15s"
-    """How long a budget must be exceeded before anything moves."""
+    """How long a budget must be exceeded before BudgetMet is False and anything moves, and met before BudgetMet is True again."""
     cooldown: Duration = "2m"
     """Rest between two moves of one component."""
     max_per_day: Annotated[int, Field(ge=0, le=1000)] = 3

@@ -123,7 +123,16 @@ class Observer:
     def _publish(self, app: App, found: InstanceFacts, own: InstanceMemory, now_s: float) -> InstanceFacts:
         if own.shown is None:
             own.shown = self._shown_before(app, found)
-        published = publish(found.edges, own.shown, own.rest, now_s=now_s)
+        for_s = app.budget_for_s
+        own.measured = found.edges
+        own.times.look(found.edges, now_s=now_s)
+        published = publish(
+            found.edges,
+            own.shown,
+            own.rest,
+            now_s=now_s,
+            lasts_from_s=lambda view: own.times.lasts_from_s(view, for_s=for_s),
+        )
         own.shown = {edge.key: edge for edge in published.edges}
         own.facts_until_s = published.again_s
         return dataclasses.replace(found, edges=published.edges)

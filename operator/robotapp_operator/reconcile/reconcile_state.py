@@ -9,6 +9,7 @@ from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.spec.validate import Problem
+from robotapp_operator.plan.status.budget_times import BudgetTimes
 from robotapp_operator.plan.status.facts import InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, Rest
 from robotapp_operator.plan.status.pace import Bucket, Writing
@@ -21,7 +22,7 @@ class InstanceMemory:
     """Of one instance: the facts as last computed, what they were computed from, and what was published of them.
 
     `facts_until_s`: when other latency figures may be published, or the robot's grace is over. `shown`: the figures that are, None until they are read from
-    the object. `version`: resourceVersion of the object as we left or found it. `written_facts`: the facts that it is known to
+    the object. `measured`: its edges as measured last. `times`: since when these have been over or within their budgets. `version`: resourceVersion of the object as we left or found it. `written_facts`: the facts that it is known to
     show. `created`: there has been one. `pending_status`: the latest status that differed from the stored one.
     """
 
@@ -29,6 +30,8 @@ class InstanceMemory:
     stamp: tuple[object, ...] = ()
     facts_until_s: float = float("inf")
     shown: dict[EdgeKey, EdgeView] | None = None
+    measured: tuple[EdgeView, ...] = ()
+    times: BudgetTimes = dataclasses.field(default_factory=BudgetTimes)
     rest: Rest = dataclasses.field(default_factory=Rest)
     writing: Writing = dataclasses.field(default_factory=Writing)
     version: str = ""

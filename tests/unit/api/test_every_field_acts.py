@@ -47,7 +47,8 @@ READERS: Final[Mapping[str, str]] = {
     f"{PLAN}/diff/diff.py": "spec.update.operator",
     f"{PLAN}/spec/desired.py": """
         spec.ros2.domain spec.ros2.pool spec.ros2.transport spec.ros2.discovery.image spec.ros2.shareWith.namespace
-        spec.ros2.shareWith.name spec.ros1.master spec.schedulerName spec.connectivity.grace spec.suspend""",
+        spec.ros2.shareWith.name spec.ros1.master spec.schedulerName spec.connectivity.grace spec.suspend
+        spec.placement.reschedule.for""",
     f"{PLAN}/spec/validate.py": "spec.ros2.isolation spec.ros2.allowUnsafeDomain",
     f"{PLAN}/render/ros1.py": "spec.ros1.uri",
     f"{PLAN}/render/infrastructure.py": "spec.ros1.image spec.placement.masterNode",
@@ -114,7 +115,6 @@ TOLD: Final[Mapping[str, dict[str, Any]]] = {
     "spec.placement.fallback.steps": {"placement": {"fallback": {"steps": ["Wait"]}}},
     "spec.placement.fallback.after": {"placement": {"fallback": {"after": "1m"}}},
     "spec.placement.reschedule.when": {"placement": {"reschedule": {"when": "BudgetExceeded"}}},
-    "spec.placement.reschedule.for": {"placement": {"reschedule": {"for": "20s"}}},
     "spec.placement.reschedule.cooldown": {"placement": {"reschedule": {"cooldown": "5m"}}},
     "spec.placement.reschedule.maxPerDay": {"placement": {"reschedule": {"maxPerDay": 1}}},
     "spec.ros2.transport": {"ros2": {"transport": "SHM"}},

@@ -109,6 +109,11 @@ class App:
         return parse_us(self.spec.connectivity.grace) / 1_000_000
 
     @property
+    def budget_for_s(self) -> float:
+        """`placement.reschedule.for` in seconds: how long a budget is exceeded, or met again, before that counts."""
+        return _seconds(self.spec.placement.reschedule.for_)
+
+    @property
     def managed_master(self) -> bool:
         """ROS 1 with a roscore of ours."""
         return self.ros_version == 1 and (self.spec.ros1 is None or self.spec.ros1.master == "Managed")
@@ -180,6 +185,14 @@ class Desired:
         if self.discovery == "Peers":
             return tuple(name for name in self.peer_names if not name.startswith(f"{component}."))
         return ()
+
+
+def _seconds(duration: str) -> float:
+    """Infinite for one that is longer than int64 nanoseconds, which the schema's pattern allows."""
+    try:
+        return parse_us(duration) / 1_000_000
+    except ValueError:
+        return float("inf")
 
 
 def wish_of(app: App, robot: str) -> Desired:

@@ -9,7 +9,7 @@ Times change with every measurement, and a status that followed them would be wr
 """
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from robotapp_api.model.edge import Edge
@@ -123,15 +123,25 @@ def _between(one: str, other: str, round_trips: RoundTrips) -> Figures | None:
     return SAME_NODE if one == other else round_trips.between(one, other)
 
 
-def publish(measured: Sequence[EdgeView], before: Mapping[EdgeKey, EdgeView], rest: Rest, *, now_s: float) -> Published:
+def publish(
+    measured: Sequence[EdgeView],
+    before: Mapping[EdgeKey, EdgeView],
+    rest: Rest,
+    *,
+    now_s: float,
+    lasts_from_s: Callable[[EdgeView], float] = lambda _: float("-inf"),
+) -> Published:
     """What to show of one instance, given what was shown `before`; `rest` is brought up to date.
 
-    At once: another place, a first figure, one that is unknown again. Another verdict at once, but not back and forth.
-    With these, or after a minute: figures that moved by a fifth.
+    At once: another place, a first figure, one that is unknown again. Another verdict when it has lasted, but not back and
+    forth. With these, or after a minute: figures that moved by a fifth.
+    lasts_from_s: the second from which an edge's verdict counts.
     """
     must = {view.key for view in measured if _must_be_shown(view, before.get(view.key))}
-    flips = {view.key for view in measured if view.key not in must and _flips(view, before[view.key])}
-    moved = {view.key for view in measured if view.key not in must and _has_moved(view, before[view.key])} - flips
+    turning = [view for view in measured if view.key not in must and _flips(view, before[view.key])]
+    ripe_s = {view.key: _ripe_s(view, before[view.key], lasts_from_s) for view in turning}
+    flips = {key for key, from_s in ripe_s.items() if from_s <= now_s}
+    moved = {view.key for view in measured if view.key not in must and _has_moved(view, before[view.key])} - set(ripe_s)
     turn = bool(flips) and now_s >= rest.verdict_s
     move = bool(moved) and (turn or bool(must) or now_s >= rest.figures_s)
     show = must | (flips if turn else set()) | (moved if move else set())
@@ -141,6 +151,7 @@ def publish(measured: Sequence[EdgeView], before: Mapping[EdgeKey, EdgeView], re
         rest.must_publish(now_s)
     edges = worst_first(view if view.key in show else _with_figures_of(before[view.key], view) for view in measured)
     due = ([] if turn or not flips else [rest.verdict_s]) + ([] if move or not moved else [rest.figures_s])
+    due += [from_s for key, from_s in ripe_s.items() if key not in flips]
     return Published(edges, min(due, default=float("inf")))
 
 
@@ -156,6 +167,11 @@ def _must_be_shown(view: EdgeView, before: EdgeView | None) -> bool:
 def _flips(view: EdgeView, before: EdgeView) -> bool:
     """From met to exceeded or back."""
     return view.met != before.met
+
+
+def _ripe_s(view: EdgeView, before: EdgeView, lasts_from_s: Callable[[EdgeView], float]) -> float:
+    """From when another verdict may be shown. An end that answers again is no slow round either."""
+    return float("-inf") if is_unreachable(before.judged_us) else lasts_from_s(view)
 
 
 def _has_moved(view: EdgeView, before: EdgeView) -> bool:
