@@ -107,7 +107,7 @@ def compare(core: SchedulerCore, pod: PodInfo, expected: Decision) -> list[str]:
     unequal += _mask(core, evaluation, expected)
     if not unequal and len(expected.feasible) > 1:
         engine.score(pod, evaluation)
-        unequal += _scores(core, pod, evaluation, expected)
+        unequal += _scores(core, evaluation, expected)
     return unequal
 
 
@@ -165,19 +165,19 @@ def _mask(core: SchedulerCore, evaluation: Evaluation, expected: Decision) -> li
     return unequal
 
 
-def _scores(core: SchedulerCore, pod: PodInfo, evaluation: Evaluation, expected: Decision) -> list[str]:
+def _scores(core: SchedulerCore, evaluation: Evaluation, expected: Decision) -> list[str]:
     """A plugin that is left out on one side must have scored 0 everywhere on the other."""
     engine = core.engine(SCHEDULER_NAME)
     positions = (evaluation.reason == 0).nonzero()[0]
     names = [engine.name_of(evaluation, int(position)) for position in positions]
-    totals = dict(zip(names, evaluation.totals(pod, core.cluster)[positions].tolist(), strict=True))
+    totals = dict(zip(names, evaluation.totals[positions].tolist(), strict=True))
     unequal = [f"totals {totals}, expected {expected.totals}"] if totals != expected.totals else []
     normalized = {}
     for column in evaluation.scores:
         if column.skipped:
             continue
         plugin = column.plugin.name
-        normalized[plugin] = dict(zip(names, evaluation.score_of(pod, core.cluster, column, positions), strict=True))
+        normalized[plugin] = dict(zip(names, evaluation.score_of(column, positions), strict=True))
         raw = dict(zip(names, (column.raw_at(int(position)) for position in positions), strict=True))
         wanted = expected.raw.get(plugin, {})
         # PodTopologySpread keeps nothing before normalising: None.

@@ -54,7 +54,7 @@ def decided(core: SchedulerCore, case: Case) -> Json:
     _, evaluation = core.consider(pod, engine)
     nodes: Json = {}
     if evaluation is not None:
-        totals = evaluation.totals(pod, core.cluster)
+        totals = evaluation.totals
         for position, code in enumerate(evaluation.reason.tolist()):
             name = engine.name_of(evaluation, position)
             reason = evaluation.reasons.values[code] if code > 0 else None

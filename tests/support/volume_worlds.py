@@ -49,4 +49,4 @@ def scores(core: SchedulerCore, pod: PodInfo) -> list[int]:
     engine.score(pod, evaluation)
     (column,) = [column for column in evaluation.scores if column.plugin.name == "VolumeBinding"]
     positions = (evaluation.reason == 0).nonzero()[0]
-    return [] if column.skipped else evaluation.score_of(pod, core.cluster, column, positions)
+    return [] if column.skipped else evaluation.score_of(column, positions)

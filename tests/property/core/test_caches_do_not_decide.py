@@ -129,13 +129,12 @@ def compare(core: SchedulerCore, fresh: ProfileRunner, pod: PodInfo) -> None:
     if left.feasible > 1:
         cached.score(pod, left)
         fresh.score(pod, right)
-        cluster = core.cluster
-        assert left.totals(pod, cluster).tolist() == right.totals(pod, cluster).tolist()
+        assert left.totals.tolist() == right.totals.tolist()
         positions = np.flatnonzero(left.reason == 0)
         for one, other in zip(left.scores, right.scores, strict=True):
             assert one.skipped == other.skipped
             if not one.skipped:
-                assert left.score_of(pod, cluster, one, positions) == right.score_of(pod, cluster, other, positions)
+                assert left.score_of(one, positions) == right.score_of(other, positions)
 
 
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])

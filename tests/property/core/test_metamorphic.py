@@ -50,7 +50,7 @@ def answer(case: Case, *, caching: bool = True) -> Answer:
     totals: dict[str, int] = {}
     if len(feasible) > 1 and not decide(case.cluster, case.pod).error:
         engine.score(pod, evaluation)
-        found = evaluation.totals(pod, core.cluster)
+        found = evaluation.totals
         totals = {engine.name_of(evaluation, position): int(found[position]) for position in feasible}
     return Answer(refusals, totals)
 

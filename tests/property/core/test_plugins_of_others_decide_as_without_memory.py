@@ -59,7 +59,7 @@ class Noted:
 
 
 class Rising:
-    """With the number of pods, up to its ceiling."""
+    """With the number of pods, up to a point."""
 
     name = "Rising"
     reads = ()
@@ -71,9 +71,6 @@ class Rising:
 
     def score_row(self, _pod: PodInfo, row: Row) -> int:
         return min(row.pod_count * 9, 40)
-
-    def ceiling(self, _pod: PodInfo, nodes: Snapshot) -> Numbers | int:
-        return np.full(nodes.n, 40, dtype=np.uint8)
 
 
 class Falling:
@@ -88,9 +85,6 @@ class Falling:
     def score_row(self, _pod: PodInfo, row: Row) -> int:
         ((allocatable, used, _),) = row.of(("cpu",))
         return max(100 - 100 * used // max(allocatable, 1), 0)
-
-    def ceiling(self, _pod: PodInfo, _nodes: Snapshot) -> int:
-        return 0
 
 
 class Stepped:
@@ -107,9 +101,6 @@ class Stepped:
     def score_row(self, _pod: PodInfo, row: Row) -> int:
         ((_, used, _),) = row.of(("cpu",))
         return 0 if used >= 200 else 100
-
-    def ceiling(self, _pod: PodInfo, _nodes: Snapshot) -> int:
-        return 0
 
 
 class Wide:

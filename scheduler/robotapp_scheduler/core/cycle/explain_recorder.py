@@ -11,15 +11,14 @@ from robotapp_scheduler.core.cycle.tiers import earliest_tier, planned_tier
 from robotapp_scheduler.core.explain.record import (
     MOST_REFUSALS,
     TOP,
+    ChosenNode,
     EdgeView,
     Example,
+    NodePluginScores,
     Record,
     Refusal,
     Top,
-    top_bytes,
 )
-from robotapp_scheduler.core.explain.top_nodes import ChosenNode, NodePluginScores, TopNodes
-from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import FilterColumn
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
@@ -66,18 +65,9 @@ class Recorder:
         self.evaluation, self.tier = found
         return self.evaluation
 
-    def scored(self, pod: PodInfo, evaluation: Evaluation, chosen: NodePluginScores) -> None:
+    def scored(self, evaluation: Evaluation, chosen: NodePluginScores) -> None:
         """The scores are in, and of the best rows `chosen` won."""
-        cluster = self._cluster
-        first = evaluation.first(pod, cluster, min(TOP, evaluation.feasible))
-        front, scorers = evaluation.front, evaluation.scorers
-        if front.positions is not first or front.scorers is not scorers:
-            sights = evaluation.sights(pod, cluster, first)
-            front = evaluation.front = TopNodes(first, sights, scorers, top_bytes(len(scorers.weights), len(first)))
-        if len(chosen.scores) != len(scorers.apart):
-            # A look at the others showed that a plugin no longer says the same of all.
-            chosen = evaluation.sight(pod, cluster, chosen.position)
-        self.best = ChosenNode(front, chosen)
+        self.best = ChosenNode(evaluation.front(self._cluster, min(TOP, evaluation.feasible)), chosen)
 
     def record(self, decision: ScheduleResult) -> Record:
         """The record but for the `best` nodes."""

@@ -90,7 +90,7 @@ def pose(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | None:
         evaluation = core.appraise(pod)
         if evaluation is None:
             return None
-        costs.append(_cost(evaluation, pod, core.cluster))
+        costs.append(_cost(evaluation, core.cluster.nodes.size))
         tiers = pod.ros.tiers if pod.ros is not None else ()
         ranks.append(tier_ranks(table, tiers) if tiers else np.zeros(table.size, dtype=np.int32))
     demand, free = _capacity(core.cluster, pods)
@@ -99,14 +99,14 @@ def pose(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | None:
     return JointProblem(problem, tuple(pod.uid for pod in pods), tuple(table.names))
 
 
-def _cost(evaluation: Evaluation, pod: PodInfo, cluster: Cache) -> FloatArray:
-    """How far each row is behind the best one, INF where the pod cannot be."""
+def _cost(evaluation: Evaluation, size: int) -> FloatArray:
+    """Per row of the node table, how far each row is behind the best one, INF where the pod cannot be."""
     feasible = np.flatnonzero(evaluation.reason == 0)
     rows = feasible if evaluation.rows is None else evaluation.rows[feasible]
-    cost = np.full(cluster.nodes.size, INF)
+    cost = np.full(size, INF)
     total = np.zeros(len(feasible))
     if evaluation.feasible > 1:
-        total = evaluation.totals(pod, cluster)[feasible].astype(np.float64)
+        total = evaluation.totals[feasible].astype(np.float64)
     cost[rows] = total.max(initial=0.0) - total
     return cost
 

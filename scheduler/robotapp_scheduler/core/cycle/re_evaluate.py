@@ -66,7 +66,7 @@ def reconsider(core: SchedulerCore, pod: Pod) -> Reconsidered:
         info = PodInfo(waiting)
         engine = ProfileRunner(core.engine(info.scheduler_name).profile, core.cluster, caching=False)
         record, evaluation = core.consider(info, engine)
-        return Reconsidered(record, None if evaluation is None else _table(info, core.cluster, engine, evaluation))
+        return Reconsidered(record, None if evaluation is None else _table(info, engine, evaluation))
 
 
 @contextmanager
@@ -87,7 +87,7 @@ def _waiting(cluster: Cache, pod: Pod) -> Iterator[Pod]:
             cluster.apps.place(pod, record.node)
 
 
-def _table(pod: PodInfo, cluster: Cache, engine: ProfileRunner, evaluation: Evaluation) -> Table:
+def _table(pod: PodInfo, engine: ProfileRunner, evaluation: Evaluation) -> Table:
     if evaluation.feasible:
         try:
             engine.score(pod, evaluation)
@@ -102,7 +102,7 @@ def _table(pod: PodInfo, cluster: Cache, engine: ProfileRunner, evaluation: Eval
         reason = evaluation.reasons.values[code]
         reasons.append(TableReason(reason.plugin, ", ".join(reason.texts), units.get(reason.plugin, "")))
     index = {0: 0} | {code: at for at, code in enumerate(codes, start=1)}
-    totals = evaluation.totals(pod, cluster)
+    totals = evaluation.totals
     scored = bool(evaluation.scores) and len(totals) == len(evaluation.reason) and len(feasible) > 0
     return Table(
         nodes=[engine.name_of(evaluation, row) for row in rows],
@@ -110,7 +110,7 @@ def _table(pod: PodInfo, cluster: Cache, engine: ProfileRunner, evaluation: Eval
         refused=[index[int(evaluation.reason[row])] for row in rows],
         numbers=[_number(evaluation, row) for row in rows],
         totals=[int(total) if scored and (total := totals[row]) >= 0 else None for row in rows],
-        scores=_scores(pod, cluster, evaluation, rows, feasible) if scored else [],
+        scores=_scores(evaluation, rows, feasible) if scored else [],
     )
 
 
@@ -124,17 +124,13 @@ def _number(evaluation: Evaluation, row: int) -> float | None:
 
 
 def _scores(
-    pod: PodInfo,
-    cluster: Cache,
-    evaluation: Evaluation,
-    rows: list[int],
-    feasible: "np.ndarray[Any, np.dtype[np.intp]]",
+    evaluation: Evaluation, rows: list[int], feasible: "np.ndarray[Any, np.dtype[np.intp]]"
 ) -> list[TableScore]:
     found = []
     for column in evaluation.scores:
         if column.skipped:
             continue
-        normalized = dict(zip(feasible.tolist(), evaluation.score_of(pod, cluster, column, feasible), strict=True))
+        normalized = dict(zip(feasible.tolist(), evaluation.score_of(column, feasible), strict=True))
         found.append(
             TableScore(
                 plugin=column.plugin.name,

@@ -341,10 +341,10 @@ class SchedulerCore:
         if evaluation.feasible > 1:
             engine.score(pod, evaluation)
             if position is None:
-                position = evaluation.choose(pod, self.cluster, pod_hash(pod.uid, self._seed))
-            chosen = evaluation.sight(pod, self.cluster, position)
+                position = evaluation.choose(self.cluster, pod_hash(pod.uid, self._seed))
+            chosen = evaluation.scores_at(self.cluster, position)
             node, total = chosen.node, chosen.total
-            recorder.scored(pod, evaluation, chosen)
+            recorder.scored(evaluation, chosen)
         else:
             position = int((evaluation.reason == 0).argmax())
             node = engine.name_of(evaluation, position)

@@ -2,7 +2,7 @@
 
 from collections import OrderedDict
 from itertools import islice
-from typing import Any, Final, Protocol
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
@@ -84,18 +84,74 @@ class Record(msgspec.Struct, gc=False, rename="camel"):
     """Tie-break seed: with pod uid and node names it reproduces the choice among equal totals."""
 
 
-class TopSource(Protocol):
-    """What a decision saw of the best nodes, to be written out when somebody asks."""
+class Scorers(NamedTuple):
+    """The plugins that score such pods. The same object as long as the same plugins do."""
+
+    weights: dict[str, int]
+    """By plugin, in the order of the profile."""
+    shadows: tuple[str, ...]
+    alike: dict[str, int]
+    """Scores of the plugins that score all rows alike."""
+    apart: tuple[str, ...]
+    """The other plugins."""
+
+
+class NodePluginScores(msgspec.Struct, frozen=True, gc=False):
+    """One row: its node, its total, and the normalised scores of `Scorers.apart`, in that order."""
+
+    position: int
+    node: str
+    total: int
+    scores: tuple[int, ...]
+
+
+class TopNodes(NamedTuple):
+    """Up to TOP rows, none better than the first, at the time of a decision. Decisions that saw the same rows share it."""
+
+    positions: tuple[int, ...]
+    nodes: tuple[str, ...]
+    totals: tuple[int, ...]
+    scores: tuple[tuple[int, ...], ...]
+    """Per plugin of `Scorers.apart` those of each row."""
+    scorers: Scorers
+
+
+NO_NODES: Final = TopNodes((), (), (), (), Scorers({}, (), {}, ()))
+
+
+class ChosenNode(msgspec.Struct, frozen=True, gc=False):
+    """The row that won, beside the best ones of that moment; put in order only when a record is read."""
+
+    front: TopNodes
+    chosen: NodePluginScores
 
     @property
     def weight_bytes(self) -> int:
-        """What that takes, estimated from above."""
+        """What its `top` takes in memory, estimated from above."""
+        return top_bytes(len(self.front.scorers.weights), len(self.front.positions))
 
     def top(self) -> Top:
-        """The best nodes of that moment."""
+        """The winner first, then as many of the others as were at the front."""
+        chosen, front, scorers = self.chosen, self.front, self.front.scorers
+        others = [place for place, position in enumerate(front.positions) if position != chosen.position]
+        others = others[: max(len(front.positions) - 1, 0)]
+        apart = {
+            plugin: (own, *map(scores.__getitem__, others))
+            for plugin, own, scores in zip(scorers.apart, chosen.scores, front.scores, strict=True)
+        }
+        return Top(
+            nodes=(chosen.node, *map(front.nodes.__getitem__, others)),
+            totals=(chosen.total, *map(front.totals.__getitem__, others)),
+            weights=scorers.weights,
+            scores={
+                plugin: apart[plugin] if plugin in apart else (scorers.alike[plugin],) * (1 + len(others))
+                for plugin in scorers.weights
+            },
+            shadow=scorers.shadows,
+        )
 
 
-def finished(record: Record, best: TopSource | None) -> Record:
+def finished(record: Record, best: ChosenNode | None) -> Record:
     """The record with its best nodes written out."""
     if best is None:
         return record
@@ -128,7 +184,7 @@ class ExplainRing:
         self._kept = kept
         self._kept_bytes = kept_bytes
         self._bytes = 0
-        self._records: OrderedDict[str, tuple[Record, TopSource | None, int]] = OrderedDict()
+        self._records: OrderedDict[str, tuple[Record, ChosenNode | None, int]] = OrderedDict()
         """By pod uid, with what each weighs."""
 
     def __len__(self) -> int:
@@ -142,7 +198,7 @@ class ExplainRing:
         """Memory the records may take, estimated from above."""
         return self._bytes
 
-    def add(self, record: Record, best: TopSource | None = None) -> None:
+    def add(self, record: Record, best: ChosenNode | None = None) -> None:
         """Keep a record in place of an older one of the same pod. With `best` it gets its best nodes when it is read."""
         records, uid = self._records, record.uid
         if uid in records:

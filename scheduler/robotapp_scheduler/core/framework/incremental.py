@@ -20,7 +20,6 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Event
-from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
@@ -31,12 +30,6 @@ FilterRow = Callable[[PodInfo, Row], bool]
 """`filter_row(pod, row)`: True = the node certainly passes; False = `filter` decides. Without it: `filter` for every changed row."""
 ScoreRow = Callable[[PodInfo, Row], int]
 """`score_row(pod, row)`: the same score as `score`. Without it: `score` for every changed row."""
-Ceiling = Callable[[PodInfo, Snapshot], IntArray | int | None]
-"""`ceiling(pod, nodes)`, with `score_row` of a `row_local` plugin with scores of 0…100: an upper bound per row (or one for all).
-
-Pods that come to a node do not raise its score above that bound; a score that is above it already does not rise. It must follow from
-what the nodes offer; None = unknown. Without it: every row that took a pod is scored again.
-"""
 
 # --- Scores that depend on which nodes are feasible -------------------------------------------------------------------
 

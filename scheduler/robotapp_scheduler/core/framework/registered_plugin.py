@@ -7,7 +7,6 @@ from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import NODE, READS, Change, interest_of
 from robotapp_scheduler.core.framework.incremental import (
     BesideHook,
-    Ceiling,
     Confined,
     FilterRow,
     Minds,
@@ -69,7 +68,6 @@ class RegisteredPlugin:
         self.confined: Confined | None = getattr(plugin, "confined", None)
         self.filter_row: FilterRow | None = getattr(plugin, "filter_row", None)
         self.score_row: ScoreRow | None = getattr(plugin, "score_row", None)
-        self.ceiling: Ceiling | None = getattr(plugin, "ceiling", None)
         self.pre_filter: Callable[[PodInfo, Snapshot], PreFilter | None] | None = getattr(plugin, "pre_filter", None)
         self.narrows: Narrows | None = getattr(plugin, "narrows", None)
         self.plan: Plan | None = getattr(plugin, "plan", None)

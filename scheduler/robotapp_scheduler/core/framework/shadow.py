@@ -11,7 +11,7 @@ log = logging.getLogger(__name__)
 
 _SILENT: Final[dict[str, Any]] = {"filter": None, "score": None, "score_among": None, "relevant": False}
 """Hooks that are asked, and what stands for "no opinion"."""
-_UNUSED: Final = ("narrows", "score_row", "ceiling", "filter_row", "minds", "confined", "touched_by", "beside")
+_UNUSED: Final = ("narrows", "score_row", "filter_row", "minds", "confined", "touched_by", "beside")
 """Short cuts that would have to be guarded one by one; without them the vector form is asked."""
 
 

@@ -35,7 +35,7 @@ log = logging.getLogger(__name__)
 OURS: Final = "robotapp_scheduler"
 EXACT: Final = 1 << 56
 """Integers beyond are scored as floats: a hundred times as much must not overflow."""
-_SHORT_CUTS: Final = ("filter_row", "score_row", "ceiling", "room")
+_SHORT_CUTS: Final = ("filter_row", "score_row", "room")
 """Of a plugin that inherits them from one of ours they are not asked: its own `filter` or `score` may say otherwise."""
 
 
@@ -287,14 +287,6 @@ def _row_percent(plugin: str, hook: str, answer: object, *_args: Any) -> int:
     return score
 
 
-def _ceiling(plugin: str, hook: str, answer: object, _pod: Any, nodes: Any) -> object:
-    if answer is None or isinstance(answer, int):
-        return answer
-    if checked_scores(plugin, answer, nodes.n, hook=hook).dtype.kind == "f":
-        raise PluginError(plugin, f"{hook} must answer integers, got {answer.dtype}")  # type: ignore[attr-defined]  # an array
-    return answer
-
-
 def _among(plugin: str, hook: str, answer: object, _pod: Any, _nodes: Any, feasible: Any) -> object:
     """Its range is looked at where it is used, but for a plain number."""
     if answer is None:
@@ -328,7 +320,6 @@ _CHECKS: Final[Mapping[str, _Check]] = {
     "filter_row": _truth,
     "score": _scores,
     "score_row": _row_score,
-    "ceiling": _ceiling,
     "score_among": _among,
     "relevant": _truth,
     "minds": _facts,

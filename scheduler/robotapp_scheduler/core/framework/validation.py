@@ -39,7 +39,6 @@ HOOKS: Final = (
         "plan",
         "filter_row",
         "score_row",
-        "ceiling",
         "relevant",
         "confined",
         "minds",

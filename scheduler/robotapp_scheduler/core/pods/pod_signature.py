@@ -66,7 +66,6 @@ class PodSignature:
         """The same, one by one."""
         self.notes: dict[object, Any] = {}
         """What plugins worked out about such pods, by plugin."""
-        self._class: tuple[object, int] | None = None
 
     def __repr__(self) -> str:
         return f"PodSignature(of {self._pod.key})"
@@ -116,14 +115,6 @@ class PodSignature:
             if len(found) == sum(amount > 0 for amount in exact.values()):
                 self.notes[columns] = found
         return found
-
-    def class_number(self, owner: object) -> int | None:
-        """The number `owner` gave the class of such pods, None before it did."""
-        return self._class[1] if self._class is not None and self._class[0] is owner else None
-
-    def set_class_number(self, owner: object, number: int) -> None:
-        """Keep the number of the class."""
-        self._class = (owner, number)
 
 
 _shapes: dict[bytes, PodSignature] = {}

@@ -1,6 +1,5 @@
 """All filters and scores of a profile for one pod class: first reason per row, weighted total per row."""
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -9,8 +8,7 @@ import numpy.typing as npt
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import NODE
-from robotapp_scheduler.core.explain.record import EXAMPLES, Refusal
-from robotapp_scheduler.core.explain.top_nodes import NOTHING, NodePluginScores, Scorers
+from robotapp_scheduler.core.explain.record import EXAMPLES, NO_NODES, NodePluginScores, Refusal, TopNodes
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.filter_results import HOLE, Codes, FilterColumn, NodeToStatus, Reasons
@@ -23,18 +21,14 @@ _NODE: Final = int(NODE)
 
 
 class Tally:
-    """How often an evaluation was used with the same outcome per plugin: counted here, added up when somebody asks."""
+    """How many pods an evaluation was used for: counted here, added up for the metrics later."""
 
-    __slots__ = ("codes", "count", "keys", "revision", "scored")
+    __slots__ = ("filtered", "scored")
 
     def __init__(self) -> None:
-        self.codes: tuple[int, ...] | None = None
-        """Reason codes that occurred."""
-        self.revision = -1
-        """Of the verdicts in which they did."""
-        self.count = 0
+        self.filtered: dict[tuple[int, ...], int] = {}
+        """Pods by the reason codes that occurred."""
         self.scored = 0
-        self.keys: tuple[tuple[str, str, str], ...] = ()
 
 
 class Evaluation:
@@ -52,7 +46,7 @@ class Evaluation:
         """Grows whenever `reason` changes, so that what is derived from it can be kept."""
         self.refusals: tuple[int, tuple[Refusal, ...]] | None = None
         """Explain's view of the refusals and the revision it was made of."""
-        self.front = NOTHING
+        self._front = NO_NODES
         """Explain's view of the best rows, as some decision saw them last."""
         self._examples: dict[int, tuple[int, ...]] = {}
         """Positions by reason code, as far as somebody asked for them."""
@@ -160,7 +154,6 @@ class Evaluation:
                 del self._examples[code]
 
     # --- Scores --------------------------------------------------------------------------------------------------
-    # Rows in doubt are looked at when somebody asks about them: with a pod of this class, before anything else happens.
 
     def refresh_scores(self, pod: PodInfo, full: Snapshot) -> None:
         """Bring the totals up to date. Raises PluginError when a plugin's score cannot be used."""
@@ -170,38 +163,42 @@ class Evaluation:
         """Make the totals of exactly these rows."""
         self._totals.compute(pod, nodes, self._verdicts)
 
-    def totals(self, pod: PodInfo, cluster: Cache) -> IntArray:
-        """Weighted total per row, INFEASIBLE where `reason` is not 0; after the scores were made."""
-        return self._totals.all(pod, cluster, self._verdicts)
-
-    def score_of(self, pod: PodInfo, cluster: Cache, column: ScoreColumn, positions: npt.NDArray[np.intp]) -> list[int]:
-        """Normalised scores of one plugin at feasible positions, after the scores were made."""
-        return self._totals.score_of(pod, cluster, self._verdicts, column=column, rows=positions)
+    # All that follows is for after the scores were made.
 
     @property
-    def scorers(self) -> Scorers:
-        """The plugins that score such pods, after the scores were made."""
-        return self._totals.scorers
+    def totals(self) -> IntArray:
+        """Weighted total per row, INFEASIBLE where `reason` is not 0."""
+        return self._totals.total
 
-    def choose(self, pod: PodInfo, cluster: Cache, draw: int) -> int:
+    def score_of(self, column: ScoreColumn, positions: npt.NDArray[np.intp]) -> list[int]:
+        """Normalised scores of one plugin at feasible positions."""
+        return self._totals.score_of(column, positions)
+
+    def choose(self, cluster: Cache, draw: int) -> int:
         """One of the feasible positions with the highest total, by the node names' hashes and a number drawn for the pod;
-        after the scores were made, with a row that is feasible.
+        one position at least must be feasible.
         """
-        return self._totals.choose(pod, cluster, self._verdicts, hashes=self._hashes(cluster), draw=draw)
+        return self._totals.top(self._hashes(cluster)).choose(draw)
 
-    def first(self, pod: PodInfo, cluster: Cache, count: int) -> tuple[int, ...]:
-        """Positions of the best rows, better ones first; so many must be feasible."""
-        return self._totals.first(pod, cluster, self._verdicts, hashes=self._hashes(cluster), count=count)
+    def scores_at(self, cluster: Cache, position: int) -> NodePluginScores:
+        """Node, total and scores of one feasible position."""
+        totals = self._totals
+        return NodePluginScores(
+            position, self._name(cluster, position), totals.total.item(position), totals.scores_at(position)
+        )
 
-    def sight(self, pod: PodInfo, cluster: Cache, position: int) -> NodePluginScores:
-        """What there is to say about one feasible position."""
-        node = cluster.nodes.names[position if self.rows is None else self.rows.item(position)]
-        return self._totals.sight(pod, cluster, self._verdicts, row=position, node=node)
+    def front(self, cluster: Cache, count: int) -> TopNodes:
+        """The best positions, better ones first; the same object while nothing about them changes. So many must be feasible."""
+        totals, known = self._totals, self._front
+        positions, scorers = totals.top(self._hashes(cluster)).first(count), totals.scorers
+        if known.positions is not positions or known.scorers is not scorers:
+            names = tuple([self._name(cluster, position) for position in positions])
+            total = tuple(map(totals.total.item, positions))
+            known = self._front = TopNodes(positions, names, total, totals.scores_of(positions), scorers)
+        return known
 
-    def sights(self, pod: PodInfo, cluster: Cache, positions: Sequence[int]) -> tuple[NodePluginScores, ...]:
-        """The same of several."""
-        said = self._totals.said
-        return tuple([said.get(position) or self.sight(pod, cluster, position) for position in positions])
+    def _name(self, cluster: Cache, position: int) -> str:
+        return cluster.nodes.names[position if self.rows is None else self.rows.item(position)]
 
     def _hashes(self, cluster: Cache) -> Hashes:
         return cluster.nodes.name_hash if self.rows is None else cluster.nodes.name_hash[self.rows]

@@ -1,7 +1,6 @@
 """One profile at work on the cluster: pod classes found or made, evaluated, and the best node chosen."""
 
 import logging
-from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from functools import cache
 from hashlib import blake2b
@@ -14,24 +13,20 @@ from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.framework.interface import Code, Status
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
-from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE, OWN_FEATURES, PodInfo
+from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
-from robotapp_scheduler.core.runtime.filter_results import FilterColumn, Reasons
+from robotapp_scheduler.core.runtime.filter_results import FilterColumn
 from robotapp_scheduler.core.runtime.incremental import bring_up
-from robotapp_scheduler.core.runtime.result_cache import ColumnCache
-from robotapp_scheduler.core.runtime.score_results import score_column
+from robotapp_scheduler.core.runtime.result_cache import ResultCache
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 
-CLASS_BYTES: Final = 100_000_000
-MOST_CLASS_IDS: Final = 20_000
-MOST_REMEMBERED: Final = 16
+MOST_OUTCOMES: Final = 16
+"""Combinations of reasons that are counted by class before they are added up."""
 POINTS: Final = ("PreFilter", "Filter", "Score")
 """Extension points that a stopwatch measures."""
-BYTES_PER_ROW: Final = 300
-"""What a class with columns of its own costs per node, at worst."""
 
 
 class PreFilterResult(NamedTuple):
@@ -67,26 +62,17 @@ class ProfileRunner:
         self._due = {point: stopwatch.due() for point in POINTS} if stopwatch is not None else {}
         self._plain, self._with_ros = object(), object()
         """Names of our notes about shapes of pods without and with ROS fields."""
-        self._reasons = Reasons()
-        self._columns = ColumnCache(self._reasons, profile.filters, profile.scores)
-        self._shadows = ColumnCache(self._reasons, profile.shadow_filters, ())
-        self._classes: OrderedDict[Hashable, Evaluation] = OrderedDict()
-        static = [name for name in profile.reads if not name.startswith(LIVE)]
-        self._shape_reads = tuple(name for name in static if name not in OWN_FEATURES)
-        self._own_reads = tuple(FEATURES[name] for name in static if name in OWN_FEATURES)
-        self._remembered: OrderedDict[Hashable, dict[Any, Any]] = OrderedDict()
+        self._results = ResultCache(profile, cluster, self._flush)
         self._full: tuple[int, Snapshot] | None = None
         """A view of all nodes, and where the log stood."""
-        self._generation = 0
-        self._class_ids: dict[Hashable, int] = {}
         self._counts: dict[tuple[str, str, str], int] = {}
 
     def __repr__(self) -> str:
-        return f"ProfileRunner({self.profile.scheduler_name}, {len(self._classes)} classes)"
+        return f"ProfileRunner({self.profile.scheduler_name}, {len(self._results)} classes)"
 
     def decisions(self) -> dict[tuple[str, str, str], int]:
         """(plugin, point, result) → pods, for scheduler_plugin_decisions_total."""
-        for evaluation in self._classes.values():
+        for evaluation in self._results:
             self._flush(evaluation)
         return dict(self._counts)
 
@@ -145,10 +131,10 @@ class ProfileRunner:
         if names is not None:
             rows = sorted(row for name in names if (row := self._cluster.nodes.row_of.get(name)) is not None)
             nodes = Snapshot(self._cluster, rows)
-            evaluation = self._fresh()
+            evaluation = self._results.uncached()
             evaluation.compute_filters(pod, nodes)
         else:
-            evaluation = self._class_of(pod)
+            evaluation = self._results.evaluation(pod) if self._caching else self._results.uncached()
             evaluation.refresh_filters(pod, self._all_nodes())
         self._count_filters(evaluation)
         if evaluation.rows is not None or not self._caching:
@@ -187,7 +173,7 @@ class ProfileRunner:
             return ()
         row = chosen if evaluation.rows is None else int(evaluation.rows[chosen])
         verdicts: dict[str, bool] = {}
-        for column in self._shadows.of(pod)[0]:
+        for column in self._results.shadow_filters(pod):
             refuses = self._shadow_refuses(column, pod, row)
             if refuses is not None:
                 verdicts[column.plugin.name] = refuses
@@ -195,8 +181,8 @@ class ProfileRunner:
             feasible = np.flatnonzero(evaluation.reason == 0)
             for scored in evaluation.scores:
                 if scored.plugin.shadow and not scored.skipped:
-                    share = np.array(evaluation.score_of(pod, self._cluster, scored, feasible), dtype=np.int64)
-                    total = evaluation.totals(pod, self._cluster)[feasible] + scored.plugin.weight * share
+                    share = np.array(evaluation.score_of(scored, feasible), dtype=np.int64)
+                    total = evaluation.totals[feasible] + scored.plugin.weight * share
                     stays = total[np.searchsorted(feasible, chosen)] == total.max()
                     verdicts[scored.plugin.name] = verdicts.get(scored.plugin.name, False) or not stays
         for name, changed in verdicts.items():
@@ -240,86 +226,35 @@ class ProfileRunner:
                 return plan
         return None
 
-    def _class_of(self, pod: PodInfo) -> Evaluation:
-        if not self._caching:
-            return self._fresh()
-        key = self._class_key(pod)
-        evaluation = self._classes.get(key)
-        if evaluation is not None:
-            self._classes.move_to_end(key)
-            return evaluation
-        filters, scores = self._columns.of(pod)
-        evaluation = self._classes[key] = Evaluation(filters, scores, self._reasons)
-        if len(self._classes) > self._most_classes():
-            _, dropped = self._classes.popitem(last=False)
-            self._flush(dropped)
-        return evaluation
-
-    def _class_key(self, pod: PodInfo) -> Hashable:
-        """Everything the plugins read. The part that replicas have in common is a number, found once for all of them."""
-        number = pod.shape.class_number(self)
-        if number is None:
-            key = pod.features(self._shape_reads)
-            if len(self._class_ids) > MOST_CLASS_IDS:
-                self._class_ids.clear()
-                self._generation += MOST_CLASS_IDS + 1
-            number = self._class_ids.setdefault(key, self._generation + len(self._class_ids))
-            pod.shape.set_class_number(self, number)
-        return (number, *[feature(pod) for feature in self._own_reads], pod.ros, pod.volume_key)
-
-    def _most_classes(self) -> int:
-        size = max(self._cluster.nodes.size, 1)
-        return max(32, min(512, CLASS_BYTES // (BYTES_PER_ROW * size)))
-
-    def _fresh(self) -> Evaluation:
-        filters = [FilterColumn(p, self._reasons) for p in self.profile.filters]
-        return Evaluation(filters, [score_column(p) for p in self.profile.scores], self._reasons)
-
     def remembered(self, pod: PodInfo, key: Hashable) -> dict[Any, Any]:
         """A dictionary for what a post_filter found out about pods of this class; dropped when others are used more."""
-        full = (self._class_key(pod), key)
-        found = self._remembered.setdefault(full, {})
-        self._remembered.move_to_end(full)
-        if len(self._remembered) > MOST_REMEMBERED:
-            self._remembered.popitem(last=False)
-        return found if self._caching else {}
+        return self._results.remembered(pod, key) if self._caching else {}
 
     # --- Counting ------------------------------------------------------------------------------------------------
 
-    def _count(self, plugin: str, point: str, result: str) -> None:
+    def _count(self, plugin: str, point: str, result: str, pods: int = 1) -> None:
         key = (plugin, point, result)
-        self._counts[key] = self._counts.get(key, 0) + 1
+        self._counts[key] = self._counts.get(key, 0) + pods
 
     def _count_filters(self, evaluation: Evaluation) -> None:
-        tally = evaluation.tally
-        if tally.revision != evaluation.revision:
-            self._count_anew(evaluation)
-            tally.revision = evaluation.revision
-        tally.count += 1
-
-    def _count_anew(self, evaluation: Evaluation) -> None:
-        tally, codes = evaluation.tally, tuple(evaluation.counts())
-        if tally.codes == codes:
-            return
-        self._flush(evaluation)
-        rejecting = {self._reasons.values[code].plugin for code in codes}
-        tally.keys = tuple([_filter_key(column, rejecting) for column in evaluation.filters])
-        tally.codes = codes
+        filtered, codes = evaluation.tally.filtered, tuple(evaluation.counts())
+        if len(filtered) > MOST_OUTCOMES:
+            self._flush(evaluation)
+        filtered[codes] = filtered.get(codes, 0) + 1
 
     def _flush(self, evaluation: Evaluation) -> None:
-        tally, counts = evaluation.tally, self._counts
-        for key in tally.keys if tally.count else ():
-            counts[key] = counts.get(key, 0) + tally.count
-        for column in evaluation.scores if tally.scored else ():
-            if not column.skipped:
-                key = (column.plugin.name, "score", "score")
-                counts[key] = counts.get(key, 0) + tally.scored
-        tally.count = tally.scored = 0
-
-
-def _filter_key(column: FilterColumn, rejecting: set[str]) -> tuple[str, str, str]:
-    name = column.plugin.name
-    return name, "filter", "skip" if column.skipped else "reject" if name in rejecting else "pass"
+        tally = evaluation.tally
+        for codes, pods in tally.filtered.items():
+            rejecting = {self._results.reasons.values[code].plugin for code in codes}
+            for column in evaluation.filters:
+                name = column.plugin.name
+                result = "skip" if column.skipped else "reject" if name in rejecting else "pass"
+                self._count(name, "filter", result, pods)
+        for scored in evaluation.scores if tally.scored else ():
+            if not scored.skipped:
+                self._count(scored.plugin.name, "score", "score", tally.scored)
+        tally.filtered.clear()
+        tally.scored = 0
 
 
 def _nothing_left(plugins: list[str]) -> Status:

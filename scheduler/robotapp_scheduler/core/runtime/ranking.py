@@ -1,18 +1,16 @@
-"""Total scores of all rows and the rows with the best ones, updated incrementally.
+"""The rows with the best total scores, updated incrementally.
 
-`TiedRows` is the set of rows that share one total, `TopRows` holds these sets from some total on, `Ranking` the totals
-and the single rows whose score was looked up.
+`TiedRows` is the set of rows that share one total, `TopRows` holds these sets from some total on.
 """
 
 from bisect import insort
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from operator import attrgetter
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.explain.top_nodes import NodePluginScores
 from robotapp_scheduler.core.nodes.columns import IntArray
 
 Positions = npt.NDArray[np.intp]
@@ -27,6 +25,8 @@ FEW: Final = 8
 """Up to so many rows are looked at one by one beside an array."""
 GONE: Final = 8
 """When more than one in so many have left an array, and one of them is met, it is made anew."""
+INFEASIBLE: Final = -1
+"""Total of rows that cannot be chosen."""
 NOBODY: Final[Positions] = np.zeros(0, dtype=np.intp)
 NO_NAMES: Final[Hashes] = np.zeros(0, dtype=np.uint64)
 
@@ -231,7 +231,8 @@ class TopRows:
     def _look_below(self, count: int) -> None:
         """Take in rows with lower totals: twice as deep as before, or so deep that `count` are known."""
         total, floor = self._total, self._floor
-        deep = np.partition(total, -count).item(-count)
+        # Not np.partition: when nearly all totals are equal it takes forty times as long as sorting them.
+        deep = np.sort(total).item(-count)
         self._floor = max(min(2 * floor - self._levels[-1].value - 1, deep), 0)
         found = ((total >= self._floor) & (total < floor)).nonzero()[0]
         above = total[found] - self._floor
@@ -257,75 +258,3 @@ class TopRows:
         self._by_value[level.value] = level
         insort(self._levels, level, key=_VALUE)
         return level
-
-
-MANY_ROWS: Final = 256
-"""From here on the best rows are looked for anew, not moved one by one."""
-INFEASIBLE: Final = -1
-"""Total of rows that cannot be chosen."""
-MOST_SIGHTS: Final = 64
-
-
-class Ranking:
-    """`total` is changed by the methods only."""
-
-    __slots__ = ("_best", "sights", "total")
-
-    def __init__(self) -> None:
-        self.total: IntArray = np.zeros(0, dtype=np.int64)
-        self.sights: dict[int, NodePluginScores] = {}
-        """Of rows that somebody asked for, until they are added up again."""
-        self._best: TopRows | None = None
-
-    def __repr__(self) -> str:
-        return f"Ranking({len(self.total)} rows)"
-
-    def replace(self, total: IntArray) -> None:
-        """Every row may have another total."""
-        self.total = total
-        self.renamed()
-
-    def renamed(self) -> None:
-        """Rows may stand for other nodes now."""
-        self._best = None
-        self.sights.clear()
-
-    def put(self, rows: Sequence[int], totals: list[int]) -> None:
-        """These rows, each named once, were added up again."""
-        total, before = self.total, []
-        for row, value in zip(rows, totals, strict=True):
-            before.append(total.item(row))
-            total[row] = value
-        self._moved(rows, before, totals)
-
-    def put_many(self, rows: Sequence[int], index: npt.NDArray[np.intp] | slice, totals: IntArray) -> None:
-        """The same; `index` are the rows as an array."""
-        if len(rows) > MANY_ROWS:
-            self._best = None
-        before = self.total[index].tolist()
-        self.total[index] = totals
-        self._moved(rows, before, totals.tolist())
-
-    def _moved(self, rows: Sequence[int], before: list[int], after: list[int]) -> None:
-        self.unsay(rows)
-        if self._best is not None and not self._best.all_changed(rows, before, after):
-            self._best = None
-
-    def unsay(self, rows: Sequence[int]) -> None:
-        """What was said about these rows is not true any more."""
-        sights = self.sights
-        if sights and not sights.keys().isdisjoint(rows):
-            for row in rows:
-                sights.pop(row, None)
-
-    def say(self, sight: NodePluginScores) -> None:
-        """Keep this for the next who asks."""
-        if len(self.sights) >= MOST_SIGHTS:
-            self.sights.clear()
-        self.sights[sight.position] = sight
-
-    def best(self, hashes: Hashes) -> TopRows:
-        """By `hashes` of the node names. One row at least must be feasible."""
-        if self._best is None:
-            self._best = TopRows(self.total, hashes)
-        return self._best

@@ -1,43 +1,43 @@
-"""Cached results per pod class, repaired from the change log.
-
-A *class* is everything any enabled plugin reads of a pod. Per plugin and value of its `reads` one column is kept (first
-reason, or raw score, per row); per class their combination (first failing plugin per row, weighted total). Both remember
-the position in the change log up to which they are true, so a pod of a known class costs the few rows that changed.
-"""
+"""Which results are kept, by what key, and which are dropped: the least recently used ones."""
 
 from collections import OrderedDict
-from collections.abc import Hashable, Sequence
-from typing import Final, NamedTuple
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from typing import Any, Final, NamedTuple
 
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
-from robotapp_scheduler.core.pods.pod_info import OWN_FEATURES, VOLUME_FEATURE, PodInfo
+from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE, OWN_FEATURES, PodInfo
+from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import FilterColumn, Reasons
 from robotapp_scheduler.core.runtime.score_results import ScoreColumn, score_column
 
 COLUMNS_PER_PLUGIN: Final = 32
-VARIED: Final = frozenset({"requests", "labels", "controller", "images", *OWN_FEATURES}) - {"node_name"}
-"""In these the pods of one workload differ from those of the next; in the others most pods of a cluster are equal."""
+CLASS_BYTES: Final = 100_000_000
+BYTES_PER_ROW: Final = 300
+"""What a class with columns of its own costs per node, at worst."""
+MOST_REMEMBERED: Final = 16
 
 
 class _Columns(NamedTuple):
-    """What plugins that read the same said about pods that are equal in it, by their places in the profile."""
+    """Columns of plugins that read the same, for pods that are equal in it, by the plugins' places in the profile."""
 
     filters: dict[int, FilterColumn]
     scores: dict[int, ScoreColumn]
 
 
 class _Readers:
-    """Plugins that read the same of a pod, and their columns by what that is; the least recently used ones are dropped."""
+    """Plugins that read the same of a pod, and their columns by what that is."""
 
     def __init__(self, first: RegisteredPlugin) -> None:
         self.filters: dict[int, RegisteredPlugin] = {}
         self.scores: dict[int, RegisteredPlugin] = {}
-        self.reads, self.live = first.reads, first.reads_live
+        self._reads, self._live = first.reads, first.reads_live
         self._columns: OrderedDict[Hashable, _Columns] = OrderedDict()
 
     def columns(self, pod: PodInfo, reasons: Reasons) -> _Columns:
         """The columns for pods like this one."""
-        key = pod.live_features(self.reads) if self.live else pod.features(self.reads)
+        key = pod.live_features(self._reads) if self._live else pod.features(self._reads)
         found = self._columns.get(key)
         if found is not None:
             self._columns.move_to_end(key)
@@ -56,33 +56,6 @@ class _Readers:
         return found
 
 
-class _CommonReaders:
-    """Readers of what most pods have in common: a new class usually finds all their columns in one look."""
-
-    def __init__(self, readers: Sequence[_Readers]) -> None:
-        self._readers = readers
-        self._static = tuple(sorted({name for each in readers if not each.live for name in each.reads}))
-        self._ros = tuple(sorted({name for each in readers if each.live for name in each.reads} - {VOLUME_FEATURE}))
-        self._known: OrderedDict[Hashable, _Columns] = OrderedDict()
-
-    def columns(self, pod: PodInfo, reasons: Reasons) -> _Columns:
-        """Their columns for pods like this one."""
-        key = (pod.features(self._static), pod.live_features(self._ros), pod.volume_key)
-        known = self._known.get(key)
-        if known is not None:
-            self._known.move_to_end(key)
-            return known
-        known = _Columns({}, {})
-        for readers in self._readers:
-            found = readers.columns(pod, reasons)
-            known.filters.update(found.filters)
-            known.scores.update(found.scores)
-        self._known[key] = known
-        if len(self._known) > COLUMNS_PER_PLUGIN:
-            self._known.popitem(last=False)
-        return known
-
-
 class ColumnCache:
     """Columns of plugins, found by what these read of a pod: once for all that read the same."""
 
@@ -92,22 +65,83 @@ class ColumnCache:
         self._reasons = reasons
         self._filters, self._scores = range(len(filters)), range(len(scores))
         readers: dict[tuple[str, ...], _Readers] = {}
-        for plugin in (*filters, *scores):
-            if plugin.reads not in readers:
-                readers[plugin.reads] = _Readers(plugin)
         for place, plugin in enumerate(filters):
-            readers[plugin.reads].filters[place] = plugin
+            readers.setdefault(plugin.reads, _Readers(plugin)).filters[place] = plugin
         for place, plugin in enumerate(scores):
-            readers[plugin.reads].scores[place] = plugin
-        self._apart = [each for each in readers.values() if not VARIED.isdisjoint(each.reads)]
-        self._alike = _CommonReaders([each for each in readers.values() if VARIED.isdisjoint(each.reads)])
+            readers.setdefault(plugin.reads, _Readers(plugin)).scores[place] = plugin
+        self._readers = [*readers.values()]
 
     def of(self, pod: PodInfo) -> tuple[list[FilterColumn], list[ScoreColumn]]:
         """The columns of all filters and of all scores for pods like this one, in the order of the plugins."""
-        alike = self._alike.columns(pod, self._reasons)
-        filters, scores = dict(alike.filters), dict(alike.scores)
-        for readers in self._apart:
+        filters: dict[int, FilterColumn] = {}
+        scores: dict[int, ScoreColumn] = {}
+        for readers in self._readers:
             found = readers.columns(pod, self._reasons)
             filters |= found.filters
             scores |= found.scores
         return [*map(filters.__getitem__, self._filters)], [*map(scores.__getitem__, self._scores)]
+
+
+class ResultCache:
+    """The evaluations of one profile by pod class, over columns that classes share. `dropped` is called with each that goes.
+
+    A class is everything that any plugin of the profile reads of a pod.
+    """
+
+    def __init__(self, profile: Profile, cluster: Cache, dropped: Callable[[Evaluation], None]) -> None:
+        self.reasons = Reasons()
+        self._profile, self._cluster, self._dropped = profile, cluster, dropped
+        self._columns = ColumnCache(self.reasons, profile.filters, profile.scores)
+        self._shadows = ColumnCache(self.reasons, profile.shadow_filters, ())
+        self._evaluations: OrderedDict[Hashable, Evaluation] = OrderedDict()
+        self._remembered: OrderedDict[Hashable, dict[Any, Any]] = OrderedDict()
+        static = [name for name in profile.reads if not name.startswith(LIVE)]
+        self._shape_reads = tuple(name for name in static if name not in OWN_FEATURES)
+        self._own_reads = tuple(FEATURES[name] for name in static if name in OWN_FEATURES)
+
+    def __repr__(self) -> str:
+        return f"ResultCache({len(self)} classes)"
+
+    def __len__(self) -> int:
+        return len(self._evaluations)
+
+    def __iter__(self) -> Iterator[Evaluation]:
+        return iter(self._evaluations.values())
+
+    def evaluation(self, pod: PodInfo) -> Evaluation:
+        """That of the pod's class; empty for a new class."""
+        key = self._key(pod)
+        evaluation = self._evaluations.get(key)
+        if evaluation is not None:
+            self._evaluations.move_to_end(key)
+            return evaluation
+        evaluation = self._evaluations[key] = Evaluation(*self._columns.of(pod), self.reasons)
+        if len(self) > self._most_classes():
+            self._dropped(self._evaluations.popitem(last=False)[1])
+        return evaluation
+
+    def uncached(self) -> Evaluation:
+        """An empty one with columns of its own, which is not kept."""
+        filters = [FilterColumn(plugin, self.reasons) for plugin in self._profile.filters]
+        return Evaluation(filters, [score_column(plugin) for plugin in self._profile.scores], self.reasons)
+
+    def shadow_filters(self, pod: PodInfo) -> list[FilterColumn]:
+        """The columns of the filters that are called without effect."""
+        return self._shadows.of(pod)[0]
+
+    def remembered(self, pod: PodInfo, key: Hashable) -> dict[Any, Any]:
+        """A dictionary for what a post_filter found out about pods of this class."""
+        full = (self._key(pod), key)
+        found = self._remembered.setdefault(full, {})
+        self._remembered.move_to_end(full)
+        if len(self._remembered) > MOST_REMEMBERED:
+            self._remembered.popitem(last=False)
+        return found
+
+    def _key(self, pod: PodInfo) -> Hashable:
+        own = [feature(pod) for feature in self._own_reads]
+        return (pod.features(self._shape_reads), *own, pod.ros, pod.volume_key)
+
+    def _most_classes(self) -> int:
+        size = max(self._cluster.nodes.size, 1)
+        return max(32, min(512, CLASS_BYTES // (BYTES_PER_ROW * size)))

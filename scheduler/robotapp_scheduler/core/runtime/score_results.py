@@ -1,7 +1,6 @@
 """A score plugin's raw value per row, kept per value of what it reads and repaired from the change log."""
 
 import logging
-from enum import Enum
 from typing import Any, Final
 
 import numpy as np
@@ -9,12 +8,11 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.change_log import ChangeLogDelta
-from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES, OFFERED, SAID_OF_PODS
+from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES
 from robotapp_scheduler.core.framework.interface import MAX_SCORE, PerDomain, PluginError, ScoreResult, Scores
 from robotapp_scheduler.core.framework.plugin_results import checked_scores, normalized
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
-from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, FEW_TO_ASK, stale_rows
 
@@ -24,14 +22,6 @@ Feasible = npt.NDArray[np.intp] | slice
 """Positions of the feasible rows; a slice when all are."""
 BAD_SCORE: Final = "score is NaN, infinite or outside 0 to 100 for a feasible node"
 _BAD: Final = np.iinfo(np.int64).min
-
-
-class UnderPods(Enum):
-    """What becomes of the score of a row when a pod comes to it."""
-
-    FALLS = "it falls, or rises to a ceiling at most"
-    SAME = "it stays, or the column's epoch tells"
-    ASK = "anything: ask the plugin"
 
 
 class ScoreColumn:
@@ -60,9 +50,6 @@ class ScoreColumn:
         """Grows when the column was computed anew, so that sums of it are too."""
         self.changes = 0
         """Grows when any raw value may be different."""
-        self.ceiling: IntArray | int | None = None
-        """Per row or for all, what no score exceeds that rises when a pod comes; None = nobody knows."""
-        self._ceiling_known = False
 
     def fail(self) -> None:
         """A shadow plugin that cannot be scored says nothing: it must not hold a pod back."""
@@ -89,8 +76,6 @@ class ScoreColumn:
         """Bring the column up to the head of the log. `news` are those after its position, None when too much happened."""
         if self.skipped:
             return
-        if news is None or news.kinds & OFFERED:
-            self._ceiling_known = False
         fits = full.n == (len(self._raw) if self._domains is None else len(self._domains.label.codes))
         stale = stale_rows(self, pod, full, news) if fits else None
         if stale is None:
@@ -160,35 +145,6 @@ class ScoreColumn:
         """What the plugin said about a row before normalising; None when that is no number."""
         value = float(self.raw[row])
         return value if np.isfinite(value) else None
-
-    def look(self, pod: PodInfo, position: int, row: Row) -> int:
-        """Ask about one row, which may have changed after the position of this column; for plugins with `score_row`.
-
-        Answers by how much that raised the epoch.
-        """
-        before = self.epoch
-        if self.plugin.score_row is not None:
-            self._store_row(position, self.plugin.score_row(pod, row))
-        return self.epoch - before
-
-    def under_pods(self, pod: PodInfo, full: Snapshot) -> UnderPods:
-        """What pods do to this column, which is at the head of the log. `ceiling` is true afterwards."""
-        plugin = self.plugin
-        if plugin.shadow or not self.local:
-            return UnderPods.ASK
-        if not self.watches & SAID_OF_PODS:
-            return UnderPods.SAME
-        if not self._ceiling_known:
-            self.ceiling, self._ceiling_known = self._asked_ceiling(pod, full), True
-        if self.ceiling is not None and not self.bad:
-            return UnderPods.FALLS
-        return UnderPods.ASK if self.constant is None else UnderPods.SAME
-
-    def _asked_ceiling(self, pod: PodInfo, full: Snapshot) -> IntArray | int | None:
-        plugin = self.plugin
-        if plugin.ceiling is None or plugin.score_row is None or not plugin.row_local or self.normalize != "none":
-            return None
-        return plugin.ceiling(pod, full)
 
     def _patch(self, stale: Snapshot, pod: PodInfo) -> None:
         score_row = self.plugin.score_row
@@ -304,10 +260,6 @@ class RelativeColumn(ScoreColumn):
         if answer is None or isinstance(answer, int):
             return answer or 0
         return normalized(self.plugin.name, "none", checked_scores(self.plugin.name, answer, len(positions)))
-
-    def _asked_ceiling(self, pod: PodInfo, full: Snapshot) -> IntArray | int | None:  # noqa: ARG002 - of scores per row
-        """What other rows score counts, too."""
-        return None
 
     def raw_at(self, row: int) -> float | None:  # noqa: ARG002 - of a score that exists for feasible rows only
         """Nothing is kept before normalising."""

@@ -1,66 +1,113 @@
-"""The weighted total of all scores per row, for one pod class: what a row scores by itself, and its shares."""
+"""The weighted total of all scores per row, for one pod class, and the rows that have the highest one."""
 
-from typing import Final
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.snapshot import Snapshot
+from robotapp_scheduler.core.events.change_log import ChangeLogDelta
 from robotapp_scheduler.core.events.cluster_event import NODE
-from robotapp_scheduler.core.explain.top_nodes import NodePluginScores, Scorers
+from robotapp_scheduler.core.explain.record import Scorers
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.filter_results import NodeToStatus
-from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, view_of
-from robotapp_scheduler.core.runtime.normalized_scores import NormalizedScores
-from robotapp_scheduler.core.runtime.ranking import INFEASIBLE, Hashes, Ranking
-from robotapp_scheduler.core.runtime.row_scores import RowScores
-from robotapp_scheduler.core.runtime.score_bounds import ScoreBounds
-from robotapp_scheduler.core.runtime.score_results import ScoreColumn
+from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, bring_up, view_of
+from robotapp_scheduler.core.runtime.ranking import INFEASIBLE, Hashes, TopRows
+from robotapp_scheduler.core.runtime.score_results import Feasible, ScoreColumn
 
+EVERY: Final = slice(None)
+MANY_ROWS: Final = 256
+"""From here on the best rows are looked for anew, not moved one by one."""
 _NODE: Final = int(NODE)
 
 
-class TotalScores:
-    """True after `refresh` or `compute`, but for rows in doubt: whoever asks brings what they are looked at with.
+class ScoreParts(NamedTuple):
+    """The columns with an opinion, by how they go into the total. Another epoch of one of them makes this out of date."""
 
-    `interest` are the changes after which a verdict may be another.
+    scorers: Scorers
+    flat: int
+    """What plugins add that score all rows alike."""
+    flats: IntArray
+    """The same as an array: to turn a plain number into one takes NumPy longer than to add it to twenty rows."""
+    weighted: list[tuple[int, ScoreColumn]]
+    """Those that count, and score a row by that row alone, each with its weight."""
+    checked: list[ScoreColumn]
+    """The same with the shadows."""
+    relative: list[ScoreColumn]
+    """Those that are normalised over all feasible rows, shadows included."""
+
+    @classmethod
+    def of(cls, columns: list[ScoreColumn]) -> "ScoreParts":
+        live = [column for column in columns if not column.skipped]
+        counted = [column for column in live if not column.plugin.shadow]
+        checked = [column for column in live if column.local and column.constant is None]
+        relative = [column for column in live if not column.local]
+        flat = sum(column.plugin.weight * column.constant for column in counted if column.constant is not None)
+        return cls(
+            scorers=Scorers(
+                weights={column.plugin.name: column.plugin.weight for column in live},
+                shadows=tuple(column.plugin.name for column in live if column.plugin.shadow),
+                alike={column.plugin.name: column.constant for column in live if column.constant is not None},
+                apart=tuple(column.plugin.name for column in (*checked, *relative)),
+            ),
+            flat=flat,
+            flats=np.array(flat, dtype=np.int64),
+            weighted=[(column.plugin.weight, column) for column in checked if not column.plugin.shadow],
+            checked=checked,
+            relative=relative,
+        )
+
+
+class NormalizedScore(NamedTuple):
+    """A score that was normalised over all feasible rows: per row, or one number for all."""
+
+    stamp: tuple[int, int, int]
+    """Changes of the column, revision of the filters' results and number of rows that it was made of."""
+    values: IntArray | int
+
+
+class TotalScores:
+    """True after `refresh` or `compute`.
+
+    `filter_interest` are the changes after which a row may have become feasible, or not any more.
     """
 
-    def __init__(self, columns: list[ScoreColumn], interest: int) -> None:
-        self._sums = RowScores(columns)
-        self._shares = NormalizedScores()
-        self._ranking = Ranking()
-        self._doubts = ScoreBounds(self._sums, self._ranking)
-        self.said = self._ranking.sights
-        """What `sight` answered and would answer again."""
+    def __init__(self, columns: list[ScoreColumn], filter_interest: int) -> None:
+        self.total: IntArray = np.zeros(0, dtype=np.int64)
+        """Per row; INFEASIBLE where the row is not feasible."""
+        self._columns = columns
+        self._live = [column for column in columns if not column.skipped]
+        """Those with an opinion about such pods."""
+        self._parts = ScoreParts.of([])
+        self._local: IntArray = np.zeros(0, dtype=np.int64)
+        """Per row, feasible or not: the sum of the scores that depend on that row alone."""
+        self._normalized: dict[str, NormalizedScore] = {}
+        """The other scores, by plugin."""
+        self._feasible: tuple[int, Feasible] = (-1, EVERY)
+        """The feasible rows, and the revision of the filters' results they follow from."""
+        self._top: TopRows | None = None
         self._position = -1
+        self._epochs = -1
+        """The sum of the columns' epochs when `_parts` was made: another one makes everything out of date."""
         self._revision = self._combines = -1
-        """Of the verdicts that are in the totals."""
-        self._interest = interest
+        """Of the filters' results that are in the totals."""
+        self._interest = filter_interest
         for column in columns:
             self._interest |= column.plugin.interest
 
     def __repr__(self) -> str:
-        return f"TotalScores({self._sums!r}, {self._doubts!r})"
+        return f"TotalScores({len(self._live)} plugins, {len(self.total)} rows)"
 
-    # --- Asking --------------------------------------------------------------------------------------------------
+    # --- Results -------------------------------------------------------------------------------------------------
 
-    def all(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus) -> IntArray:
-        """Per row; INFEASIBLE where the row is not feasible."""
-        self._settle(pod, cluster, verdicts)
-        return self._ranking.total
-
-    def score_of(
-        self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, *, column: ScoreColumn, rows: npt.NDArray[np.intp]
-    ) -> list[int]:
+    def score_of(self, column: ScoreColumn, rows: npt.NDArray[np.intp]) -> list[int]:
         """Normalised scores of one plugin at feasible rows."""
         if column.constant is not None:
             return [column.constant] * len(rows)
-        self._settle(pod, cluster, verdicts)
-        values = column.raw if column.local else self._shares.of(column)
+        values = column.raw if column.local else self._normalized[column.plugin.name].values
         if isinstance(values, int):
             return [values] * len(rows)
         scores: list[int] = values[rows].tolist()
@@ -68,153 +115,185 @@ class TotalScores:
 
     @property
     def scorers(self) -> Scorers:
-        """The plugins with an opinion."""
-        return self._sums.parts.scorers
+        """The plugins with an opinion; the same object while they and what they have in common stay the same."""
+        return self._parts.scorers
 
-    def choose(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, *, hashes: Hashes, draw: int) -> int:
-        """A row with the highest total, see `TopRows`, by `hashes` of the node names. One row must be feasible."""
-        doubtful = self._doubts.rows
-        while (found := self._ranking.best(hashes).choose(draw)) in doubtful:
-            self._look(pod, cluster, verdicts, [found])
-        return found
+    def top(self, hashes: Hashes) -> TopRows:
+        """The best rows, by `hashes` of the node names. One row at least must be feasible."""
+        if self._top is None:
+            self._top = TopRows(self.total, hashes)
+        return self._top
 
-    def first(
-        self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, *, hashes: Hashes, count: int
-    ) -> tuple[int, ...]:
-        """The best rows, see `TopRows`. So many must be feasible."""
-        doubtful = self._doubts.rows
-        while not doubtful.isdisjoint(found := self._ranking.best(hashes).first(count)):
-            self._look(pod, cluster, verdicts, [row for row in found if row in doubtful])
-        return found
-
-    def sight(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, *, row: int, node: str) -> NodePluginScores:
-        """What there is to say about one feasible row, which stands for this node."""
-        if row in self._doubts.rows:
-            self._look(pod, cluster, verdicts, [row])
-        found = self.said.get(row)
-        if found is None:
-            found = NodePluginScores(row, node, self._ranking.total.item(row), self._scores(row))
-            self._ranking.say(found)
-        return found
-
-    def _scores(self, row: int) -> tuple[int, ...]:
-        """Of `Scorers.apart`, in that order."""
-        parts = self._sums.parts
-        scores = [column.raw.item(row) for column in parts.checked]
-        for column in parts.relative:
-            values = self._shares.of(column)
+    def scores_at(self, row: int) -> tuple[int, ...]:
+        """The normalised scores of `scorers.apart` at a feasible row, in that order."""
+        scores = [column.raw.item(row) for column in self._parts.checked]
+        for column in self._parts.relative:
+            values = self._normalized[column.plugin.name].values
             scores.append(values if isinstance(values, int) else values.item(row))
         return tuple(scores)
 
-    def _look(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus, rows: list[int]) -> None:
-        """Add these rows up, which are in doubt; all of them, when it is quicker."""
-        position, self._position = self._position, -1  # should a plugin fail here, everything is added up anew
-        done = self._doubts.look(pod, cluster, verdicts, rows)
-        self._position = position
-        if not done:
-            self._settle(pod, cluster, verdicts)
-
-    def _settle(self, pod: PodInfo, cluster: Cache, verdicts: NodeToStatus) -> None:
-        """Add up every row in doubt."""
-        if self._doubts.rows:
-            position = self._position
-            self._add_up(pod, Snapshot(cluster), verdicts)
-            self._position = position  # whatever happened since, the filters may not have seen
+    def scores_of(self, rows: Sequence[int]) -> tuple[tuple[int, ...], ...]:
+        """The same of several rows: by plugin, then by row."""
+        index = np.array(rows, dtype=np.intp)
+        parts = self._parts
+        return tuple([tuple(self.score_of(column, index)) for column in (*parts.checked, *parts.relative)])
 
     # --- Adding up -----------------------------------------------------------------------------------------------
 
     def refresh(self, pod: PodInfo, full: Snapshot, verdicts: NodeToStatus) -> None:
-        """Bring the totals up to date. Raises PluginError when a plugin's score cannot be used."""
+        """Bring the totals to the head of the change log. Raises PluginError when a plugin's score cannot be used."""
         since, head = self._position, full.cluster.log.position
-        same = verdicts.revision == self._revision
-        if head == since and same:
+        if head == since and verdicts.revision == self._revision:
             return
-        if self._doubts.allowed and verdicts.combines == self._combines:
-            self._position = -1  # should a plugin fail here, everything is added up anew
-            filtered = 0 if same else self._interest
-            done = self._doubts.put_off(pod, full, verdicts, since=since, filtered=filtered)
-            self._position = since
-            if done:
-                self._position, self._revision = head, verdicts.revision
-                return
-        self._add_up(pod, full, verdicts)
-
-    def compute(self, pod: PodInfo, nodes: Snapshot, verdicts: NodeToStatus) -> None:
-        """Make the totals of exactly these rows, nothing kept."""
-        for column in self._sums.columns:
-            column.compute(pod, nodes)
-        self._sums.add_all(nodes.n)
-        self._sums.reject_bad(verdicts)
-        self._share(pod, nodes, verdicts)
-        self._combine_all(verdicts)
-
-    def _add_up(self, pod: PodInfo, full: Snapshot, verdicts: NodeToStatus) -> None:
-        """Add up every row that changed or is in doubt."""
-        since, self._position = self._position, -1  # should a plugin fail here, everything is added up anew
-        same, news = self._sums.bring_up(pod, full, since)
-        self._doubts.heard(news)
-        rows: Snapshot | None = None
-        if same and news is not None:
-            rows = view_of(news, self._interest, full.cluster)
-            if news.kinds & _NODE:
-                self._ranking.renamed()
+        self._position = -1  # should a plugin fail here, everything is added up anew
+        rows = self._bring_up(pod, full, since)
         if rows is None:
-            self._sums.add_all(full.n)
-        elif self._doubts.rows:
-            rows = Snapshot(full.cluster, [*self._doubts.rows.union(rows.row_list)])
-        if (rows is None or rows.n or verdicts.revision != self._revision) and self._sums.reject_bad(verdicts):
-            self._ranking.sights.clear()
-        shared = self._share(pod, full, verdicts)
-        same_verdicts = verdicts.combines == self._combines and len(self._ranking.total) == full.n
-        if rows is None or shared or not same_verdicts or (self._shares and rows.n):
+            self._add_all(full.n)
+        if rows is None or rows.n or verdicts.revision != self._revision:
+            self._reject_bad(verdicts)
+        normalized = self._normalize(pod, full, verdicts)
+        same_verdicts = verdicts.combines == self._combines and len(self.total) == full.n
+        if rows is None or normalized or not same_verdicts or (self._normalized and rows.n):
             if rows is not None and rows.n:
-                self._sums.add_rows(rows)
+                self._add_rows(rows)
             self._combine_all(verdicts)
-        else:
-            if rows.n:
-                self._mend_rows(rows, verdicts)
-            self._doubts.learn(pod, full)
-        self._doubts.settled()
-        self._position = full.cluster.log.position
+        elif rows.n:
+            self._combine_rows(rows, verdicts)
+        self._position = head
         self._revision, self._combines = verdicts.revision, verdicts.combines
 
-    def _share(self, pod: PodInfo, nodes: Snapshot, verdicts: NodeToStatus) -> bool:
-        """Work out the shares that are not true any more; was there any?"""
-        relative, shares = self._sums.parts.relative, self._shares
-        if not relative and not shares:
+    def compute(self, pod: PodInfo, nodes: Snapshot, verdicts: NodeToStatus) -> None:
+        """Make the totals of exactly these rows, nothing kept. Raises PluginError as `refresh`."""
+        for column in self._columns:
+            column.compute(pod, nodes)
+        self._add_all(nodes.n)
+        self._reject_bad(verdicts)
+        self._normalize(pod, nodes, verdicts)
+        self._combine_all(verdicts)
+
+    def _bring_up(self, pod: PodInfo, full: Snapshot, since: int) -> Snapshot | None:
+        """Bring the columns to the head of the log. The rows that must be added up again, None = all."""
+        epochs, news = bring_up(self._live, pod, full, since)
+        if since < 0:
+            # A plugin has no opinion because of the pod alone, so it need not be asked again for this class.
+            self._live = [column for column in self._columns if not column.skipped]
+            epochs = sum(column.epoch for column in self._live)
+        same = epochs == self._epochs and len(self._local) == full.n
+        self._epochs = epochs
+        return self._stale(full, news) if same and news is not None else None
+
+    def _stale(self, full: Snapshot, news: ChangeLogDelta) -> Snapshot | None:
+        if news.kinds & _NODE:
+            self._top = None  # rows may stand for other nodes now
+        return view_of(news, self._interest, full.cluster)
+
+    def _add_all(self, rows: int) -> None:
+        self._parts = ScoreParts.of(self._live)
+        sums = self._sums(EVERY)
+        self._local = np.full(rows, self._parts.flat, dtype=np.int64) if sums is None else sums
+
+    def _add_rows(self, stale: Snapshot) -> None:
+        if stale.n > FEW_ROWS:
+            sums = self._sums(stale.rows)
+            self._local[stale.rows] = self._parts.flat if sums is None else sums
+            return
+        weighted, flat = self._parts.weighted, self._parts.flat
+        for row in stale.row_list:
+            total = flat
+            for weight, column in weighted:
+                total += weight * column.raw.item(row)
+            self._local[row] = total
+
+    def _sums(self, rows: npt.NDArray[np.intp] | slice) -> IntArray | None:
+        """A new array of what these rows score, None when every row scores `flat`."""
+        sums: IntArray | None = None
+        for weight, column in self._parts.weighted:
+            raw = column.raw[rows]
+            part = raw if weight == 1 else weight * raw
+            sums = part + self._parts.flats if sums is None else sums + part
+        return sums
+
+    def _reject_bad(self, verdicts: NodeToStatus) -> None:
+        for column in self._parts.checked:
+            if column.bad and not column.skipped:
+                try:
+                    column.check(verdicts.reason == 0)
+                except PluginError as error:
+                    self._forgive(column, error)
+
+    def _forgive(self, column: ScoreColumn, error: PluginError) -> None:
+        """Raises the error unless the plugin is a shadow, which has no opinion from then on."""
+        if not column.plugin.shadow:
+            raise error
+        column.fail()
+        self._parts = ScoreParts.of(self._live)
+
+    # --- Normalising ---------------------------------------------------------------------------------------------
+
+    def _normalize(self, pod: PodInfo, nodes: Snapshot, verdicts: NodeToStatus) -> bool:
+        """Normalise again what is out of date; was there any?"""
+        relative, known = self._parts.relative, self._normalized
+        if not relative and not known:
             return False
-        found = len(relative) != len(shares)
+        found = len(relative) != len(known)
         if found:
-            shares.clear()
+            known.clear()
         for column in relative:
-            try:
-                found = shares.refresh(column, pod, nodes, verdicts) or found
-            except PluginError as error:
-                self._sums.forgive(column, error)
-                self._ranking.sights.clear()
+            stamp = (column.changes, verdicts.revision, nodes.n)
+            before = known.get(column.plugin.name)
+            if before is None or before.stamp != stamp:
                 found = True
+                try:
+                    values = self._normalized_of(column, pod, nodes, verdicts)
+                    known[column.plugin.name] = NormalizedScore(stamp, values)
+                except PluginError as error:
+                    self._forgive(column, error)
         return found
 
-    def _mend_rows(self, stale: Snapshot, verdicts: NodeToStatus) -> None:
-        """Add these rows up again, and nothing is shared: no other row has another total."""
-        self._sums.add_rows(stale)
-        local, reason = self._sums.local, verdicts.reason
-        if stale.n > FEW_ROWS:
-            totals = local[stale.rows]
-            if verdicts.feasible < len(reason):
-                totals[reason[stale.rows] != 0] = INFEASIBLE
-            self._ranking.put_many(stale.row_list, stale.rows, totals)
-        else:
-            rows = stale.row_list
-            self._ranking.put(rows, [INFEASIBLE if reason.item(row) else local.item(row) for row in rows])
-        self._doubts.learn_rows(stale)
+    def _normalized_of(
+        self, column: ScoreColumn, pod: PodInfo, nodes: Snapshot, verdicts: NodeToStatus
+    ) -> IntArray | int:
+        feasible = self._feasible_rows(verdicts)
+        values = column.normalized(pod, nodes, feasible)
+        if isinstance(values, int) or len(values) == nodes.n:
+            return values
+        spread: IntArray = np.zeros(nodes.n, dtype=np.int64)
+        spread[feasible] = values
+        return spread
+
+    def _feasible_rows(self, verdicts: NodeToStatus) -> Feasible:
+        if verdicts.feasible == len(verdicts.reason):
+            return EVERY
+        if self._feasible[0] != verdicts.revision:
+            self._feasible = (verdicts.revision, np.flatnonzero(verdicts.reason == 0))
+        return self._feasible[1]
+
+    # --- Totals --------------------------------------------------------------------------------------------------
 
     def _combine_all(self, verdicts: NodeToStatus) -> None:
-        total = self._sums.local
-        for column in self._sums.parts.relative:
+        total = self._local
+        for column in self._parts.relative:
             if not column.plugin.shadow:
-                total = total + column.plugin.weight * self._shares.of(column)
+                total = total + column.plugin.weight * self._normalized[column.plugin.name].values
         if verdicts.feasible < len(total):
             total = np.where(verdicts.reason == 0, total, np.int64(INFEASIBLE))
-        self._ranking.replace(total.copy() if total is self._sums.local else total)
-        self._doubts.forget()
+        self.total = total.copy() if total is self._local else total
+        self._top = None
+
+    def _combine_rows(self, stale: Snapshot, verdicts: NodeToStatus) -> None:
+        """Add these rows up again; as nothing is normalised, no other row has another total."""
+        self._add_rows(stale)
+        rows, reason, total = stale.row_list, verdicts.reason, self.total
+        if stale.n > FEW_ROWS:
+            totals = self._local[stale.rows]
+            if verdicts.feasible < len(reason):
+                totals[reason[stale.rows] != 0] = INFEASIBLE
+            before, after = total[stale.rows].tolist(), totals.tolist()
+            total[stale.rows] = totals
+        else:
+            before = [*map(total.item, rows)]
+            after = [INFEASIBLE if reason.item(row) else self._local.item(row) for row in rows]
+            for row, value in zip(rows, after, strict=True):
+                total[row] = value
+        if self._top is not None and (len(rows) > MANY_ROWS or not self._top.all_changed(rows, before, after)):
+            self._top = None

@@ -58,10 +58,6 @@ class LoadBalanceScore:
         # Rounded first: 100·(1 - 0.29) is 70.99999… in floats and must not be cut to 70.
         return np.clip(np.round(100.0 * (1.0 - used), 6), 0.0, 100.0)
 
-    def ceiling(self, _pod: PodInfo, _nodes: Snapshot) -> int | None:
-        """More pods ask for more: where that is what counts, no score rises."""
-        return None if self._measured else 0
-
     def _score_row(self, pod: PodInfo, row: Row) -> int:
         """The score of one node, from requests."""
         ros = pod.ros

@@ -93,23 +93,6 @@ class NodeResourcesBalancedAllocation:
         balance = _balance_row(there, wish.amounts)
         return 50 + (50 + balance - _balance_row(there, wish.nothing)) // 2 if self._change else balance
 
-    def ceiling(self, pod: PodInfo, nodes: Snapshot) -> IntArray | int | None:
-        """The most that one pod can even out: its share of what a node offers, wherever the others have brought it.
-
-        Every used fraction moves by 0 to a share `a` of the pod, so their standard deviation, and half the difference of
-        two, moves by a/2 at most; the balance by 50·a, and by 1 more where both are cut to integers.
-        """
-        wish = self._wish(pod)
-        if wish is None or not self._change:
-            return 0 if wish is None else None
-        offered = nodes.block("allocatable", wish.names)
-        share: FloatArray = (wish.steps[1] / np.maximum(offered, 1)).max(axis=0)
-        # Of a resource that a node does not offer nothing counts; this is more than enough then.
-        ceiling: IntArray = np.floor(np.minimum(share, _ALL) * _HALF_TOP + _ROUNDING).astype(np.int64)
-        ceiling += _RISE + 1  # (50 + after - before) // 2 + 50
-        ceiling >>= _HALVED
-        return ceiling
-
     def _wish(self, pod: PodInfo) -> "_PreScoreState | None":
         """None when the pod asks for none of the resources."""
         notes = pod.shape.notes

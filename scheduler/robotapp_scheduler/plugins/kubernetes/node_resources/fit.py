@@ -122,10 +122,6 @@ class NodeResourcesFit:
         wish = self._wish(pod).scored
         return self._strategy.row(row.of(wish.names), wish.amounts)
 
-    def ceiling(self, _pod: PodInfo, _nodes: Snapshot) -> int | None:
-        """More pods leave less free: no score ever rises where that is what counts."""
-        return 0 if self._strategy.falls else None
-
     def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """0…100 by the configured strategy, over the resources of the configuration."""
         wish = self._wish(pod).scored

@@ -48,8 +48,6 @@ class Strategy(NamedTuple):
     row: Callable[[Sequence[NodeAmounts], Wanted], int]
     floats: bool = True
     """`columns` takes amounts in float64, too."""
-    falls: bool = False
-    """The more a node holds, the lower it scores."""
 
 
 _SCALE: Final = 10
@@ -133,7 +131,7 @@ def _most_row(there: Sequence[NodeAmounts], wanted: Wanted) -> int:
 
 
 STRATEGIES: Final[dict[str, Strategy]] = {
-    "LeastAllocated": Strategy(least_allocated, _least_row, falls=True),
+    "LeastAllocated": Strategy(least_allocated, _least_row),
     "MostAllocated": Strategy(most_allocated, _most_row),
 }
 

@@ -43,7 +43,7 @@ def scores(core: SchedulerCore, plugin: str, pod: Any) -> list[int]:
     evaluation = engine.evaluate(pod, None)
     engine.score(pod, evaluation)
     column = next(column for column in evaluation.scores if column.plugin.name == plugin)
-    return evaluation.score_of(pod, core.cluster, column, np.flatnonzero(evaluation.reason == 0))
+    return evaluation.score_of(column, np.flatnonzero(evaluation.reason == 0))
 
 
 def spread(when: str = "DoNotSchedule", **fields: Any) -> Json:
@@ -192,7 +192,7 @@ def test_preferences_of_running_pods_can_be_ignored() -> None:
         column = next(each for each in evaluation.scores if each.plugin.name == "InterPodAffinity")
         assert column.skipped is ignored
         if not ignored:
-            assert evaluation.score_of(pod, core.cluster, column, np.arange(3)) == expected
+            assert evaluation.score_of(column, np.arange(3)) == expected
 
 
 def test_a_selector_nobody_can_read_fails_that_pod_alone() -> None:

@@ -187,5 +187,5 @@ def test_pods_without_volumes_share_their_class_while_claims_come_and_go() -> No
     for index in range(5):
         core.cluster.volumes.apply_claim(make_claim(f"c{index}"))
         decide(core, make_info(f"p{index}"))
-    assert len(engine._classes) == 1
+    assert len(engine._results) == 1
     assert core.cluster.log.position == world().cluster.log.position

@@ -1,16 +1,12 @@
-"""Rows that only took pods are not added up again until they matter: every decision and its explanation is that of a fresh look."""
+"""Classes of pods that take turns: every decision and its explanation is that of an engine that remembers nothing."""
 
-from contextlib import ExitStack
-from itertools import pairwise
 from typing import Any
-from unittest.mock import patch
 
-import msgspec
 import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
-from tests.support.scheduling import Clock, make_cluster, make_info, make_node, make_pod, pod_json, to_pod
+from tests.support.scheduling import Clock, make_cluster, make_info, make_node, make_pod
 
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Pod
@@ -20,14 +16,8 @@ from robotapp_scheduler.core.explain.record import Record, as_json
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime import score_bounds
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
-from robotapp_scheduler.plugins.kubernetes.node_resources.balanced_allocation import (
-    BalancedArgs,
-    NodeResourcesBalancedAllocation,
-)
-from robotapp_scheduler.plugins.kubernetes.node_resources.fit import FitArgs, NodeResourcesFit
 from robotapp_scheduler.plugins.registry import catalogue
 
 Json = dict[str, Any]
@@ -74,7 +64,7 @@ ARGS: tuple[Json, ...] = (
 
 
 class Picky:
-    """Falls with pods on nodes of 4 CPU only: smaller ones always score the same, larger ones rise up to a ceiling."""
+    """Falls with pods on nodes of 4 CPU only: smaller ones always score the same, larger ones rise up to a point."""
 
     name = "Picky"
     reads = ()
@@ -91,10 +81,6 @@ class Picky:
             return 50
         return max(90 - 11 * row.pod_count, 0) if cpu < 5000 else min(30 + 9 * row.pod_count, 60)
 
-    def ceiling(self, _pod: Any, nodes: Snapshot) -> Any:
-        cpu = nodes.allocatable("cpu")
-        return np.select([cpu < 4000, cpu < 5000], [50, 0], 60)
-
 
 NODES = st.lists(st.sampled_from(SIZES), min_size=1, max_size=3).flatmap(
     lambda sizes: st.lists(st.tuples(st.sampled_from(sizes), st.sampled_from(("z1", "z2"))), min_size=4, max_size=24)
@@ -104,21 +90,12 @@ STEPS = st.one_of(
     st.tuples(st.just("burst"), st.integers(1, 25)),
     *[
         st.tuples(st.just(name), NUMBER)
-        for name in ("end", "change", "node", "taint", "gone", "read", "late", "crowd", "promise")
+        for name in ("end", "change", "node", "taint", "gone", "read", "crowd", "promise")
     ],
 )
 HISTORY = st.lists(STEPS, max_size=10)
 PROFILES = st.tuples(st.sampled_from((ARGS[0], ARGS[0], *ARGS)), st.booleans())
 CHOSEN = st.lists(st.integers(0, len(KINDS) - 1), min_size=1, max_size=4)
-Limits = dict[tuple[Any, str], int]
-LIMITS = st.fixed_dictionaries(
-    {
-        (score_bounds, "MOST_DOUBTS"): st.sampled_from((3, 8, 1024)),
-        (score_bounds, "MOST_RISING"): st.sampled_from((0, 1024)),
-        (score_bounds, "SOON"): st.sampled_from((0, 6)),
-        (score_bounds, "REST"): st.sampled_from((0, 2)),
-    }
-)
 
 
 class World:
@@ -133,7 +110,6 @@ class World:
         self.core = SchedulerCore(make_cluster(*nodes, clock=clock), profiles, clock=clock)
         self.fresh = ProfileRunner(self.core.engine(SCHEDULER_NAME).profile, self.core.cluster, caching=False)
         self.placed: list[Pod] = []
-        self.kept: tuple[PodInfo, Evaluation] | None = None
         self.made = 0
 
     def made_node(self, index: int, **fields: Any) -> Any:
@@ -195,37 +171,24 @@ class World:
         if left.feasible > 1:
             cached.score(pod, left)
             self.fresh.score(pod, right)
-            self.kept = (pod, left)
-            what = (self.compare_totals, self.compare_sights, self.compare_scores)
+            what = (self.compare_totals, self.compare_nodes, self.compare_scores)
             for compare in (*what[number % 3 :], *what[: number % 3]):
-                compare(pod, left, right)
+                compare(left, right)
 
-    def compare_totals(self, pod: PodInfo, left: Evaluation, right: Evaluation) -> None:
-        assert left.totals(pod, self.core.cluster).tolist() == right.totals(pod, self.core.cluster).tolist()
+    def compare_totals(self, left: Evaluation, right: Evaluation) -> None:
+        assert left.totals.tolist() == right.totals.tolist()
 
-    def compare_sights(self, pod: PodInfo, left: Evaluation, right: Evaluation) -> None:
+    def compare_nodes(self, left: Evaluation, right: Evaluation) -> None:
         cluster = self.core.cluster
         for position in np.flatnonzero(left.reason == 0).tolist():
-            one, other = left.sight(pod, cluster, position), right.sight(pod, cluster, position)
+            one, other = left.scores_at(cluster, position), right.scores_at(cluster, position)
             assert (one.node, one.total) == (other.node, other.total)
 
-    def compare_scores(self, pod: PodInfo, left: Evaluation, right: Evaluation) -> None:
-        cluster, positions = self.core.cluster, np.flatnonzero(left.reason == 0)
+    def compare_scores(self, left: Evaluation, right: Evaluation) -> None:
+        positions = np.flatnonzero(left.reason == 0)
         for one, other in zip(left.scores, right.scores, strict=True):
             if not one.skipped:
-                assert left.score_of(pod, cluster, one, positions) == right.score_of(pod, cluster, other, positions)
-
-    def late(self, number: int) -> None:
-        """Somebody looks at totals made some time ago, before the filters saw a pod of the same kind elsewhere."""
-        size = len(self.sizes)
-        names = [name for i in range(size) if (name := f"n{(i + number) % size}") in self.core.cluster.nodes.row_of]
-        for name in names[: number % size]:
-            pod = self.info().pod
-            self.core.cluster.apply_pod(replace(pod, spec=replace(pod.spec, node_name=name)))
-        if self.kept is not None:
-            pod, evaluation = self.kept
-            assert len(evaluation.totals(pod, self.core.cluster)) == len(evaluation.reason)
-        self.place()
+                assert left.score_of(one, positions) == right.score_of(other, positions)
 
     def crowd(self, number: int) -> None:
         """Others place pods on several nodes, on some of them until nothing fits there any more."""
@@ -239,14 +202,6 @@ class World:
                 self.placed.append(other)
 
 
-def limited(limits: Limits) -> ExitStack:
-    """While it is open, these constants have these values."""
-    stack = ExitStack()
-    for (module, name), value in limits.items():
-        stack.enter_context(patch.object(module, name, value))
-    return stack
-
-
 def told(record: Record) -> Json:
     """A record without what differs between two attempts; reasons are numbered by the engine that met them first."""
     plain = as_json(record)
@@ -255,55 +210,16 @@ def told(record: Record) -> Json:
 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=SLOW)
-@given(sizes=NODES, profile=PROFILES, kinds=CHOSEN, history=HISTORY, limits=LIMITS)
+@given(sizes=NODES, profile=PROFILES, kinds=CHOSEN, history=HISTORY)
 def test_every_decision_and_its_explanation_is_that_of_an_engine_that_remembers_nothing(
     sizes: list[tuple[Json, str]],
     profile: tuple[Json, bool],
     kinds: list[int],
     history: list[tuple[str, int]],
-    limits: Limits,
 ) -> None:
-    with limited(limits):
-        args, picky = profile
-        world = World(sizes, args, kinds, picky=picky)
-        world.burst(20)
-        for name, number in history:
-            getattr(world, name)(number)
-        world.burst(5)
-
-
-AMOUNTS = st.integers(0, 60)
-OFFERS = st.fixed_dictionaries({"cpu": st.integers(1, 400), "memory": st.integers(0, 400), GPU: st.integers(0, 20)})
-WEIGHED = st.dictionaries(st.sampled_from(("cpu", "memory", GPU)), st.integers(1, 5), min_size=1)
-ARRIVALS = st.lists(st.tuples(AMOUNTS, AMOUNTS, st.integers(0, 3)), min_size=1, max_size=12)
-
-
-def asking(name: str, cpu: int, memory: int, gpu: int, **fields: Any) -> Pod:
-    raw = pod_json(name, cpu=f"{cpu}m", memory=str(memory), **fields)
-    raw["spec"]["containers"][0]["resources"]["requests"][GPU] = str(gpu)
-    return to_pod(raw)
-
-
-@settings(max_examples=300, deadline=None, suppress_health_check=SLOW)
-@given(OFFERS, ARRIVALS, WEIGHED)
-def test_no_score_rises_above_its_ceiling_when_pods_come(
-    offers: dict[str, int], arrivals: list[tuple[int, int, int]], weighed: dict[str, int]
-) -> None:
-    offered = {**{name: str(amount) for name, amount in offers.items()}, "cpu": f"{offers['cpu']}m"}
-    cluster = make_cluster(make_node("n", **offered), clock=Clock())
-    info = PodInfo(asking("p", *arrivals[0]))
-    strategy = {
-        "type": "LeastAllocated",
-        "resources": [{"name": name, "weight": weight} for name, weight in weighed.items()],
-    }
-    fit = NodeResourcesFit(msgspec.convert({"scoringStrategy": strategy}, FitArgs))
-    balance = NodeResourcesBalancedAllocation(
-        msgspec.convert({"resources": [{"name": n} for n in weighed]}, BalancedArgs)
-    )
-    for plugin in (fit, balance):
-        ceiling = int(np.broadcast_to(plugin.ceiling(info, Snapshot(cluster)), 1)[0])
-        scores = [plugin.score_row(info, Row(cluster.nodes, 0))]
-        for number, amounts in enumerate(arrivals):
-            cluster.apply_pod(asking(f"{plugin.name}-{number}", *amounts, node="n"))
-            scores.append(plugin.score_row(info, Row(cluster.nodes, 0)))
-        assert all(after <= max(before, ceiling) for before, after in pairwise(scores))
+    args, picky = profile
+    world = World(sizes, args, kinds, picky=picky)
+    world.burst(20)
+    for name, number in history:
+        getattr(world, name)(number)
+    world.burst(5)

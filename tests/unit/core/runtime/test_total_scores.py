@@ -1,4 +1,4 @@
-"""Nodes that only took pods are not scored again for every class, and who may say that this is so."""
+"""Only nodes that changed are scored again, and a failure in between leaves nothing behind."""
 
 from typing import Any, ClassVar
 
@@ -50,16 +50,6 @@ def decide(core: SchedulerCore, first: int, count: int) -> None:
         assert core.schedule_one(make_info(f"p{i}", cpu=f"{100 + i % CLASSES}m")).node is not None
 
 
-def test_classes_that_take_turns_do_not_score_every_node_the_others_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked, core = Asked(monkeypatch), core_with()
-    for i in range(NODES):  # else the first pod of a node makes it the best, and all pods go there
-        core.cluster.apply_pod(make_pod(f"there-{i}", node=f"n{i}", cpu="600m", memory="128Mi"))
-    decide(core, 0, 6 * CLASSES)  # a class is looked at as a whole, then made ready
-    asked.rows = 0
-    decide(core, 6 * CLASSES, 5 * CLASSES)
-    assert asked.rows < 5 * CLASSES * CLASSES / 4, "each decision finds as many used nodes as there are classes"
-
-
 def test_a_node_that_lost_a_pod_is_scored_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     core = core_with()
     core.cluster.apply_pod(large := make_pod("large", node="n7", cpu="8", memory="16Gi"))
@@ -85,19 +75,9 @@ class Heir(NodeResourcesFit):
         return min(int(row.pod_count), 100)
 
 
-class Careless(Heir):
-    """Its own ceiling is no number of nodes."""
-
-    name = "Careless"
-
-    def ceiling(self, pod: Any, nodes: Snapshot) -> Any:  # noqa: ARG002 - the contract's signature
-        return np.full(nodes.n, 0.5)
-
-
 def test_a_plugin_that_inherits_from_one_of_ours_is_asked_again_after_every_pod() -> None:
     core = core_with(Heir, nodes=12)
     spec = core.engine(SCHEDULER_NAME).profile
-    assert next(each for each in spec.scores if each.name == "Heir").ceiling is None
     fresh = SchedulerCore(core.cluster, {SCHEDULER_NAME: spec}, clock=Clock())
     for i in range(20):
         expected = fresh.schedule_one(make_info(f"p{i}"), assume=False)
@@ -120,14 +100,6 @@ def test_what_a_plugin_inherits_for_single_nodes_does_not_answer_in_place_of_its
         fresh = SchedulerCore(core.cluster, {SCHEDULER_NAME: core.engine(SCHEDULER_NAME).profile}, clock=Clock())
         expected = fresh.schedule_one(make_info(f"p{i}"), assume=False)
         assert core.schedule_one(make_info(f"p{i}")).total == expected.total
-
-
-def test_a_ceiling_that_is_no_integer_fails_the_pod_with_a_text() -> None:
-    core = core_with(Careless, nodes=12)
-    found = [core.schedule_one(make_info(f"p{i}")) for i in range(4)]
-    assert any(decision.reason == PodReason.SCHEDULER_ERROR for decision in found)
-    (text,) = {decision.message for decision in found if decision.node is None}
-    assert text.startswith("plugin Careless: ceiling must answer integers")
 
 
 class Calm:
@@ -170,9 +142,6 @@ class Fickle:
             raise RuntimeError("not now")
         ((_, requested, _),) = row.of(("cpu",))
         return int(max(100 - 7 * requested // 100, 0))
-
-    def ceiling(self, _pod: Any, _nodes: Snapshot) -> int:
-        return 0
 
 
 @pytest.mark.parametrize("answers", range(6))
