@@ -6,17 +6,14 @@ import numpy as np
 import numpy.typing as npt
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.property.core.test_doubted_rows_do_not_decide import (
+from tests.property.core.test_classes_that_take_turns_decide_as_without_memory import (
     ARGS,
     CHOSEN,
     KINDS,
-    LIMITS,
     NODES,
     NUMBER,
     SLOW,
-    Limits,
     World,
-    limited,
 )
 from tests.support.scheduling import Clock, make_cluster, make_info, telemetry
 
@@ -211,7 +208,7 @@ class Zoo(World):
 @settings(max_examples=25, deadline=None, suppress_health_check=SLOW)
 @given(
     sizes=NODES, args=st.sampled_from((ARGS[0], *ARGS)), kinds=CHOSEN, others=OTHERS,
-    without=st.sets(st.sampled_from(WITHOUT), max_size=2), history=HISTORY, limits=LIMITS,
+    without=st.sets(st.sampled_from(WITHOUT), max_size=2), history=HISTORY,
 )  # fmt: skip
 def test_with_plugins_of_others_every_decision_is_that_of_an_engine_that_remembers_nothing(
     *,
@@ -221,14 +218,12 @@ def test_with_plugins_of_others_every_decision_is_that_of_an_engine_that_remembe
     others: list[tuple[Any, int]],
     without: set[str],
     history: list[tuple[str, int]],
-    limits: Limits,
 ) -> None:
-    with limited(limits):
-        world = Zoo(sizes, args, kinds, others, without)
-        world.burst(20)
-        for name, number in history:
-            getattr(world, name)(number)
-        world.burst(5)
+    world = Zoo(sizes, args, kinds, others, without)
+    world.burst(20)
+    for name, number in history:
+        getattr(world, name)(number)
+    world.burst(5)
 
 
 def test_a_plugin_that_says_the_same_of_all_nodes_until_the_runners_up_are_looked_at_can_be_explained() -> None:
