@@ -141,7 +141,7 @@ async def _bare(place: Live, pods: list[Json], arguments: argparse.Namespace) ->
     async def one(body: Json) -> None:
         async with turn:
             pod = _info(body, {str(Annotation.DDS_DOMAIN): "auto"})
-            found = await reserver.things(pod, place.node, ())
+            found = await reserver.reserve(pod, place.node, ())
             assert found.readiness is Readiness.READY, found
             await place.bind(place.scheduler, body, annotations=dict(found.annotations))
 

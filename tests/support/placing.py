@@ -17,20 +17,36 @@ from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.handle import READY, BindOutcome, BindResult, Handle, Reserved
-from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef, ProfileSpec, build_profiles
+from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
+from robotapp_scheduler.plugins.kubernetes.dynamic_resources import DynamicResources
+from robotapp_scheduler.plugins.kubernetes.volumes.volume_binding import VolumeBinding
 from robotapp_scheduler.plugins.ros.bind import ROSBind
+from robotapp_scheduler.plugins.ros.reserve import ROSReserve
 from robotapp_scheduler.shell.binding.binding_cycle import BindingCycle
+from robotapp_scheduler.shell.binding.claim_waits import ClaimWaits
+from robotapp_scheduler.shell.binding.domain_checks import DomainChecks
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.planner.planner import Planner
 from robotapp_scheduler.shell.process.loop import SchedulerLoop
 from robotapp_scheduler.shell.status.pod_group_status import GroupReporter
 
 OURS = "ours"
-OF_THE_PROFILE: Final[Mapping[str, type]] = {"ROSBind": ROSBind}
+BINDING: Final[Mapping[str, type]] = {"ROSBind": ROSBind}
+CLAIMING: Final[Mapping[str, type]] = {
+    "ROSReserve": ROSReserve,
+    "VolumeBinding": VolumeBinding,
+    "DynamicResources": DynamicResources,
+}
+POINTS: Final[Mapping[str, Sequence[str]]] = {
+    "reserve": ("ROSReserve",),
+    "preBind": ("VolumeBinding", "DynamicResources"),
+    "postBind": ("ROSReserve",),
+}
+"""Where these take part: nothing is filtered or scored by them."""
 
 
 class Fifo:
@@ -52,6 +68,10 @@ class Scripted:
         """What is known without a look."""
         self.started = asyncio.Event()
         self.asked: list[tuple[str, str, Mapping[str, str], str]] = []
+        self.checked: list[list[tuple[str, str]]] = []
+        """Pods whose domains were checked with one read, each with its node."""
+        self.claimed: list[tuple[str, str]] = []
+        """Pods that were to have their devices and domain claimed, each with its node."""
         self.sharing: list[str] = []
         """How the claims of shared devices ended: `given back` or `bound`."""
 
@@ -80,7 +100,8 @@ class Scripted:
             raise answer
         return answer() if isinstance(answer, Callable) else answer  # type: ignore[arg-type]
 
-    async def things(self, _pod: PodInfo, _node: str, _wanted: Sequence[DeviceGrant]) -> Reserved:
+    async def reserve(self, pod: PodInfo, node: str, _wanted: Sequence[DeviceGrant]) -> Reserved:
+        self.claimed.append((pod.name, node))
         return given(self.reservations.popleft()) if self.reservations else READY
 
     def known_full(self, _pod: PodInfo) -> Reserved | None:
@@ -93,6 +114,7 @@ class Scripted:
         self.sharing.append("given back")
 
     async def check_domains(self, placed: Sequence[tuple[PodInfo, str]]) -> dict[str, Reserved]:
+        self.checked.append([(pod.name, node) for pod, node in placed])
         return {pod.uid: given(self.domains) for pod, _ in placed}
 
 
@@ -102,8 +124,10 @@ def given(answer: Reserved | Exception) -> Reserved:
     return answer
 
 
-def handle_of(io: Scripted) -> Handle:
-    return Handle(pods=io)
+def handle_of(io: Scripted, *, volumes: ScriptedVolumes | None = None, metrics: Metrics | None = None) -> Handle:
+    volumes = volumes or ScriptedVolumes()
+    checks = DomainChecks(io.check_domains, metrics or Metrics(CollectorRegistry()), clock=lambda: 0.0)
+    return Handle(pods=io, domains=checks, claims=io, volumes=volumes, resource_claims=volumes)
 
 
 class Said:
@@ -136,10 +160,14 @@ class Said:
 class Rig:
     """The loop and placer around the real core, with scripted writes."""
 
-    def __init__(self, nodes: int = 2, *, plugins: Mapping[str, type] = OF_THE_PROFILE) -> None:
+    def __init__(
+        self, nodes: int = 2, *, plugins: Mapping[str, type] = BINDING, points: Mapping[str, Sequence[str]] = POINTS
+    ) -> None:
         self.now_s = 0.0
-        catalogue = Catalogue(classes={"Fifo": Fifo, **plugins}, defaults=(PluginRef("Fifo"), *map(PluginRef, plugins)))
-        profiles = build_profiles([ProfileSpec(scheduler_name=OURS)], catalogue)
+        defaults = (PluginRef("Fifo"), *map(PluginRef, plugins))
+        catalogue = Catalogue(classes={"Fifo": Fifo, **plugins, **CLAIMING}, defaults=defaults)
+        points = {point: PluginSet(enabled=tuple(map(PluginRef, names))) for point, names in points.items()}
+        profiles = build_profiles([ProfileSpec(scheduler_name=OURS, plugins=points)], catalogue)
         self.core = SchedulerCore(Cache(clock=self.clock), profiles, clock=self.clock)
         for index in range(nodes):
             status = NodeStatus(allocatable={"cpu": "4", "pods": "10"})
@@ -152,12 +180,10 @@ class Rig:
         self.evicted: list[tuple[Plan, PodInfo]] = []
         placer = BindingCycle(
             self.core,
-            handle=handle_of(self.io),
-            reserver=self.io,  # type: ignore[arg-type]
+            handle=handle_of(self.io, volumes=self.volumes, metrics=self.metrics),
+            claim_waits=ClaimWaits(self.core, self.io, self.said, waiting=self.waiting),  # type: ignore[arg-type]
             reporter=self.said,  # type: ignore[arg-type]
             metrics=self.metrics,
-            volumes=self.volumes,  # type: ignore[arg-type]
-            claims=self.volumes,  # type: ignore[arg-type]
             waiting=self.waiting,
             clock=self.clock,
             evict=lambda plan, pod: self.evicted.append((plan, pod)),

@@ -50,7 +50,7 @@ class World:
             if body["spec"].get("nodeName"):
                 return
             reserver = ClaimReserver(client)  # type: ignore[arg-type]  # the verbs that claims use
-            found = await reserver.things(PodInfo(msgspec.convert(body, Pod)), NODE, (grant,))
+            found = await reserver.reserve(PodInfo(msgspec.convert(body, Pod)), NODE, (grant,))
             if found.readiness is not Readiness.READY:
                 return
             meta = body["metadata"] | {

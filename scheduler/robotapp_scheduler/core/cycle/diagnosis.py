@@ -42,6 +42,8 @@ BIND_CHECK = "DomainBindCheck"
 """Stands for a plugin name: the claim of the domain that an app's pod names does not stand (yet)."""
 FULL_POOL = "DomainPool"
 """Stands for a plugin name: a bare pod waits until somebody gives a domain back, or its pool has more."""
+UNFIT_PROFILE = "UnfitProfile"
+"""Stands for a plugin name: only another configuration helps, after which every waiting pod is tried again."""
 QUIRK = " not found"
 """Upstream's tail after a pre_filter before DynamicResources rejected the pod for good: DynamicResources' own post_filter
 misses what its pre_filter would have noted, and ends the chain before preemption."""
@@ -67,6 +69,13 @@ def unreadable(pod: PodInfo, wrong: InvalidAnnotation, nodes: int) -> ScheduleRe
         reason=PodReason.INVALID_ANNOTATION,
         rejected_by=frozenset({ANNOTATIONS}),
         nodes=nodes,
+    )
+
+
+def unfit(pod: PodInfo, text: str, nodes: int) -> ScheduleResult:
+    """The profile has no plugin that checks the domains of RobotApps."""
+    return ScheduleResult(
+        pod=pod, code=Code.UNRESOLVABLE, message=text, rejected_by=frozenset({UNFIT_PROFILE}), nodes=nodes
     )
 
 
@@ -210,6 +219,7 @@ WAKERS: Final = {
     for waker in (
         QueueingHint(ANNOTATIONS, Change.NONE),
         QueueingHint(EXCESS, Change.NONE),
+        QueueingHint(UNFIT_PROFILE, Change.NONE),
         QueueingHint(GROUP_PLUGIN, GROUP_EVENTS),
         QueueingHint(PREDECESSOR_PLUGIN, GROUP_EVENTS),
         QueueingHint(POD_GROUP_PLUGIN, POD_GROUP_EVENTS),

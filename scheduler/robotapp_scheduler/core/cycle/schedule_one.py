@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
 from robotapp_scheduler.core.cache.cache import Cache
-from robotapp_scheduler.core.cycle.diagnosis import WAKERS, Diagnosis, closed, excessive, held, unreadable
+from robotapp_scheduler.core.cycle.diagnosis import WAKERS, Diagnosis, closed, excessive, held, unfit, unreadable
 from robotapp_scheduler.core.cycle.explain_recorder import Recorder
 from robotapp_scheduler.core.cycle.group_cycle import (
     NO_WISH,
@@ -261,6 +261,8 @@ class SchedulerCore:
         engine = self._engines[pod.scheduler_name]
         pod.ros = None
         pod.volume_key = self.cluster.volumes.key_of(pod)
+        if pod.member is not None and engine.profile.unfit_for_apps:
+            return unfit(pod, engine.profile.unfit_for_apps, self.cluster.nodes.count)
         if pod.plain or not engine.profile.uses_ros:
             return None
         request = pod.ros_request if pod.member is None else None
@@ -354,7 +356,7 @@ class SchedulerCore:
             pod=pod,
             code=Code.SUCCESS,
             node=node,
-            grants=self._grants(pod, node),
+            grants=self._grants(pod, node) if engine.profile.reserves_devices else (),
             volumes=engine.volume_plan(pod, node) if pod.volume_key is not None else None,
             nodes=self.cluster.nodes.count,
             feasible=evaluation.feasible,

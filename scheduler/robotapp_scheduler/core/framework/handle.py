@@ -4,7 +4,7 @@
 network may do: what happened is in the answer.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final, Protocol
@@ -13,6 +13,9 @@ import msgspec
 
 from robotapp_api.claims.objects import Claim
 from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.robotics.device_index import DeviceGrant
+from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 
 class Readiness(StrEnum):
@@ -29,7 +32,8 @@ class Readiness(StrEnum):
 class Reserved:
     """`annotations` and `resource_version` go into the Binding; `reason` and `message` to the user otherwise.
 
-    sharing: claims of shared devices, held for the moment of the binding (`Claims.bound`).
+    sharing: claims of shared devices, held for the moment of the binding (`Claims.bound`). waits_for: the plugins, or what
+    stands for one (core.cycle.diagnosis), whose events may help a pod that has to wait.
     """
 
     readiness: Readiness
@@ -38,6 +42,7 @@ class Reserved:
     reason: str = ""
     message: str = ""
     sharing: tuple[Claim, ...] = ()
+    waits_for: frozenset[str] = frozenset()
 
 
 READY: Final = Reserved(Readiness.READY)
@@ -87,8 +92,49 @@ class Pods(Protocol):
         """
 
 
+class Domains(Protocol):
+    """Checks domains of RobotApps."""
+
+    async def check(self, pod: PodInfo, node: str) -> Reserved:
+        """Read with a quorum whether the claim of the domain that an app's pod names stands, and note the node in it.
+
+        Calls of one turn of the event loop share their reads: the pods of one app are checked together.
+        """
+
+
+class Claims(Protocol):
+    """Claims what a pod is granted: devices and, for a bare pod, its domain."""
+
+    async def reserve(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant]) -> Reserved:
+        """Claim these devices, all or none, and a bare pod's domain; what another attempt claimed is found again."""
+
+    async def bound(self, reserved: Reserved) -> None:
+        """The pod is bound: the claims of devices that it shares are deleted."""
+
+    async def not_bound(self, pod: PodInfo, reserved: Reserved) -> None:
+        """No Binding was sent: others may use the devices that the pod shares."""
+
+
+class Volumes(Protocol):
+    """Binds the claims of a pod to volumes."""
+
+    async def bind(self, pod: PodInfo, plan: VolumePlan) -> str:
+        """Write the plan and wait until every claim is bound. The reason why it cannot be, "" when it is."""
+
+
+class ResourceClaims(Protocol):
+    """Makes pods users of their resource claims."""
+
+    async def enter(self, pod: PodInfo) -> str:
+        """Add the pod to `reservedFor` of all its claims. The reason why it cannot be, "" when it is."""
+
+
 @dataclass(frozen=True, slots=True)
 class Handle:
     """What a plugin may write to. One per process."""
 
     pods: Pods
+    domains: Domains
+    claims: Claims
+    volumes: Volumes
+    resource_claims: ResourceClaims

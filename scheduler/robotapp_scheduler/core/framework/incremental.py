@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Event
+from robotapp_scheduler.core.framework.interface import BindContext, Code
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
@@ -99,3 +100,14 @@ Without it in any filter: preemption runs every filter for every candidate.
 
 Plan = Callable[[PodInfo, Snapshot], VolumePlan | None]
 """`plan(pod, nodes)`: what must be written about volumes before the bind; `nodes` is the one chosen. Without it: nothing is written."""
+
+# --- Around the bind, of built-in plugins only ------------------------------------------------------------------------
+
+PreFlight = Callable[[PodInfo, BindContext], Code]
+"""`pre_flight(pod, ctx)`: Skip = `reserve`, `permit` and `pre_bind` have nothing to do for this pod and are not called; Wait = `pre_bind`
+may take minutes; else Success. Without it: each of these hooks is called for every pod.
+"""
+Send = Callable[[PodInfo, str, BindContext, Callable[[Exception | None], None]], None]
+"""`send(pod, node, ctx, done)`, with `bind`: the Binding of a pod for which no plugin has work; nothing is awaited, `done` gets the
+result. Without it: `bind` for every pod.
+"""

@@ -74,6 +74,8 @@ from robotapp_scheduler.core.cache.snapshot import LabelColumn, Snapshot
 from robotapp_scheduler.core.framework.handle import READY, Handle
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.robotics.device_index import DeviceGrant
+from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 MAX_SCORE: Final = 100
 
@@ -208,17 +210,24 @@ class BindContext:
     """One attempt to bind a pod. `annotations` go into the Binding, so the pod has them the moment it is bound.
 
     `kept` is for the plugin's own use, from `reserve` to `post_bind`; `handle` writes to the API server.
+    `grants` are the devices and `volumes` the plan that were chosen with the node.
     """
 
-    __slots__ = ("annotations", "handle", "kept", "refused", "reserved")
+    __slots__ = ("annotations", "grants", "handle", "kept", "refused", "reserved", "sent", "volumes")
 
-    def __init__(self, handle: Handle, *, refused: Exception | None = None) -> None:
+    def __init__(
+        self, handle: Handle, *, grants: Sequence[DeviceGrant] = (), volumes: VolumePlan | None = None
+    ) -> None:
         self.handle = handle
+        self.grants = grants
+        self.volumes = volumes
         self.annotations: dict[str, str] = {}
         self.kept: dict[str, object] = {}
         self.reserved = READY
         """What was granted to the pod: its `resource_version` is a precondition of the Binding."""
-        self.refused = refused
+        self.sent = False
+        """Whether a Binding may have left. What the pod holds must stay then: a lost reply may mean that it is bound."""
+        self.refused: Exception | None = None
         """What the first try of the bind came to where it was made without waiting (`Pods.send`)."""
 
     def __repr__(self) -> str:

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import msgspec
 
+from robotapp_scheduler.core.framework.incremental import PreFlight, Send
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.framework.shadow import silenced
@@ -37,6 +38,10 @@ PLACES: Final = frozenset({"multiPoint", *POINTS})
 """Where a configuration may list plugins."""
 OTHER_FORMS: Final = {"score": "score_among"}
 """Points at which another hook makes a plugin take part too."""
+
+
+FOR_APPS: Final = {"reserve": "ROSReserve", "bind": "ROSBind"}
+"""Plugins without which no pod of a RobotApp is placed: the check of its domain cannot be configured away (claims.md rule 1)."""
 
 
 class ConfigError(Exception):
@@ -134,10 +139,18 @@ class Profile:
         self.binds = tuple(plugins.get("bind", ()))
         """The first that does not skip a pod binds it."""
         self.post_binds = _deciding(plugins, "postBind")
-        self.waits = bool(self.permits or self.pre_binds)
-        """May plugins make a placed pod wait before its bind?"""
-        self.hooks = bool(self.reserves or self.waits or self.post_binds)
-        """Does a plugin want to be asked or told anything on a pod's way to its node?"""
+        around_the_bind = (self.reserves, self.permits, self.pre_binds, self.post_binds)
+        self.pre_flights = tuple(_pre_flights(*around_the_bind))
+        self.waits = any(pre_flight_of(loaded) is None for loaded in (*self.permits, *self.pre_binds))
+        """May plugins make any placed pod wait before its bind?"""
+        self.send = _send_of(self.binds[0]) if self.binds else None
+        """The bind for pods that no plugin has work for: nothing is awaited, a function is called with the result."""
+        if any(pre_flight_of(loaded) is None for chain in around_the_bind for loaded in chain):
+            self.send = None
+        self.reserves_devices = any(loaded.name == FOR_APPS["reserve"] for loaded in self.reserves)
+        """Are devices chosen and claimed for pods that want some?"""
+        self.unfit_for_apps = _unfit_for_apps(scheduler_name, {"reserve": self.reserves, "bind": self.binds})
+        """Why no pod of a RobotApp can be placed by this profile; "" when it can."""
         self.everywhere = tuple(loaded for chain in plugins.values() for loaded in chain)
         """One for each point that a plugin takes part in."""
         self.all = {loaded.name: loaded for loaded in self.everywhere}
@@ -152,6 +165,35 @@ class Profile:
 def _deciding(plugins: Mapping[str, Sequence[RegisteredPlugin]], point: str) -> tuple[RegisteredPlugin, ...]:
     """The plugins of a point that are no shadows."""
     return tuple(loaded for loaded in plugins.get(point, ()) if not loaded.shadow)
+
+
+def pre_flight_of(loaded: RegisteredPlugin) -> PreFlight | None:
+    """The plugin's `pre_flight`. One that is inherited from ours knows nothing of the hooks of somebody else's class."""
+    return getattr(loaded.plugin, "pre_flight", None) if is_ours(loaded.plugin) else None
+
+
+def _pre_flights(*chains: Sequence[RegisteredPlugin]) -> Collection[PreFlight]:
+    """One per plugin that has one."""
+    found = {loaded.name: pre_flight_of(loaded) for chain in chains for loaded in chain}
+    return [each for each in found.values() if each is not None]
+
+
+def _send_of(loaded: RegisteredPlugin) -> Send | None:
+    return getattr(loaded.plugin, "send", None) if is_ours(loaded.plugin) else None
+
+
+def _unfit_for_apps(scheduler_name: str, chains: Mapping[str, Sequence[RegisteredPlugin]]) -> str:
+    missing = [
+        f"{name} at {point}"
+        for point, name in FOR_APPS.items()
+        if not any(loaded.name == name and is_ours(loaded.plugin) for loaded in chains[point])
+    ]
+    if not missing:
+        return ""
+    return (
+        f"profile {scheduler_name!r} cannot place pods of a RobotApp, because nothing in it checks or hands out their "
+        f"domains and devices: enable {' and '.join(missing)} in the scheduler's configuration"
+    )
 
 
 def build_profiles(specs: Sequence[ProfileSpec], catalogue: Catalogue) -> dict[str, Profile]:

@@ -9,7 +9,7 @@ import numpy as np
 from robotapp_api.values.duration import parse_go_ns
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.interface import Code, FilterResult, PreFilter, Status
+from robotapp_scheduler.core.framework.interface import BindContext, Code, FilterResult, PreFilter, Status
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaim, not_allocated, trouble, wanted
 from robotapp_scheduler.plugins.kubernetes.common.node_selector import terms_mask
@@ -75,6 +75,15 @@ class DynamicResources:
             if selector is not None:
                 mask &= terms_mask(nodes, selector.node_selector_terms)
         return mask
+
+    def pre_flight(self, pod: PodInfo, ctx: BindContext) -> Code:  # noqa: ARG002 - the contract's signature
+        """Pods without resource claims are bound as they are."""
+        return Code.SUCCESS if self.narrows(pod) else Code.SKIP
+
+    async def pre_bind(self, pod: PodInfo, node: str, ctx: BindContext) -> Status | None:  # noqa: ARG002 - as above
+        """Make the pod a user of its claims: its kubelet prepares devices for their users only."""
+        trouble = await ctx.handle.resource_claims.enter(pod)
+        return Status(Code.ERROR, trouble) if trouble else None
 
     def touched_by(self, pod: PodInfo, other: object) -> bool:  # noqa: ARG002 - the contract's signature
         """Pods do not move claims."""

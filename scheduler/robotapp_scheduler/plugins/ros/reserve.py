@@ -1,17 +1,25 @@
-"""ROSReserve, the pure part: nodes on which every device of the pod is free for it, or shared with it.
+"""ROSReserve: nodes on which every device of the pod is free for it, or shared with it; then the claims of what it gets.
 
-The claims themselves are made by the shell, after the choice and before the bind.
+The filter reads a cache; at Reserve the API server decides. A pod of a RobotApp is bound only while the claim of its domain
+stands (claims.md rule 1). What a failed attempt has claimed is found again by the next one; `unreserve` deletes no claim
+that a Binding with a lost reply may have given away.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.api.ros import RosRequest
 from robotapp_scheduler.core.cache.snapshot import Snapshot
+from robotapp_scheduler.core.cycle.diagnosis import BIND_CHECK, FULL_POOL
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.interface import FilterResult
+from robotapp_scheduler.core.framework.handle import Readiness, Reserved
+from robotapp_scheduler.core.framework.interface import BindContext, Code, FilterResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 
 BUSY: Final = "node(s) had no free device for the pod"
 
@@ -64,6 +72,44 @@ class ROSReserve:
             ) is None:
                 mask[position] = False
         return mask
+
+    def pre_flight(self, pod: PodInfo, ctx: BindContext) -> Code:
+        """Pods of RobotApps are checked, and whoever is granted something needs claims; all others are bound as they are."""
+        return Code.SKIP if pod.member is None and not wants(pod, ctx.grants) else Code.SUCCESS
+
+    async def reserve(self, pod: PodInfo, node: str, ctx: BindContext) -> Reserved:
+        """Check the domain of an app's pod, then claim its devices and a bare pod's domain."""
+        if pod.member is not None:
+            found = await ctx.handle.domains.check(pod, node)
+            if found.readiness is not Readiness.READY:
+                return _waiting(found, BIND_CHECK)
+        found = await ctx.handle.claims.reserve(pod, node, ctx.grants)
+        return _waiting(found, FULL_POOL if pod.member is None else BIND_CHECK)
+
+    async def unreserve(self, pod: PodInfo, node: str, ctx: BindContext) -> None:  # noqa: ARG002 - the contract's signature
+        """Let others share the devices; all other claims stay with the pod."""
+        if ctx.reserved.sharing and not ctx.sent:
+            await ctx.handle.claims.not_bound(pod, ctx.reserved)
+
+    async def post_bind(self, pod: PodInfo, node: str, ctx: BindContext) -> None:  # noqa: ARG002 - as above
+        """Delete the claims that stood for the moment of the binding."""
+        if ctx.reserved.sharing:
+            await ctx.handle.claims.bound(ctx.reserved)
+
+
+def domain_wish(pod: PodInfo) -> str:
+    """What a bare pod's dds-domain annotation has: "auto", a number, or nothing. Apps get theirs from the operator."""
+    request = pod.ros_request if pod.member is None else None
+    return request.dds_domain if isinstance(request, RosRequest) else ""
+
+
+def wants(pod: PodInfo, granted: Sequence[DeviceGrant]) -> bool:
+    """Has anything to be claimed, or written into the Binding, before this pod may be bound?"""
+    return bool(granted) or bool(domain_wish(pod))
+
+
+def _waiting(found: Reserved, name: str) -> Reserved:
+    return replace(found, waits_for=frozenset({name})) if found.readiness is Readiness.WAIT else found
 
 
 def _lets_go(old: Claim | None, new: Claim | None) -> bool:

@@ -28,10 +28,10 @@ from robotapp_api.client.api.parallelize import at_once
 from robotapp_api.client.api.resources import DOMAINPOOLS, PODS
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
-from robotapp_scheduler.core.api.ros import RosRequest
 from robotapp_scheduler.core.framework.handle import READY, Readiness, Reserved
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
+from robotapp_scheduler.plugins.ros.reserve import domain_wish, wants
 
 log = logging.getLogger(__name__)
 
@@ -86,7 +86,7 @@ class ClaimReserver:
                 )
         return verdicts
 
-    async def things(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant]) -> Reserved:
+    async def reserve(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant]) -> Reserved:
         """Claim what this pod is to be granted on `node`: the devices chosen for it, and a bare pod's domain.
 
         The pod is read first and its version becomes the Binding's precondition, so that a bind decided on an older
@@ -149,7 +149,7 @@ class ClaimReserver:
             log.info("claims of a shared device are left to the sweep: %s", error)
 
     def known_full(self, pod: PodInfo) -> Reserved | None:
-        """What `things` would tell a pod that waits for a domain, from memory alone; None when it has to be asked.
+        """What `reserve` would tell a pod that waits for a domain, from memory alone; None when it has to be asked.
 
         Of those who wait one in a second is asked all the same, so that somebody reads the pool again.
         """
@@ -243,17 +243,6 @@ def holder_of(pod: PodInfo) -> Holder:
         instance=pod.member.instance,
         component=pod.member.component,
     )
-
-
-def domain_wish(pod: PodInfo) -> str:
-    """What a bare pod's dds-domain annotation says: "auto", a number, or nothing. Apps get theirs from the operator."""
-    request = pod.ros_request if pod.member is None else None
-    return request.dds_domain if isinstance(request, RosRequest) else ""
-
-
-def wants(pod: PodInfo, granted: Sequence[DeviceGrant]) -> bool:
-    """Has anything to be claimed, or written into the Binding, before this pod may be bound?"""
-    return bool(granted) or bool(domain_wish(pod))
 
 
 def domain_request(pod: PodInfo, wish: str) -> DomainRequest:

@@ -7,27 +7,28 @@ an attempt ends but with the bind, everything that was reserved is given back in
 import asyncio
 import inspect
 import logging
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
 from robotapp_api.model.names import GRANTED_PREFIX, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.fit_error import histogram
-from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult, Handle
+from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult, Handle, Readiness, Reserved
 from robotapp_scheduler.core.framework.interface import BindContext, Code, PluginError, Status
 from robotapp_scheduler.core.framework.plugin_calls import Overdue, PluginCall
-from robotapp_scheduler.core.framework.profiles import Profile
+from robotapp_scheduler.core.framework.profiles import Profile, pre_flight_of
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.framework.third_party import is_ours, odd_status
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
+from robotapp_scheduler.core.robotics.device_index import DeviceGrant
+from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.plugins.kubernetes.common.arguments import QUALIFIED
 from robotapp_scheduler.shell.metrics.timing import PointTimer
 
 log = logging.getLogger(__name__)
 
-POINTS: Final = (("Reserve", "reserve"), ("Permit", "permit"), ("PreBind", "pre_bind"))
 WAITING: Final = frozenset({"permit", "pre_bind"})
 Promise = Callable[[Pod, str], Awaitable[None]]
 HOOK_S: Final = 600.0
@@ -37,26 +38,26 @@ FINE: Final = frozenset({Code.SUCCESS, Code.SKIP})
 
 
 class Refused(NamedTuple):
-    """Why a pod is not bound after all: what the queue, the user and the metrics are told."""
+    """Why a pod is not bound after all: what the queue, the user and the metrics are told.
+
+    readiness: BUSY = another node may do, GONE = nothing is left to be bound.
+    """
 
     rejection: Rejection
     reason: str
     message: str
+    readiness: Readiness = Readiness.ERROR
 
 
 class ExtensionPoints:
-    """The steps of one attempt: `async with` them, `run` on the chosen node, and `finish` once the pod is bound."""
+    """The steps of one attempt: `async with` them, `run` on the chosen node, `bind`, and `finish` once the pod is bound.
+
+    Our plugins are trusted and called directly. Those whose `pre_flight` is Skip are not called.
+    """
 
     def __init__(self, profile: Profile, pod: PodInfo, timer: PointTimer, promise: Promise, *, handle: Handle) -> None:
         """`promise` is told the node before the pod waits for an `async` permit or pre_bind."""
-        self._chains: Mapping[str, Sequence[RegisteredPlugin]] = {
-            "reserve": profile.reserves,
-            "permit": profile.permits,
-            "pre_bind": profile.pre_binds,
-        }
-        self._wanted = profile.waits or bool(profile.reserves)
-        self._binds = profile.binds
-        self._after = profile.post_binds
+        self._profile = profile
         self._pod = pod
         self._handle = handle
         self._timer = timer
@@ -65,11 +66,15 @@ class ExtensionPoints:
         self._node = ""
         self._bound = False
         self._reserved: list[RegisteredPlugin] = []
-        self.context = BindContext(handle)
+        self._waited_on: set[tuple[str, str]] = set()
+        """Plugins whose pre_bind has waited, with the node it was for."""
         self._outcome: BindOutcome | None = None
         """What a third-party plugin found out about its bind."""
+        self.context = BindContext(handle)
         self.binder = profile.binds[0].name
         """The plugin that was last asked to bind."""
+        self.stale = False
+        """Pre_bind took its time, and what was granted had to be given back before: `run` has to come again."""
 
     def __repr__(self) -> str:
         return f"<ExtensionPoints of {self._pod.key} on {self._node or 'no node yet'}>"
@@ -83,48 +88,94 @@ class ExtensionPoints:
         if not self._bound:
             await self.give_back()
 
-    async def run(self, node: str) -> Refused | None:
-        """Everything before the bind; None when the pod may be bound to this node. May be run again after `give_back`."""
-        self._node, self.context = node, BindContext(self._handle)
-        if not self._wanted:
-            return None
-        for point, hook in POINTS:
-            refused = await self._run_point(point, hook)
+    # --- Before the bind -----------------------------------------------------------------------------------------
+
+    async def run(
+        self, node: str, *, grants: Sequence[DeviceGrant] = (), volumes: VolumePlan | None = None
+    ) -> Refused | None:
+        """Everything before the bind; None when the pod may be bound to this node, or `stale`.
+
+        May be run again after `give_back`.
+        """
+        self._node, self.stale = node, False
+        self.context = BindContext(self._handle, grants=grants, volumes=volumes)
+        return (
+            await self._run_point("Reserve", "reserve", self._profile.reserves)
+            or await self._run_point("Permit", "permit", self._profile.permits)
+            or await self._pre_bind()
+            or _forged(self.context)
+        )
+
+    async def _pre_bind(self) -> Refused | None:
+        """A grant is bound to one version of the pod, and others may want what it holds: with one, what may take minutes
+        comes first, while nothing is reserved, and then everything anew.
+        """
+        todo = [loaded for loaded in self._profile.pre_binds if (loaded.name, self._node) not in self._waited_on]
+        slow = [loaded for loaded in todo if self._pre_flight(loaded) is Code.WAIT]
+        self._waited_on.update((loaded.name, self._node) for loaded in slow)
+        self.stale = bool(slow and self.context.reserved.annotations)
+        if self.stale:
+            await self.give_back()
+            todo = slow
+        return await self._run_point("PreBind", "pre_bind", todo)
+
+    def _pre_flight(self, loaded: RegisteredPlugin) -> Code | None:
+        """None: the plugin is to be called, and nothing is known about it."""
+        pre_flight = pre_flight_of(loaded)
+        return None if pre_flight is None else pre_flight(self._pod, self.context)
+
+    async def _run_point(self, point: str, hook: str, chain: Sequence[RegisteredPlugin]) -> Refused | None:
+        for loaded in chain:
+            if self._pre_flight(loaded) is Code.SKIP:
+                continue
+            if hook == "reserve":
+                self._reserved.append(loaded)  # a hook that failed half-way is asked to clean up too
+            refused = self._refused(point, loaded, await self._call(loaded, point, hook))
             if refused is not None:
                 return refused
-        return _forged(self.context)
+        return None
+
+    def _refused(self, point: str, loaded: RegisteredPlugin, answer: Status | Reserved | None) -> Refused | None:
+        """What an answer before the bind means; the grants of ours are kept."""
+        if isinstance(answer, Reserved):
+            if answer.readiness is not Readiness.READY:
+                return Refused(Rejection(answer.waits_for), answer.reason, answer.message, answer.readiness)
+            self.context.reserved = answer
+            return None
+        return None if answer is None or answer.code in FINE else _refusal(point, loaded.name, answer)
+
+    async def give_back(self) -> None:
+        """Unreserve what was reserved, last first."""
+        while self._reserved:
+            loaded = self._reserved.pop()
+            if hasattr(loaded.plugin, "unreserve"):
+                await self._call(loaded, "Unreserve", "unreserve")
+
+    # --- The bind, and after it ------------------------------------------------------------------------------------
 
     async def bind(self, node: str, *, began_s: float | None = None) -> BindOutcome | Refused:
         """Have the pod bound by the first plugin that does not skip it. The point may have begun at `began_s`."""
-        self._node = node
-        profile = self._pod.scheduler_name
+        self._node, self.context.sent = node, True
         if self.context.refused is None:
             began_s = self._timer.begin("Bind")
         answer = await self._bind()
         bound = isinstance(answer, BindOutcome) and answer.result is BindResult.BOUND
-        self._timer.end("Bind", profile, began_s, code=Code.SUCCESS if bound else Code.ERROR)
+        code = Code.SUCCESS if bound else Code.ERROR
+        self._timer.end("Bind", self._pod.scheduler_name, began_s, code=code)
         return answer
 
     async def _bind(self) -> BindOutcome | Refused:
-        answer: Status | BindOutcome = Status(Code.SKIP)
-        for loaded in self._binds:
-            self.binder = loaded.name
-            answer = await self._bind_with(loaded)
-            if isinstance(answer, BindOutcome):
-                return answer
+        for loaded in self._profile.binds:
+            self.binder, self._outcome = loaded.name, None
+            answer = await self._call(loaded, "Bind", "bind")
+            outcome = answer if isinstance(answer, BindOutcome) else self._outcome
+            if outcome is not None:
+                return outcome
             if answer.code is Code.SUCCESS:
                 return BindOutcome(BindResult.BOUND, node=self._node)
             if answer.code is not Code.SKIP:
                 return self.bind_refused(answer)
         return self.bind_refused(Status(Code.ERROR, "every bind plugin of the profile skipped the pod"))
-
-    async def _bind_with(self, loaded: RegisteredPlugin) -> Status | BindOutcome:
-        if not is_ours(loaded.plugin):
-            self._outcome = None
-            status = await self._ask(loaded, "Bind", "bind")
-            return self._outcome or status
-        outcome: BindOutcome = await loaded.plugin.bind(self._pod, self._node, self.context)
-        return outcome
 
     def bind_refused(self, status: Status) -> Refused:
         """Why the plugin that was asked last did not bind the pod."""
@@ -136,24 +187,27 @@ class ExtensionPoints:
     async def finish(self) -> None:
         """The pod is bound: tell the plugins. What they do wrong now is only logged."""
         self._bound = True
-        for loaded in self._after:
-            await self._ask(loaded, "PostBind", "post_bind")
+        for loaded in self._profile.post_binds:
+            try:
+                if self._pre_flight(loaded) is not Code.SKIP:
+                    await self._call(loaded, "PostBind", "post_bind")
+            except Exception:  # the pod is bound whatever a bug does here
+                log.exception("post_bind of plugin %s failed for %s", loaded.name, self._pod.key)
 
-    async def _run_point(self, point: str, hook: str) -> Refused | None:
-        for loaded in self._chains[hook]:
-            if hook == "reserve":
-                self._reserved.append(loaded)  # a hook that failed half-way is asked to clean up too
-            status = await self._ask(loaded, point, hook)
-            if status.code not in FINE:
-                return _refusal(point, loaded.name, status)
-        return None
+    # --- Calls -----------------------------------------------------------------------------------------------------
 
-    async def give_back(self) -> None:
-        """Unreserve what was reserved, last first."""
-        while self._reserved:
-            loaded = self._reserved.pop()
-            if hasattr(loaded.plugin, "unreserve"):
-                await self._ask(loaded, "Unreserve", "unreserve")
+    async def _call(self, loaded: RegisteredPlugin, point: str, hook: str) -> Any:
+        """The answer of a plugin. What ours raise is a bug, and as such the caller's."""
+        if not is_ours(loaded.plugin):
+            return await self._ask(loaded, point, hook)
+        if hook not in WAITING or self._pre_flight(loaded) is not Code.WAIT:
+            return await getattr(loaded.plugin, hook)(self._pod, self._node, self.context)
+        await self._say_where(hook)
+        began_s = self._timer.begin(point)
+        answer: Status | None = await getattr(loaded.plugin, hook)(self._pod, self._node, self.context)
+        code = Code.SUCCESS if answer is None else answer.code
+        self._timer.end(point, self._pod.scheduler_name, began_s, code=code)
+        return answer
 
     async def _ask(self, loaded: RegisteredPlugin, point: str, hook: str) -> Status:
         """The answer of a third-party plugin, timed; what it raises is an Error."""
@@ -167,7 +221,8 @@ class ExtensionPoints:
                     with PluginCall(loaded.name, hook, pod):
                         answer = await answer
             if hook == "bind" and isinstance(answer, BindOutcome):
-                self._outcome, answer = answer, None
+                self._outcome = answer
+                answer = None if answer.result is BindResult.BOUND else Status(Code.ERROR, answer.message)
             status = _status(answer, self.context)
         except TimeoutError as error:
             log.warning("%s of plugin %s for %s: %r", hook, loaded.name, pod.key, error)
@@ -216,11 +271,7 @@ def _refusal(point: str, plugin: str, status: Status) -> Refused:
         pending = frozenset({plugin}) if status.code is Code.PENDING else frozenset[str]()
         text = histogram(1, {status.reason or f"node(s) were rejected by {plugin}": 1})
         return Refused(Rejection(frozenset({plugin}), pending), PodReason.UNSCHEDULABLE, text)
-    return failed_step(point, plugin, status.reason or f"answered {status.code}")
-
-
-def failed_step(point: str, plugin: str, text: str) -> Refused:
-    """An error on the way to the node: retried after back-off."""
+    text = status.reason or f"answered {status.code}"  # retried after back-off
     return Refused(Rejection(), PodReason.SCHEDULER_ERROR, f'running {point} plugin "{plugin}": {text}')
 
 

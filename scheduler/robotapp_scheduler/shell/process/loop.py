@@ -6,7 +6,7 @@ yields, so that watch events and answers are taken in between.
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
 from functools import partial
 
@@ -16,7 +16,6 @@ from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework.handle import READY, Reserved
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
 from robotapp_scheduler.shell.binding.binding_cycle import BindingCycle
 from robotapp_scheduler.shell.metrics.metrics import Metrics
@@ -227,23 +226,16 @@ class SchedulerLoop:
         self._woken.set()
 
     async def _carry_out(self, placed: Sequence[ScheduleResult], started_s: float) -> None:
-        try:
-            checked = await self._placer.check(placed)
-        except Exception:  # an answer nobody foresaw must not leave the batch assumed and in flight for ever
-            log.exception("the bind check of %s failed", ", ".join(decision.pod.key for decision in placed))
-            for decision in placed:
-                self._abandon(decision)
-            return
         if len(placed) == 1:
-            await self._place(placed[0], checked, started_s)
+            await self._place(placed[0], started_s)
             return
         async with asyncio.TaskGroup() as group:
             for decision in placed:
-                group.create_task(self._place(decision, checked, started_s))
+                group.create_task(self._place(decision, started_s))
 
-    async def _place(self, decision: ScheduleResult, checked: Mapping[str, Reserved], started_s: float) -> None:
+    async def _place(self, decision: ScheduleResult, started_s: float) -> None:
         try:
-            await self._placer.place(decision, checked.get(decision.pod.uid, READY), started_s=started_s)
+            await self._placer.place(decision, started_s=started_s)
         except Exception:  # a pod must never stay assumed and forgotten because of a bug
             log.exception("placing %s failed", decision.pod.key)
             self._abandon(decision)

@@ -35,6 +35,8 @@ from robotapp_scheduler.port.supervisor import PortSupervisor
 from robotapp_scheduler.shell.binding.binder import Binder
 from robotapp_scheduler.shell.binding.binding_cycle import BindingCycle
 from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver, granted_pods
+from robotapp_scheduler.shell.binding.claim_waits import ClaimWaits
+from robotapp_scheduler.shell.binding.domain_checks import DomainChecks
 from robotapp_scheduler.shell.binding.evictor import Evictor
 from robotapp_scheduler.shell.binding.resource_claim_users import ClaimUsers
 from robotapp_scheduler.shell.binding.volume_binder import INTERESTING, VolumeWriter
@@ -159,14 +161,20 @@ class Scheduler:
         self.evictor = Evictor(
             self.core, client, self.events, self.metrics, clock=CLOCK, permitted=self._may_act, wake=self._wake
         )
+        claims = ClaimReserver(client, known_claims=self.domains.held)
+        handle = Handle(
+            pods=Binder(client, permitted=self._may_act),
+            domains=DomainChecks(claims.check_domains, self.metrics, clock=CLOCK),
+            claims=claims,
+            volumes=self.volumes,
+            resource_claims=ClaimUsers(client),
+        )
         placer = BindingCycle(
             self.core,
-            handle=Handle(pods=Binder(client, permitted=self._may_act)),
-            reserver=ClaimReserver(client, known_claims=self.domains.held),
+            handle=handle,
+            claim_waits=ClaimWaits(self.core, claims, self.reporter, waiting=self.intake.waiting),
             reporter=self.reporter,
             metrics=self.metrics,
-            volumes=self.volumes,
-            claims=ClaimUsers(client),
             waiting=self.intake.waiting,
             clock=CLOCK,
             evict=self.evictor.start,

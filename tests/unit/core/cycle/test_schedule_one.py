@@ -11,7 +11,7 @@ from tests.support.scheduling import (
     telemetry,
 )
 
-from robotapp_api.model.names import SCHEDULER_NAME, Annotation, PodReason
+from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label, PodReason
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -230,6 +230,46 @@ def test_devices_are_granted_with_the_node_and_kept_from_the_next_pod() -> None:
     assert refused.rejected_by == {"ROSReserve"}
     core.cluster.forget("uid-p")
     assert core.schedule_one(make_info("r", annotations=annotations)).placed
+
+
+def test_without_the_plugin_that_claims_them_no_devices_are_chosen() -> None:
+    without = {"reserve": PluginSet(disabled=(PluginRef("ROSReserve"),))}
+    core = make_core(make_node("a"))
+    core.use(default_profiles([ProfileSpec(SCHEDULER_NAME, plugins=without)]))
+    core.cluster.apply_telemetry(telemetry("a", devices=[{"id": "can-can0", "type": "can", "interface": "can0"}]))
+    annotations = {str(Annotation.AFFINITY): '{"hardware_requirements": [{"type": "can", "interface": "can0"}]}'}
+    for name in ("p", "q"):
+        decision = core.schedule_one(make_info(name, annotations=annotations))
+        assert (decision.node, decision.grants) == ("a", ())
+
+
+@pytest.mark.parametrize(
+    ("plugins", "missing"),
+    [
+        ({"reserve": PluginSet(disabled=(PluginRef("*"),))}, "ROSReserve at reserve"),
+        ({"multiPoint": PluginSet(disabled=(PluginRef("ROSReserve"),))}, "ROSReserve at reserve"),
+        ({"multiPoint": PluginSet(enabled=(PluginRef("DefaultBinder"),))}, "ROSBind at bind"),
+        (
+            {
+                "bind": PluginSet(enabled=(PluginRef("DefaultBinder"),), disabled=(PluginRef("*"),)),
+                "reserve": PluginSet(disabled=(PluginRef("*"),)),
+            },
+            "ROSReserve at reserve and ROSBind at bind",
+        ),
+    ],
+)
+def test_pods_of_apps_wait_for_a_profile_that_checks_their_domain_and_others_do_not(
+    plugins: dict[str, PluginSet], missing: str
+) -> None:
+    core = make_core(make_node("a"))
+    core.use(default_profiles([ProfileSpec(SCHEDULER_NAME, plugins=plugins)]))
+    refused = core.schedule_one(make_info("p", labels={str(Label.APP_UID): "app-1"}))
+    assert refused.message == (
+        f"profile '{SCHEDULER_NAME}' cannot place pods of a RobotApp, because nothing in it checks or hands out their domains "
+        f"and devices: enable {missing} in the scheduler's configuration"
+    )
+    assert (refused.node, refused.reason, len(refused.rejected_by)) == (None, PodReason.UNSCHEDULABLE, 1)
+    assert core.schedule_one(make_info("q")).node == "a"
 
 
 def test_a_claim_of_somebody_else_makes_another_node_win_at_once() -> None:

@@ -20,9 +20,9 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.handle import Readiness, Reserved
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
+from robotapp_scheduler.plugins.ros.reserve import domain_wish
 from robotapp_scheduler.shell.binding.claim_reserver import (
     ClaimReserver,
-    domain_wish,
     granted_pods,
     holder_of,
     thing,
@@ -51,14 +51,14 @@ async def stored(client: ApiClient, name: str, **meta: Any) -> PodInfo:
 async def test_a_pod_that_wants_nothing_costs_no_request(client: ApiClient) -> None:
     pod = await stored(client, "plain")
     before = client.requests.total()
-    assert (await ClaimReserver(client).things(pod, "edge-1", ())).readiness is Readiness.READY
+    assert (await ClaimReserver(client).reserve(pod, "edge-1", ())).readiness is Readiness.READY
     assert (await ClaimReserver(client).check_domains([(pod, "edge-1")]))[pod.uid].readiness is Readiness.READY
     assert client.requests.total() == before
 
 
 async def test_a_claimed_device_is_granted_with_the_version_the_pod_was_read_at(client: ApiClient) -> None:
     pod = await stored(client, "drv")
-    found = await ClaimReserver(client).things(pod, "edge-1", (CAN,))
+    found = await ClaimReserver(client).reserve(pod, "edge-1", (CAN,))
     assert found.readiness is Readiness.READY
     assert found.annotations == {str(Annotation.GRANTED_DEVICES): "can-can0"}
     assert found.resource_version == pod.pod.metadata.resource_version
@@ -69,8 +69,8 @@ async def test_a_claimed_device_is_granted_with_the_version_the_pod_was_read_at(
 
 async def test_the_second_pod_is_told_who_holds_the_device(client: ApiClient) -> None:
     first, second = await stored(client, "first"), await stored(client, "second")
-    await ClaimReserver(client).things(first, "edge-1", (CAN,))
-    found = await ClaimReserver(client).things(second, "edge-1", (CAN,))
+    await ClaimReserver(client).reserve(first, "edge-1", (CAN,))
+    found = await ClaimReserver(client).reserve(second, "edge-1", (CAN,))
     assert found.readiness is Readiness.BUSY
     assert "a/first" in found.message
 
@@ -78,8 +78,8 @@ async def test_the_second_pod_is_told_who_holds_the_device(client: ApiClient) ->
 async def test_a_pod_that_gets_only_one_of_two_devices_gives_it_back_at_once(client: ApiClient) -> None:
     zero = DeviceGrant("a", "edge-1", Device(id="a-first", type="can"), exclusive=True)
     rival, pod = await stored(client, "rival"), await stored(client, "drv")
-    await ClaimReserver(client).things(rival, "edge-1", (CAN,))
-    found = await ClaimReserver(client).things(pod, "edge-1", (zero, CAN))
+    await ClaimReserver(client).reserve(rival, "edge-1", (CAN,))
+    found = await ClaimReserver(client).reserve(pod, "edge-1", (zero, CAN))
     assert (found.readiness, found.annotations) == (Readiness.BUSY, {})
     (claim,) = (await client.list(ROBOTCLAIMS)).items
     assert claim["spec"]["holder"]["uid"] == rival.uid
@@ -90,9 +90,9 @@ async def test_a_pod_that_gets_only_one_of_two_devices_gives_it_back_at_once(cli
 async def test_a_pod_that_is_gone_or_replaced_claims_nothing(client: ApiClient) -> None:
     pod = await stored(client, "drv")
     await client.delete(PODS, "drv", namespace="a")
-    assert (await ClaimReserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.GONE
+    assert (await ClaimReserver(client).reserve(pod, "edge-1", (CAN,))).readiness is Readiness.GONE
     await stored(client, "drv")
-    assert (await ClaimReserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.GONE
+    assert (await ClaimReserver(client).reserve(pod, "edge-1", (CAN,))).readiness is Readiness.GONE
     assert (await client.list(ROBOTCLAIMS)).items == []
 
 
@@ -108,7 +108,7 @@ async def bind(client: ApiClient, pod: PodInfo, found: Reserved) -> None:
 async def test_a_device_is_shared_by_many_and_no_claim_stays(client: ApiClient) -> None:
     for name in ("first", "second"):
         pod = await stored(client, name)
-        found = await ClaimReserver(client).things(pod, "edge-1", (SHARED,))
+        found = await ClaimReserver(client).reserve(pod, "edge-1", (SHARED,))
         assert found.annotations == {str(Annotation.GRANTED_SHARED): "can-can0"}
         (claim,) = (await client.list(ROBOTCLAIMS, as_type=Claim)).items
         assert (claim.momentary, claim.holder.uid) == (True, pod.uid)
@@ -118,8 +118,8 @@ async def test_a_device_is_shared_by_many_and_no_claim_stays(client: ApiClient) 
 
 
 async def test_nobody_shares_a_device_that_is_held_alone(client: ApiClient) -> None:
-    await ClaimReserver(client).things(await stored(client, "holder"), "edge-1", (CAN,))
-    late = await ClaimReserver(client).things(await stored(client, "late"), "edge-1", (SHARED,))
+    await ClaimReserver(client).reserve(await stored(client, "holder"), "edge-1", (CAN,))
+    late = await ClaimReserver(client).reserve(await stored(client, "late"), "edge-1", (SHARED,))
     assert (late.readiness, late.reason) == (Readiness.BUSY, "DeviceBusy")
     assert "held by pod a/holder" in late.message
 
@@ -127,22 +127,22 @@ async def test_nobody_shares_a_device_that_is_held_alone(client: ApiClient) -> N
 async def test_another_scheduler_does_not_hold_alone_what_is_just_being_shared(client: ApiClient) -> None:
     """The binding of the first is decided and on its way; the second scheduler's caches know nothing of it."""
     sharer, alone = await stored(client, "sharer"), await stored(client, "alone")
-    on_its_way = await ClaimReserver(client).things(sharer, "edge-1", (SHARED,))
-    assert (await ClaimReserver(client).things(alone, "edge-1", (CAN,))).readiness is Readiness.BUSY
+    on_its_way = await ClaimReserver(client).reserve(sharer, "edge-1", (SHARED,))
+    assert (await ClaimReserver(client).reserve(alone, "edge-1", (CAN,))).readiness is Readiness.BUSY
     await bind(client, sharer, on_its_way)
     await ClaimReserver(client).bound(on_its_way)
-    found = await ClaimReserver(client).things(alone, "edge-1", (CAN,))
+    found = await ClaimReserver(client).reserve(alone, "edge-1", (CAN,))
     assert (found.readiness, found.annotations) == (Readiness.BUSY, {})
     assert "device can-can0 on edge-1 is shared by a/sharer" in found.message
     assert (await client.list(ROBOTCLAIMS)).items == [], "what was taken in vain is given back"
     await client.patch(PODS, "sharer", {"status": {"phase": "Succeeded"}}, namespace="a", subresource="status")
-    assert (await ClaimReserver(client).things(alone, "edge-1", (CAN,))).readiness is Readiness.READY
+    assert (await ClaimReserver(client).reserve(alone, "edge-1", (CAN,))).readiness is Readiness.READY
 
 
 async def test_a_pod_that_cannot_have_its_own_device_gives_the_way_into_a_shared_one_back(client: ApiClient) -> None:
     lidar = DeviceGrant("lidar", "edge-1", Device(id="lidar-top", type="lidar"), exclusive=False)
-    await ClaimReserver(client).things(await stored(client, "holder"), "edge-1", (CAN,))
-    found = await ClaimReserver(client).things(await stored(client, "both"), "edge-1", (lidar, CAN))
+    await ClaimReserver(client).reserve(await stored(client, "holder"), "edge-1", (CAN,))
+    found = await ClaimReserver(client).reserve(await stored(client, "both"), "edge-1", (lidar, CAN))
     assert found.readiness is Readiness.BUSY
     assert len((await client.list(ROBOTCLAIMS)).items) == 1
 
@@ -150,7 +150,7 @@ async def test_a_pod_that_cannot_have_its_own_device_gives_the_way_into_a_shared
 async def test_whoever_joins_at_the_same_time_waits_for_its_turn(client: ApiClient) -> None:
     async def join(name: str) -> Readiness:
         pod = await stored(client, name)
-        found = await ClaimReserver(client).things(pod, "edge-1", (SHARED,))
+        found = await ClaimReserver(client).reserve(pod, "edge-1", (SHARED,))
         await ClaimReserver(client).bound(found)
         return found.readiness
 
@@ -160,28 +160,28 @@ async def test_whoever_joins_at_the_same_time_waits_for_its_turn(client: ApiClie
 @pytest.mark.parametrize(("wish", "expected"), [("auto", {"1", "2", "3"}), ("2", {"2"})])
 async def test_a_bare_pod_is_granted_the_domain_it_asks_for(client: ApiClient, wish: str, expected: set[str]) -> None:
     pod = await stored(client, "talker", annotations={str(Annotation.DDS_DOMAIN): wish})
-    found = await ClaimReserver(client).things(pod, "edge-1", ())
+    found = await ClaimReserver(client).reserve(pod, "edge-1", ())
     assert found.annotations[str(Annotation.GRANTED_DOMAIN)] in expected
-    again = await ClaimReserver(client).things(pod, "edge-1", ())
+    again = await ClaimReserver(client).reserve(pod, "edge-1", ())
     assert again.annotations == found.annotations
     assert len((await client.list(ROBOTCLAIMS)).items) == 1
 
 
 async def test_a_pod_that_waits_for_its_domain_keeps_nobody_from_its_devices(client: ApiClient) -> None:
     number = {str(Annotation.DDS_DOMAIN): "2"}
-    await ClaimReserver(client).things(await stored(client, "other", annotations=number), "edge-1", ())
+    await ClaimReserver(client).reserve(await stored(client, "other", annotations=number), "edge-1", ())
     for free_name, grant in (("one", SHARED), ("two", CAN)):
         waiting = await stored(client, f"waits-{free_name}", annotations=number)
-        found = await ClaimReserver(client).things(waiting, "edge-1", (grant,))
+        found = await ClaimReserver(client).reserve(waiting, "edge-1", (grant,))
         assert found.readiness is Readiness.WAIT
-        free = await ClaimReserver(client).things(await stored(client, free_name), "edge-1", (SHARED,))
+        free = await ClaimReserver(client).reserve(await stored(client, free_name), "edge-1", (SHARED,))
         assert free.readiness is Readiness.READY
         await ClaimReserver(client).bound(free)
 
 
 async def test_a_pod_whose_binding_is_not_tried_lets_others_share(client: ApiClient) -> None:
     refused = await stored(client, "refused")
-    found = await ClaimReserver(client).things(refused, "edge-1", (SHARED,))
+    found = await ClaimReserver(client).reserve(refused, "edge-1", (SHARED,))
     await ClaimReserver(client).not_bound(refused, found)
     assert (await client.list(ROBOTCLAIMS)).items == []
     current = await client.get(PODS, "refused", namespace="a")
@@ -192,26 +192,26 @@ async def test_a_pod_whose_binding_is_not_tried_lets_others_share(client: ApiCli
 
 async def test_a_device_is_shared_or_held_alone_by_others_while_a_pod_waits_for_its_volumes(client: ApiClient) -> None:
     waiting = await stored(client, "waiting")
-    before = await ClaimReserver(client).things(waiting, "edge-1", (SHARED,))
+    before = await ClaimReserver(client).reserve(waiting, "edge-1", (SHARED,))
     await ClaimReserver(client).not_bound(waiting, before)
-    other = await ClaimReserver(client).things(await stored(client, "other"), "edge-1", (SHARED,))
+    other = await ClaimReserver(client).reserve(await stored(client, "other"), "edge-1", (SHARED,))
     await ClaimReserver(client).bound(other)
-    again = await ClaimReserver(client).things(waiting, "edge-1", (SHARED,))
+    again = await ClaimReserver(client).reserve(waiting, "edge-1", (SHARED,))
     assert (again.readiness, again.resource_version != before.resource_version) == (Readiness.READY, True)
     await ClaimReserver(client).not_bound(waiting, again)
     assert (
-        await ClaimReserver(client).things(await stored(client, "alone"), "edge-1", (CAN,))
+        await ClaimReserver(client).reserve(await stored(client, "alone"), "edge-1", (CAN,))
     ).readiness is Readiness.READY
-    assert (await ClaimReserver(client).things(waiting, "edge-1", (SHARED,))).readiness is Readiness.BUSY
+    assert (await ClaimReserver(client).reserve(waiting, "edge-1", (SHARED,))).readiness is Readiness.BUSY
 
 
 async def test_an_empty_pool_lets_the_pod_wait_with_what_to_do(client: ApiClient) -> None:
     for number in range(3):
-        await ClaimReserver(client).things(
+        await ClaimReserver(client).reserve(
             await stored(client, f"t{number}", annotations={str(Annotation.DDS_DOMAIN): "auto"}), "edge-1", ()
         )
     late = await stored(client, "late", annotations={str(Annotation.DDS_DOMAIN): "auto"})
-    found = await ClaimReserver(client).things(late, "edge-1", ())
+    found = await ClaimReserver(client).reserve(late, "edge-1", ())
     assert (found.readiness, found.reason) == (Readiness.WAIT, PodReason.WAITING_FOR_DOMAIN)
     assert "3 of 3 domain ids" in found.message
 
@@ -221,12 +221,12 @@ async def test_pods_that_wait_for_a_full_pool_cost_the_server_one_look_at_the_po
         await client.create(DOMAINPOOLS, {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": "1-3"}})
         auto = {str(Annotation.DDS_DOMAIN): "auto"}
         for number in range(3):
-            await ClaimReserver(client).things(await stored(client, f"t{number}", annotations=auto), "edge-1", ())
+            await ClaimReserver(client).reserve(await stored(client, f"t{number}", annotations=auto), "edge-1", ())
         late = [await stored(client, f"late-{number}", annotations=auto) for number in range(5)]
         known = (await client.list(ROBOTCLAIMS, as_type=Claim)).items
         reserver = ClaimReserver(client, known_claims=lambda: known)
         before = len(server.requests)
-        answers = [await reserver.things(pod, "edge-1", ()) for pod in late]
+        answers = [await reserver.reserve(pod, "edge-1", ()) for pod in late]
         assert {answer.reason for answer in answers} == {PodReason.WAITING_FOR_DOMAIN}
         assert "3 of 3 domain ids" in answers[0].message
         assert len(server.requests) == before + 1
@@ -236,9 +236,9 @@ async def test_pods_that_wait_for_a_full_pool_cost_the_server_one_look_at_the_po
         before = len(server.requests)
         known.pop()
         assert reserver.known_full(late[0]) is None
-        assert (await reserver.things(late[0], "edge-1", ())).readiness is Readiness.WAIT, "the create decides"
+        assert (await reserver.reserve(late[0], "edge-1", ())).readiness is Readiness.WAIT, "the create decides"
         await client.delete(ROBOTCLAIMS, known.pop().name)
-        assert (await reserver.things(late[0], "edge-1", ())).readiness is Readiness.READY
+        assert (await reserver.reserve(late[0], "edge-1", ())).readiness is Readiness.READY
 
 
 async def test_of_the_pods_that_wait_as_many_try_as_ids_are_free_and_who_holds_one_always_does() -> None:
@@ -249,9 +249,9 @@ async def test_of_the_pods_that_wait_as_many_try_as_ids_are_free_and_who_holds_o
         reserver = ClaimReserver(client, known_claims=lambda: known)
         pods = [await stored(client, f"t{number}", annotations=auto) for number in range(9)]
         for pod in pods[:2]:
-            assert (await reserver.things(pod, "edge-1", ())).readiness is Readiness.READY
+            assert (await reserver.reserve(pod, "edge-1", ())).readiness is Readiness.READY
         known += (await client.list(ROBOTCLAIMS, as_type=Claim)).items
-        answers = await asyncio.gather(*(reserver.things(pod, "edge-1", ()) for pod in pods))
+        answers = await asyncio.gather(*(reserver.reserve(pod, "edge-1", ()) for pod in pods))
         found = [answer.readiness for answer in answers]
         assert found == [Readiness.READY] * 3 + [Readiness.WAIT] * 6
         assert [path for verb, path in server.requests if verb == "POST" and "robotclaims" in path][3:] == []
@@ -260,7 +260,7 @@ async def test_of_the_pods_that_wait_as_many_try_as_ids_are_free_and_who_holds_o
 async def test_a_bare_pod_that_names_a_reserved_id_is_told_to_change_its_annotation(client: ApiClient) -> None:
     await client.patch(DOMAINPOOLS, "default", {"spec": {"reserved": [2]}})
     pod = await stored(client, "talker", annotations={str(Annotation.DDS_DOMAIN): "2"})
-    found = await ClaimReserver(client).things(pod, "edge-1", ())
+    found = await ClaimReserver(client).reserve(pod, "edge-1", ())
     assert (found.readiness, found.reason) == (Readiness.WAIT, PodReason.INVALID_ANNOTATION)
     assert 'write "auto" in the annotation scheduler.robotics.io/dds-domain' in found.message
     assert "spec.ros2" not in found.message
@@ -293,7 +293,7 @@ async def test_without_an_api_server_the_pod_is_retried_as_an_error() -> None:
         pod = await stored(client, "drv", labels={str(Label.APP_UID): "app-1"}, domain="2")
         server.failing.extend([403] * 20)
         assert (await ClaimReserver(client).check_domains([(pod, "edge-1")]))[pod.uid].readiness is Readiness.ERROR
-        assert (await ClaimReserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.ERROR
+        assert (await ClaimReserver(client).reserve(pod, "edge-1", (CAN,))).readiness is Readiness.ERROR
 
 
 async def test_a_404_that_does_not_name_the_pod_is_retried_as_an_error() -> None:
@@ -301,7 +301,7 @@ async def test_a_404_that_does_not_name_the_pod_is_retried_as_an_error() -> None
         pod = await stored(client, "drv", labels={str(Label.APP_UID): "app-1"}, domain="2")
         server.failing.extend([404] * 2)
         assert (await ClaimReserver(client).check_domains([(pod, "edge-1")]))[pod.uid].readiness is Readiness.ERROR
-        assert (await ClaimReserver(client).things(pod, "edge-1", (CAN,))).readiness is Readiness.ERROR
+        assert (await ClaimReserver(client).reserve(pod, "edge-1", (CAN,))).readiness is Readiness.ERROR
 
 
 def info(**meta: Any) -> PodInfo:

@@ -7,7 +7,15 @@ import numpy as np
 
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.interface import FilterResult, PreFilter, ScoreResult, Verdict
+from robotapp_scheduler.core.framework.interface import (
+    BindContext,
+    Code,
+    FilterResult,
+    PreFilter,
+    ScoreResult,
+    Status,
+    Verdict,
+)
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.plugins.kubernetes.common.compat import NEW, is_new
@@ -102,6 +110,15 @@ class VolumeBinding:
         ]
         provisions = [made.claim.key for made in found.made if made.where[at]]
         return VolumePlan(nodes.names[0], tuple(bindings), tuple(dict.fromkeys(provisions)), self._timeout_s)
+
+    def pre_flight(self, pod: PodInfo, ctx: BindContext) -> Code:  # noqa: ARG002 - the contract's signature
+        """Volumes may take minutes to be made."""
+        return Code.SKIP if ctx.volumes is None else Code.WAIT
+
+    async def pre_bind(self, pod: PodInfo, node: str, ctx: BindContext) -> Status | None:  # noqa: ARG002 - as above
+        """Write the plan that was made for the node, and wait until every claim is bound."""
+        trouble = await ctx.handle.volumes.bind(pod, ctx.volumes) if ctx.volumes is not None else ""
+        return Status(Code.ERROR, trouble) if trouble else None
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
         """New volumes and nodes may help everybody, a claim only those that use it, more room whoever lacks some."""

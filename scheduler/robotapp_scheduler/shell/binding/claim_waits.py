@@ -1,0 +1,88 @@
+"""Pods that wait for a domain or a device of another holder: no node is looked for in vain, and the holder is named to them."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from robotapp_api.model.names import EventReason
+from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.cycle.diagnosis import DEVICE_PLUGIN, FULL_POOL
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
+from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
+from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver
+from robotapp_scheduler.shell.status.messages import device_busy
+from robotapp_scheduler.shell.status.pod_status import Reporter
+
+NO_DOMAIN: Final = frozenset({FULL_POOL})
+
+
+class ClaimWaits:
+    """One per process. `waiting`: the pods without a node, by uid."""
+
+    def __init__(
+        self, core: SchedulerCore, reserver: ClaimReserver, reporter: Reporter, *, waiting: Mapping[str, Pod]
+    ) -> None:
+        self._core = core
+        self._reserver = reserver
+        self._reporter = reporter
+        self._waiting = waiting
+        self._unnamed: dict[str, PodInfo] = {}
+        """Pods that were refused while the claim of the device they want was on the way: by uid."""
+
+    def __repr__(self) -> str:
+        return f"<ClaimWaits, {len(self._unnamed)} pods are to be told a holder>"
+
+    def holds_back(self, queued: QueuedPodInfo) -> bool:
+        """Back with a pod that was refused for a domain or a device while no domain is free; no node is looked for.
+
+        Hundreds of them may wait. Decided and refused at its claims, a pod would give back the room and the device it
+        was promised, which wakes the next.
+        """
+        refused_by = queued.refused_by
+        nominated = self._core.cluster.nominations.node_of(queued.info.uid)
+        wants_claims = (refused_by == NO_DOMAIN or DEVICE_PLUGIN in refused_by) and not nominated
+        if not self._core.engine(queued.info.scheduler_name).profile.reserves_devices:
+            return False  # another configuration came since
+        full = self._reserver.known_full(queued.info) if wants_claims else None
+        if full is None:
+            return False
+        self._core.queue.requeue(queued, Rejection(NO_DOMAIN))
+        self._reporter.unscheduled(queued.info.pod, reason=full.reason, message=full.message)
+        return True
+
+    def refused(self, decision: ScheduleResult) -> None:
+        """The pod got no node: if for a device, name its holder."""
+        if DEVICE_PLUGIN in decision.rejected_by:
+            self._name_holders(decision.pod)
+
+    def tick(self) -> None:
+        """Once a second: name the holders to those pods whose holders had no claim yet."""
+        unnamed, self._unnamed = self._unnamed, {}
+        for uid, pod in unnamed.items():
+            if uid in self._waiting:
+                self._name_holders(pod)
+
+    def _name_holders(self, pod: PodInfo) -> None:
+        """Who has the devices this pod wants, in one event."""
+        ros = pod.ros
+        if ros is None or ros.holder is None:
+            return
+        cluster = self._core.cluster
+        index, closed = cluster.devices, cluster.nodes.tenants.closed_to(ros.tenant)
+        nodes = sorted(set().union(*(index.capable(wish) for wish in ros.devices)) - closed)
+        for node in nodes:
+            for busy in index.blockers(ros.devices, node, ros.holder):
+                if not busy.namespace:
+                    self._unnamed[pod.uid] = pod  # its claim is on the way
+                    continue
+                text = device_busy(
+                    busy.device.id,
+                    node,
+                    holder=busy.holder,
+                    holder_namespace=busy.namespace,
+                    namespace=pod.namespace,
+                )
+                self._unnamed.pop(pod.uid, None)
+                self._reporter.note(pod.pod, reason=EventReason.DEVICE_BUSY, text=text)
+                return
