@@ -67,8 +67,7 @@ class Route:
     label_selector: str = ""
     field_selector: str = ""
     fixed_keys: bool = False
-    known_specs: bool = False
-    """See `WatchDecoder`, for both."""
+    """See `WatchDecoder`."""
 
 
 def storage_routes(volumes: Volumes, claims: ResourceClaims) -> tuple[Route, ...]:

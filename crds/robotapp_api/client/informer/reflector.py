@@ -105,16 +105,13 @@ class Reflector(Generic[T]):
         inactivity_s: float = INACTIVITY_S,
         backoff: Backoff | None = None,
         fixed_keys: bool = False,
-        known_specs: bool = False,
     ) -> None:
-        """`fixed_keys` and `known_specs` are for `WatchDecoder`."""
+        """`fixed_keys` is for `WatchDecoder`."""
         self._client = client
         self._resource = resource
         self._namespace = namespace
         self._selectors = {"labelSelector": label_selector, "fieldSelector": field_selector}
-        self._decoder: WatchDecoder[T] = WatchDecoder(
-            as_type, namespaced=resource.namespaced, fixed_keys=fixed_keys, known_specs=known_specs
-        )
+        self._decoder: WatchDecoder[T] = WatchDecoder(as_type, namespaced=resource.namespaced, fixed_keys=fixed_keys)
         self._on_change = on_change
         self._streaming = streaming
         self._page = page

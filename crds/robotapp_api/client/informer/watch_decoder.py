@@ -7,7 +7,6 @@ from typing import Any, Final, Generic, TypeVar, get_type_hints
 import msgspec
 
 from robotapp_api.client.api.client import ListMeta, Page
-from robotapp_api.client.informer.pod_diff import PodDiff, managed
 from robotapp_api.client.transport.errors import Status, Unreachable, error_from_status
 
 T = TypeVar("T")
@@ -23,6 +22,11 @@ MOST_NESTED: Final = 200
 MAX_LINE_BYTES: Final = 32 * 2**20
 """etcd refuses objects above 1.5 MiB; a longer line means we lost the thread."""
 INITIAL_EVENTS_END: Final = "k8s.io/initial-events-end"
+MOST_BEFORE_BYTES: Final = 4096
+"""Behind so much else of an object `managedFields` is not looked for: searching costs as well."""
+_MANAGED: Final = b'"managedFields":['
+_SPEC: Final = b']},"spec":{'
+"""What stands between the contents of managedFields and those of the spec."""
 
 
 class Identity(msgspec.Struct, frozen=True, gc=False):
@@ -135,6 +139,19 @@ class Lines:
         return complete
 
 
+def managed(line: bytes) -> tuple[int, int] | None:
+    """Where in a watch line the contents of metadata.managedFields are, if they are easily found: nearly half of a pod.
+
+    Nothing else of valid JSON is found. A quote inside a string is escaped, so what looks like the two keys here are
+    keys, and the bracket before the second is none of a string; as it is the first one, it ends this very list.
+    """
+    start = line.find(_MANAGED, 0, MOST_BEFORE_BYTES) + len(_MANAGED)
+    if start < len(_MANAGED):
+        return None
+    end = line.find(b"]", start)
+    return (start, end) if line.startswith(_SPEC, end) else None
+
+
 def identify_with(as_type: Any, *, namespaced: bool) -> Callable[[Any], Identity]:
     """How to read the identity of a decoded object: a dict, or a struct with metadata.{name, namespace, uid, ...}.
 
@@ -174,15 +191,9 @@ Read = tuple[T | None, Identity, str]
 class WatchDecoder(Generic[T]):
     """Decodes list pages and watch lines of objects of `as_type`; one that does not fit never stops the others."""
 
-    def __init__(
-        self, as_type: type[T], *, namespaced: bool, fixed_keys: bool = False, known_specs: bool = False
-    ) -> None:
-        """`fixed_keys`: in nothing that `as_type` reads can a user have named something "managedFields".
-
-        `known_specs` is for pods besides: of an update only what has changed is decoded (`PodDiff`).
-        """
+    def __init__(self, as_type: type[T], *, namespaced: bool, fixed_keys: bool = False) -> None:
+        """`fixed_keys`: in nothing that `as_type` reads can a user have named something "managedFields"."""
         self._fixed_keys = fixed_keys
-        self._versions: PodDiff[T] | None = PodDiff(as_type) if known_specs else None
         self.identify = identify_with(as_type, namespaced=namespaced)
         # The types are made at run time, which no checker can follow.
         typed: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Typed[as_type])  # type: ignore[valid-type]
@@ -218,18 +229,8 @@ class WatchDecoder(Generic[T]):
             return self._unusual(shallow(line))
 
     def _read(self, line: bytes) -> tuple[str, T]:
-        versions = self._versions
-        if versions is not None:
-            obj = versions.again(line)
-            if obj is not None:
-                return MODIFIED, obj
         where = managed(line) if self._fixed_keys else None
-        if where is None:
-            event = self._typed(line)
-            return event.type, event.object
-        event = self._typed(line[: where[0]] + line[where[1] :])
-        if versions is not None:
-            versions.take(event.type, line, where, event.object)
+        event = self._typed(line if where is None else line[: where[0]] + line[where[1] :])
         return event.type, event.object
 
     def _unusual(self, line: bytes) -> WatchEvent:

@@ -303,7 +303,7 @@ class Cache:
         old = self.placed.get(uid)
         # As long as they share parts: most are compared at once.
         known = old is not None and same_shape(old.pod, old.labels, pod)
-        self._alike.share(pod, old.pod if old is not None else None)
+        self._alike.share(pod)
         node, deleting = pod.spec.node_name, pod.metadata.deletion_timestamp is not None
         if old is not None and known and (old.node, old.terminating) == (node, deleting):
             # Most news by far: an assumption is confirmed, or the status changed.

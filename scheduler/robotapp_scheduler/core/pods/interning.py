@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar
 
 from msgspec.structs import replace
 
-from robotapp_scheduler.core.api.core_v1 import Metadata, Pod, PodSpec
+from robotapp_scheduler.core.api.core_v1 import Pod, PodSpec
 from robotapp_scheduler.core.pods.pod_signature import controller_of
 
 T = TypeVar("T", bound=Hashable)
@@ -36,8 +36,8 @@ class Interner:
     def __repr__(self) -> str:
         return f"Interner({len(self._models)} owners, {len(self._values)} values)"
 
-    def share(self, pod: Pod, old: Pod | None = None) -> None:
-        """Replace the parts of a placed pod that its last sibling has as well; `old` is what it was when this was done last."""
+    def share(self, pod: Pod) -> None:
+        """Replace the parts of a placed pod that its last sibling has as well."""
         owner = controller_of(pod.metadata.owner_references)
         key = owner.uid if owner is not None else pod.metadata.namespace
         model = self._models.get(key)
@@ -45,11 +45,8 @@ class Interner:
             if len(self._models) >= MOST_MODELS:
                 self._models.clear()
             model = self._models[key] = {}
-        if old is None or pod.spec is not old.spec:
-            _share(pod.metadata, METADATA, model)
-            self._share_spec(pod, model)
-        elif not _same_parts(pod.metadata, old.metadata):
-            _share(pod.metadata, METADATA, model)
+        _share(pod.metadata, METADATA, model)
+        self._share_spec(pod, model)
         known = model.get("status")
         if pod.status == known:
             pod.status = known
@@ -77,14 +74,6 @@ class Interner:
             self._values.clear()
         found: T = self._values.setdefault(value, value)
         return found
-
-
-def _same_parts(one: Metadata, other: Metadata) -> bool:
-    return (
-        one.labels is other.labels
-        and one.annotations is other.annotations
-        and one.owner_references is other.owner_references
-    )
 
 
 def _share(part: object, fields: tuple[str, ...], model: dict[str, Any]) -> None:

@@ -75,7 +75,6 @@ class Informers:
             lambda _: Change.NONE,
             field_selector=LIVE_PODS,
             fixed_keys=True,
-            known_specs=True,
         )
         self._core = (
             (pods, on_pod),
@@ -147,7 +146,6 @@ class Informers:
             label_selector=route.label_selector,
             field_selector=route.field_selector,
             fixed_keys=route.fixed_keys,
-            known_specs=route.known_specs,
         )
         self._reflectors.append(reflector)
         group.create_task(reflector.run(), name=f"watch {route.resource.plural}")

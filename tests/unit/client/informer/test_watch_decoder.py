@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.scripted import bookmark, error_event, event, item
 
-from robotapp_api.client.informer.pod_diff import managed
-from robotapp_api.client.informer.watch_decoder import BOOKMARK, Identity, Lines, WatchDecoder, shallow
+from robotapp_api.client.informer.watch_decoder import BOOKMARK, Identity, Lines, WatchDecoder, managed, shallow
 from robotapp_api.client.transport.errors import Gone, ServerError, Unreachable
 
 

@@ -52,13 +52,9 @@ def test_replicas_in_the_same_state_hold_one_status_and_nodes_of_their_own() -> 
     assert third.spec.containers is first.spec.containers
 
 
-def test_a_pod_whose_spec_is_that_of_its_last_version_keeps_it() -> None:
+def test_versions_of_a_pod_and_its_siblings_each_keep_their_node() -> None:
     alike = Interner()
     sibling, bound, running = (make_pod(name, node=node, owner=REPLICA) for name, node in ("am", "bn", "bn"))
-    alike.share(bound)
-    alike.share(sibling)
-    running.spec = bound.spec
-    alike.share(running, bound)
-    assert running.spec is bound.spec
-    alike.share(sibling)
+    for pod in (bound, sibling, running, sibling):
+        alike.share(pod)
     assert [pod.spec.node_name for pod in (sibling, bound, running)] == ["m", "n", "n"]
