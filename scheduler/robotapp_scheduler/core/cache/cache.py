@@ -5,7 +5,7 @@ the shell can wake exactly the waiting pods that may profit. Rows that changed g
 results are repaired.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from typing import Final
 
 from robotapp_api.claims.objects import Claim
@@ -38,7 +38,7 @@ WITH_TERMS: Final = {each: each | Change.TERMS for each in (Change.POD_ADDED, Ch
 
 
 class Cache:
-    """Nodes, placed pods of any scheduler, apps, claims and telemetry. `clock` (monotonic seconds) ages telemetry and columns of plugins."""
+    """Nodes, placed pods of any scheduler, apps, claims and telemetry. `clock` (monotonic seconds) ages telemetry."""
 
     def __init__(self, *, clock: Callable[[], float]) -> None:
         self.nodes = NodeTable()
@@ -69,8 +69,6 @@ class Cache:
         """Live pods without a node, by uid."""
         self._priorities: dict[int, int] = {}
         self._clock = clock
-        self.own_columns: dict[str, tuple[float, Mapping[str, float]]] = {}
-        """Columns that plugins fill in the background: name → (when, value per node name)."""
 
     def __repr__(self) -> str:
         return f"Cache({self.nodes.count} nodes, {len(self.placed)} placed, {len(self._seen)} waiting)"
@@ -233,17 +231,6 @@ class Cache:
         if self.devices.drop_telemetry(name, self.nodes.labels.of(row) if row is not None else {}):
             change |= Change.DEVICES
         return self._telemetry_changed(name, change)
-
-    def set_column(self, name: str, values: Mapping[str, float]) -> Change:
-        """Fill a plugin's own column; nodes that are not named have no value."""
-        self.own_columns[name] = (self._clock(), dict(values))
-        self.log.add(EVERY_ROW, Change.COLUMN)
-        return Change.COLUMN
-
-    def column(self, name: str, *, max_age_s: float) -> Mapping[str, float]:
-        """Values of a plugin's own column; empty when it is older than allowed or was never filled."""
-        filled_s, values = self.own_columns.get(name, (float("-inf"), {}))
-        return values if self._clock() - filled_s <= max_age_s else {}
 
     def tick(self) -> Change:
         """Let old telemetry expire; call about once a second."""

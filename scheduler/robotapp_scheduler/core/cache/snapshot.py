@@ -10,6 +10,7 @@ import numpy.typing as npt
 from robotapp_scheduler.core.api.core_v1 import Taint
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.nodes.columns import BoolArray, CodeArray, FloatArray, IntArray, Vocabulary
+from robotapp_scheduler.core.nodes.node_facts import NodeFact
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.nodes.resource_arrays import Plain
 from robotapp_scheduler.core.robotics.rtt import RttRow
@@ -149,11 +150,6 @@ class Snapshot:
         return self._pick(self._table.unschedulable)
 
     @property
-    def draining(self) -> BoolArray:
-        """Annotation graceful-shutdown is "true"."""
-        return self._pick(self._table.draining)
-
-    @property
     def taint_sets(self) -> tuple[CodeArray, Sequence[tuple[Taint, ...]]]:
         """Code per row into the distinct taint lists: evaluate each list once, then index."""
         return self._pick(self._table.taints.column), self._table.taints.values
@@ -188,10 +184,9 @@ class Snapshot:
         row = self.cluster.rtt.from_node(node, percentile)
         return RttRow(self._pick(row.rtt_us), self._pick(row.source))
 
-    def column(self, name: str, *, max_age: float = float("inf")) -> FloatArray:
-        """A column the plugin filled with `Cache.set_column`, NaN where it has no value or is older (seconds)."""
-        values = self.cluster.column(name, max_age_s=max_age)
-        return np.array([values.get(node, np.nan) for node in self.names], dtype=np.float64)
+    def fact(self, fact: NodeFact) -> npt.NDArray[Any]:
+        """A fact that the plugin defines itself, in the type of its values."""
+        return self._pick(self._table.facts.column(fact, self._table.objects))
 
     def load(self, field: str) -> FloatArray:
         """cpu_percent, memory_percent or gpu_percent as reported by the agents, NaN where unknown."""

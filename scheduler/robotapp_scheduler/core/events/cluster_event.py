@@ -7,7 +7,7 @@ One vocabulary serves three readers: the change log (which node rows a cached re
 from collections.abc import Iterable
 from enum import IntFlag, auto
 from functools import cache
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import msgspec
 
@@ -47,8 +47,8 @@ class Change(IntFlag):
     """A Service or workload came, went or changed its selector."""
     IMAGES = auto()
     """A node reports other container images."""
-    COLUMN = auto()
-    """A plugin's own column was filled anew."""
+    FACTS = auto()
+    """A value that a plugin derives from its node changed (core.nodes.node_facts)."""
     PVC = auto()
     """A PersistentVolumeClaim appeared or changed."""
     PV = auto()
@@ -188,13 +188,18 @@ READS: Final[dict[str, Change]] = {
 }
 """`node_reads` of a plugin → the changes after which its result for that row must be computed again."""
 
-OWN_COLUMN: Final = "column:"
-"""`node_reads` of a plugin-owned column, as in "column:noise"."""
+
+class OwnFact(Protocol):
+    """A fact that a plugin defines itself, in `node_reads` (core.nodes.node_facts.NodeFact)."""
+
+    @property
+    def changes(self) -> Change:
+        """As a value of READS."""
 
 
-def interest_of(node_reads: Iterable[str]) -> int:
+def interest_of(node_reads: Iterable[str | OwnFact]) -> int:
     """The changes that concern a reader of these facts, as a plain int. Unknown names are KeyErrors."""
     found = Change.NONE
-    for name in node_reads:
-        found |= NODE | Change.COLUMN if name.startswith(OWN_COLUMN) else READS[name]
+    for fact in node_reads:
+        found |= READS[fact] if isinstance(fact, str) else fact.changes
     return int(found)

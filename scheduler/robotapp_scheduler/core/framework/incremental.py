@@ -21,6 +21,7 @@ import numpy.typing as npt
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.framework.interface import BindContext, Code
+from robotapp_scheduler.core.nodes.node_facts import NodeFact
 from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
@@ -51,7 +52,7 @@ Narrows = Callable[[PodInfo], bool]
 
 It must follow from spec and labels, and from whether the pod has ROS fields (`pod.ros is None`).
 """
-Minds = Callable[[PodInfo], Iterable[str]]
+Minds = Callable[[PodInfo], Iterable[str | NodeFact]]
 """`minds(pod)`: the facts that results for such pods depend on, where they are fewer than `node_reads`.
 
 It must follow from `reads` alone. Without it: all of `node_reads`.

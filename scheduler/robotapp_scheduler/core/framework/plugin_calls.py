@@ -21,17 +21,22 @@ class PluginCall:
 
     __slots__ = ("_before", "_journal", "frame", "hook", "plugin", "pod")
 
-    def __init__(self, plugin: str, hook: str, pod: PodInfo, journal: Asking | None = None) -> None:
+    def __init__(self, plugin: str, hook: str, pod: PodInfo | None, journal: Asking | None = None) -> None:
         self.plugin = plugin
         self.hook = hook
         self.pod = pod
         self.frame: FrameType | None = None
         """That of the function that calls the hook."""
-        self._journal = None if journal is None else journal(plugin, hook, pod)
+        self._journal = None if journal is None or pod is None else journal(plugin, hook, pod)
         self._before: Token[PluginCall | None] | None = None
 
     def __repr__(self) -> str:
-        return f"<PluginCall {self.hook} of {self.plugin} about {self.pod.key}>"
+        return f"<PluginCall {self.hook} of {self.plugin}{self.about}>"
+
+    @property
+    def about(self) -> str:
+        """The pod, for a sentence; empty for a function that gets none."""
+        return f" about pod {self.pod.key}" if self.pod is not None else ""
 
     def __enter__(self) -> Self:
         if self._journal is not None:

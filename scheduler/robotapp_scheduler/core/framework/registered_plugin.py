@@ -23,6 +23,7 @@ from robotapp_scheduler.core.framework.plugin_calls import Asking
 from robotapp_scheduler.core.framework.plugin_results import NORMALIZERS
 from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.core.framework.validation import problems_of
+from robotapp_scheduler.core.nodes.node_facts import NodeFact
 from robotapp_scheduler.core.pods.pod_info import LIVE, PodInfo
 
 
@@ -51,7 +52,7 @@ class RegisteredPlugin:
         self.normalize: str = getattr(plugin, "normalize", "none")
         self.events: Change = getattr(plugin, "events", Change.ALL)
         self.reads: tuple[str, ...] = tuple(sorted(getattr(plugin, "reads", ("uid",))))
-        node_reads: tuple[str, ...] = tuple(getattr(plugin, "node_reads", READS))
+        node_reads: tuple[str | NodeFact, ...] = tuple(getattr(plugin, "node_reads", READS))
         self.reads_live = any(name.startswith(LIVE) for name in self.reads)
         """Reads parts of "ros", or "volumes": its columns are found by what these are at this attempt."""
         self.interest = interest_of(node_reads) | (0 if self.row_local else int(NODE))  # which rows there are

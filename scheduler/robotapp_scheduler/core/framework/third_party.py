@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from robotapp_scheduler.core.api.core_v1 import Node
 from robotapp_scheduler.core.cache.snapshot import LabelColumn
 from robotapp_scheduler.core.events.cluster_event import interest_of
 from robotapp_scheduler.core.framework.incremental import Beside
@@ -28,6 +29,7 @@ from robotapp_scheduler.core.framework.plugin_calls import Overdue, PluginCall
 from robotapp_scheduler.core.framework.plugin_results import NORMALIZERS, checked_scores
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.framework.validation import misread
+from robotapp_scheduler.core.nodes.node_facts import NodeFact
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 log = logging.getLogger(__name__)
@@ -58,6 +60,9 @@ def guarded(loaded: RegisteredPlugin) -> RegisteredPlugin:
     for hook in _SHORT_CUTS:
         if _made_here(getattr(loaded, hook)):
             setattr(loaded, hook, None)
+    for fact in getattr(loaded.plugin, "node_reads", ()):
+        if isinstance(fact, NodeFact) and not _made_here(fact.derive):
+            fact.of = _derived(loaded.name, fact)
     for hook, check in _CHECKS.items():
         function = getattr(loaded, hook)
         if function is not None:
@@ -88,6 +93,22 @@ def _watched(loaded: RegisteredPlugin, hook: str, function: Callable[..., Any], 
             raise PluginError(plugin, f"{hook} raised {type(error).__name__}: {error}") from error
 
     return asked
+
+
+def _derived(plugin: str, fact: NodeFact) -> Callable[[Node], float]:
+    """Its function, of which an exception or a call without return is a PluginError: then the node has the value `absent`."""
+    hook = f"the fact {fact.name!r}"
+
+    def derived(node: Node) -> float:
+        try:
+            with PluginCall(plugin, hook, None):
+                return fact.derive(node)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # as in `_watched`
+            raise PluginError(plugin, f"{hook} raised {type(error).__name__}: {error}") from error
+
+    return derived
 
 
 def _held_when_broken(loaded: RegisteredPlugin, function: Callable[..., Any]) -> Callable[..., Status | None]:

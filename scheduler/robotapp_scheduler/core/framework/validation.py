@@ -3,7 +3,8 @@
 from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any, Final
 
-from robotapp_scheduler.core.events.cluster_event import OWN_COLUMN, READS, Change
+from robotapp_scheduler.core.events.cluster_event import READS, Change
+from robotapp_scheduler.core.nodes.node_facts import NodeFact
 from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE
 
 NAMES: Final = (tuple, list, set, frozenset)
@@ -92,8 +93,8 @@ def _names(plugin: Any) -> Iterator[str]:
         if unknown:
             yield f"`{attribute}` names {', '.join(unknown)}; features of a pod are {', '.join(sorted(FEATURES))}"
     for attribute in ("node_reads", "relevant_reads"):
-        unknown = [str(name) for name in getattr(plugin, attribute, ()) if name not in READS]
-        unknown = sorted(name for name in unknown if not name.startswith(OWN_COLUMN))
+        named = [each for each in getattr(plugin, attribute, ()) if not isinstance(each, NodeFact)]
+        unknown = sorted(str(name) for name in named if name not in READS)
         if unknown:
             yield f"`{attribute}` names {', '.join(unknown)}; facts of nodes are {', '.join(sorted(READS))}"
     if len({next((live for live in LIVE if name.startswith(live)), "") for name in map(str, reads)}) > 1:

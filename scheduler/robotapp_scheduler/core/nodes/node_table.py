@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_api.claims.instances import primary_node
-from robotapp_api.model.names import Annotation, Label
+from robotapp_api.model.names import Label
 from robotapp_api.values.requests import amounts
 from robotapp_scheduler.core.api.core_v1 import Node, Taint
 from robotapp_scheduler.core.events.cluster_event import Change
@@ -22,6 +22,7 @@ from robotapp_scheduler.core.nodes.columns import (
     ResourceColumns,
     grown,
 )
+from robotapp_scheduler.core.nodes.node_facts import FactColumns
 from robotapp_scheduler.core.nodes.tenants import Tenants
 
 MOST_ROWS: Final = 1024
@@ -109,10 +110,11 @@ class NodeTable:
         """status.declaredFeatures."""
         self.valid: BoolArray = np.zeros(START_ROWS, dtype=np.bool_)
         self.unschedulable: BoolArray = np.zeros(START_ROWS, dtype=np.bool_)
-        self.draining: BoolArray = np.zeros(START_ROWS, dtype=np.bool_)
-        """Node annotation graceful-shutdown is "true": no new ROS pods."""
         self.name_hash: npt.NDArray[np.uint64] = np.zeros(START_ROWS, dtype=np.uint64)
         self.annotations: list[dict[str, str]] = []
+        self.objects: list[Node | None] = []
+        """The objects of the watch's store, None for holes."""
+        self.facts = FactColumns()
         self.robots: dict[str, dict[str, None]] = {}
         """Robot name → names of its nodes."""
         self.tenants = Tenants()
@@ -160,6 +162,9 @@ class NodeTable:
         change |= self._set_features(row, frozenset(node.status.declared_features))
         if self.tenants.apply(name, self.labels.of(row), self.annotations[row]):
             change |= Change.TENANTS
+        if self.facts.apply(row, node):
+            change |= Change.FACTS
+        self.objects[row] = node
         if change:
             self.versions[row] += 1
         if change & (Change.NODE_ADDED | Change.LABELS):
@@ -175,9 +180,11 @@ class NodeTable:
         self.valid[row] = False
         self.names[row] = ""
         self.annotations[row] = {}
+        self.objects[row] = None
+        self.facts.remove(row)
         self.taints.set(row, ())
         self.features.set(row, frozenset())
-        self.unschedulable[row] = self.draining[row] = False
+        self.unschedulable[row] = False
         self.resources.set_allocatable(row, ())
         self.resources.requested[:, row] = 0
         self.allowed_pods[row] = self.pod_count[row] = 0
@@ -230,6 +237,7 @@ class NodeTable:
             self.size += 1
             self.names.append("")
             self.annotations.append({})
+            self.objects.append(None)
             self.versions.append(0)
             if self.size > len(self.valid):
                 self._grow(2 * len(self.valid))
@@ -243,12 +251,13 @@ class NodeTable:
         return row
 
     def _grow(self, rows: int) -> None:
-        for name in ("valid", "unschedulable", "draining", "name_hash"):
+        for name in ("valid", "unschedulable", "name_hash"):
             setattr(self, name, grown(getattr(self, name), rows))
         self.resources.grow(rows)
         self.labels.grow(rows)
         self.taints.grow(rows)
         self.features.grow(rows)
+        self.facts.grow(rows)
 
     def _set_offered(self, row: int, offered: dict[str, int]) -> Change:
         allowed = min(offered.pop("pods", 0), LARGEST)
@@ -296,5 +305,4 @@ class NodeTable:
         if self.annotations[row] == annotations:
             return Change.NONE
         self.annotations[row] = annotations
-        self.draining[row] = annotations.get(Annotation.GRACEFUL_SHUTDOWN) == "true"
         return Change.ANNOTATIONS

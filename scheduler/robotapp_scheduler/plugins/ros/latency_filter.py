@@ -5,12 +5,14 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from robotapp_api.model.names import Annotation
 from robotapp_api.values.duration import parse_us
 from robotapp_scheduler.core.api.ros import Endpoint
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import FilterResult, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
+from robotapp_scheduler.core.nodes.node_facts import NodeFact
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.ros.round_trips import estimated, nearest_us
 
@@ -20,6 +22,12 @@ LIKELY_TOO_FAR: Final = "node(s) exceeded the latency budget by estimate"
 UNKNOWN: Final = "node(s) had no latency measurement"
 OUTLIER: Final = "node(s) were latency outliers"
 UNREACHABLE: Final = "node(s) got no answer from the other end of a connection"
+SHUTTING_DOWN: Final = NodeFact(
+    "shutting-down",
+    lambda node: (node.metadata.annotations or {}).get(Annotation.GRACEFUL_SHUTDOWN) == "true",
+    absent=False,
+)
+"""No new ROS pods on these."""
 _PASS, _DRAINING, _TOO_FAR, _UNKNOWN, _OUTLIER, _UNREACHABLE, _LIKELY_TOO_FAR = range(-1, 6)
 
 
@@ -41,7 +49,7 @@ class LatencyFilter:
 
     name = "LatencyFilter"
     reads = ("ros.endpoints",)
-    node_reads = ("rtt", "annotations")
+    node_reads = ("rtt", SHUTTING_DOWN)
     events = (
         Change.NODE_ADDED | Change.ANNOTATIONS | Change.LABELS  # which zone a node is in, and which one is `@robot`
         | Change.RTT | Change.POD_ADDED | Change.POD_REMOVED | Change.APPS
@@ -68,7 +76,7 @@ class LatencyFilter:
         """True where no rule objects; no opinion for a pod without ROS fields."""
         if pod.ros is None:
             return None
-        codes = np.where(nodes.draining, _DRAINING, _PASS)
+        codes = np.where(nodes.fact(SHUTTING_DOWN), _DRAINING, _PASS)
         detail = np.full(nodes.n, np.nan)
         for endpoint in pod.ros.endpoints:
             if endpoint.required:

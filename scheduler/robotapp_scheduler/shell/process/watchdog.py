@@ -107,11 +107,11 @@ class Watchdog:
     def _give_up(self, call: PluginCall) -> None:
         """`sys.exit` would be swallowed too. The next leader meets the same pod; what `last_words` records may spare it that."""
         log.critical(
-            "%s of plugin %s cannot be broken off about pod %s, it catches BaseException: the process ends. Take the plugin out of the "
-            "configuration, or delete the pod",
-            *(call.hook, call.plugin, call.pod.key),
+            "%s of plugin %s cannot be broken off%s, it catches BaseException: the process ends. Take the plugin out of the "
+            "configuration%s",
+            *(call.hook, call.plugin, call.about, ", or delete the pod" if call.pod is not None else ""),
         )
-        if self._last_words is not None:
+        if self._last_words is not None and call.pod is not None:
             self._last_words(call.plugin, call.hook, call.pod)
         self._end(os.EX_SOFTWARE)
 
@@ -128,10 +128,7 @@ def _running(frame: FrameType | None) -> PluginCall | None:
 
 def _told(call: PluginCall | None, frame: FrameType, waited_s: float) -> str:
     if call is not None:
-        return (
-            f"{call.hook} of plugin {call.plugin} has not answered for {waited_s:g} s about pod {call.pod.key}: "
-            "it is broken off"
-        )
+        return f"{call.hook} of plugin {call.plugin} has not answered for {waited_s:g} s{call.about}: it is broken off"
     pod = _pod(frame)
     about = f" with pod {pod}" if pod else ""
     return f"nothing was decided for {waited_s:g} s{about}: the event loop is held here"

@@ -278,27 +278,3 @@ def test_decisions_are_counted_per_plugin_point_and_result() -> None:
     assert decisions["QuietNodes", "score", "score"] == 1
     core.schedule_one(make_info("big", cpu="100"))
     assert core.decisions()["NodeResourcesFit", "filter", "reject"] == 1
-
-
-def test_a_plugin_may_fill_a_column_of_its_own_which_ages() -> None:
-    class Noise:
-        name = "Noise"
-        reads = ()
-        node_reads = ("column:noise",)
-        row_local = True
-        reason = "node(s) were too noisy"
-
-        def filter(self, pod: PodInfo, nodes: Snapshot) -> Any:
-            return ~(nodes.column("noise", max_age=30) > 60)
-
-    core = core_with(Noise, count=2)
-    assert core.schedule_one(make_info("p"), assume=False).feasible == 2
-    core.cluster.set_column("noise", {"n0": 80.0})
-    decision = core.schedule_one(make_info("p"), assume=False)
-    assert (decision.node, decision.feasible) == ("n1", 1)
-    core.cluster.set_column("noise", {})
-    assert core.schedule_one(make_info("p"), assume=False).feasible == 2
-    core.cluster.set_column("noise", {"n1": 80.0})
-    assert core.schedule_one(make_info("p"), assume=False).node == "n0"
-    core._clock.forward(31)  # type: ignore[attr-defined]  # the test's clock
-    assert np.isnan(Snapshot(core.cluster).column("noise", max_age=30)).all()

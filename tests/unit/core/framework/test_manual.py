@@ -12,6 +12,7 @@ from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework import interface
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.framework.validation import HOOKS, KINDS
@@ -23,8 +24,13 @@ ATTRIBUTES = {"name", "Args", "sound"}
 MANUAL = Path(__file__).parents[4] / "docs" / "how-to" / "write-a-plugin.md"
 
 
+def examples() -> tuple[str, str]:
+    first, second = re.findall(r"```python\n(.*?)```", MANUAL.read_text(), flags=re.DOTALL)
+    return first, second
+
+
 def test_the_plugin_of_the_manual_filters_and_decides() -> None:
-    (source,) = re.findall(r"```python\n(.*?)```", MANUAL.read_text(), flags=re.DOTALL)
+    source, _ = examples()
     space: dict[str, Any] = {}
     exec(source, space)  # noqa: S102 - our own documentation
     lines = [line for line in source.split("class ", 1)[1].splitlines() if line.strip()]
@@ -43,7 +49,7 @@ def test_the_plugin_of_the_manual_filters_and_decides() -> None:
 
 
 def test_the_interface_has_the_example_of_the_manual() -> None:
-    (source,) = re.findall(r"```python\n(.*?)```", MANUAL.read_text(), flags=re.DOTALL)
+    source, _ = examples()
     assert [line.strip() for line in source.splitlines() if line.strip()] == [
         line.strip()
         for line in re.split(r"useful one:|Hooks, in", str(interface.__doc__))[1].splitlines()
@@ -71,10 +77,28 @@ def test_what_an_author_imports_is_fifteen_names_at_most() -> None:
     assert len(names) <= 15, names
 
 
+def test_the_fact_of_the_manual_repairs_results_and_wakes_pods() -> None:
+    space: dict[str, Any] = {}
+    exec(examples()[1], space)  # noqa: S102 - our own documentation
+    plugin, clock = space["LowNoise"], Clock()
+    cluster = make_cluster(make_node("n0", annotations={"lab.example/noise-db": "80"}), clock=clock)
+    spec = ProfileSpec(SCHEDULER_NAME, plugins={"multiPoint": PluginSet(enabled=(PluginRef("LowNoise"),))})
+    core = SchedulerCore(cluster, build_profiles([spec], catalogue({"LowNoise": plugin})), clock=clock)
+    assert core.schedule_one(make_info("p")).rejected_by == {"LowNoise"}
+    for noise_db, placed in (("70", False), ("50", True)):
+        node = make_node("n0", annotations={"lab.example/noise-db": noise_db})
+        event = Event("nodes", cluster.apply_node(node), None, node)
+        assert Change.FACTS in event.change
+        assert plugin().hint(make_info("p"), event) == placed
+        assert core.schedule_one(make_info("p"), assume=False).placed == placed
+    cluster.apply_node(make_node("n1"))
+    assert core.schedule_one(make_info("p"), assume=False).feasible == 2
+
+
 def test_bench_plugin_reports_what_the_plugin_of_the_manual_costs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (source,) = re.findall(r"```python\n(.*?)```", MANUAL.read_text(), flags=re.DOTALL)
+    source, _ = examples()
     (tmp_path / "plugin_of_the_manual.py").write_text(source)
     monkeypatch.syspath_prepend(str(tmp_path))
     out = io.StringIO()
