@@ -31,13 +31,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def replaced(page: str, text: str) -> str:
+def replaced(page: str, text: str, *, begin: str = BEGIN, end: str = END) -> str:
     """The page with `text` between the marks. Raises ValueError when it has none."""
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise ValueError(f"the page has no lines {BEGIN!r} and {END!r}")
-    return f"{before}{BEGIN}\n{text}\n{END}{after}"
+    before, found_begin, rest = page.partition(begin)
+    _, found_end, after = rest.partition(end)
+    if not found_begin or not found_end:
+        raise ValueError(f"the page has no lines {begin!r} and {end!r}")
+    return f"{before}{begin}\n{text}\n{end}{after}"
 
 
 if __name__ == "__main__":

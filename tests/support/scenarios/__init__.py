@@ -1,0 +1,1 @@
+"""The thesis' scenarios on a live control plane: random clusters, our scheduler and kube-scheduler side by side."""

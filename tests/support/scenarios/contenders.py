@@ -1,0 +1,73 @@
+"""The two schedulers that are compared: names, configurations, processes."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import Any, Final
+
+import yaml
+from tests.bench.speed import contestants
+from tests.bench.speed.workloads import WORKLOADS
+
+from robotapp_api.model.names import SCHEDULER_NAME
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.process import Process
+from robotapp_testbed.product import start_scheduler
+
+ZONES_FIRST: Final = "zones-first"
+"""A profile of ours in which no difference in load outweighs the order of preferred zones."""
+ZONES_FIRST_WEIGHT: Final = 25
+"""Of TopologyScore. The shipped 10, which is the thesis', keeps the order until a node is about 60 % full."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contender:
+    """`zones_first` is the schedulerName of pods whose zone order must hold until a zone is full."""
+
+    name: str
+    scheduler_name: str
+    zones_first: str
+
+
+OURS: Final = Contender("robotapp", SCHEDULER_NAME, ZONES_FIRST)
+KUBE_SCHEDULER: Final = Contender("kube-scheduler", "default-scheduler", "default-scheduler")
+BOTH: Final = (OURS, KUBE_SCHEDULER)
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """A contender and its process."""
+
+    contender: Contender
+    process: Process
+
+    @contextmanager
+    def away(self) -> Iterator[None]:
+        """The scheduler is stopped while this lasts, so that it finds all at once what is created meanwhile."""
+        self.process.stop()
+        yield
+        self.process.start().wait_ready()
+
+
+@contextmanager
+def started(cp: ControlPlane) -> Iterator[tuple[Running, ...]]:
+    """Both, with no difference but their plugins; they end with this."""
+    with ExitStack() as stack:
+        config = cp.run_dir / "scenarios.config.yaml"
+        config.write_text(yaml.safe_dump(_configuration()))
+        ours = start_scheduler(cp, config, name="scheduler-scenarios", sweep_seconds=1, log_format="text")
+        stack.callback(ours.stop)
+        theirs = contestants.start(cp, contestants.KUBE_SCHEDULER, WORKLOADS["basic"], leader_elect=False)
+        stack.callback(theirs.stop)
+        yield Running(OURS, ours), Running(KUBE_SCHEDULER, theirs)
+
+
+def _configuration() -> dict[str, Any]:
+    """Ours as it is shipped, and the profile for zones."""
+    zones_first = {"score": {"enabled": [{"name": "TopologyScore", "weight": ZONES_FIRST_WEIGHT}]}}
+    return {
+        "apiVersion": "kubescheduler.config.k8s.io/v1",
+        "kind": "KubeSchedulerConfiguration",
+        "leaderElection": {"leaderElect": False},
+        "profiles": [{"schedulerName": SCHEDULER_NAME}, {"schedulerName": ZONES_FIRST, "plugins": zones_first}],
+    }
