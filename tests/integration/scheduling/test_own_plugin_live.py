@@ -6,11 +6,13 @@ import secrets
 import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 from tests.support.stage import Stage, nodes, pod
 
+from robotapp_api.model.names import Annotation, Label
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.nodes import edge
 from robotapp_testbed.process import Process
@@ -49,6 +51,27 @@ class Docks:
 
     def post_bind(self, pod, node, ctx):
         print("post_bind", pod.name, node, flush=True)
+'''
+
+
+COURIER = '''
+from robotapp_scheduler.core.framework.interface import Code, Status
+
+
+class Courier:
+    """Binds the pods that ask for it, and leaves the others to the next bind plugin."""
+
+    name = "Courier"
+
+    async def bind(self, pod, node, ctx):
+        if pod.labels.get("courier") == "ill":
+            raise OSError("the courier is ill")
+        if "courier" not in pod.labels:
+            return Status(Code.SKIP)
+        ctx.annotations["lab.example/by"] = "courier"
+        return await ctx.handle.pods.bind(
+            pod.pod, node, annotations=ctx.binding_annotations, resource_version=ctx.reserved.resource_version
+        )
 '''
 
 
@@ -94,6 +117,24 @@ class Dies:
 '''
 
 
+Lists = Callable[[str], dict[str, Any]]
+"""The `plugins` of a profile, with a plugin of this name."""
+
+
+def everywhere(name: str) -> dict[str, Any]:
+    return {"multiPoint": {"enabled": [{"name": name}]}}
+
+
+def before_the_default(name: str) -> dict[str, Any]:
+    listed = [{"name": name}, {"name": "DefaultBinder"}]
+    return {"bind": {"enabled": listed, "disabled": [{"name": "*"}]}}
+
+
+def without_ours(name: str) -> dict[str, Any]:
+    listed = [{"name": each} for each in (name, "PrioritySort", "NodeResourcesFit", "DefaultBinder")]
+    return {"multiPoint": {"enabled": listed, "disabled": [{"name": "*"}]}}
+
+
 @pytest.fixture
 def start(
     installed_plane: ControlPlane, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -102,7 +143,7 @@ def start(
     started: list[Process] = []
     module = f"lab_{secrets.token_hex(3)}"
 
-    def started_with(source: str, plugin: str, *, wait: bool = True) -> Process:
+    def started_with(source: str, plugin: str, *, wait: bool = True, plugins: Lists = everywhere) -> Process:
         (tmp_path / f"{module}.py").write_text(source)
         monkeypatch.setenv("PYTHONPATH", str(tmp_path))
         config = {
@@ -112,7 +153,7 @@ def start(
             "profiles": [
                 {
                     "schedulerName": "ros-aware-scheduler",
-                    "plugins": {"multiPoint": {"enabled": [{"name": f"{module}:{plugin}"}]}},
+                    "plugins": plugins(f"{module}:{plugin}"),
                 }
             ],
         }
@@ -151,6 +192,39 @@ def test_what_a_plugin_reserves_travels_in_the_binding_and_what_it_refuses_waits
         stage.create_pod(pod("second"))
         assert "1 no dock is free." in stage.wait_refused("second", reason="Unschedulable")
         assert stage.node_of("second") == ""
+
+
+def test_a_bind_plugin_binds_what_it_does_not_skip_grants_included_and_is_named_where_it_fails(
+    installed_plane: ControlPlane, stage: Stage, start: Callable[..., Process]
+) -> None:
+    start(COURIER, "Courier", plugins=before_the_default)
+    with nodes(installed_plane, edge("edge-1")):
+        domain = {str(Annotation.DDS_DOMAIN): "auto"}
+        stage.create_pod(pod("carried", labels={"courier": "yes"}, annotations=domain))
+        assert stage.wait_bound("carried") == "edge-1"
+        annotations = stage.pod("carried")["metadata"]["annotations"]
+        assert annotations["lab.example/by"] == "courier"
+        assert annotations[str(Annotation.GRANTED_DOMAIN)].isdigit()
+        stage.create_pod(pod("skipped"))
+        assert stage.wait_bound("skipped") == "edge-1"
+        assert "lab.example/by" not in stage.pod("skipped")["metadata"].get("annotations", {})
+        stage.create_pod(pod("dropped", labels={"courier": "ill"}))
+        text = stage.wait_refused("dropped", reason="SchedulerError")
+        assert text == 'binding rejected: running Bind plugin "Courier": OSError: the courier is ill'
+
+
+def test_in_a_profile_of_kube_schedulers_plugins_alone_pods_of_apps_wait_with_the_reason(
+    installed_plane: ControlPlane, stage: Stage, start: Callable[..., Process]
+) -> None:
+    """Nothing there checks the claim of their domain."""
+    start(SOURCE, "Docks", plugins=without_ours)
+    with nodes(installed_plane, edge("edge-1")):
+        stage.create_pod(pod("member", labels={str(Label.APP_UID): "app-1"}))
+        text = stage.wait_refused("member", reason="Unschedulable")
+        assert "cannot place pods of a RobotApp" in text
+        assert "enable ROSReserve at reserve and ROSBind at bind" in text
+        stage.create_pod(pod("bare"))
+        assert stage.wait_bound("bare") == "edge-1"
 
 
 def alive(process: Process) -> bool:
