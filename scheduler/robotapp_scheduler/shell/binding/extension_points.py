@@ -86,6 +86,9 @@ class ExtensionPoints:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if not self._bound:
+            self.context.sent |= (
+                kind is not None
+            )  # how far an attempt came that was cancelled or met a bug is not known
             await self.give_back()
 
     # --- Before the bind -----------------------------------------------------------------------------------------

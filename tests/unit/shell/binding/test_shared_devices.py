@@ -7,6 +7,7 @@ from tests.support.placing import BINDING, Rig
 
 from robotapp_api.claims.identity import holder_of_pod
 from robotapp_api.claims.objects import Claim, ClaimSpec, Meta
+from robotapp_scheduler.core.api.core_v1 import ClaimReference
 from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult, Readiness, Reserved
 from robotapp_scheduler.core.framework.interface import Code, Status
 
@@ -83,6 +84,19 @@ async def test_once_a_binding_may_have_left_nothing_is_given_back(answer: Any) -
     rig.show(wishes=True)
     await rig.turn()
     assert (len(rig.io.asked), rig.io.sharing, rig.core.cluster.placed) == (1, [], {})
+
+
+async def test_an_attempt_that_met_a_bug_leaves_what_it_holds_to_the_next_one() -> None:
+    async def bug(_pod: Any) -> str:
+        raise RuntimeError("bug")
+
+    rig = Rig()
+    rig.volumes.enter = bug  # type: ignore[method-assign]
+    rig.io.reservations.append(sharing("7"))
+    rig.show(wishes=True, resource_claims=(ClaimReference(name="gpu"),))
+    await rig.turn()
+    assert (rig.io.asked, rig.io.sharing, rig.core.cluster.placed) == ([], [], {})
+    assert rig.core.queue.pending()["backoff"] == 1
 
 
 async def test_a_pod_that_another_plugin_refuses_lets_others_share_its_devices() -> None:
