@@ -37,7 +37,7 @@ from robotapp_scheduler.core.framework.profiles import (
     build_profiles,
 )
 from robotapp_scheduler.core.framework.profiles import ConfigError as ProfileError
-from robotapp_scheduler.plugins.kubernetes.common.compat import OLD
+from robotapp_scheduler.plugins.kubernetes.common.arguments import OLD
 
 KUBE_SCHEDULERS_LEASE = ("kube-system", "kube-scheduler")
 MOST_WHOLE = 1e21

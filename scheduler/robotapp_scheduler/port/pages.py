@@ -1,15 +1,39 @@
-"""The pages of the process that places pods, rendered on request."""
+"""The pages of the process that places pods, rendered on request, and the health checks behind two of them.
 
+`/livez` says the event loop turns and leadership is renewed; `/readyz` names what is still missing. Everybody may ask for these.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import generate_latest
 
-from robotapp_scheduler.port.health import Checks
 from robotapp_scheduler.port.request_handler import Page
 from robotapp_scheduler.shell.config.reload import Running
 from robotapp_scheduler.simulation.kinds import resources
+
+
+@dataclass(slots=True)
+class Checks:
+    """Every one is asked at request time."""
+
+    ready: dict[str, Callable[[], bool]] = field(default_factory=dict)
+    live: dict[str, Callable[[], bool]] = field(default_factory=dict)
+
+    def livez(self) -> tuple[int, bytes]:
+        """HTTP status and text."""
+        return _checked(self.live)
+
+    def readyz(self) -> tuple[int, bytes]:
+        return _checked(self.ready | self.live)
+
+
+def _checked(checks: Mapping[str, Callable[[], bool]]) -> tuple[int, bytes]:
+    missing = sorted(name for name, check in checks.items() if not check())
+    return (503, "".join(f"[-]{name} failed\n" for name in missing).encode()) if missing else (200, b"ok")
 
 
 def pages(checks: Checks, registry: CollectorRegistry, running: Running) -> dict[str, Page]:

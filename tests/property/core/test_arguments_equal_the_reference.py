@@ -13,7 +13,7 @@ from tests.support.seeds import third_of_today
 
 from robotapp_scheduler.config.load import parse
 from robotapp_scheduler.config.model import API_VERSION, KIND
-from robotapp_scheduler.plugins.kubernetes.common.compat import OLD
+from robotapp_scheduler.plugins.kubernetes.common.arguments import OLD
 from robotapp_scheduler.plugins.registry import catalogue
 
 Json = dict[str, Any]

@@ -17,8 +17,7 @@ from robotapp_scheduler.config.load import built_in
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.port.endpoints import DECIDE_AT_ONCE, DECIDE_PER_S, Endpoints, application
 from robotapp_scheduler.port.frames import NOT_RECORDED, Request, Response
-from robotapp_scheduler.port.health import Checks
-from robotapp_scheduler.port.pages import pages, simulation_config
+from robotapp_scheduler.port.pages import Checks, pages, simulation_config
 from robotapp_scheduler.port.simulate import Simulator
 from robotapp_scheduler.shell.config.reload import Running
 from robotapp_scheduler.shell.metrics.metrics import Metrics

@@ -111,8 +111,8 @@ def test_no_word_is_explained_twice_for_the_same_file() -> None:
     ("row", "finding"),
     [
         ("| `Gone` | x | `core/runtime/ranking` | y |", "no Gone there"),
-        ("| `Ranking` | x | `core/gone` | y |", "no file gone.py"),
-        ("| `Ranking` | x | `core/runtime/ranking`, `core/nodes/columns` | y |", "columns has none of ('Ranking',)"),
+        ("| `TopRows` | x | `core/gone` | y |", "no file gone.py"),
+        ("| `TopRows` | x | `core/runtime/ranking`, `core/nodes/columns` | y |", "columns has none of ('TopRows',)"),
         ("| `gone/` | x | `core/runtime/ranking` | y |", "no gone/ there"),
     ],
 )

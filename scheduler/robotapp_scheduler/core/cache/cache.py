@@ -14,9 +14,7 @@ from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotAp
 from robotapp_scheduler.core.cache.disruption_budgets import Budgets
 from robotapp_scheduler.core.cache.host_ports import PortUsers
 from robotapp_scheduler.core.cache.nominator import Nominator
-from robotapp_scheduler.core.cache.placed_pods import PredictedLabels, Records
-from robotapp_scheduler.core.cache.pod_names import NameIndex
-from robotapp_scheduler.core.cache.priority_usage import PriorityColumns
+from robotapp_scheduler.core.cache.placed_pods import NameIndex, PredictedLabels, PriorityColumns, Records
 from robotapp_scheduler.core.cache.topology_index import Topology
 from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
@@ -169,7 +167,7 @@ class Cache:
         return self._by_node.get(node, {}).values()
 
     def held_below(self, priority: int) -> IntArray:
-        """What pods of a lower priority hold per row (core.cache.priority_usage)."""
+        """What pods of a lower priority hold per row (core.cache.placed_pods.PriorityColumns)."""
         return self.by_priority.below(priority, self.nodes, self.placed.values())
 
     def reorder(self, node: str, uids: Iterable[str]) -> None:

@@ -1,20 +1,25 @@
-"""Records of placed pods: computed once per pod signature, copied for each replica.
+"""Placed pods: their records, their names (`NameIndex`), and what those below a priority hold (`PriorityColumns`).
+
+A record is computed once per pod signature and copied for each replica.
 
 `PredictedLabels` predicts the zone and region labels that the API server copies from a node to each pod bound to it, where the pod
 has none of that name. It does so since 1.33 (PodTopologyLabelsAdmission) unless that is off. Without the prediction each
 confirmed bind takes the pod off its node and puts it on again, which costs more than the decision did.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final
 
+import numpy as np
 from msgspec.structs import replace
 
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.topology_labels import REGION, ZONE
-from robotapp_scheduler.core.nodes.columns import LabelColumns, ResourceColumns, sane
+from robotapp_scheduler.core.nodes.columns import IntArray, LabelColumns, ResourceColumns, sane
+from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods.interning import Interner
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
+from robotapp_scheduler.core.pods.pod_signature import controller_of
 
 KEYS: Final = (ZONE, REGION)
 Stamp = tuple[tuple[str, str], ...]
@@ -102,3 +107,90 @@ class Records:
             affinity=self._alike.same(info.affinity_key),
             shape=info.shape.number,
         )
+
+
+class NameIndex:
+    """Answers which placed pods somebody may mean by a name."""
+
+    def __init__(self) -> None:
+        self._by_name: dict[tuple[str, str], str] = {}
+        """Uid of the placed pod of this namespace and name: one string per pod, tens of thousands of times."""
+        self._by_deployment: dict[tuple[str, str], dict[str, None]] = {}
+
+    def __repr__(self) -> str:
+        return f"NameIndex({len(self._by_name)} pods, {len(self._by_deployment)} Deployments)"
+
+    def add(self, record: PlacedPod) -> None:
+        """A pod was placed."""
+        self._by_name[record.namespace, record.name] = record.uid
+        if deployment := _deployment_of(record.pod):
+            self._by_deployment.setdefault((record.namespace, deployment), {})[record.uid] = None
+
+    def remove(self, record: PlacedPod) -> None:
+        """A placed pod is gone."""
+        key = (record.namespace, record.name)
+        if self._by_name.get(key) == record.uid:
+            del self._by_name[key]
+        deployment = _deployment_of(record.pod)
+        uids = self._by_deployment.get((record.namespace, deployment)) if deployment else None
+        if uids is not None:
+            uids.pop(record.uid, None)
+            if not uids:
+                del self._by_deployment[record.namespace, deployment]
+
+    def uids(self, namespace: str, name: str) -> list[str]:
+        """Uids of the pod with this name and of the pods of the Deployment with this name, each once."""
+        own = self._by_name.get((namespace, name))
+        of_deployment = self._by_deployment.get((namespace, name), ())
+        return list(dict.fromkeys([own, *of_deployment] if own is not None else of_deployment))
+
+
+def _deployment_of(pod: Pod) -> str:
+    """Name of the pod's Deployment (its ReplicaSet's without the hash), "" when it has none."""
+    owner = controller_of(pod.metadata.owner_references)
+    return owner.name.rpartition("-")[0] if owner is not None and owner.kind == "ReplicaSet" else ""
+
+
+PODS = 0
+"""Index of the number of pods; the amount of a resource is at its code + 1."""
+
+
+class PriorityColumns:
+    """One block of (1 + resources, rows) per priority. Made when somebody first asks, then kept up to date."""
+
+    def __init__(self) -> None:
+        self._blocks: dict[int, IntArray] | None = None
+        self._shape = (0, 0)
+
+    def __repr__(self) -> str:
+        return f"PriorityColumns({sorted(self._blocks) if self._blocks is not None else 'not asked for'})"
+
+    def count(self, row: int, record: PlacedPod, sign: int) -> None:
+        """Count a pod in (+1) or out (-1)."""
+        if self._blocks is None:
+            return
+        if row >= self._shape[1] or any(code + 1 >= self._shape[0] for code, _ in record.requested):
+            self._blocks = None  # the table grew: made anew, larger, when somebody asks again
+            return
+        block = self._blocks.get(record.priority)
+        if block is None:
+            block = self._blocks[record.priority] = np.zeros(self._shape, dtype=np.int64)
+        block[PODS, row] += sign
+        for code, amount in record.requested:
+            block[code + 1, row] += sign * amount
+
+    def below(self, priority: int, table: NodeTable, placed: Iterable[PlacedPod]) -> IntArray:
+        """Sums over all pods of a lower priority, shape (1 + resources, at least table.size)."""
+        needed = (len(table.resources.names) + 1, len(table.valid))
+        if self._blocks is None or self._shape[0] < needed[0] or self._shape[1] < needed[1]:
+            self._blocks, self._shape = {}, needed
+            for record in placed:
+                row = table.row_of.get(record.node)
+                if row is not None:
+                    self.count(row, record, +1)
+        assert self._blocks is not None  # noqa: S101 - tells the type checker: counting in the new shape cannot drop it
+        total = np.zeros(self._shape, dtype=np.int64)
+        for other, block in self._blocks.items():
+            if other < priority:
+                total += block
+        return total

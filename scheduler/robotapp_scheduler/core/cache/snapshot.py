@@ -267,7 +267,7 @@ class Snapshot:
 class AdjustedSnapshot(Snapshot):
     """The nodes as they would be if pods held more (or less) there: only requested amounts differ.
 
-    `amounts` has the shape of core.cache.priority_usage: (1 + resources, rows in view), the number of pods first.
+    `amounts` has the shape of core.cache.placed_pods.PriorityColumns: (1 + resources, rows in view), the number of pods first.
     """
 
     _as_counted = frozenset({"allocatable"})

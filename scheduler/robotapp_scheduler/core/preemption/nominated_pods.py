@@ -62,7 +62,7 @@ def _reasons(
 
 
 def amounts(cluster: Cache, per_row: Sequence[Sequence[PlacedPod]]) -> IntArray:
-    """What pods hold, one column per list of pods, in the shape of core.cache.priority_usage."""
+    """What pods hold, one column per list of pods, in the shape of core.cache.placed_pods.PriorityColumns."""
     total = np.zeros((len(cluster.nodes.resources.names) + 1, len(per_row)), dtype=np.int64)
     for i, records in enumerate(per_row):
         total[0, i] = len(records)

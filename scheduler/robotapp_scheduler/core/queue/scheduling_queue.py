@@ -12,10 +12,9 @@ from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.backoff import Backoff, Heap
-from robotapp_scheduler.core.queue.gated_pods import GatedPods
 from robotapp_scheduler.core.queue.in_flight import InFlightPod, InFlightPods
 from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus, QueuedPodInfo, Rejection
-from robotapp_scheduler.core.queue.unschedulable_pods import UnschedulablePods, Woken
+from robotapp_scheduler.core.queue.unschedulable_pods import GatedPods, UnschedulablePods, Woken
 
 UNSCHEDULABLE_TIMEOUT_S: Final = 300.0
 FLUSH_PERIOD_S: Final = 30.0

@@ -1,4 +1,4 @@
-"""Unschedulable pods, and the queueing hints that move them back, called once per kind of pod.
+"""Unschedulable and gated pods, and the queueing hints that move them back, called once per kind of pod.
 
 Waiting pods that the same plugins rejected and that are equal in everything those plugins' hints read share a bucket.
 An event costs one question per bucket, not per pod: 2,000 replicas of one Deployment are one question.
@@ -232,3 +232,41 @@ class UnschedulablePods:
     def _wakers(self, queued: QueuedPodInfo) -> list[QueueingHint]:
         rejection = queued.rejection or Rejection()
         return [self._waker(queued.info, plugin) for plugin in sorted(rejection.plugins | rejection.pending)]
+
+
+class GatedPods:
+    """Uids of gated pods. Iteration is in order of closing within those that the same changes concern."""
+
+    def __init__(self) -> None:
+        self._events: dict[str, Change] = {}
+        self._by_events: dict[Change, dict[str, None]] = {}
+
+    def __repr__(self) -> str:
+        return f"<GatedPods {len(self)}>"
+
+    def __len__(self) -> int:
+        return len(self._events)
+
+    def __contains__(self, uid: str) -> bool:
+        return uid in self._events
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._events)
+
+    def add(self, uid: str, events: Change) -> None:
+        self.discard(uid)
+        self._events[uid] = events
+        self._by_events.setdefault(events, {})[uid] = None
+
+    def discard(self, uid: str) -> None:
+        events = self._events.pop(uid, None)
+        if events is None:
+            return
+        alike = self._by_events[events]
+        del alike[uid]
+        if not alike:
+            del self._by_events[events]
+
+    def concerned(self, change: Change) -> list[str]:
+        """Those whose gates this change may open."""
+        return [uid for events, uids in self._by_events.items() if events & change for uid in uids]

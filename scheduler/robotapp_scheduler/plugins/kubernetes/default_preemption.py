@@ -5,7 +5,7 @@ import msgspec
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Failure, Outcome, preempt
-from robotapp_scheduler.plugins.kubernetes.common.compat import NEW, is_new
+from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, is_new
 
 
 class DefaultPreemptionArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):

@@ -13,9 +13,9 @@ from typing import Any, Final
 
 from robotapp_api.model.names import EventReason
 from robotapp_scheduler.config import load as configuration
-from robotapp_scheduler.config.configz import document
-from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
-from robotapp_scheduler.core.framework.profiles import Catalogue, Profile
+from robotapp_scheduler.config.load import ConfigError, LeaderElection, SchedulerConfig
+from robotapp_scheduler.config.model import API_VERSION, KIND
+from robotapp_scheduler.core.framework.profiles import Catalogue, Profile, ProfileSpec, expand
 from robotapp_scheduler.shell.config.sources import Given, LastGood, NoSource, Source
 
 log = logging.getLogger(__name__)
@@ -193,3 +193,53 @@ async def first(source: Source, catalogue: Catalogue, last_good: LastGood | None
             raise error from second
         log.warning("%r cannot be used: %s; started with the last good one, %s", source, error, config.digest)
         return Running(config, text=kept.text, refused=error.problems)
+
+
+def document(config: SchedulerConfig) -> dict[str, Any]:
+    """A configuration as `/configz` shows it: a file that leaves nothing to defaults and can be used again."""
+    catalogue = config.catalogue.meant_by(config.profiles)
+    return {
+        "apiVersion": API_VERSION,
+        "kind": KIND,
+        "compatVersion": config.compat_version,
+        "percentageOfNodesToScore": 100,
+        "podInitialBackoffSeconds": int(config.initial_backoff_s),
+        "podMaxBackoffSeconds": int(config.max_backoff_s),
+        "clientConnection": {"kubeconfig": config.kubeconfig},
+        "leaderElection": _election(config.leader_election),
+        "profiles": [_profile(spec, catalogue) for spec in config.profiles],
+    }
+
+
+def _profile(spec: ProfileSpec, catalogue: Catalogue) -> dict[str, Any]:
+    points = expand(spec.plugins, catalogue, "", [])
+    return {
+        "schedulerName": spec.scheduler_name,
+        "plugins": {
+            point: {
+                "enabled": [
+                    {"name": ref.name, "weight": ref.weight or 1} if point == "score" else {"name": ref.name}
+                    for ref in refs
+                ],
+                "disabled": [{"name": "*"}],
+            }
+            for point, refs in points.items()
+        },
+        "pluginConfig": [{"name": name, "args": dict(args)} for name, args in spec.plugin_config.items()],
+    }
+
+
+def _election(election: LeaderElection) -> dict[str, Any]:
+    return {
+        "leaderElect": election.enabled,
+        "leaseDuration": _duration(election.lease_s),
+        "renewDeadline": _duration(election.renew_s),
+        "retryPeriod": _duration(election.retry_s),
+        "resourceLock": "leases",
+        "resourceName": election.name,
+        "resourceNamespace": election.namespace,
+    }
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.6f}".rstrip("0").rstrip(".") + "s"

@@ -28,8 +28,7 @@ from robotapp_scheduler.core.framework.handle import Handle
 from robotapp_scheduler.core.framework.profiles import Catalogue, Profile
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.port.explain import Explainer
-from robotapp_scheduler.port.health import Checks
-from robotapp_scheduler.port.pages import pages
+from robotapp_scheduler.port.pages import Checks, pages
 from robotapp_scheduler.port.request_handler import RequestHandler
 from robotapp_scheduler.port.supervisor import PortSupervisor
 from robotapp_scheduler.shell.binding.binder import Binder
@@ -44,12 +43,11 @@ from robotapp_scheduler.shell.config.reload import Reloader, Running, first
 from robotapp_scheduler.shell.config.sources import LastGood, NoSource, Source, sources
 from robotapp_scheduler.shell.informers.informers import Informers
 from robotapp_scheduler.shell.informers.pod_handler import PodHandler
-from robotapp_scheduler.shell.metrics.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import Stopwatch, time_plugins
 from robotapp_scheduler.shell.planner.planner import Planner
-from robotapp_scheduler.shell.process import crash_journal, garbage, huge_pages
-from robotapp_scheduler.shell.process.collectors import publish
+from robotapp_scheduler.shell.process import crash_journal, memory_tuning
+from robotapp_scheduler.shell.process.collectors import DomainClaims, publish
 from robotapp_scheduler.shell.process.loop import SchedulerLoop
 from robotapp_scheduler.shell.process.watchdog import Watchdog
 from robotapp_scheduler.shell.status.event_recorder import PodEvents
@@ -201,7 +199,7 @@ class Scheduler:
         supervisor = await PortSupervisor.opened(self._options, self.port_requests)
         self.port = supervisor.port
         log.info("serving health, metrics and explanations on port %d", supervisor.port)
-        garbage.filling()
+        memory_tuning.filling()
         try:
             async with asyncio.TaskGroup() as group:
                 background = [
@@ -211,8 +209,8 @@ class Scheduler:
                     group.create_task(self.reporter.run(), name="conditions"),
                     group.create_task(self.group_reporter.run(), name="conditions of groups"),
                     group.create_task(self._reloader.run(), name="configuration"),
-                    group.create_task(garbage.run(), name="garbage"),
-                    group.create_task(huge_pages.run(self.feed.synced), name="huge pages"),
+                    group.create_task(memory_tuning.collect_hourly(), name="garbage"),
+                    group.create_task(memory_tuning.use_huge_pages(self.feed.synced), name="huge pages"),
                     group.create_task(self._watchdog().run(), name="watchdog"),
                 ]
                 work = group.create_task(self._lead(), name="lead")
@@ -221,7 +219,7 @@ class Scheduler:
                 for task in background:
                     task.cancel()
         finally:
-            garbage.released()
+            memory_tuning.released()
             await self.planner.close()
             supervisor.close()
         return 1 if self._lost else 0
@@ -243,7 +241,7 @@ class Scheduler:
 
     async def _lead(self) -> None:
         await self.feed.synced.wait()
-        garbage.filled()
+        memory_tuning.filled()
         log.info("caches are filled: %r", self.core.cluster)
         if self._election is None:
             self._leading.set()

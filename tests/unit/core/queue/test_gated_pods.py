@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.queue.gated_pods import GatedPods
+from robotapp_scheduler.core.queue.unschedulable_pods import GatedPods
 
 CHANGES = st.sampled_from([Change.NONE, Change.POD_REMOVED, Change.NODE_ADDED, Change.POD_REMOVED | Change.LABELS])
 STEPS = st.lists(st.tuples(st.sampled_from("abcd"), st.none() | CHANGES), max_size=30)

@@ -9,8 +9,8 @@ from tests.support.scheduling import device_claim, make_core, make_info, make_no
 from robotapp_api.claims.objects import Claim
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
-from robotapp_scheduler.shell.metrics.domain_claims import DomainClaims
 from robotapp_scheduler.shell.metrics.metrics import MOST_SERIES, AttemptResult, Metrics
+from robotapp_scheduler.shell.process.collectors import DomainClaims
 
 SECONDS = [0.001 * 2**step for step in range(15)]
 UPSTREAM: dict[str, tuple[str, list[float]]] = {

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from robotapp_scheduler.shell.process import huge_pages
-from robotapp_scheduler.shell.process.huge_pages import SIZE, whole_pages
+from robotapp_scheduler.shell.process import memory_tuning
+from robotapp_scheduler.shell.process.memory_tuning import SIZE, whole_pages
 
 MIB = 1 << 20
 
@@ -46,25 +46,25 @@ def test_the_heap_is_ours() -> None:
 
 def test_who_has_forbidden_huge_pages_or_has_none_is_not_asked(tmp_path: Path) -> None:
     setting = tmp_path / "enabled"
-    assert not huge_pages.allowed(setting)
+    assert not memory_tuning.allowed(setting)
     setting.write_text("always madvise [never]\n")
-    assert not huge_pages.allowed(setting)
+    assert not memory_tuning.allowed(setting)
     setting.write_text("always [madvise] never\n")
-    assert huge_pages.allowed(setting)
+    assert memory_tuning.allowed(setting)
 
 
 def test_a_machine_that_does_not_tell_where_our_memory_is_is_no_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(huge_pages, "MAPS", tmp_path / "maps")
-    assert huge_pages.collapse() == 0
+    monkeypatch.setattr(memory_tuning, "MAPS", tmp_path / "maps")
+    assert memory_tuning.collapse() == 0
 
 
 def test_written_memory_comes_to_lie_in_huge_pages() -> None:
     """On a kernel that refuses (older than 6.1, or none to be had) nothing happens, and what was written is still there."""
     with mmap.mmap(-1, 8 * SIZE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) as memory:
         memory.write(b"x" * (8 * SIZE))
-        made = huge_pages.collapse()
+        made = memory_tuning.collapse()
         rollup = Path("/proc/self/smaps_rollup").read_text()
         found = re.search(r"^AnonHugePages: +(\d+) kB", rollup, re.MULTILINE)
         assert found

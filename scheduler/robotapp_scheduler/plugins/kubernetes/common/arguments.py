@@ -1,8 +1,22 @@
-"""What may be written about resources in the arguments of NodeResourcesFit and NodeResourcesBalancedAllocation."""
+"""What plugins' arguments may hold: resources of NodeResourcesFit and NodeResourcesBalancedAllocation, and `compatVersion`.
+
+That is the kube-scheduler release whose decisions a plugin gives: a few formulas changed between 1.35 and 1.37.
+"""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, Protocol
+
+OLD: Final = "1.35"
+NEW: Final = "1.37"
+
+
+def is_new(compat_version: str) -> bool:
+    """True for 1.37. Raises ValueError for a release nobody compared with."""
+    if compat_version not in {OLD, NEW}:
+        raise ValueError(f"compatVersion: {compat_version!r} is unknown; allowed: {OLD}, {NEW}")
+    return compat_version == NEW
+
 
 MOST_WEIGHT: Final = 100
 QUALIFIED: Final = re.compile(r"([a-z0-9]([-a-z0-9.]{0,251}[a-z0-9])?/)?[A-Za-z0-9]([-A-Za-z0-9_.]{0,61}[A-Za-z0-9])?")

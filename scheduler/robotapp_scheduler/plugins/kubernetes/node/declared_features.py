@@ -7,7 +7,7 @@ from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.plugins.kubernetes.common.compat import NEW, is_new
+from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, is_new
 
 
 class DeclaredFeaturesArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):

@@ -10,7 +10,7 @@ from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import MAX_SCORE, ScoreResult
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.plugins.kubernetes.common.compat import NEW, is_new
+from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, is_new
 
 MIB: Final = 1024 * 1024
 LEAST_BYTES: Final = 23 * MIB

@@ -14,8 +14,7 @@ from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArra
 from robotapp_scheduler.core.nodes.node_table import NodeAmounts, Row
 from robotapp_scheduler.core.pods.cached_property import CachedProperty
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.plugins.kubernetes.common.arguments import balance_problems, refuse
-from robotapp_scheduler.plugins.kubernetes.common.compat import NEW, is_new
+from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, balance_problems, is_new, refuse
 from robotapp_scheduler.plugins.kubernetes.node_resources.fit import NATIVE
 from robotapp_scheduler.plugins.kubernetes.node_resources.resource_math import FEW, all_positive
 from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies import USUAL, ResourceWeight

@@ -18,7 +18,7 @@ from robotapp_scheduler.core.framework.interface import (
 )
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
-from robotapp_scheduler.plugins.kubernetes.common.compat import NEW, is_new
+from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, is_new
 from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies import ShapePoint, interpolated
 from robotapp_scheduler.plugins.kubernetes.volumes.claims import sorted_claims, trouble, unresolvable
 from robotapp_scheduler.plugins.kubernetes.volumes.matching import PLUGIN, REASONS, Match, match

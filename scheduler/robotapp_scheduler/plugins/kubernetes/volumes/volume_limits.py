@@ -12,7 +12,7 @@ from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.pods.pod_volumes import PodVolumes, volumes_of
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
-from robotapp_scheduler.plugins.kubernetes.common.compat import NEW, is_new
+from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, is_new
 from robotapp_scheduler.plugins.kubernetes.volumes.queueing_hints import limit_grew, names_claim, of_pod
 
 NAME: Final = "NodeVolumeLimits"

@@ -1,9 +1,9 @@
 import pytest
 from tests.support import configurations
 
-from robotapp_scheduler.config.configz import document
 from robotapp_scheduler.config.load import parse
 from robotapp_scheduler.plugins import registry
+from robotapp_scheduler.shell.config.reload import document
 
 
 @pytest.mark.parametrize("what", configurations.ACCEPTED)
