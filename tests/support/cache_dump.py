@@ -46,6 +46,7 @@ LEFT_OUT: Final = {
     "ResourceColumns._steps": "a memo of what pods add",
     "LabelColumns._columns": "labels of nodes, made when a rule first reads them",
     "LabelColumns._versions": "likewise",
+    "FactColumns._columns": "facts of plugins about nodes, made when a rule first reads them",
     "DefaultSelectors._answers": "a memo of Services by labels",
     "VolumeUsers._uses": "a memo of volumes in use, compared below as it is read",
 }
