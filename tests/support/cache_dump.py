@@ -18,10 +18,10 @@ LEFT_OUT: Final = {
     "NodeTable.versions": "only grow: what was read during the moves must never pass for what is so now",
     "Volumes.revision": "likewise",
     "NodeTable.rows": "a memo by these versions",
-    "Cache.mirror": "follows the ledger from the change log (tests/property/core/test_mirror_stays_true.py)",
-    "Cache.least_free": "likewise",
+    "Cache.resource_arrays": "follows the ledger from the change log (tests/property/core/test_mirror_stays_true.py)",
+    "Cache.minimum_free": "likewise",
     "Cache.by_priority": "compared below as it is read",
-    "Cache._alike": "shares equal parts of objects",
+    "Cache._interner": "shares equal parts of objects",
     "Cache._records": "shares equal parts of records",
     "Cache._clock": "is passed in",
     "Topology._compiler": "a memo of terms by their text",
@@ -47,7 +47,7 @@ LEFT_OUT: Final = {
     "LabelColumns._columns": "labels of nodes, made when a rule first reads them",
     "LabelColumns._versions": "likewise",
     "FactColumns._columns": "facts of plugins about nodes, made when a rule first reads them",
-    "DefaultSelectors._answers": "a memo of Services by labels",
+    "DefaultSelectors._merged_selectors": "a memo of Services by labels",
     "VolumeUsers._uses": "a memo of volumes in use, compared below as it is read",
 }
 """Attributes that may differ, each with the reason."""

@@ -43,7 +43,7 @@ def latencies(random: Random, *, rows: int, zones: int, measured: int, unknown: 
         estimate,
         Measured(left, right, np.stack([usual_us, usual_us * 1.5])),
         access_us=np.stack([access, access * 1.2]),
-        least_us=np.array([250.0, 260.0]),
+        minimum_us=np.array([250.0, 260.0]),
     )
 
 

@@ -28,7 +28,7 @@ class Latencies:
     """RTT between `size` rows, symmetric, microseconds: NaN where nothing is known, infinite where no probe was answered.
 
     `zone` is a code per row (0 = none), `path_us[p, a, b]` the time between two zones, p = 0 for p50 and 1 for p95.
-    `access_us[p]` is what a row's own last hop adds to that (0 unless given), and no estimate is below `least_us[p]`.
+    `access_us[p]` is what a row's own last hop adds to that (0 unless given), and no estimate is below `minimum_us[p]`.
     """
 
     def __init__(
@@ -38,14 +38,14 @@ class Latencies:
         measured: Measured,
         *,
         access_us: FloatArray | None = None,
-        least_us: FloatArray | None = None,
+        minimum_us: FloatArray | None = None,
     ) -> None:
         self.zone = zone
         self.path_us = path_us
         self.measured = measured
         self.size = len(zone)
         self.access_us = np.zeros((2, self.size)) if access_us is None else access_us
-        self.least_us = np.zeros(2) if least_us is None else least_us
+        self.minimum_us = np.zeros(2) if minimum_us is None else minimum_us
         self._starts = np.searchsorted(measured.left, np.arange(self.size + 1))
         self._rows: dict[tuple[int, int], FloatArray] = {}
         self.group = _groups(zone)
@@ -78,7 +78,7 @@ class Latencies:
             known = (
                 path[np.isfinite(path)],
                 measured[np.isfinite(measured)],
-                self.least_us[np.isfinite(self.least_us)],
+                self.minimum_us[np.isfinite(self.minimum_us)],
             )
             found = float(max(times.max(initial=0.0) for times in known))
             found = self._most[which] = max(found, self.most(0)) if which == 1 else found
@@ -99,7 +99,7 @@ class Latencies:
                     if np.isnan(path_us):
                         doubt[group, with_group] = True
                     else:
-                        path_us = max(path_us, float(self.least_us[which]))
+                        path_us = max(path_us, float(self.minimum_us[which]))
                         lowest[group, with_group] = min(lowest[group, with_group], path_us)
             cut_off = self.group[np.isnan(self.access_us[which])]
             doubt[cut_off, :] = doubt[:, cut_off] = True
@@ -110,7 +110,7 @@ class Latencies:
 
     def _estimated(self, node: int, which: int) -> FloatArray:
         path_us = self.path_us[which, self.zone[node]][self.zone]
-        return estimated_us(path_us, node, self.access_us[which], float(self.least_us[which]))
+        return estimated_us(path_us, node, self.access_us[which], float(self.minimum_us[which]))
 
     def _access_of_zones(self, which: int) -> tuple[FloatArray, FloatArray]:
         """The least and the most of each zone's rows; NaN where all of them are cut off."""
@@ -120,9 +120,9 @@ class Latencies:
         return least, most
 
 
-def estimated_us(path_us: FloatArray, own: int, access_us: FloatArray, least_us: float) -> FloatArray:
+def estimated_us(path_us: FloatArray, own: int, access_us: FloatArray, minimum_us: float) -> FloatArray:
     """Estimates from a row to all, where nothing is measured. `path_us`: per row, from the zone of `own` to its zone."""
-    found: FloatArray = np.maximum(path_us + (access_us[own] + access_us), least_us)
+    found: FloatArray = np.maximum(path_us + (access_us[own] + access_us), minimum_us)
     return found
 
 

@@ -33,7 +33,7 @@ def encode_problem(problem: Problem, limits: Limits) -> bytes:
         rtt.zone,
         rtt.path_us,
         rtt.access_us,
-        rtt.least_us,
+        rtt.minimum_us,
         *rtt.measured,
     )
     order = _Order(
@@ -48,11 +48,11 @@ def encode_problem(problem: Problem, limits: Limits) -> bytes:
 def decode_problem(content: bytes) -> tuple[Problem, Limits]:
     """What `encode_problem` made."""
     order = msgspec.msgpack.decode(content, type=_Order)
-    cost, demand, free, zone, path_us, access_us, least_us, left, right, us = (
+    cost, demand, free, zone, path_us, access_us, minimum_us, left, right, us = (
         np.frombuffer(array.content, dtype=array.kind).reshape(array.shape) for array in order.arrays
     )
     edges = tuple(Edge(edge[0], edge[1], Relation(edge[2]), *edge[3:]) for edge in order.edges)
-    rtt = Latencies(zone, path_us, Measured(left, right, us), access_us=access_us, least_us=least_us)
+    rtt = Latencies(zone, path_us, Measured(left, right, us), access_us=access_us, minimum_us=minimum_us)
     return Problem(cost, demand, free, edges, rtt, order.step), Limits(*order.limits)
 
 

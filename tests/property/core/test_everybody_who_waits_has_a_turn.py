@@ -21,7 +21,7 @@ def waiting(priorities: list[int], *, most: int) -> tuple[SchedulingQueue, Clock
     queue = SchedulingQueue(
         clock=clock,
         key=lambda info, queued_s: (-info.priority, queued_s),
-        waker=lambda _, plugin: QueueingHint(plugin, Change.CLAIMS, lambda *_: True, serves=lambda *_: most),
+        hint=lambda _, plugin: QueueingHint(plugin, Change.CLAIMS, lambda *_: True, serves=lambda *_: most),
         max_backoff_s=1.0,
     )
     for number, priority in enumerate(priorities):

@@ -44,7 +44,7 @@ class QueueMachine(RuleBasedStateMachine):
             clock=self.clock,
             key=lambda info, queued_s: (-info.priority, queued_s),
             gate=self.gate,
-            waker=lambda _, plugin: QueueingHint(plugin, EVENTS[plugin], hint_of(plugin), ("labels",)),
+            hint=lambda _, plugin: QueueingHint(plugin, EVENTS[plugin], hint_of(plugin), ("labels",)),
             group=lambda info: info.labels.get("group") or None,
         )
 

@@ -253,7 +253,7 @@ def _domain(text: str) -> dict[str, Any]:
         return {"dds_domain": value}
     if value.isascii() and value.isdigit() and len(value) <= 3 and is_safe_id(int(value)):
         return {"dds_domain": str(int(value))}
-    # Unsafe ids need a field that says so, which only a RobotApp has (ros2.allowUnsafeDomain).
+    # Unsafe ids need a field that allows them, which only a RobotApp has (ros2.allowUnsafeDomain).
     raise _InvalidValue("", text, f'"auto" or a number of {SAFE_IDS}')
 
 

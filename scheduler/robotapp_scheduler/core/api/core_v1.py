@@ -239,7 +239,7 @@ class ContainerStatus(Slim):
 
 
 class PodStatus(Slim):
-    """status of a Pod. Containers that have what their spec asks for are left out, so nearly always all of them."""
+    """status of a Pod. Containers that have what their spec requests are left out, so nearly always all of them."""
 
     phase: str = ""
     reason: str = ""
@@ -255,12 +255,12 @@ class PodStatus(Slim):
 
     @property
     def resizes(self) -> bool:
-        """Does the status say anything about resources that the spec does not?"""
+        """Does the status hold resources that differ from the spec?"""
         return bool(self.container_statuses) or self.allocated_resources is not None or self.resources is not None
 
     @property
     def resize_infeasible(self) -> bool:
-        """The kubelet says that the resize cannot be done on this node."""
+        """The kubelet reports that the resize cannot be done on this node."""
         for each in self.conditions or ():
             if each.type == "PodResizePending":
                 return each.reason == "Infeasible"
@@ -279,9 +279,9 @@ class Pod(Slim):
         spec, status = self.spec, self.status
         if spec.volumes:
             spec.volumes = deciding(spec.volumes)
-        told = status.container_statuses + status.init_container_statuses
-        if told:
-            status.container_statuses = told if _differ(told, spec) or status.resize_infeasible else ()
+        reported = status.container_statuses + status.init_container_statuses
+        if reported:
+            status.container_statuses = reported if _differ(reported, spec) or status.resize_infeasible else ()
             status.init_container_statuses = ()
 
     @property
@@ -295,21 +295,21 @@ class Pod(Slim):
         return self.status.phase in {"Succeeded", "Failed"}
 
 
-def _differ(told: tuple[ContainerStatus, ...], spec: PodSpec) -> bool:
-    """Does the kubelet say something else than the spec about any container?"""
-    speaking = [each for each in told if each.allocated_resources is not None or each.resources is not None]
+def _differ(reported: tuple[ContainerStatus, ...], spec: PodSpec) -> bool:
+    """Does the kubelet report other amounts than the spec for any container?"""
+    speaking = [each for each in reported if each.allocated_resources is not None or each.resources is not None]
     if not speaking:
         return False
     wanted = {each.name: each.resources.requests or {} for each in (*spec.containers, *(spec.init_containers or ()))}
     return any(_differs(each, wanted.get(each.name)) for each in speaking)
 
 
-def _differs(told: ContainerStatus, wanted: Resources | None) -> bool:
+def _differs(reported: ContainerStatus, wanted: Resources | None) -> bool:
     """An amount written differently counts as different."""
-    in_force = told.resources.requests if told.resources is not None else None
-    if told.allocated_resources is None and in_force is None:
+    in_force = reported.resources.requests if reported.resources is not None else None
+    if reported.allocated_resources is None and in_force is None:
         return False
-    granted = wanted if told.allocated_resources is None else told.allocated_resources
+    granted = wanted if reported.allocated_resources is None else reported.allocated_resources
     return granted != wanted or (in_force is not None and in_force != wanted)
 
 
@@ -371,7 +371,7 @@ class SelectorSpec(Slim):
 
 
 class Selecting(Owned):
-    """A Service or workload: whose pods are meant to be spread by default."""
+    """A Service or workload with a selector: its pods are spread by default."""
 
     spec: SelectorSpec = msgspec.field(default_factory=SelectorSpec)
 

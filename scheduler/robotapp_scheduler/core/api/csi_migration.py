@@ -1,6 +1,6 @@
 """Translates volumes of the old in-tree kinds to the CSI drivers that replaced them.
 
-Which kinds are taken over, by whom and under which handle and zone label is that of kube-scheduler 1.37 (compared live:
+Which kinds are taken over, by which driver and under which handle and zone label is that of kube-scheduler 1.37 (compared live:
 family "migrated-volumes"). vSphere and Azure File volumes are known to it too, but never translated.
 """
 

@@ -14,14 +14,14 @@ from robotapp_scheduler.core.api.core_v1 import Metadata, PodCondition
 from robotapp_scheduler.core.api.structs import Slim
 
 INITIALLY_SCHEDULED: Final = "PodGroupInitiallyScheduled"
-PATIENCE_S: Final = 60.0
+REPORT_AFTER_S: Final = 60.0
 """An incomplete group is reported after `scheduleTimeoutSeconds`; after this long where it names none."""
 MOST: Final = (1 << 31) - 1
 _SHOWN: Final = 80
 
 
 class GivenPodGroup(Slim):
-    """A PodGroup as it is stored. `api_version` is only filled where a dump says it."""
+    """A PodGroup as it is stored. `api_version` is only filled from a dump."""
 
     metadata: Metadata = msgspec.field(default_factory=Metadata)
     spec: Any = None
@@ -38,12 +38,12 @@ class PodGroupStatus(Slim):
 
 @dataclass(frozen=True, slots=True)
 class PodGroupSpec:
-    """What a spec of either API asks for: they share no field."""
+    """The spec of either API in common terms: they share no field."""
 
     needed: int = 0
     """Pods that must be placed together; 0 or 1 = each for itself."""
-    patience_s: float = PATIENCE_S
-    """How long its pods wait for each other before they say so."""
+    report_after_s: float = REPORT_AFTER_S
+    """How long its pods wait for each other before a condition reports it."""
     problem: str = ""
     """Why it cannot be planned; "" when it can."""
 
@@ -53,12 +53,12 @@ class PodGroup:
     """A PodGroup as we understand it."""
 
     metadata: Metadata
-    asked: PodGroupSpec
+    spec: PodGroupSpec
     status: PodGroupStatus
 
     @property
     def was_placed(self) -> bool:
-        """Does its status say that it was placed once?"""
+        """Was it placed once, by its status?"""
         return self.status.phase in {"Scheduled", "Running"} or any(
             found.type == INITIALLY_SCHEDULED and found.status == "True" for found in self.status.conditions or ()
         )
@@ -70,10 +70,10 @@ def understood(given: GivenPodGroup) -> PodGroup:
         status = msgspec.convert(given.status or {}, PodGroupStatus)
     except msgspec.ValidationError:
         status = PodGroupStatus()
-    return PodGroup(given.metadata, _asked(given.spec), status)
+    return PodGroup(given.metadata, _spec_of(given.spec), status)
 
 
-def _asked(spec: object) -> PodGroupSpec:
+def _spec_of(spec: object) -> PodGroupSpec:
     found = _Fields(spec)
     member = found.number("spec.minMember")
     timeout = found.number("spec.scheduleTimeoutSeconds")
@@ -87,13 +87,13 @@ def _asked(spec: object) -> PodGroupSpec:
         problem = "it has schedulingConstraints.topology, which this scheduler does not support"
     return PodGroupSpec(
         needed=max((count if gang is not None else member) or 0, 0),
-        patience_s=float(timeout) if timeout is not None and timeout > 0 else PATIENCE_S,
+        report_after_s=float(timeout) if timeout is not None and timeout > 0 else REPORT_AFTER_S,
         problem=problem,
     )
 
 
 class _Fields:
-    """Reads fields by path; `problem` tells the first that holds something else than it may."""
+    """Reads fields by path; `problem` is about the first that holds a value it must not."""
 
     def __init__(self, spec: object) -> None:
         self._object = {"spec": spec}

@@ -1,4 +1,4 @@
-"""The ROS side of one pod: what it asks for (`RosRequest`) and what that means right now (`RosContext`)."""
+"""The ROS side of one pod: what it requires (`RosRequest`), and that resolved against the cluster (`RosContext`)."""
 
 from typing import Final
 
@@ -71,7 +71,7 @@ class Endpoint(msgspec.Struct, frozen=True, gc=False):
     budget_us: int | None = None
     percentile: int = 95
     required: bool = True
-    """False: only scored (edge says Preferred, or the peer moves after us)."""
+    """False: only scored (the edge is Preferred, or the peer moves after us)."""
 
 
 class PeerGroup(msgspec.Struct, frozen=True, gc=False):
@@ -82,7 +82,7 @@ class PeerGroup(msgspec.Struct, frozen=True, gc=False):
 
 
 class DeviceHolder(msgspec.Struct, frozen=True, gc=False):
-    """Whose claim a device wish may use. `uid` is the RobotApp's, or the pod's for a bare pod."""
+    """Whose claim a device request may use. `uid` is the RobotApp's, or the pod's for a bare pod."""
 
     uid: str
     namespace: str
@@ -92,7 +92,7 @@ class DeviceHolder(msgspec.Struct, frozen=True, gc=False):
 
 
 class RosContext(msgspec.Struct, frozen=True, gc=False):
-    """A pod's ROS wishes resolved against the cluster at one moment. Equal contexts get equal verdicts."""
+    """A pod's ROS requirements resolved against the cluster at one moment. Equal contexts get equal verdicts."""
 
     tenant: str = ""
     """The pod's namespace: robots choose which they admit."""

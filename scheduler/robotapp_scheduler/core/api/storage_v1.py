@@ -1,4 +1,4 @@
-"""What the scheduler reads of volumes: claims, volumes, classes and what CSI drivers say about nodes.
+"""What the scheduler reads of volumes: claims, volumes, classes and what CSI drivers report about nodes.
 
 Slim structs decoded straight from the API server's bytes, as in `core_v1.py`; never changed after decoding.
 """
@@ -69,7 +69,7 @@ class Claim(Slim):
 
     @property
     def class_name(self) -> str:
-        """The class that is asked for, "" for none; the old annotation comes first."""
+        """The requested class, "" for none; the old annotation comes first."""
         return (self.metadata.annotations or {}).get(BETA_CLASS, self.spec.storage_class_name or "")
 
     @property
@@ -79,7 +79,7 @@ class Claim(Slim):
 
     @property
     def has_size(self) -> bool:
-        """Is a size asked for at all?"""
+        """Is a size requested at all?"""
         return "storage" in (self.spec.resources.requests or {})
 
     @property
@@ -249,7 +249,7 @@ class CSIDriver(Slim):
 
 
 class CSIStorageCapacity(Slim):
-    """Free room of one class in one part of the cluster; without topology nobody reaches it."""
+    """Free room of one class in one part of the cluster; without topology no node reaches it."""
 
     metadata: Metadata = msgspec.field(default_factory=Metadata)
     storage_class_name: str = ""

@@ -1,4 +1,4 @@
-"""Labels of nodes and volumes that say in which zone and region they are: those of today and the old ones."""
+"""Labels with the zone and region of nodes and volumes: those of today and the old ones."""
 
 from typing import Final
 

@@ -80,7 +80,7 @@ class Volume(Slim):
 
 
 def deciding(volumes: list[Volume]) -> list[Volume] | None:
-    """Those that say more than their name, None without any: a token, a ConfigMap or a host path does not."""
+    """Those that have more than a name, None without any: a token, a ConfigMap or a host path does not."""
     silent = Volume()  # one for all: most pods have two such volumes, and are read three times
     found = []
     for volume in volumes:

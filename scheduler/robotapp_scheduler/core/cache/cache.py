@@ -1,7 +1,7 @@
-"""The scheduler's picture of the cluster: fed by watch events, read by every rule.
+"""The scheduler's cache of the cluster: updated from watch events, read by every plugin.
 
-Every method that takes something in answers which kinds of `Change` it made (NONE for news that decides nothing), so
-the shell can wake exactly the waiting pods that may profit. Rows that changed go to the change log, from which cached
+Every method that applies an event returns the kinds of `Change` it made (NONE if nothing that plugins read changed), so
+that the shell wakes exactly the waiting pods that may profit. Rows that changed go to the change log, from which cached
 results are repaired.
 """
 
@@ -40,8 +40,8 @@ class Cache:
 
     def __init__(self, *, clock: Callable[[], float]) -> None:
         self.nodes = NodeTable()
-        self.mirror = ResourceArrays(self.nodes)
-        self.least_free = MinimumFree(self.nodes)
+        self.resource_arrays = ResourceArrays(self.nodes)
+        self.minimum_free = MinimumFree(self.nodes)
         self.ports = PortUsers()
         self.apps = AppIndex()
         self.devices = DeviceIndex()
@@ -60,9 +60,9 @@ class Cache:
         self.nominations = Nominator(self.record)
         self.budgets = Budgets()
         self.by_priority = PriorityColumns()
-        self._alike = Interner()
-        self._records = Records(self.nodes.resources, self._alike, like=self.topology.label_sets.like)
-        self._stamps = PredictedLabels(self.nodes.labels)
+        self._interner = Interner()
+        self._records = Records(self.nodes.resources, self._interner, like=self.topology.label_sets.like)
+        self._predicted_labels = PredictedLabels(self.nodes.labels)
         self._seen: dict[str, Pod] = {}
         """Live pods without a node, by uid."""
         self._priorities: dict[int, int] = {}
@@ -112,7 +112,7 @@ class Cache:
     def apply_pod(self, pod: Pod) -> Change:
         """Any pod of any scheduler, as the watch shows it. Terminal pods hold nothing.
 
-        News about an assumed pod that shows no node yet leaves the assumption alone.
+        An event of an assumed pod without a node leaves the assumption alone.
         """
         uid = pod.metadata.uid
         if pod.terminal:
@@ -137,13 +137,13 @@ class Cache:
         return change
 
     def assume(self, pod: PodInfo, node: str, grants: Iterable[DeviceGrant] = ()) -> None:
-        """Count a pod on a node before the API server has said so. Raises ValueError when it is counted already."""
+        """Count a pod on a node before the watch confirms it. Raises ValueError when it is counted already."""
         if pod.uid in self.placed:
             raise ValueError(f"{pod.key} is already counted on {self.placed[pod.uid].node}")
         self._seen.pop(pod.uid, None)
         self.nominations.discard(pod.uid)
-        stamp = self._stamps.of(self.nodes.row_of.get(node))
-        self._arrive(self._records.of(pod, node, assumed=True, stamp=stamp), Change.POD_ADDED)
+        predicted = self._predicted_labels.of(self.nodes.row_of.get(node))
+        self._arrive(self._records.of(pod, node, assumed=True, predicted=predicted), Change.POD_ADDED)
         self.devices.promise(pod.uid, grants, namespace=pod.namespace, name=pod.name)
 
     def forget(self, uid: str) -> Change:
@@ -171,7 +171,7 @@ class Cache:
         return self.by_priority.below(priority, self.nodes, self.placed.values())
 
     def reorder(self, node: str, uids: Iterable[str]) -> None:
-        """Put the pods of a node back into this order: among equals it decides who goes first."""
+        """Put the pods of a node back into this order: it decides which of equals is evicted first."""
         on_node = self._by_node.get(node, {})
         self._by_node[node] = {uid: on_node[uid] for uid in uids}
 
@@ -220,7 +220,7 @@ class Cache:
         return self._telemetry_changed(name, change)
 
     def remove_telemetry(self, telemetry: NodeTelemetry) -> Change:
-        """A node's agent object is gone: labels say what it has, its RTTs are unknown."""
+        """A node's agent object is gone: its devices are read from labels, its RTTs are unknown."""
         name = telemetry.metadata.name
         row = self.nodes.row_of.get(name)
         change = Change.LOAD
@@ -288,18 +288,18 @@ class Cache:
         old = self.placed.get(uid)
         # As long as they share parts: most are compared at once.
         known = old is not None and same_shape(old.pod, old.labels, pod)
-        self._alike.share(pod)
+        self._interner.share(pod)
         node, deleting = pod.spec.node_name, pod.metadata.deletion_timestamp is not None
         if old is not None and known and (old.node, old.terminating) == (node, deleting):
-            # Most news by far: an assumption is confirmed, or the status changed.
+            # Most events by far: an assumption is confirmed, or the status changed.
             confirmed, old.assumed, old.pod = old.assumed, False, pod
-            pod.metadata.labels = old.labels  # equal, and one for all who have them
+            pod.metadata.labels = old.labels  # equal, and shared by all pods with these labels
             self._touch(node)
             self._member(pod, node)
             return Change.POD_ADDED if confirmed else Change.NONE
         record = self._records.of(PodInfo(pod), node, assumed=False)
         if old is not None and old.assumed:
-            self._stamps.learn(self.nodes.row_of.get(node), pod)
+            self._predicted_labels.learn(self.nodes.row_of.get(node), pod)
         if old is None:
             self.devices.see(pod)
             self._arrive(record, Change.POD_ADDED)
@@ -317,7 +317,7 @@ class Cache:
         self.names.add(record)
         self._touch(record.node)
         self._member(pod, record.node)
-        # News for the queue: pods wait for others to be placed, and an assumption could still have failed.
+        # The queue needs this event: pods wait for others to be placed, and an assumption could still have failed.
         return Change.POD_ADDED if old.assumed else Change.NONE
 
     def record(self, pod: PodInfo, node: str) -> PlacedPod:

@@ -15,7 +15,7 @@ OWNERS: Final = {
     ("apps/v1", "StatefulSet"): "StatefulSet",
 }
 """apiVersion and kind of the controllers whose selector counts."""
-MOST_ANSWERS: Final = 8192
+MOST_MERGED: Final = 8192
 
 
 class _Service:
@@ -29,15 +29,15 @@ class _Service:
 
 
 class DefaultSelectors:
-    """Selectors of Services and workloads; answers are kept until one of them changes."""
+    """Selectors of Services and workloads; results are kept until one of them changes."""
 
-    __slots__ = ("_answers", "_by_label", "_selectors", "_services")
+    __slots__ = ("_by_label", "_merged_selectors", "_selectors", "_services")
 
     def __init__(self) -> None:
         self._selectors: dict[tuple[str, str, str], dict[str, Any] | None] = {}
         self._services: dict[tuple[str, str], _Service] = {}
         self._by_label: dict[str, ByLabel[_Service]] = {}
-        self._answers: dict[tuple[object, ...], Requirements] = {}
+        self._merged_selectors: dict[tuple[object, ...], Requirements] = {}
 
     def __repr__(self) -> str:
         return f"DefaultSelectors({len(self._services)} services, {len(self._selectors)} workloads)"
@@ -52,7 +52,7 @@ class DefaultSelectors:
         if kind == SERVICE and found.spec.selector is not None:
             service = self._services[key[1:]] = _Service(found.spec.selector)
             self._by_label.setdefault(key[1], ByLabel()).add(service, service.requirements)
-        self._answers.clear()
+        self._merged_selectors.clear()
         return True
 
     def remove(self, kind: str, found: Selecting) -> bool:
@@ -62,18 +62,18 @@ class DefaultSelectors:
             return False
         del self._selectors[key]
         self._forget_service(*key)
-        self._answers.clear()
+        self._merged_selectors.clear()
         return True
 
     def of(self, pod: PodInfo) -> Requirements:
         """The expressions of all selectors that stand for the pod; () when there are none."""
         key = pod.features(("controller", "labels", "namespace"))
-        answer = self._answers.get(key)
-        if answer is None:
-            if len(self._answers) >= MOST_ANSWERS:
-                self._answers.clear()
-            answer = self._answers[key] = self._merged(pod)
-        return answer
+        merged = self._merged_selectors.get(key)
+        if merged is None:
+            if len(self._merged_selectors) >= MOST_MERGED:
+                self._merged_selectors.clear()
+            merged = self._merged_selectors[key] = self._merged(pod)
+        return merged
 
     def _merged(self, pod: PodInfo) -> Requirements:
         labels: dict[str, str] = {}

@@ -67,7 +67,7 @@ class Budgets:
         return Change.NONE
 
     def split(self, pods: Sequence[PlacedPod]) -> Split:
-        """Take the pods away in this order: those for whom some budget allows no more disruption violate it."""
+        """Remove the pods in this order: those of which some budget allows no more disruptions violate it."""
         if not self._by_namespace:
             return Split((), tuple(pods))
         left: dict[tuple[str, str], int] = {}

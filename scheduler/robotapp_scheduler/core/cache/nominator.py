@@ -18,7 +18,7 @@ class Nomination(NamedTuple):
 
 
 class Nominator:
-    """By pod, and by node. `record(pod, node)` says what a pod would hold on a node."""
+    """By pod, and by node. `record(pod, node)` is what a pod would hold on a node."""
 
     def __init__(self, record: Callable[[PodInfo, str], PlacedPod]) -> None:
         self._record = record
@@ -39,7 +39,7 @@ class Nominator:
     def see(self, pod: PodInfo) -> bool:
         """A waiting pod as the watch shows it. True when it gave up a node.
 
-        News that neither has nor had a node leave alone what was promised in memory: our own patch is on its way.
+        An event without a node, of an object without one, leaves a nomination in memory alone: our own patch is on its way.
         """
         old, stored = self._by_uid.get(pod.uid), pod.pod.status.nominated_node_name
         if old is None and not stored:  # nearly every pod
@@ -49,12 +49,12 @@ class Nominator:
         return old is not None and old.record.node != node
 
     def nominate(self, pod: PodInfo, node: str) -> None:
-        """Promise a node, or take the promise back (""). What the object says does not change by this."""
+        """Nominate the pod to a node, or end its nomination (""). The stored node of its object stays as it is."""
         old = self._by_uid.get(pod.uid)
         self._put(pod, node, old.stored if old is not None else pod.pod.status.nominated_node_name)
 
     def discard(self, uid: str) -> bool:
-        """The pod has a node or is gone. True when it had been promised one."""
+        """The pod has a node or is gone. True when it was nominated."""
         old = self._by_uid.pop(uid, None)
         if old is None:
             return False

@@ -22,11 +22,11 @@ from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.pods.pod_signature import controller_of
 
 KEYS: Final = (ZONE, REGION)
-Stamp = tuple[tuple[str, str], ...]
+PredictedPairs = tuple[tuple[str, str], ...]
 
 
 class PredictedLabels:
-    """Foretells them once a confirmed bind has shown that this API server does so; a wrong guess costs time, nothing else."""
+    """Predicts these labels once a confirmed bind has shown that this API server copies them; a wrong prediction costs time only."""
 
     def __init__(self, labels: LabelColumns) -> None:
         """`labels` are those of the nodes."""
@@ -36,7 +36,7 @@ class PredictedLabels:
     def __repr__(self) -> str:
         return f"PredictedLabels({'seen' if self._seen else 'not seen'})"
 
-    def of(self, row: int | None) -> Stamp:
+    def of(self, row: int | None) -> PredictedPairs:
         """Labels (name, value) a pod is about to get from the node of this row."""
         return self._on(row) if self._seen and row is not None else ()
 
@@ -47,7 +47,7 @@ class PredictedLabels:
             labels = bound.metadata.labels or {}
             self._seen = all(labels.get(key) == value for key, value in expected)
 
-    def _on(self, row: int) -> Stamp:
+    def _on(self, row: int) -> PredictedPairs:
         labels = self._labels.of(row)
         return tuple([(key, labels[key]) for key in KEYS if key in labels])  # for every pod: no generator
 
@@ -58,25 +58,25 @@ class Records:
     def __init__(
         self,
         resources: ResourceColumns,
-        alike: Interner,
+        interner: Interner,
         *,
         like: Callable[[str, dict[str, str]], dict[str, str] | None],
     ) -> None:
         """`like` finds the labels that placed pods with equal ones in a namespace share."""
         self._resources = resources
-        self._alike = alike
+        self._interner = interner
         self._like = like
 
     def __repr__(self) -> str:
         return f"Records({self._resources!r})"
 
-    def of(self, info: PodInfo, node: str, *, assumed: bool, stamp: Stamp = ()) -> PlacedPod:
+    def of(self, info: PodInfo, node: str, *, assumed: bool, predicted: PredictedPairs = ()) -> PlacedPod:
         """What this pod holds on a node, with the labels it will have there. Raises ValueError when a quantity cannot be read."""
         shape = info.shape
-        key = (self, stamp)
+        key = (self, predicted)
         blank: PlacedPod | None = shape.notes.get(key)
         if blank is None:
-            blank = self._blank(info, stamp)
+            blank = self._blank(info, predicted)
             shared = self._like(blank.namespace, blank.labels)
             if shared is not None and self._resources in shape.notes:  # it has its like, and what it holds is settled
                 blank.labels = shared
@@ -85,17 +85,17 @@ class Records:
             blank, uid=info.uid, name=info.name, node=node, terminating=info.deleting, assumed=assumed, pod=info.pod
         )
 
-    def _blank(self, info: PodInfo, stamp: Stamp) -> PlacedPod:
-        """The record of any pod of this shape: all it says but uid, name, node and state follows from the shape."""
+    def _blank(self, info: PodInfo, predicted: PredictedPairs) -> PlacedPod:
+        """The record of any pod of this shape: all but uid, name, node and state follows from the shape."""
         requests = info.requests
         return PlacedPod(
             uid="",
             name="",
             namespace=info.namespace,
             node="",
-            labels=dict(stamp) | info.labels if stamp else info.labels,
+            labels=dict(predicted) | info.labels if predicted else info.labels,
             priority=info.priority,
-            requested=self._alike.same(info.shape.held(self._resources)),
+            requested=self._interner.same(info.shape.held(self._resources)),
             scored_cpu_milli=sane(requests.placed.get("cpu", 0)),
             scored_memory_bytes=sane(requests.placed.get("memory", 0)),
             ports=info.host_ports,
@@ -104,7 +104,7 @@ class Records:
             member=info.member,
             volumes=info.volumes,
             pod=info.pod,
-            affinity=self._alike.same(info.affinity_key),
+            affinity=self._interner.same(info.affinity_key),
             shape=info.shape.number,
         )
 

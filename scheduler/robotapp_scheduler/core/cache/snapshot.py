@@ -66,7 +66,7 @@ class Snapshot:
         self.cluster = cluster
         self._table = cluster.nodes
         self._kept: dict[tuple[str, Hashable], IntArray] = {}
-        """Amounts that were asked for: several plugins read the same few columns."""
+        """Amounts that a plugin has read: several plugins read the same few columns."""
         if rows is None:
             self.full = True
             self._rows = slice(0, self._table.size)
@@ -129,11 +129,11 @@ class Snapshot:
         return LabelColumn(self._pick(codes), vocabulary, self._table.labels.version(key))
 
     def allocatable(self, resource: str) -> IntArray:
-        """What nodes offer: cpu in milli, everything else in whole units; zeros for a resource nobody has."""
+        """What nodes offer: cpu in milli, everything else in whole units; zeros for a resource that no node has."""
         return self._amounts_of("allocatable", resource)
 
     def requested(self, resource: str) -> IntArray:
-        """What the pods on each node ask for."""
+        """What the pods on each node request."""
         return self._amounts_of("requested", resource)
 
     def free(self, resource: str) -> IntArray:
@@ -203,13 +203,13 @@ class Snapshot:
 
     def surely_free(self, wanted: tuple[tuple[str, int], ...]) -> bool:
         """Is so much of each ("pods": places for pods) free on every node? False: look at the rows."""
-        return self.cluster.least_free.suffices(self.cluster.log, wanted)
+        return self.cluster.minimum_free.suffices(self.cluster.log, wanted)
 
     def plain(self, resources: tuple[str, ...]) -> Plain | None:
         """These amounts in float64, when all rows are in view and that makes no difference; else None."""
-        if not self.full or not self.cluster.mirror.refresh(self.cluster.log):
+        if not self.full or not self.cluster.resource_arrays.refresh(self.cluster.log):
             return None
-        return self.cluster.mirror.plain(resources)
+        return self.cluster.resource_arrays.plain(resources)
 
     def _block(self, kind: str, resources: tuple[str, ...]) -> IntArray:
         if kind in self._as_counted:
@@ -217,8 +217,12 @@ class Snapshot:
             if span is not None:
                 return self._counted(span)
         if kind == "free":
-            mirror = self.cluster.mirror
-            if self.full and mirror.refresh(self.cluster.log) and (free := mirror.free(resources)) is not None:
+            resource_arrays = self.cluster.resource_arrays
+            if (
+                self.full
+                and resource_arrays.refresh(self.cluster.log)
+                and (free := resource_arrays.free(resources)) is not None
+            ):
                 found: IntArray = free.view()
             else:
                 found = self._block("allocatable", resources) - self._block("requested", resources)
@@ -277,7 +281,7 @@ class AdjustedSnapshot(Snapshot):
         self._amounts = amounts
 
     def requested(self, resource: str) -> IntArray:
-        """What the pods of each node would ask for."""
+        """What the pods of each node would request."""
         held = super().requested(resource)
         index = 0 if resource == "pods" else self._table.resources.index.get(resource, -1) + 1
         if index or resource == "pods":

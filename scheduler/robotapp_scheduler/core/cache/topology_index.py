@@ -1,4 +1,4 @@
-"""Everything that rules about other pods read: who is where by labels, affinity terms, namespaces, Services, images."""
+"""Everything that rules about other pods read: placed pods by labels, affinity terms, namespaces, Services, images."""
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class Topology:
     def __repr__(self) -> str:
         return f"Topology({self.counts!r}, {self.affinity!r}, {self.selectors!r})"
 
-    # --- Placed pods, told by the cluster ----------------------------------------------------------------------------
+    # --- Placed pods, called by the cache ----------------------------------------------------------------------------
 
     def take(self, record: PlacedPod) -> None:
         """A pod is placed, on whatever node: from now on it shares labels and terms with its like."""
@@ -77,7 +77,7 @@ class Topology:
         self.counts.end_dry_run()
         self._wide_position = self._wide_before
 
-    # --- Questions of the rules --------------------------------------------------------------------------------------
+    # --- Read by the plugins ------------------------------------------------------------------------------------------
 
     def single(self, key: str) -> bool:
         """Does every value of this label belong to one node only, as kubernetes.io/hostname does?"""
@@ -92,7 +92,7 @@ class Topology:
     def no_wide_terms_since(self, position: int) -> bool:
         """Did no pod come or go, since this position of the change log, with a term whose domains are more than one node?
 
-        Of another log: who knows.
+        False for a position of another log.
         """
         return self._wide_position < position <= self._log.position
 

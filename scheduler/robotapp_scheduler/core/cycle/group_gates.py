@@ -6,7 +6,7 @@ from typing import Final
 from robotapp_api.model.names import Label, PodReason
 from robotapp_api.values.tiers import FAILOVER, ROBOT, on_disconnect
 from robotapp_scheduler.core.api.core_v1 import Metadata
-from robotapp_scheduler.core.api.pod_group import PATIENCE_S
+from robotapp_scheduler.core.api.pod_group import REPORT_AFTER_S
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import NODE, PLACED, Change, Event
@@ -98,15 +98,15 @@ class GangGates:
         known = self._cluster.pod_groups
         group = known.find(ref)
         if group is None:
-            return _pod_group_gate(ref, f"waiting for PodGroup {ref.name} ({ref.api}) to be seen", PATIENCE_S)
-        asked = group.asked
-        if asked.problem:
-            return _pod_group_gate(ref, f"PodGroup {ref.name} cannot be planned: {asked.problem}", 0.0)
+            return _pod_group_gate(ref, f"waiting for PodGroup {ref.name} ({ref.api}) to be seen", REPORT_AFTER_S)
+        spec = group.spec
+        if spec.problem:
+            return _pod_group_gate(ref, f"PodGroup {ref.name} cannot be planned: {spec.problem}", 0.0)
         needed, there = known.quorum(ref), known.ready(ref)
         if there >= needed:
             return None
         reason = f"waiting for pods of PodGroup {ref.name} ({there} of {needed})"
-        return _pod_group_gate(ref, reason, asked.patience_s)
+        return _pod_group_gate(ref, reason, spec.report_after_s)
 
     def missing(self, app: App, instance: str) -> list[str]:
         """Components of an instance that have fewer live pods than they should, as `driver (0 of 1)`."""
@@ -207,13 +207,13 @@ def _group_gate(member: Member, reason: str) -> PreEnqueueStatus:
     )
 
 
-def _pod_group_gate(ref: GroupRef, reason: str, patience_s: float) -> PreEnqueueStatus:
+def _pod_group_gate(ref: GroupRef, reason: str, report_after_s: float) -> PreEnqueueStatus:
     return PreEnqueueStatus(
         plugin=POD_GROUP_PLUGIN,
         reason=reason,
         events=POD_GROUP_EVENTS,
         group=ref.key,
         code=str(PodReason.WAITING_FOR_GROUP),
-        alike=True,
-        report_after_s=patience_s,
+        whole_group=True,
+        report_after_s=report_after_s,
     )

@@ -81,7 +81,7 @@ class SchedulerCore:
             clock=clock,
             key=self._queue_key,
             gate=self._gate,
-            waker=self._waker,
+            hint=self._waker,
             group=group_key,
             initial_backoff_s=initial_backoff_s,
             max_backoff_s=max_backoff_s,
@@ -125,10 +125,10 @@ class SchedulerCore:
         newest: dict[str, PreEnqueueStatus | None] = {}
         for queued in self.queue.gated():
             gate = queued.gate
-            if gate is not None and gate.alike:
+            if gate is not None and gate.whole_group:
                 group = gate.group  # one of it is tested at a time: what the others say may be old
                 gate = newest[group] if group in newest else self._gate(queued.info)
-                if gate is None or gate.alike:  # any other is this pod's own
+                if gate is None or gate.whole_group:  # any other is this pod's own
                     newest[group] = gate
             if gate is not None and gate.code and queued.first_seen_s + gate.report_after_s <= now_s:
                 found.append((queued, gate))

@@ -25,7 +25,7 @@ BASE_RESOURCES: Final = ("cpu", "memory", "ephemeral-storage")
 LARGEST: Final = 2**53
 """Amounts are cut here: sums and products with 100 stay inside int64, and no real node offers more."""
 MOST_RESOURCES: Final = 1024
-"""Different resources in a cluster: what comes after these is offered and held by nobody."""
+"""Different resources in a cluster: resources beyond that are not counted."""
 MOST_STRANGE: Final = 256
 """Resources that pods may bring in without any node offering them."""
 MOST_SPANS: Final = 256
@@ -35,7 +35,7 @@ SCORED_MEMORY: Final = 1
 SCORED: Final = {"cpu": SCORED_CPU, "memory": SCORED_MEMORY}
 """Rows of `ResourceColumns.scored`; other resources are scored by what is requested."""
 ALLOWED: Final = len(SCORED)
-"""The ledger: what is scored; pods a node may have, and what it offers of every resource; pods it has, and what they ask for."""
+"""The ledger: what is scored; pods a node may have, and what it offers of every resource; pods it has, and what they request."""
 
 
 def sane(amount: int) -> int:
@@ -81,7 +81,7 @@ class Vocabulary:
 
 
 class LabelColumns:
-    """One code column per label key, made when a rule first asks for the key and kept up to date from then on."""
+    """One code column per label key, made when a rule first reads the key and kept up to date from then on."""
 
     __slots__ = ("_columns", "_labels", "_rows", "_versions")
 
@@ -102,7 +102,7 @@ class LabelColumns:
             self._versions[key] += 1
 
     def version(self, key: str) -> int:
-        """Grows when a row's code of this key changes or the column is replaced; 0 before anybody asked for it."""
+        """Grows when a row's code of this key changes or the column is replaced; 0 before the key was first read."""
         return self._versions.get(key, 0)
 
     def set(self, row: int, labels: dict[str, str]) -> None:
@@ -182,7 +182,7 @@ class ResourceColumns:
         self.names: list[str] = list(BASE_RESOURCES)
         self.index: dict[str, int] = {name: i for i, name in enumerate(self.names)}
         self._spans: dict[tuple[str, tuple[str, ...]], slice] = {}
-        """Where amounts that were asked for together stand: until the ledger is laid out anew, a resource keeps its place."""
+        """Where amounts that are read together stand: until the ledger is laid out anew, a resource keeps its place."""
         self._steps: dict[tuple[PodAmounts, tuple[int, int]], IntArray] = {}
         """What pods add to a row of nodes that have them: most pods are one of many replicas."""
         self._places: dict[tuple[str, ...], tuple[tuple[int, int, int], ...]] = {}
@@ -200,11 +200,11 @@ class ResourceColumns:
         self.layout += 1
         self.ledger: IntArray = ledger
         self.scored: IntArray = ledger[:ALLOWED]
-        """cpu milli and memory bytes with defaults for containers that ask for nothing (the Fit scorer's view)."""
+        """cpu milli and memory bytes with defaults for containers that request nothing (the Fit scorer's view)."""
         self.offered: IntArray = ledger[ALLOWED:held]
         """Pods a node may have, then what it offers of every resource."""
         self.taken: IntArray = ledger[held:]
-        """Pods it has, then what they ask for: in the order of `offered`."""
+        """Pods it has, then what they request: in the order of `offered`."""
         self.allowed_pods: IntArray = ledger[ALLOWED]
         self.allocatable: IntArray = ledger[ALLOWED + 1 : held]
         self.pod_count: IntArray = ledger[held]
@@ -218,8 +218,8 @@ class ResourceColumns:
         self._lay_out(grown(self.ledger, rows).astype(np.int64, copy=False))
 
     def place(self, kind: str, resource: str) -> int | None:
-        """Where in the ledger is what nodes have ("allocatable") or what their pods ask for ("requested", "scored")? None =
-        nobody has any.
+        """Where in the ledger is what nodes have ("allocatable") or what their pods request ("requested", "scored")? None =
+        no node has any.
         """
         if kind == "scored" and resource in SCORED:
             return SCORED[resource]
@@ -260,7 +260,7 @@ class ResourceColumns:
         return -1 if place is None else place
 
     def copied(self, row: int) -> list[int]:
-        """One row of the ledger, and a zero for what nobody has."""
+        """One row of the ledger, and a zero for what no node has."""
         found: list[int] = self.ledger[:, row].tolist()
         found.append(0)
         return found
@@ -292,7 +292,7 @@ class ResourceColumns:
         return tuple((self.code(name), min(value, LARGEST)) for name, value in amounts.items() if value > 0)
 
     def held(self, amounts: dict[str, int]) -> tuple[tuple[int, int], ...]:
-        """The same for what a pod holds. Anybody may run a pod that asks for ten thousand resources no node offers: only
+        """The same for what a pod holds. Any user may run a pod that requests ten thousand resources no node offers: only
         so many of them become columns, the others count nowhere.
         """
         strange = [name for name in amounts if name not in self.index]

@@ -29,7 +29,7 @@ MOST_ROWS: Final = 1024
 
 
 NodeAmounts = tuple[int, int, int]
-"""One resource of one node: what it offers, what its pods ask for, and that as the Fit scorer sees it."""
+"""One resource of one node: what it offers, what its pods request, and that as the Fit scorer counts it."""
 
 
 class Row:
@@ -47,7 +47,7 @@ class Row:
         self.allowed_pods, self.pod_count = self._there[ALLOWED], self._there[resources.held_from]
 
     def of(self, resources: tuple[str, ...]) -> tuple[NodeAmounts, ...]:
-        """What the node offers of these, and has given away, in this order; zeros for a resource nobody has."""
+        """What the node offers of these, and has given away, in this order; zeros for a resource that no node has."""
         found = self._known.get(resources)
         if found is None:
             columns = self._table.resources
@@ -65,7 +65,7 @@ class Row:
 
 
 class Rows:
-    """Rows that were looked at one by one, kept until something changes there: many kinds of pod ask for the same."""
+    """Rows that were looked at one by one, kept until something changes there: many kinds of pod read the same rows."""
 
     def __init__(self, table: "NodeTable") -> None:
         self._table = table
@@ -197,7 +197,7 @@ class NodeTable:
         return row
 
     def amounts(self, kind: str, resource: str) -> IntArray | None:
-        """The column of what nodes have ("allocatable") or what their pods ask for ("requested", "scored"); None = nobody has any."""
+        """The column of what nodes have ("allocatable") or what their pods request ("requested", "scored"); None = no node has any."""
         place = self.resources.place(kind, resource)
         return None if place is None else self.resources.ledger[place]
 

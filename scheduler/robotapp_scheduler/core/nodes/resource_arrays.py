@@ -140,7 +140,7 @@ class MinimumFree:
         if rows is None:
             free = (resources.offered - resources.taken)[:, self._table.valid]
             least = free.min(axis=1).tolist() if free.shape[1] else []
-            # Places for resources that nobody has named yet are not of interest.
+            # Places for resources that no object has named yet are not of interest.
             self._free = dict(zip(("pods", *resources.names), least, strict=False))
             self._ledger, self._misses = resources.ledger, 0
         for row in rows or ():

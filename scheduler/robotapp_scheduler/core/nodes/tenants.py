@@ -7,10 +7,10 @@ from robotapp_api.model.names import Annotation, Label
 
 
 class Tenants:
-    """Nodes that restrict who may use them, kept up to date node by node.
+    """Nodes that restrict the namespaces which may use them, kept up to date node by node.
 
     A robot of several computers admits a namespace only if each of its computers does: else a pod would get on the robot
-    through the one that somebody forgot to annotate.
+    through the one without the annotation.
     """
 
     def __init__(self) -> None:

@@ -1,6 +1,6 @@
 """What a pod that is being resized in place holds by the formula of kube-scheduler 1.35: the most per container, then the sum.
 
-Since then each of the three sides (asked for, granted, in force) is summed over the pod first. The two differ when one
+Since then each of the three sides (requested, granted, in force) is summed over the pod first. The two differ when one
 container grows while another shrinks.
 """
 
@@ -20,12 +20,12 @@ def held_per_container(pod: Pod) -> Pod:
     status = pod.status
     if not status.resizes:
         return pod
-    told = {each.name: each for each in reversed(status.container_statuses)}
+    statuses = {each.name: each for each in reversed(status.container_statuses)}
     spec = msgspec.structs.replace(
         pod.spec,
-        containers=[_held(each, told, status) for each in pod.spec.containers],
+        containers=[_held(each, statuses, status) for each in pod.spec.containers],
         init_containers=[
-            _held(each, told, status) if each.restart_policy == "Always" else each
+            _held(each, statuses, status) if each.restart_policy == "Always" else each
             for each in pod.spec.init_containers or ()
         ],
     )
@@ -33,11 +33,11 @@ def held_per_container(pod: Pod) -> Pod:
     return msgspec.structs.replace(pod, spec=spec, status=plain)
 
 
-def _held(container: Container, told: dict[str, ContainerStatus], status: PodStatus) -> Container:
-    said = told.get(container.name)
-    if said is None or said.resources is None:
+def _held(container: Container, statuses: dict[str, ContainerStatus], status: PodStatus) -> Container:
+    reported = statuses.get(container.name)
+    if reported is None or reported.resources is None:
         return container
-    sides = [said.resources.requests or {}, said.allocated_resources or {}]
+    sides = [reported.resources.requests or {}, reported.allocated_resources or {}]
     if not status.resize_infeasible:
         sides.append(container.resources.requests or {})
     held = msgspec.structs.replace(container.resources, requests=_most(sides))

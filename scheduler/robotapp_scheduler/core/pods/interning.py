@@ -1,7 +1,7 @@
 """Interns equal parts of pods of one owner, so that replicas share the same objects.
 
 A decoded pod takes about 5 kB, most of it the same as in its siblings. Parts are compared with those of the last sibling
-and replaced when they are equal, which nobody can see but the memory.
+and replaced when they are equal, which changes nothing but the memory in use.
 """
 
 from collections.abc import Hashable
@@ -60,7 +60,7 @@ class Interner:
         spec, node = pod.spec, intern(pod.spec.node_name)
         known: PodSpec | None = model.get("spec")
         if known is not None:
-            known.node_name = node  # nobody else has it: other versions of this pod may have `spec`
+            known.node_name = node  # no other object shares it: other versions of this pod may have `spec`
             if spec == known:
                 pod.spec = replace(known)
                 return

@@ -1,5 +1,5 @@
-"""What a pod may ask for at most. No cluster needs more, and a pod that asks for ten thousand things, each to be looked
-up on every node, would hold up all others for seconds: it is refused before anything is looked up.
+"""Limits on what one pod may request. A pod with ten thousand requirements, each compared on every node, would delay all
+other pods for seconds, so it is rejected before anything is compared.
 """
 
 from collections.abc import Callable, Iterator
@@ -9,7 +9,7 @@ from robotapp_scheduler.core.api.core_v1 import Container, NodeSelectorTerm, Pod
 
 
 def excess(spec: PodSpec) -> str:
-    """Why nothing is looked up for a pod with this spec; empty for every sane pod."""
+    """Why a pod with this spec is rejected; empty for every pod within the limits."""
     for what, most, count in _LIMITS:
         if (found := count(spec)) > most:
             return f"pod asks for {found} {what}, more than {most} are not looked up"

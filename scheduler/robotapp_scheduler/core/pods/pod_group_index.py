@@ -1,6 +1,6 @@
 """PodGroups: which pods must be placed together, how many at least, and how many of them there are.
 
-Two APIs say it: `scheduling.x-k8s.io/v1alpha1` (the label `scheduling.x-k8s.io/pod-group`) and `scheduling.k8s.io/v1beta1`
+Two APIs define it: `scheduling.x-k8s.io/v1alpha1` (the label `scheduling.x-k8s.io/pod-group`) and `scheduling.k8s.io/v1beta1`
 (`spec.schedulingGroup`), where the API server serves it. A pod of a RobotApp goes by its app alone.
 """
 
@@ -19,7 +19,7 @@ _APP_UID: Final = Label.APP_UID.value
 
 
 class GroupRef(NamedTuple):
-    """The group a pod says it belongs to."""
+    """The group that a pod names."""
 
     api: str
     namespace: str
@@ -32,7 +32,7 @@ class GroupRef(NamedTuple):
 
 
 def in_group(pod: Pod) -> bool:
-    """May it belong to a RobotApp or a PodGroup? The cheap question before those that say to which."""
+    """May it belong to a RobotApp or a PodGroup? A cheap test before `group_ref_of`."""
     labels = pod.metadata.labels
     if labels and (_APP_UID in labels or POD_GROUP_LABEL in labels):
         return True
@@ -72,7 +72,7 @@ class _Standing:
         self.pods: dict[str, _Place] = {}
         self.placed = self.bound = self.ready = 0
         self.done = False
-        """Enough of them were seen on nodes: whoever comes later is a late member."""
+        """Enough of them were seen on nodes: a pod that comes later is a late member."""
 
     def count(self, place: _Place, sign: int) -> None:
         self.placed += sign * place.placed
@@ -92,7 +92,7 @@ class PodGroups:
         return f"PodGroups({len(self._standing)})"
 
     def apply(self, given: GivenPodGroup, api: str) -> Change:
-        """A PodGroup of this API appeared or changed. One that says it is of another API is left alone."""
+        """A PodGroup of this API appeared or changed. One with the apiVersion of another API is left alone."""
         if given.api_version and not given.api_version.startswith(f"{api}/"):
             return Change.NONE
         group = understood(given)
@@ -100,7 +100,7 @@ class PodGroups:
         standing = self._at(ref)
         old, standing.group = standing.group, group
         self._judge(ref, standing)
-        return Change.NONE if old is not None and old.asked == group.asked else Change.POD_GROUPS
+        return Change.NONE if old is not None and old.spec == group.spec else Change.POD_GROUPS
 
     def remove(self, group: GivenPodGroup, api: str) -> Change:
         """A PodGroup is gone."""
@@ -161,10 +161,10 @@ class PodGroups:
         standing = self._standing.get(ref)
         if standing is None or standing.group is None or standing.done:
             return 0
-        return 0 if standing.placed and standing.group.was_placed else standing.group.asked.needed
+        return 0 if standing.placed and standing.group.was_placed else standing.group.spec.needed
 
     def take_completed(self) -> list[tuple[GroupRef, str]]:
-        """Groups, each with its uid, of which since the last call as many pods as they ask for were seen bound."""
+        """Groups, each with its uid, of which since the last call as many pods as they require were seen bound."""
         found = list(self._completed.items())
         self._completed.clear()
         return found
@@ -183,8 +183,8 @@ class PodGroups:
     def _judge(self, ref: GroupRef, standing: _Standing) -> None:
         if standing.done or standing.group is None:
             return
-        asked = standing.group.asked
-        if asked.problem or standing.bound < max(asked.needed, 1):
+        spec = standing.group.spec
+        if spec.problem or standing.bound < max(spec.needed, 1):
             return
         standing.done = True
         self._completed[ref] = standing.group.metadata.uid

@@ -37,7 +37,7 @@ SYSTEM_CRITICAL: Final = 2_000_000_000
 
 
 class Member(NamedTuple):
-    """Which part of which RobotApp a pod says it is (labels; the owner chain confirms it)."""
+    """The part of a RobotApp that a pod's labels name; the owner chain confirms it."""
 
     app_uid: str
     instance: str
@@ -78,7 +78,7 @@ class PodInfo:
 
     @property
     def scheduler_name(self) -> str:
-        """Profile that is asked for."""
+        """Name of the profile that schedules it."""
         return self.pod.spec.scheduler_name
 
     @property
@@ -143,7 +143,7 @@ class PodInfo:
 
     @property
     def volumes(self) -> PodVolumes | None:
-        """Claims and inline disks; None for a pod whose volumes decide nothing."""
+        """Claims and inline disks; None for a pod with volumes that decide nothing."""
         return self._volumes if self.pod.spec.volumes else None
 
     @CachedProperty
@@ -175,7 +175,7 @@ class PodInfo:
 
     @property
     def ros_request(self) -> RosRequest | InvalidAnnotation | None:
-        """What the scheduler.robotics.io annotations ask for; None without any."""
+        """Requirements of the scheduler.robotics.io annotations; None without any."""
         return self._ros_request if self._annotated else None
 
     @CachedProperty

@@ -1,4 +1,4 @@
-"""What a pod's spec says about volumes: the claims it uses, and inline disks that two pods cannot share."""
+"""The volumes of a pod's spec: the claims it uses, and inline disks that two pods cannot share."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -54,7 +54,7 @@ ANYWHERE = frozenset({""})
 
 
 def volumes_of(pod: Pod) -> PodVolumes | None:
-    """None for a pod whose volumes play no role, which is nearly every pod."""
+    """None for a pod with volumes that play no role, which is nearly every pod."""
     volumes = pod.spec.volumes
     if not volumes:
         return None

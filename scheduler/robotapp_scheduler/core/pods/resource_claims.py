@@ -81,7 +81,7 @@ def not_allocated(name: str) -> str:
 
 
 class ResourceClaims:
-    """Claims by namespace and name. Changes of an allocation are told to all rows of the change log."""
+    """Claims by namespace and name. Changes of an allocation are logged for all rows."""
 
     def __init__(self, log: ChangeLog) -> None:
         self._log = log

@@ -1,1 +1,1 @@
-"""Which pods go for a pod that fits nowhere."""
+"""Selects the pods that are evicted for a pod that fits on no node."""

@@ -1,4 +1,4 @@
-"""Which other pods matter to a pod: decides where amounts alone tell what a change of pods does, and where rules must run."""
+"""Which other pods a pod's filters depend on: where only amounts count they are compared, elsewhere the filters run again."""
 
 from collections.abc import Collection
 
@@ -16,10 +16,10 @@ _OF_PODS = int(OF_PODS)
 
 
 class Influence:
-    """The filters that have an opinion about a pod, by what their opinion depends on.
+    """The filters that apply to a pod, by what their results depend on.
 
-    `room` is the filter that only counts amounts (it has the hook of that name), `others` are those other pods may touch:
-    they say so themselves (`touched_by`), or read facts of pods.
+    `room` is the filter that only compares amounts (it has the hook of that name). `others` are the filters whose results
+    other pods may change: they have the hook `touched_by`, or they read facts of pods.
     """
 
     def __init__(self, pod: PodInfo, evaluation: Evaluation) -> None:
@@ -34,49 +34,49 @@ class Influence:
         return f"Influence(room={self.room}, others={self.others})"
 
     def touched(self, other: PlacedPod, *, without: Collection[str] = ()) -> bool:
-        """May the coming or going of this pod change the opinion of any filter but `room` and those named?"""
+        """May adding or removing this pod change the result of any filter but `room` and those in `without`?"""
         return any(
             plugin.touched_by is None or plugin.touched_by(self._pod, other)
             for plugin in self.others
             if plugin.name not in without
         )
 
-    def together(self, others: list[PlacedPod]) -> bool:
-        """Can all these pods come at once, each to matter on its own node only?"""
+    def can_come_at_once(self, others: list[PlacedPod]) -> bool:
+        """Can all these pods be added at once, because each changes results on its own node only?"""
         return all(
             plugin.row_local or not any(plugin.touched_by is None or plugin.touched_by(self._pod, o) for o in others)
             for plugin in self.others
         )
 
     def beside(self, nodes: Snapshot) -> dict[str, Beside]:
-        """By the names of their plugins: tests that need to know only who stays on a node."""
+        """By plugin name: tests that need only the pods that stay on a node."""
         found = {p.name: p.beside(self._pod, nodes) for p in self.others if p.beside is not None}
         return {name: test for name, test in found.items() if test is not None}
 
     def codes(self, nodes: Snapshot, evaluation: Evaluation, *, without: Collection[str] = ()) -> tuple[Codes, Codes]:
-        """(first reason, reason of `room`) per row of `nodes`, which differs from the cluster in amounts alone.
+        """(first reason, reason of `room`) per row of `nodes`, which differs from the cluster in amounts only.
 
-        The opinion of every other filter is the one the evaluation knows; those named in `without` are left out.
+        The results of all other filters are taken from the evaluation; those in `without` are left out.
         """
         first = np.zeros(nodes.n, dtype=np.int32)
         room = np.zeros(nodes.n, dtype=np.int32)
         positions = evaluation.positions(nodes.rows)
         for column in self._columns:
             if column.plugin is self.room:
-                room = self._asked(column.plugin, nodes)
+                room = self._reasons_of(column.plugin, nodes)
                 np.copyto(first, room, where=first == 0)
             elif not column.clean and column.plugin.name not in without:
                 np.copyto(first, column.codes[positions], where=first == 0)
         return first, room
 
-    def asked(self, nodes: Snapshot) -> Codes:
-        """First reason per row of `nodes` as the cluster is now, every filter asked."""
+    def first_reasons(self, nodes: Snapshot) -> Codes:
+        """First reason per row of `nodes` as the cluster is now, from all filters."""
         first = np.where(nodes.valid, np.int32(0), np.int32(HOLE))
         for plugin in self.live:
-            np.copyto(first, self._asked(plugin, nodes), where=first == 0)
+            np.copyto(first, self._reasons_of(plugin, nodes), where=first == 0)
         return first
 
-    def _asked(self, plugin: RegisteredPlugin, nodes: Snapshot) -> Codes:
+    def _reasons_of(self, plugin: RegisteredPlugin, nodes: Snapshot) -> Codes:
         column = FilterColumn(plugin, self._reasons)
         column.compute(self._pod, nodes)
         return np.zeros(nodes.n, dtype=np.int32) if column.skipped else column.codes

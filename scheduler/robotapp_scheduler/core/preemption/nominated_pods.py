@@ -21,17 +21,17 @@ def with_nominated(cluster: Cache, pod: PodInfo, evaluation: Evaluation, *, node
     """
     if not len(cluster.nominations):
         return evaluation
-    promised: dict[int, list[PlacedPod]] = {}
+    nominated: dict[int, list[PlacedPod]] = {}
     for name, records in cluster.nominations.at_least(pod.priority, but=pod.uid, node=node).items():
         row = cluster.nodes.row_of.get(name)
         if row is not None and evaluation.has(row):
-            promised[row] = records
-    if not promised:
+            nominated[row] = records
+    if not nominated:
         return evaluation
-    rows = sorted(promised)
+    rows = sorted(nominated)
     positions = evaluation.positions(np.array(rows, dtype=np.intp))
     # The pass with the nominated pods comes first: its reason is the one that is reported.
-    first = _reasons(cluster, Influence(pod, evaluation), evaluation, rows, promised)
+    first = _reasons(cluster, Influence(pod, evaluation), evaluation, rows, nominated)
     return evaluation.replaced(positions, np.where(first != 0, first, evaluation.reason[positions]))
 
 
@@ -40,23 +40,23 @@ def _reasons(
     influence: Influence,
     evaluation: Evaluation,
     rows: Sequence[int],
-    promised: Mapping[int, Sequence[PlacedPod]],
+    nominated: Mapping[int, Sequence[PlacedPod]],
 ) -> Codes:
-    records = [record for row in rows for record in promised[row]]
+    records = [record for row in rows for record in nominated[row]]
     if not any(influence.touched(record) for record in records):
-        view = AdjustedSnapshot(cluster, rows, amounts(cluster, [promised[row] for row in rows]))
+        view = AdjustedSnapshot(cluster, rows, amounts(cluster, [nominated[row] for row in rows]))
         return influence.codes(view, evaluation)[0]
-    if influence.together(records):
+    if influence.can_come_at_once(records):
         with DryRun(cluster) as dry_run:
             for record in records:
                 dry_run.put(record)
-            return influence.asked(Snapshot(cluster, rows))
+            return influence.first_reasons(Snapshot(cluster, rows))
     found = np.zeros(len(rows), dtype=np.int32)
     with DryRun(cluster) as dry_run:
         for i, row in enumerate(rows):
-            for record in promised[row]:
+            for record in nominated[row]:
                 dry_run.put(record)
-            found[i] = influence.asked(Snapshot(cluster, [row]))[0]
+            found[i] = influence.first_reasons(Snapshot(cluster, [row]))[0]
             dry_run.back(0)
     return found
 

@@ -1,7 +1,7 @@
 """DefaultPreemption's decision: on which node which pods of lower priority should go for a pod that fits nowhere.
 
-Only decided here, nothing is deleted. Nodes where amounts alone tell are compared by columns and whole numbers; where
-another rule looks at pods (affinity, ports, volumes), it is asked with the victims really taken out of the cluster.
+It decides and deletes nothing. Nodes where only amounts count are compared by columns and whole numbers. Where another
+filter depends on pods (affinity, ports, volumes), it runs again in a dry run without the victims.
 """
 
 from collections.abc import Callable, Collection, Hashable, Sequence
@@ -36,7 +36,7 @@ class Plan(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a `post_filter` says: the rest of the message, the node to wait for ("" = none any more, None = as before)."""
+    """Result of a `post_filter`: the rest of the message, the node to wait for ("" = none any more, None = as before)."""
 
     text: str
     nominate: str | None = None
@@ -44,7 +44,7 @@ class Outcome(NamedTuple):
 
 
 Remembered = dict[int, tuple[int, Candidate | None, bool]]
-"""Per row where no other node matters: (version of the row it was made of, who must go, do filters mind its lower pods)."""
+"""Per row where no other node matters: (version of the row it was made of, victims, do filters depend on its pods of lower priority)."""
 
 
 class Failure(NamedTuple):
@@ -58,13 +58,13 @@ class Failure(NamedTuple):
     offset: int = 0
     """Where the search begins: any number, equal for equal pods."""
     spared: frozenset[str] = frozenset()
-    """Pods that are being placed in the same go: no victims."""
+    """Pods that are placed in the same cycle: no victims."""
     remembered: Callable[[Hashable], Remembered] = lambda _: {}
     """What is kept about pods of this class, by key."""
 
 
 class Preemption:
-    """One search. `limit(n)` says after how many candidates among n nodes it may stop."""
+    """One search. `limit(n)` is the number of candidates among n nodes after which it may stop."""
 
     def __init__(self, failure: Failure, limit: Callable[[int], int]) -> None:
         self._failure = failure
@@ -77,7 +77,7 @@ class Preemption:
         return f"Preemption(for {self._pod.key})"
 
     def outcome(self) -> Outcome:
-        """Who must go where, or why nobody."""
+        """The node with its victims, or why there is none."""
         pod, cluster = self._pod, self._cluster
         if pod.pod.spec.preemption_policy == "Never":
             return Outcome(NEVER)
@@ -89,7 +89,7 @@ class Preemption:
             return Outcome(TERMINATING)
         helpless = self._failure.outside + int(np.count_nonzero(evaluation.reason > 0)) - len(positions)
         if not cluster.any_below(pod.priority):
-            self._tell(NO_VICTIMS, len(positions))
+            self._count_nodes(NO_VICTIMS, len(positions))
             return self._none(helpless)
         best = self._best(evaluation, positions)
         if best is None:
@@ -99,14 +99,14 @@ class Preemption:
         return Outcome(text, node, Plan(node, best.victims, best.violations))
 
     def _none(self, helpless: int) -> Outcome:
-        self._tell(NOT_HELPFUL, helpless)
+        self._count_nodes(NOT_HELPFUL, helpless)
         return Outcome(histogram(self._cluster.nodes.count, self._texts), "")
 
-    def _tell(self, text: str, count: int) -> None:
+    def _count_nodes(self, text: str, count: int) -> None:
         self._texts[text] = self._texts.get(text, 0) + count
 
     def _waits_for_victims(self, evaluation: Evaluation, positions: npt.NDArray[np.intp]) -> bool:
-        """Are victims still on their way out of the node that was promised? Not if that node cannot help any more."""
+        """Do victims still terminate on the nominated node? False if that node cannot help any more."""
         node = self._cluster.nominations.node_of(self._pod.uid)
         row = self._cluster.nodes.row_of.get(node)
         if row is None or not evaluation.has(row):
@@ -125,12 +125,12 @@ class Preemption:
         if found:
             return min(found, key=lambda candidate: candidate.rank)
         for text, count in search.texts().items():
-            self._tell(text, count)
+            self._count_nodes(text, count)
         return None
 
 
 class _Search:
-    """The nodes on which taking pods away may help, in the order in which they are looked at."""
+    """The nodes on which taking pods away may help, in the order of the search."""
 
     def __init__(self, failure: Failure, evaluation: Evaluation, positions: npt.NDArray[np.intp]) -> None:
         self._cluster = cluster = failure.cluster
@@ -139,24 +139,24 @@ class _Search:
         self._evaluation = evaluation
         self._influence = Influence(pod, evaluation)
         row_of = cluster.nodes.row_of
-        promised = cluster.nominations.at_least(pod.priority, but=pod.uid)
-        self._held = {row_of[node]: records for node, records in promised.items() if node in row_of}
-        """What others were promised, per row."""
+        nominated = cluster.nominations.at_least(pod.priority, but=pod.uid)
+        self._held = {row_of[node]: records for node, records in nominated.items() if node in row_of}
+        """Nominated pods of at least this priority, per row."""
         self._versions = cluster.nodes.versions
         start = failure.offset % max(len(positions), 1)
         order = np.concatenate([positions[start:], positions[:start]])
         self._rows: npt.NDArray[np.intp] = order if evaluation.rows is None else evaluation.rows[order]
         held = cluster.held_below(pod.priority)[:, self._rows]
-        self._someone = held[0] > 0
-        # As if every lower pod were gone, where no other filter minds them.
+        self._has_lower = held[0] > 0
+        # As if every pod of lower priority were gone, where no other filter depends on them.
         view = AdjustedSnapshot(cluster, self._rows, -held[: len(cluster.nodes.resources.names) + 1])
         self._first: Codes
         self._room: Codes
         self._first, self._room = self._influence.codes(view, evaluation)
         self._beside = self._influence.beside(Snapshot(cluster))
-        """Filters that can tell by who stays on the node."""
+        """Filters that can decide by the pods that stay on the node."""
         self._confined = [name for name, test in self._beside.items() if test.confined]
-        """Those of them that no other node matters to: what they said holds until something changes there."""
+        """Those of them that depend on no other node: their results hold until the node changes."""
         self._rest, self._open = (
             self._influence.codes(view, evaluation, without=names)[0] if names else self._first
             for names in (self._beside, self._confined)
@@ -170,7 +170,7 @@ class _Search:
         """Up to `limit` nodes with their victims, more while each of them would break a budget."""
         found: list[Candidate] = []
         clean = False
-        hopeful = self._someone & (self._room == 0)
+        hopeful = self._has_lower & (self._room == 0)
         if len(self._influence.others) == len(self._beside):
             hopeful &= self._rest == 0
         open_ = self._open == 0
@@ -195,10 +195,10 @@ class _Search:
         """Why the nodes are no candidates, after `candidates` found none."""
         counts: dict[int, int] = {}
         result: dict[str, int] = {}
-        nobody = int(np.count_nonzero(~self._someone))
-        if nobody:
-            result[NO_VICTIMS] = nobody
-        for i in np.flatnonzero(self._someone).tolist():
+        empty = int(np.count_nonzero(~self._has_lower))
+        if empty:
+            result[NO_VICTIMS] = empty
+        for i in np.flatnonzero(self._has_lower).tolist():
             code = self._reasons.get(i)
             if code is None:
                 code = self._reason_without(i)
@@ -209,17 +209,17 @@ class _Search:
         return result
 
     def _look(self, i: int, row: int) -> Candidate | None:
-        promised = self._held.get(row, ())
-        if promised:
-            if self._touched(row) or any(self._influence.touched(record) for record in promised):
-                return self._by_dry_run(i, row, promised)
-            return self._whole_numbers(row, promised=promised) if self._first[i] == 0 else None
+        nominated = self._held.get(row, ())
+        if nominated:
+            if self._touched(row) or any(self._influence.touched(record) for record in nominated):
+                return self._by_dry_run(i, row, nominated)
+            return self._by_amounts_alone(row, nominated=nominated) if self._first[i] == 0 else None
         if self._touched(row, without=self._beside):
             return self._by_dry_run(i, row, ())
         touched = bool(self._beside) and self._touched(row)
         if (self._rest if touched else self._first)[i] != 0:
             return None
-        candidate = self._whole_numbers(row, fits=partial(self._fits, row) if touched else None)
+        candidate = self._by_amounts_alone(row, fits=partial(self._fits, row) if touched else None)
         if not touched or not self._touched(row, without=self._confined):
             self._kept[row] = (self._versions[row], candidate, touched)
         return candidate
@@ -228,7 +228,7 @@ class _Search:
         return all(test.takes(row, staying) for test in self._beside.values())
 
     def _touched(self, row: int, *, without: Collection[str] = ()) -> bool:
-        """Do other filters mind the lower pods of a row?"""
+        """Do other filters depend on the pods of lower priority of a row?"""
         kept = self._kept.get(row)
         if kept is not None and kept[0] == self._versions[row]:
             return kept[2] and not without
@@ -241,35 +241,35 @@ class _Search:
             if pod.priority < priority and pod.uid not in spared
         )
 
-    def _whole_numbers(
+    def _by_amounts_alone(
         self,
         row: int,
         *,
-        promised: Sequence[PlacedPod] = (),
+        nominated: Sequence[PlacedPod] = (),
         fits: Callable[[Sequence[PlacedPod]], bool] | None = None,
     ) -> Candidate | None:
         lower = lower_pods(self._cluster, row, self._pod.priority, self._spared)
         room = self._influence.room
-        wishes = room.room(self._pod) if room is not None and room.room is not None else {}
-        return by_amounts(self._cluster, row, lower, wishes, promised=promised, fits=fits)
+        requested = room.room(self._pod) if room is not None and room.room is not None else {}
+        return by_amounts(self._cluster, row, lower, requested, nominated=nominated, fits=fits)
 
-    def _by_dry_run(self, i: int, row: int, promised: Sequence[PlacedPod]) -> Candidate | None:
+    def _by_dry_run(self, i: int, row: int, nominated: Sequence[PlacedPod]) -> Candidate | None:
         lower = lower_pods(self._cluster, row, self._pod.priority, self._spared)
-        found = by_dry_run(self._cluster, self._influence, row, lower, promised) if lower else 0
+        found = by_dry_run(self._cluster, self._influence, row, lower, nominated) if lower else 0
         if isinstance(found, Candidate):
             return found
         self._reasons[i] = found
         return None
 
     def _reason_without(self, i: int) -> int:
-        """What stands against a node with every lower pod gone: amounts, or what was promised to others there."""
+        """Reason against a node without its pods of lower priority: amounts, or the pods nominated there."""
         row = int(self._rows[i])
-        promised = self._held.get(row, ())
-        if not promised and not self._touched(row):
+        nominated = self._held.get(row, ())
+        if not nominated and not self._touched(row):
             return int(self._first[i])
-        if not promised and not self._touched(row, without=self._beside) and self._fits(row, self._staying(row)):
+        if not nominated and not self._touched(row, without=self._beside) and self._fits(row, self._staying(row)):
             return int(self._rest[i])
-        self._by_dry_run(i, row, promised)
+        self._by_dry_run(i, row, nominated)
         return self._reasons.get(i, 0)
 
     def _staying(self, row: int) -> list[PlacedPod]:

@@ -1,7 +1,7 @@
-"""Selects the victims on one node so that a pod fits, and what it costs to evict them.
+"""Selects the victims on one node so that a pod fits, and ranks the node by them.
 
-All pods of lower priority are taken away; if the pod fits then, they are given back one by one, first those whose
-eviction would break a disruption budget, more important ones first, and those that no longer fit are the victims.
+All pods of lower priority are removed. If the pod fits then, they are added again one by one: first those whose
+eviction would violate a disruption budget, within them by importance. Those that no longer fit are the victims.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +24,7 @@ NOT_STARTED: Final = float("inf")
 
 
 class Candidate(NamedTuple):
-    """A node with the pods that would have to go, most important first. A smaller rank is better."""
+    """A node with its victims, most important first. A smaller rank is better."""
 
     row: int
     victims: tuple[PlacedPod, ...]
@@ -33,13 +33,13 @@ class Candidate(NamedTuple):
 
 
 def lower_pods(cluster: Cache, row: int, priority: int, spared: frozenset[str]) -> list[PlacedPod]:
-    """The pods of a node that may have to go, most important first."""
+    """The pods of a node that may be evicted, most important first."""
     pods = cluster.pods_on(cluster.nodes.names[row])
     return sorted((pod for pod in pods if pod.priority < priority and pod.uid not in spared), key=importance)
 
 
 def importance(pod: PlacedPod) -> tuple[int, float]:
-    """Sort key: higher priority first, then who runs longer."""
+    """Sort key: higher priority first, then the longer running one."""
     return -pod.priority, _seconds(pod.pod.status.start_time)
 
 
@@ -47,24 +47,24 @@ def by_amounts(
     cluster: Cache,
     row: int,
     lower: Sequence[PlacedPod],
-    wishes: Mapping[str, int],
+    requested: Mapping[str, int],
     *,
-    promised: Sequence[PlacedPod] = (),
+    nominated: Sequence[PlacedPod] = (),
     fits: Callable[[Sequence[PlacedPod]], bool] | None = None,
 ) -> Candidate | None:
-    """The victims where nothing but amounts decides; None when the pod does not fit even without all of them.
+    """The victims where only amounts count; None when the pod does not fit even without all of them.
 
-    `fits` decides as well, by the pods that stay.
+    `fits` must accept the pods that stay, too.
     """
     table, names = cluster.nodes, cluster.nodes.resources.index
-    codes = {names[name]: amount for name, amount in wishes.items() if name in names}
-    if len(codes) < len(wishes):
-        return None  # nobody offers it
-    needs = {pod.uid: _of(pod, codes) for pod in lower}
+    codes = {names[name]: amount for name, amount in requested.items() if name in names}
+    if len(codes) < len(requested):
+        return None  # no node offers it
+    amounts_of = {pod.uid: _of(pod, codes) for pod in lower}
     left = _left(table, row, codes)
-    for need in needs.values():
+    for need in amounts_of.values():
         left = list(map(add, left, need))
-    for pod in promised:
+    for pod in nominated:
         left = list(map(sub, left, _of(pod, codes)))
     if min(left) < 0:
         return None
@@ -75,7 +75,7 @@ def by_amounts(
 
     def stays(pod: PlacedPod) -> bool:
         nonlocal left
-        after = list(map(sub, left, needs[pod.uid]))
+        after = list(map(sub, left, amounts_of[pod.uid]))
         if min(after) < 0:
             return False
         if fits is not None and not fits([*staying, pod]):
@@ -88,20 +88,20 @@ def by_amounts(
 
 
 def by_dry_run(
-    cluster: Cache, influence: Influence, row: int, lower: Sequence[PlacedPod], promised: Sequence[PlacedPod]
+    cluster: Cache, influence: Influence, row: int, lower: Sequence[PlacedPod], nominated: Sequence[PlacedPod]
 ) -> Candidate | int:
-    """The victims with every filter asked after each step; the reason that is left when the pod does not fit at all."""
+    """The victims, with all filters run after each step; the remaining reason when the pod does not fit at all."""
     with DryRun(cluster) as dry_run:
         for pod in lower:
             dry_run.take(pod)
-        reason = _reason(cluster, influence, row, promised, dry_run)
+        reason = _reason(cluster, influence, row, nominated, dry_run)
         if reason:
             return reason
 
         def stays(pod: PlacedPod) -> bool:
             depth = dry_run.depth
             dry_run.put(pod)
-            if _reason(cluster, influence, row, promised, dry_run) == 0:
+            if _reason(cluster, influence, row, nominated, dry_run) == 0:
                 return True
             dry_run.back(depth)
             return False
@@ -110,15 +110,15 @@ def by_dry_run(
     return found if found is not None else 0
 
 
-def _reason(cluster: Cache, influence: Influence, row: int, promised: Sequence[PlacedPod], dry_run: DryRun) -> int:
+def _reason(cluster: Cache, influence: Influence, row: int, nominated: Sequence[PlacedPod], dry_run: DryRun) -> int:
     """First reason against the node as it is in the dry run, with the nominated pods there and without; 0 = none."""
     depth = dry_run.depth
-    for record in promised:
+    for record in nominated:
         dry_run.put(record)
-    reason = int(influence.asked(Snapshot(cluster, [row]))[0])
+    reason = int(influence.first_reasons(Snapshot(cluster, [row]))[0])
     dry_run.back(depth)
-    if promised and reason == 0:
-        reason = int(influence.asked(Snapshot(cluster, [row]))[0])
+    if nominated and reason == 0:
+        reason = int(influence.first_reasons(Snapshot(cluster, [row]))[0])
     return reason
 
 
@@ -139,7 +139,7 @@ def _reprieved(row: int, split: Split, stays: Callable[[PlacedPod], bool]) -> Ca
     violating = [pod for pod in split.violating if not stays(pod)]
     victims = sorted([*violating, *(pod for pod in split.others if not stays(pod))], key=importance)
     if not victims:
-        return None  # nobody has to go, so the pod was not refused for want of room here
+        return None  # no victim is needed, so the node was not rejected for lack of resources
     top = victims[0].priority
     earliest_s = min(_seconds(pod.pod.status.start_time) for pod in victims if pod.priority == top)
     cost = sum(pod.priority + PRIORITY_OFFSET for pod in victims)

@@ -7,7 +7,7 @@ from robotapp_scheduler.core.events.cluster_event import Change, Event
 
 MOST_LOGGED: Final = 4096
 OFTEN: Final = 256
-"""From so many changes on we look whether some can go: objects nobody else has any more are freed while they are few."""
+"""From so many changes on the log is shortened, so that few objects are kept alive only by it."""
 
 
 class InFlightPod:
@@ -34,7 +34,7 @@ class InFlightPods:
     def __init__(self) -> None:
         self._flying: dict[str, InFlightPod] = {}
         self._log: list[tuple[Event, str]] = []
-        """(event, uid of who takes no notice) since the first pod now in flight left."""
+        """(event, uid of the pod it does not concern) since the first pod now in flight was popped."""
         self._most = min(OFTEN, MOST_LOGGED)
         """With more changes it is time to look again."""
 
@@ -87,7 +87,7 @@ class InFlightPods:
         return [event for event, but in self._log[flight.since :] if but != uid]
 
     def _shorten(self) -> None:
-        """Drop what all that fly now have not lived through; when one flies for long, fold it for everybody."""
+        """Drop changes from before all pods now in flight; those of a pod that is in flight for long are folded into one."""
         past = next(iter(self._flying.values())).since  # they are in the order of their start
         if past > len(self._log) // 2:
             del self._log[:past]
@@ -98,7 +98,7 @@ class InFlightPods:
 
     def _fold(self) -> None:
         """From the newest change back: each is looked at once, not once for each of those that fly."""
-        at, everybody = len(self._log), 0
+        at, common = len(self._log), 0
         others: dict[str, int] = {}
         """Uid → kinds that concern all but this pod."""
         for uid, flight in sorted(self._flying.items(), key=lambda item: item[1].since, reverse=True):
@@ -106,9 +106,9 @@ class InFlightPods:
                 if but:
                     others[but] = others.get(but, 0) | int(event.change)
                 else:
-                    everybody |= int(event.change)
+                    common |= int(event.change)
             at = flight.since
-            flight.folded |= everybody
+            flight.folded |= common
             for but, changes in others.items():
                 if but != uid:
                     flight.folded |= changes

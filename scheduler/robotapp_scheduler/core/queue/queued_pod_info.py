@@ -1,4 +1,4 @@
-"""What the queue keeps of a pod: its attempts, why it waits, and what may let it go on."""
+"""What the queue keeps of a pod: its attempts, why it waits, and what may move it."""
 
 from collections.abc import Hashable
 
@@ -9,7 +9,7 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 
 class PreEnqueueStatus(msgspec.Struct, frozen=True):
-    """Why a pod may not be tried at all, and what may open the gate."""
+    """Why a pod may not be tried at all, and which changes may end that."""
 
     plugin: str
     reason: str
@@ -18,10 +18,10 @@ class PreEnqueueStatus(msgspec.Struct, frozen=True):
     """Only changes around this group (RobotApp uid, or key of a PodGroup) matter, when set."""
     code: str = ""
     """Reason for the pod's condition; empty: no condition is written."""
-    alike: bool = False
-    """While the gate of one pod of `group` stays closed, those of the others do."""
+    whole_group: bool = False
+    """While one pod of `group` is held, all others of the group are."""
     report_after_s: float = 30.0
-    """A pod that is held for longer says so in its condition."""
+    """A pod that is held for longer gets a condition with the reason."""
 
 
 class Rejection(msgspec.Struct, frozen=True):
@@ -29,7 +29,7 @@ class Rejection(msgspec.Struct, frozen=True):
 
     plugins: frozenset[str] = frozenset()
     pending: frozenset[str] = frozenset()
-    """Those of `plugins` that said Pending: when they ask for the pod again, it skips its back-off."""
+    """Those of `plugins` that returned Pending: when their hint moves the pod, it skips its back-off."""
 
 
 class QueuedPodInfo:

@@ -1,6 +1,6 @@
 """Pods that wait for a node: active, backoff, unschedulable and gated, with upstream's rules.
 
-Every known pod is in exactly one place at any time (`invariant` says so): no pod is ever lost. The clock is injected,
+Every known pod is in exactly one place at any time (`invariant` checks it): no pod is ever lost. The clock is injected,
 nothing here sleeps; the shell calls `tick` once a second and `pop` whenever it can schedule.
 """
 
@@ -23,7 +23,7 @@ FLUSH_PERIOD_S: Final = 30.0
 class SchedulingQueue:
     """The queue.
 
-    `key(info, timestamp_s)` orders the active queue, `gate(info)` is PreEnqueue, `waker(info, plugin)` says what may
+    `key(info, timestamp_s)` orders the active queue, `gate(info)` is PreEnqueue, `hint(info, plugin)` is what may
     help a pod this plugin rejected, `group(info)` names pods that are tried together (None = alone).
     """
 
@@ -33,7 +33,7 @@ class SchedulingQueue:
         clock: Callable[[], float],
         key: Callable[[PodInfo, float], tuple[Any, ...]],
         gate: Callable[[PodInfo], PreEnqueueStatus | None] = lambda _: None,
-        waker: Callable[[PodInfo, str], QueueingHint] = lambda _, plugin: QueueingHint(plugin),
+        hint: Callable[[PodInfo, str], QueueingHint] = lambda _, plugin: QueueingHint(plugin),
         group: Callable[[PodInfo], Hashable | None] = lambda _: None,
         initial_backoff_s: float = 1.0,
         max_backoff_s: float = 10.0,
@@ -44,7 +44,7 @@ class SchedulingQueue:
         self._active = Heap()
         self._backoff = Heap()
         self._error_backoff = Heap()
-        self._waiting = UnschedulablePods(waker, order=self._active_key)
+        self._waiting = UnschedulablePods(hint, order=self._active_key)
         self._gated = GatedPods()
         self._flying = InFlightPods()
         self._groups: dict[Hashable, dict[str, None]] = {}
@@ -85,7 +85,7 @@ class SchedulingQueue:
         """Pods that are held before their first attempt, oldest first."""
         return sorted((self._pods[uid] for uid in self._gated), key=lambda queued: queued.first_seen_s)
 
-    # --- What the watch says ---------------------------------------------------------------------------------------
+    # --- Events of the watch ---------------------------------------------------------------------------------------
 
     def add(self, pod: Pod | PodInfo) -> None:
         """A pod that needs a node appeared. Known pods are updated instead."""
@@ -121,7 +121,7 @@ class SchedulingQueue:
             self._updated_while_waiting(queued, event)
 
     def delete(self, uid: str) -> None:
-        """The pod is gone, bound by somebody else or terminal. In flight, it is dropped when it returns."""
+        """The pod is gone, bound by another scheduler or terminal. In flight, it is dropped when it returns."""
         queued = self._pods.get(uid)
         if queued is None:
             return
@@ -320,13 +320,13 @@ class SchedulingQueue:
             gate = queued.gate
             if gate is None or (gate.group and gate.group not in groups):
                 continue
-            if gate.alike and gate.group in closed:
+            if gate.whole_group and gate.group in closed:
                 continue
             self._gated.discard(uid)
             self._requeue_from_wait(queued, event.label, immediate=False)
             if queued.gate is None:
                 opened += 1
-            elif queued.gate.alike:
+            elif queued.gate.whole_group:
                 closed.add(queued.gate.group)
         return opened
 
@@ -355,7 +355,7 @@ class SchedulingQueue:
         self._leave_group(queued)
 
     def _regroup(self, queued: QueuedPodInfo) -> None:
-        """Among the pods of its group, which is another one when its labels say so now."""
+        """Among the pods of its group, which is another one when its labels changed."""
         group = self._group(queued.info)
         if group != queued.group:
             self._leave_group(queued)

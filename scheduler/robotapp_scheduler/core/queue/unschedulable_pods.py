@@ -1,7 +1,7 @@
 """Unschedulable and gated pods, and the queueing hints that move them back, called once per kind of pod.
 
 Waiting pods that the same plugins rejected and that are equal in everything those plugins' hints read share a bucket.
-An event costs one question per bucket, not per pod: 2,000 replicas of one Deployment are one question.
+An event costs one call of a hint per bucket, not per pod: one for 2,000 replicas of a Deployment.
 
 A device or domain that is given back serves one pod. It wakes the first of each bucket; while it may still be free the
 others follow in the order of the queue, twice as many every second, so that none waits in vain behind one that cannot use it.
@@ -22,7 +22,7 @@ _SELF: Final = int(Change.SELF)
 
 
 class Woken(NamedTuple):
-    """A pod that leaves; `immediate` = a plugin that said Pending asks for it, so it skips its back-off."""
+    """A pod that leaves; `immediate` = the hint of a plugin that returned Pending moved it, so it skips its back-off."""
 
     queued: QueuedPodInfo
     immediate: bool
@@ -48,19 +48,19 @@ class _Bucket:
 
     __slots__ = ("came", "count", "line", "mask", "pending", "pods", "rejecting", "round")
 
-    def __init__(self, wakers: list[QueueingHint], rejection: Rejection) -> None:
-        self.pending = [waker for waker in wakers if waker.plugin in rejection.pending]
-        self.rejecting = [waker for waker in wakers if waker.plugin not in rejection.pending]
+    def __init__(self, hints: list[QueueingHint], rejection: Rejection) -> None:
+        self.pending = [hint for hint in hints if hint.plugin in rejection.pending]
+        self.rejecting = [hint for hint in hints if hint.plugin not in rejection.pending]
         self.pods: dict[str, QueuedPodInfo] = {}
-        self.line = Heap() if any(waker.serves is not None for waker in wakers) else None
+        self.line = Heap() if any(hint.serves is not None for hint in hints) else None
         """The same pods in the order of the queue, where not all of them leave at once."""
         self.came: dict[str, int] = {}
         """Of the same: the how-manieth each was that came."""
         self.count = 0
         self.round: _Round | None = None
         self.mask = _SELF
-        for waker in wakers:
-            self.mask |= int(waker.events)
+        for hint in hints:
+            self.mask |= int(hint.events)
 
     def add(self, queued: QueuedPodInfo, order: Callable[[QueuedPodInfo], tuple[Any, ...]]) -> None:
         uid = queued.info.uid
@@ -78,9 +78,9 @@ class _Bucket:
 
     def woken(self, event: Event, *, but: str) -> list[Woken]:
         """Those of the pods that leave; `but` does not."""
-        if any(waker.of_each is not None and waker.of_each(event) for waker in (*self.pending, *self.rejecting)):
-            answers = [(queued, self.answer(queued.info, event)) for queued in self.pods.values()]
-            return [Woken(one, now, event.label) for one, now in answers if now is not None and one.info.uid != but]
+        if any(hint.of_each is not None and hint.of_each(event) for hint in (*self.pending, *self.rejecting)):
+            results = [(queued, self.answer(queued.info, event)) for queued in self.pods.values()]
+            return [Woken(one, now, event.label) for one, now in results if now is not None and one.info.uid != but]
         first = next(iter(self.pods.values())).info
         immediate = self.answer(first, event)
         if immediate is None:
@@ -110,11 +110,11 @@ class _Bucket:
             self.round.again = found
 
     def _most(self, pod: PodInfo, event: Event) -> int | None:
-        """One waker that wants the event for any number of pods is enough."""
+        """One hint that accepts the event for any number of pods is enough."""
         found = 0
-        for waker in (*self.pending, *self.rejecting):
-            if waker.wants(pod, event):
-                most = waker.most(pod, event)
+        for hint in (*self.pending, *self.rejecting):
+            if hint.wants(pod, event):
+                most = hint.most(pod, event)
                 if most is None:
                     return None
                 found = max(found, most)
@@ -137,24 +137,24 @@ class _Bucket:
 
     def answer(self, pod: PodInfo, event: Event) -> bool | None:
         """None: stays. True: leaves at once. False: leaves after its back-off."""
-        if any(waker.wants(pod, event) for waker in self.pending):
+        if any(hint.wants(pod, event) for hint in self.pending):
             return True
-        return False if any(waker.wants(pod, event) for waker in self.rejecting) else None
+        return False if any(hint.wants(pod, event) for hint in self.rejecting) else None
 
 
 class UnschedulablePods:
     """The unschedulable pods.
 
-    `waker(pod, plugin)` says what may help a pod the plugin rejected, `order` is that of the active queue.
+    `hint(pod, plugin)` is the hint for a pod that the plugin rejected, `order` is that of the active queue.
     """
 
     def __init__(
-        self, waker: Callable[[PodInfo, str], QueueingHint], *, order: Callable[[QueuedPodInfo], tuple[Any, ...]]
+        self, hint: Callable[[PodInfo, str], QueueingHint], *, order: Callable[[QueuedPodInfo], tuple[Any, ...]]
     ) -> None:
-        self._waker = waker
+        self._hint_of = hint
         self._order = order
         self._buckets: dict[int, dict[Hashable, _Bucket]] = {}
-        """By mask, so that an event that concerns nobody costs one test per kind of mask."""
+        """By mask, so that an event that concerns no pod costs one test per mask."""
         self._place: dict[str, tuple[int, Hashable]] = {}
 
     def __repr__(self) -> str:
@@ -171,10 +171,10 @@ class UnschedulablePods:
 
     def add(self, queued: QueuedPodInfo) -> None:
         """A rejected pod starts to wait."""
-        wakers, rejection = self._wakers(queued), queued.rejection or Rejection()
-        keys = tuple((waker.plugin, waker.key(queued.info)) for waker in wakers)
+        hints, rejection = self._hints(queued), queued.rejection or Rejection()
+        keys = tuple((hint.plugin, hint.key(queued.info)) for hint in hints)
         key = (queued.info.scheduler_name, rejection.pending, keys)
-        bucket = _Bucket(wakers, rejection)
+        bucket = _Bucket(hints, rejection)
         bucket = self._buckets.setdefault(bucket.mask, {}).setdefault(key, bucket)
         bucket.add(queued, self._order)
         self._place[queued.info.uid] = (bucket.mask, key)
@@ -218,20 +218,20 @@ class UnschedulablePods:
         return self.first_answer(queued, (event,))
 
     def first_answer(self, queued: QueuedPodInfo, events: Iterable[Event]) -> bool | None:
-        """To all these events together; the rest is not asked about once no answer can be better."""
+        """To all these events together; the rest is not tested once no answer can be better."""
         found: bool | None = None
         bucket: _Bucket | None = None
         for event in events:
-            bucket = bucket or _Bucket(self._wakers(queued), queued.rejection or Rejection())
+            bucket = bucket or _Bucket(self._hints(queued), queued.rejection or Rejection())
             answer = bucket.answer(queued.info, event) if bucket.mask & int(event.change) else None
             if answer or (answer is not None and not bucket.pending):
                 return answer
             found = found if answer is None else answer
         return found
 
-    def _wakers(self, queued: QueuedPodInfo) -> list[QueueingHint]:
+    def _hints(self, queued: QueuedPodInfo) -> list[QueueingHint]:
         rejection = queued.rejection or Rejection()
-        return [self._waker(queued.info, plugin) for plugin in sorted(rejection.plugins | rejection.pending)]
+        return [self._hint_of(queued.info, plugin) for plugin in sorted(rejection.plugins | rejection.pending)]
 
 
 class GatedPods:

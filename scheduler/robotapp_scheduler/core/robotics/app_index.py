@@ -36,7 +36,7 @@ class Link(NamedTuple):
 class App(NamedTuple):
     """A RobotApp with its edges turned into links per component; `problems` are values that cannot be read.
 
-    `neighbours`: who shares a node with whom and who must not, of components with such rules.
+    `neighbours`: components that must or must not share a node, of components with such rules.
     """
 
     source: RobotApp
@@ -179,7 +179,7 @@ class AppIndex:
         return False
 
     def _at_home(self, pod: Pod, app_uid: str) -> bool:
-        """Is the pod in the app's namespace, as far as the app is known? Elsewhere labels and owner references are somebody's words."""
+        """Is the pod in the app's namespace, as far as the app is known? Elsewhere labels and owner references prove nothing."""
         app = self._apps.get(app_uid)
         return app is None or app.source.metadata.namespace == pod.metadata.namespace
 
@@ -224,10 +224,10 @@ class AppIndex:
         self._expected = candidates
 
     def expected(self, member: Member, component: str) -> tuple[str, ...]:
-        """Nodes a component of the same instance may still end up on; empty when that says nothing."""
+        """Nodes a component of the same instance may still end up on; empty when they are not known."""
         return self._expected.get(member._replace(component=component), ())
 
     def labelled(self, member: Member) -> list[Replica]:
-        """Live pods of the app's namespace with exactly these labels, owner chain not asked: orphans count."""
+        """Live pods of the app's namespace with exactly these labels, without a look at the owner chain: orphans count."""
         found = self._replicas.get((member.app_uid, member.instance), {}).get(member.component, {})
         return [replica for replica in found.values() if self._at_home(replica.pod, member.app_uid)]

@@ -17,9 +17,9 @@ from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceRequest
 
 
 class DeviceGrant(NamedTuple):
-    """The device chosen for one wish; `exclusive` ones need a RobotClaim before the bind."""
+    """The device chosen for one request; `exclusive` ones need a RobotClaim before the bind."""
 
-    wish: str
+    request: str
     node: str
     device: Device
     exclusive: bool
@@ -46,7 +46,7 @@ class Use(NamedTuple):
 
 
 class DeviceIndex:
-    """Devices per node, who claims or shares them, and what this process has promised but not yet seen as a claim."""
+    """Devices per node, their claims and shares, and devices that this process has granted and no claim shows yet."""
 
     def __init__(self) -> None:
         self._devices: dict[str, tuple[Device, ...]] = {}
@@ -65,7 +65,7 @@ class DeviceIndex:
         return f"DeviceIndex({len(self._devices)} nodes, {len(self._claim_nodes)} claims, {len(self._use_nodes)} users)"
 
     def set_labels(self, node: str, labels: dict[str, str]) -> bool:
-        """Labels say what a node has only while no telemetry does. True when something is different."""
+        """Devices by labels, used while the node has no telemetry. True when something is different."""
         if node in self._with_telemetry:
             return False
         devices = devices_of_labels(labels)
@@ -127,7 +127,7 @@ class DeviceIndex:
         return self._devices.get(node, ())
 
     def free_by_type(self) -> dict[str, int]:
-        """Devices nobody has claimed or was promised, by type; 0 for a type that is all taken."""
+        """Devices that are neither claimed nor granted, by type; 0 for a type that is all taken."""
         found: dict[str, int] = {}
         for node, devices in self._devices.items():
             for device in devices:
@@ -138,13 +138,13 @@ class DeviceIndex:
                 found[device.type] = found.get(device.type, 0) + free
         return found
 
-    def capable(self, wish: DeviceRequest) -> frozenset[str]:
+    def capable(self, request: DeviceRequest) -> frozenset[str]:
         """Names of nodes that have such a device, free or not."""
-        key = (wish.type, wish.model, wish.interface, wish.usb_id)
+        key = (request.type, request.model, request.interface, request.usb_id)
         found = self._capable.get(key)
         if found is None:
             found = self._capable[key] = frozenset(
-                node for node, devices in self._devices.items() if any(fits_kind(wish, device) for device in devices)
+                node for node, devices in self._devices.items() if any(fits_kind(request, device) for device in devices)
             )
         return found
 
@@ -165,18 +165,20 @@ class DeviceIndex:
         return None
 
     def choose(
-        self, wishes: Sequence[DeviceRequest], node: str, holder: DeviceHolder
+        self, requests: Sequence[DeviceRequest], node: str, holder: DeviceHolder
     ) -> tuple[DeviceGrant, ...] | None:
-        """A different device for every exclusive wish and one that nobody holds alone for every shared one.
+        """A different device for every exclusive request and one that no pod holds alone for every shared one.
 
         All or nothing; None when the node cannot give that.
         """
         devices = self.of(node)
-        fitting = [[i for i, device in enumerate(devices) if fits_kind(wish, device)] for wish in wishes]
+        fitting = [[i for i, device in enumerate(devices) if fits_kind(request, device)] for request in requests]
         if not all(fitting):
             return None
-        own = [options for wish, options in zip(wishes, fitting, strict=True) if wish.exclusive]
-        shared = {i for wish, options in zip(wishes, fitting, strict=True) if not wish.exclusive for i in options}
+        own = [options for request, options in zip(requests, fitting, strict=True) if request.exclusive]
+        shared = {
+            i for request, options in zip(requests, fitting, strict=True) if not request.exclusive for i in options
+        }
         found = assign(own, preferred=self._preferred(devices, node, holder, last=shared)) if own else []
         if found is None:
             return None
@@ -186,15 +188,17 @@ class DeviceIndex:
             [device._replace(id=name) for device, name in zip(map(devices.__getitem__, found), names, strict=True)]
         )
         grants = []
-        for wish, options in zip(wishes, fitting, strict=True):
-            device = next(held) if wish.exclusive else self._to_share(node, [devices[i] for i in options if i in open_])
+        for request, options in zip(requests, fitting, strict=True):
+            device = (
+                next(held) if request.exclusive else self._to_share(node, [devices[i] for i in options if i in open_])
+            )
             if device is None:
                 return None
-            grants.append(DeviceGrant(wish.name, node, device, wish.exclusive))
+            grants.append(DeviceGrant(request.name, node, device, request.exclusive))
         return tuple(grants)
 
     def _to_share(self, node: str, devices: Sequence[Device]) -> Device | None:
-        """Rather one that is shared already: the others stay free for who wants one alone."""
+        """Rather one that is shared already: the others stay free for pods that need one alone."""
         return min(devices, key=lambda device: next(self._uses_of(node, device), None) is None, default=None)
 
     def _names(self, node: str, devices: Sequence[Device], holder: DeviceHolder) -> list[str]:
@@ -208,13 +212,13 @@ class DeviceIndex:
             taken.add(device_label(names[-1]))
         return names
 
-    def blockers(self, wishes: Sequence[DeviceRequest], node: str, holder: DeviceHolder) -> tuple[Busy, ...]:
+    def blockers(self, requests: Sequence[DeviceRequest], node: str, holder: DeviceHolder) -> tuple[Busy, ...]:
         """For the event: every matching but taken device of a node."""
         found = (
-            self.blocker(node, device, holder, exclusive=wish.exclusive)
-            for wish in wishes
+            self.blocker(node, device, holder, exclusive=request.exclusive)
+            for request in requests
             for device in self.of(node)
-            if fits_kind(wish, device)
+            if fits_kind(request, device)
         )
         return tuple(busy for busy in found if busy is not None)
 
@@ -223,7 +227,7 @@ class DeviceIndex:
     ) -> list[int]:
         """Devices that are free for this holder; those it has or inherits come first, or a retry would collect more.
 
-        last: devices that its own shared wishes could use, taken when there is no other.
+        last: devices that its own shared requests could use, taken when there is no other.
         """
         free = [i for i, device in enumerate(devices) if self.blocker(node, device, holder) is None]
         if not self.contested(node) and not last:

@@ -6,7 +6,7 @@ usual round trip of their typical nodes.
 
 Terms are medians of what the other terms leave over, taken in turns: a tenth of wild readings does not move them. They are a
 function of the measured pairs alone: neither the order in which readings came nor earlier terms matter. Pairs of which no probe
-was answered are left out: a robot that is cut off tells nothing about the way to its neighbours.
+was answered are left out: readings of a robot that is cut off are no measure of the way to its neighbours.
 """
 
 from collections.abc import Generator
@@ -38,7 +38,7 @@ class Fit(NamedTuple):
     """Shape (2, paths): zone codes of each path, the lower one first."""
     path_us: FloatArray
     """Shape (2, paths)."""
-    least_us: FloatArray
+    minimum_us: FloatArray
     """Shape (2,): the shortest round trip measured between any two nodes; no estimate goes below."""
 
 
@@ -76,10 +76,10 @@ def fit_steps(measured: Measured, zone: IndexArray) -> Generator[None, None, Fit
     used: BoolArray = np.isfinite(measured.us[0]) & np.isfinite(measured.us[1])
     access = np.zeros((2, len(zone)))
     access[:, _cut_off(measured, used, len(zone))] = np.nan
-    least = measured.us[:, used].min(axis=1, initial=np.inf)
+    minimum = measured.us[:, used].min(axis=1, initial=np.inf)
     used &= (zone[measured.left] > 0) & (zone[measured.right] > 0)
     if not used.any():
-        return fit_nothing()._replace(access_us=access, least_us=least)
+        return fit_nothing()._replace(access_us=access, minimum_us=minimum)
     system = _System(Measured(measured.left[used], measured.right[used], measured.us[:, used]), zone)
     yield
     yield from system.group()
@@ -88,7 +88,7 @@ def fit_steps(measured: Measured, zone: IndexArray) -> Generator[None, None, Fit
         own, path = yield from system.solve(which)
         access[which, system.fitted] = own[system.fitted]
         paths.append(path)
-    return Fit(access, system.zones, np.stack(paths), least)
+    return Fit(access, system.zones, np.stack(paths), minimum)
 
 
 def fit_nothing() -> Fit:

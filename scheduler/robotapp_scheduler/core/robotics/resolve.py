@@ -1,4 +1,4 @@
-"""What a pod's ROS wishes mean right now: annotations or RobotApp in, `RosContext` out."""
+"""Resolves a pod's ROS requirements against the cluster as it is now: annotations or RobotApp in, `RosContext` out."""
 
 from typing import Final, Protocol
 
@@ -23,7 +23,7 @@ from robotapp_scheduler.core.pods.pod_info import Member, PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Link, on_one_node, tied
 
 NOTHING: Final = RosRequest()
-"""Annotations that are there but ask for nothing."""
+"""Annotations that are present and require nothing."""
 
 
 class Surroundings(Protocol):
@@ -68,7 +68,7 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
     endpoints = _app_endpoints(pod, member, app, component, around)
     if not endpoints and own_budget_us is not None:
         endpoints = _robot_endpoint(member.instance, around, budget_us=own_budget_us)
-    wishes = tuple(
+    requests = tuple(
         DeviceRequest(d.name, d.type, d.model, d.interface, d.usb_id or "", claimed(d))
         for d in component.devices
         if d.type != GPU
@@ -84,8 +84,8 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
         zones=spec.placement.zones,
         master_node=spec.placement.master_node,
         hardware=_app_hardware(component),
-        devices=wishes,
-        holder=DeviceHolder(app.uid, pod.namespace, member.instance, member.component, pod.uid) if wishes else None,
+        devices=requests,
+        holder=DeviceHolder(app.uid, pod.namespace, member.instance, member.component, pod.uid) if requests else None,
         tiers=component.runs_on if len(component.runs_on) > 1 else (),
         together=(
             *_partners(pod, member, app, around),
@@ -147,7 +147,7 @@ def _partners(pod: PodInfo, member: Member, app: App, around: Surroundings) -> t
 def _apart(member: Member, app: App, around: Surroundings) -> tuple[str, ...]:
     """Nodes of components it must not share one with, whichever of the two declares it.
 
-    A peer that is placed later counts where it cannot help going: who comes first must leave that node to it.
+    A peer that is placed later counts on the only node it can use: the pod that is placed first must leave that node to it.
     """
     names = app.neighbours.get(member.component, NO_NEIGHBOURS).apart
     nodes = set(_nodes_of(member, names, around))
@@ -168,7 +168,7 @@ def _nodes_of(member: Member, components: tuple[str, ...], around: Surroundings)
 
 
 def _of_annotations(pod: PodInfo, request: RosRequest, around: Surroundings) -> RosContext:
-    wishes = tuple(
+    requests = tuple(
         DeviceRequest(name=f"{h.type}{i}", type=h.type, model=h.model, interface=h.interface)
         for i, h in enumerate(request.hardware)
         if h.type in EXCLUSIVE_TYPES
@@ -182,8 +182,8 @@ def _of_annotations(pod: PodInfo, request: RosRequest, around: Surroundings) -> 
         zones=request.zones,
         master_node=request.master_node,
         hardware=request.hardware,
-        devices=wishes,
-        holder=DeviceHolder(uid=pod.uid, namespace=pod.namespace, pod_uid=pod.uid) if wishes else None,
+        devices=requests,
+        holder=DeviceHolder(uid=pod.uid, namespace=pod.namespace, pod_uid=pod.uid) if requests else None,
         together=_named_peers(pod, request.peer_pods, around),
         volume_claims=request.volume_claims,
     )

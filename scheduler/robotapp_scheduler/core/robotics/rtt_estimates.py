@@ -1,4 +1,4 @@
-"""Estimated round-trip times of pairs that nobody measured: the terms of `latency_fit`, fitted anew as agents report.
+"""Estimated round-trip times of pairs without a measurement: the terms of `latency_fit`, fitted anew as agents report.
 
 Readings come by the dozen a second, so terms are fitted at most once a second. Where there are many pairs a fit takes a tenth
 of a second: it goes forward by a step per tick, and the terms before it stay in use until it is done.
@@ -18,7 +18,7 @@ from robotapp_scheduler.joint.latencies import IndexArray, estimated_us
 
 REFRESH_S: Final = 1.0
 AT_ONCE: Final = 8192
-"""Entries of all readings up to which terms are fitted in one go, when somebody asks: some ten milliseconds."""
+"""Entries of all readings up to which terms are fitted in one go when an estimate is read: some ten milliseconds."""
 PER_TICK: Final = 80_000
 """Entries handled per tick beyond that."""
 _NEVER: Final = (-1, -1)
@@ -109,7 +109,7 @@ class LatencyEstimates:
         zone = int(terms.zone[own])
         part = slice(int(terms.starts[zone]), int(terms.starts[zone + 1]))
         per_zone[terms.far[part]] = terms.us[which, part]
-        return estimated_us(per_zone[terms.zone], own, terms.fit.access_us[which], float(terms.fit.least_us[which]))
+        return estimated_us(per_zone[terms.zone], own, terms.fit.access_us[which], float(terms.fit.minimum_us[which]))
 
     def _is_due(self) -> bool:
         """Has a second passed, or are the nodes others than those of the terms?"""
@@ -172,4 +172,4 @@ def _renumbered(named: _Named, table: NodeTable, zones: list[str]) -> Fit:
     code_of = {name: code for code, name in enumerate(zones)}
     codes = np.array([code_of.get(name, -1) for name in named.zones], dtype=np.intp)[fit.zones]
     kept = (codes >= 0).all(axis=0)
-    return Fit(access, np.sort(codes[:, kept], axis=0), fit.path_us[:, kept], fit.least_us)
+    return Fit(access, np.sort(codes[:, kept], axis=0), fit.path_us[:, kept], fit.minimum_us)

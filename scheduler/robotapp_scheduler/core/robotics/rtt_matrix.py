@@ -24,7 +24,7 @@ class LatencyExport:
         version = self._model.version
         if self._latest is None or self._latest[0] is not terms or self._latest[1] != version:
             fit, measured = terms.fit, self._model.measured()
-            found = Latencies(terms.zone, _dense(terms), measured, access_us=fit.access_us, least_us=fit.least_us)
+            found = Latencies(terms.zone, _dense(terms), measured, access_us=fit.access_us, minimum_us=fit.minimum_us)
             self._latest = (terms, version, found)
         return self._latest[2]
 

@@ -52,7 +52,7 @@ class TermTotals:
     def __init__(self, labels: LabelColumns, key: str, terms: tuple[PlacedTerm, ...]) -> None:
         self.key = key
         self.users = 0
-        """Pulls that ask for it."""
+        """Pulls that use it."""
         self._labels = labels
         self._terms = terms
         self._version = -1
@@ -83,7 +83,7 @@ class TermTotals:
         return self._terms
 
     def close(self) -> None:
-        """Nobody asks any more."""
+        """No pull uses it any more."""
         for placed in self._terms:
             placed.listeners.pop(self, None)
 
@@ -161,7 +161,7 @@ class AffinityIndex:
     def pull(self, key: LabelSetKey) -> Pull:
         """What the placed pods' terms mean for a pod of this namespace with these labels."""
         pull = self._pulls.get(key)
-        if pull is not None and self._still_whole(pull, key):
+        if pull is not None and self._is_current(pull, key):
             self._pulls.move_to_end(key)
             return pull
         old, pull = pull, self._follow(key)
@@ -172,7 +172,7 @@ class AffinityIndex:
             self._close(self._pulls.popitem(last=False)[1])
         return pull
 
-    def _still_whole(self, pull: Pull, key: LabelSetKey) -> bool:
+    def _is_current(self, pull: Pull, key: LabelSetKey) -> bool:
         newest = self._before + len(self._recent)
         if pull.generation != self._namespaces.generation or pull.seen < self._before:
             return False

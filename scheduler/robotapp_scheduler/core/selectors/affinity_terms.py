@@ -44,7 +44,7 @@ class Term(NamedTuple):
         return matches_requirements(self.requirements, labels)
 
     def may_concern(self, namespace: str, labels: Mapping[str, str]) -> bool:
-        """Does it mean this pod, if the pod's namespace has the labels it asks for?"""
+        """Does it mean this pod, if the pod's namespace has the labels it requires?"""
         if self.requirements is None or (namespace not in self.namespaces and self.namespace_requirements is None):
             return False
         return matches_requirements(self.requirements, labels)
@@ -145,7 +145,7 @@ def compiled(namespace: str, affinity: Affinity) -> Terms:
 
 
 def attracts_itself(namespace: str, labels: Mapping[str, str], affinity: Affinity | None) -> bool:
-    """Do all required affinity terms of a pod mean the pod itself? Then it may go anywhere where there is nobody they mean."""
+    """Do all required affinity terms of a pod mean the pod itself? Then it may go anywhere while they mean no other pod."""
     return affinity is not None and compiled(namespace, affinity).want(namespace, labels)
 
 

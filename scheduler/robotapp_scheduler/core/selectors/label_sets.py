@@ -55,7 +55,7 @@ class LabelSets:
         """By the identity of the labels all its pods share."""
         self._latest = LabelSet("", {})
         self._by_label: dict[str, dict[str, dict[LabelSet, None]]] = {}
-        """Label key → value → label sets, for keys a selector has asked for."""
+        """Label key → value → label sets, for keys that a selector has named."""
 
     def __repr__(self) -> str:
         return f"LabelSets({len(self._by_key)})"

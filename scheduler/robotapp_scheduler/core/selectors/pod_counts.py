@@ -44,7 +44,7 @@ class Wanted(NamedTuple):
 
 
 class Counter:
-    """Matching pods per row, and per domain of the topology keys somebody asked for."""
+    """Matching pods per row, and per domain of the topology keys that plugins have read."""
 
     __slots__ = ("_domains", "_labels", "blank", "census", "column", "wanted")
 
@@ -76,7 +76,7 @@ class Counter:
             found.renew(self.column)
         return found
 
-    def gather(self, label_set: LabelSet) -> None:
+    def count_placed(self, label_set: LabelSet) -> None:
         """Count the pods of a label set that are placed already."""
         if self.blank:
             return
@@ -147,7 +147,7 @@ class PodCounts:
             self._by_label.add(counter, first.requirements)
         for label_set in self._label_sets.matching(first):
             if wanted.matches(label_set):
-                counter.gather(label_set)
+                counter.count_placed(label_set)
                 label_set.counters = (*label_set.counters, counter)
         if self._dry_run is not None:
             self._dry_run.append(counter)

@@ -28,7 +28,7 @@ def pods_of(namespace: str, selector: Mapping[str, Any] | None) -> PodMatcher:
 
 
 def handle(requirements: Requirements) -> tuple[str, tuple[str, ...]] | None:
-    """A label key and the values one of which a matching pod must have; None when no expression says so."""
+    """A label key and the values one of which a matching pod must have; None when no expression requires one."""
     return next((each[::2] for each in requirements if each.operator == "In"), None)
 
 

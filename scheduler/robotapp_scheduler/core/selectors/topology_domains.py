@@ -42,13 +42,13 @@ class Scopes:
     def __repr__(self) -> str:
         return f"Scopes({len(self._scopes)})"
 
-    def get(self, key: Hashable, stamp: Hashable, mask: Callable[[], BoolArray]) -> Scope:
-        """The scope of this key; `mask` is asked when `stamp` is not the one it was last made with."""
+    def get(self, key: Hashable, version_key: Hashable, mask: Callable[[], BoolArray]) -> Scope:
+        """The scope of this key; `mask` is called when `version_key` differs from that of the last call."""
         found = self._scopes.get(key)
         scope = found[0] if found is not None else Scope()
-        if found is None or found[1] != stamp:
+        if found is None or found[1] != version_key:
             scope.set(mask())
-            self._scopes[key] = (scope, stamp)
+            self._scopes[key] = (scope, version_key)
             if len(self._scopes) > MOST_SCOPES:
                 self._scopes.popitem(last=False)
         self._scopes.move_to_end(key)
@@ -96,10 +96,10 @@ class Domains:
         width = len(vocabulary.values)
         scope = self.scope
         if scope is None:
-            self.values = _sums(codes, column[: len(codes)], width)
+            self.values = _counts_per_domain(codes, column[: len(codes)], width)
         else:
             rows = len(scope.mask)
-            self.values = _sums(codes[:rows], np.where(scope.mask, column[:rows], 0), width)
+            self.values = _counts_per_domain(codes[:rows], np.where(scope.mask, column[:rows], 0), width)
             there = np.bincount(codes[:rows][scope.mask], minlength=width)
             there[0] = 0
             self.present = np.flatnonzero(there)
@@ -107,7 +107,7 @@ class Domains:
         self._at = (self._labels.version(self.key), scope.version if scope is not None else 0)
 
 
-def _sums(codes: CodeArray, counts: IntArray, width: int) -> IntArray:
+def _counts_per_domain(codes: CodeArray, counts: IntArray, width: int) -> IntArray:
     if len(counts) < len(codes):
         codes = codes[: len(counts)]
     return np.bincount(codes, weights=counts, minlength=width).astype(np.int64)

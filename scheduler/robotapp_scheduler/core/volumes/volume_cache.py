@@ -1,4 +1,4 @@
-"""Claims, volumes, classes and CSI objects, with what our own decisions have taken but nobody has written yet.
+"""Claims, volumes, classes and CSI objects, with what our own decisions have assigned and no object shows yet.
 
 `revision` grows with every change that a volume rule can see. It is part of the class key of pods with volumes, so
 nothing here reaches the change log, and pods without volumes never notice.
@@ -64,7 +64,7 @@ class Volumes:
     def __repr__(self) -> str:
         return f"Volumes({len(self.claims)} claims, {len(self.volumes)} volumes, revision {self.revision})"
 
-    # --- What the watch says ---------------------------------------------------------------------------------------
+    # --- Events of the watch ---------------------------------------------------------------------------------------
 
     def apply_claim(self, claim: Claim) -> Change:
         """A claim appeared or changed. Raises ValueError for an unreadable size."""
@@ -74,7 +74,7 @@ class Volumes:
         return Change.PVC
 
     def remove_claim(self, claim: Claim) -> Change:
-        """A claim is gone, which helps nobody."""
+        """A claim is gone, which helps no pod."""
         self.claims.pop(claim.key, None)
         self._claim_changed(claim)
         return Change.NONE
@@ -89,7 +89,7 @@ class Volumes:
         return Change.PV
 
     def remove_volume(self, volume: PersistentVolume) -> Change:
-        """A volume is gone, which helps nobody."""
+        """A volume is gone, which helps no pod."""
         name = volume.metadata.name
         self._drop_from_class(name)
         self.volumes.pop(name, None)
@@ -154,7 +154,7 @@ class Volumes:
         return Change.NONE
 
     def apply_attachment(self, attachment: VolumeAttachment) -> Change:
-        """A volume is attached to a node, which helps nobody."""
+        """A volume is attached to a node, which helps no pod."""
         self.users.attach(attachment)
         self.revision += 1
         return Change.NONE
@@ -191,7 +191,7 @@ class Volumes:
         self.revision += 1
 
     def forget(self, uid: str) -> Change:
-        """Take a pod's assumptions back, or leave it to the written objects to say so. Idempotent."""
+        """Take a pod's assumptions back, which the written objects show by now if the bind was made. Idempotent."""
         volumes = [name for name, (owner, _) in self._taken.items() if owner == uid]
         claims = [key for key, (owner, _) in self._selected.items() if owner == uid]
         if not volumes and not claims:

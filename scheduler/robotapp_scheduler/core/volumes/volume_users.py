@@ -26,7 +26,7 @@ NOTHING = NodeUse({}, {})
 class VolumeUsers:
     """Claims, disks and attachments per node.
 
-    `identity(claim key)` tells a claim's CSI volume; `handle(volume name)` the handle of a PersistentVolume.
+    `identity(claim key)` is a claim's CSI volume; `handle(volume name)` is the handle of a PersistentVolume.
     """
 
     def __init__(self, identity: Callable[[ClaimKey], Identity | None], handle: Callable[[str], str]) -> None:
@@ -76,16 +76,16 @@ class VolumeUsers:
         """All moves are undone."""
         self._moved = None
 
-    def in_use(self, claims: Collection[ClaimKey], *, promised: bool) -> bool:
+    def in_use(self, claims: Collection[ClaimKey], *, nominated: bool) -> bool:
         """Is a claim of one pod in use, as kube-scheduler counts in a dry run?
 
         Each claim that was in use at its start stands for one mount, however many pods have it, and what was moved since
-        is counted by mounts: of two pods that share a claim only one has to go before the other is told to. Where none was
-        in use the mounts of pods that may come count only with `promised`.
+        is counted by mounts: of two pods that share a claim only one has to go. Where none was
+        in use the mounts of pods that may come count only with `nominated`.
         """
         moved = self._moved or {}
         before = sum(self._mounted.get(claim, 0) > moved.get(claim, 0) for claim in claims)
-        if not before and not promised:
+        if not before and not nominated:
             return False
         return before + sum(moved.get(claim, 0) for claim in claims) > 0
 

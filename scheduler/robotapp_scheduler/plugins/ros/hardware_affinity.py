@@ -40,15 +40,15 @@ class HardwareAffinityFilter:
         mask = np.ones(nodes.n, dtype=np.bool_)
         for hardware in pod.ros.hardware:
             mask &= has_hardware(nodes, hardware)
-        for wish in pod.ros.devices:
-            mask &= nodes.named(nodes.cluster.devices.capable(wish))
+        for request in pod.ros.devices:
+            mask &= nodes.named(nodes.cluster.devices.capable(request))
         return mask
 
 
 def has_hardware(nodes: Snapshot, hardware: Hardware) -> BoolArray:
     """Nodes that offer one capability, by label, extended resource or device."""
-    wish = DeviceRequest("", hardware.type, hardware.model, hardware.interface)
-    mask = _labelled(nodes, hardware) | nodes.named(nodes.cluster.devices.capable(wish))
+    request = DeviceRequest("", hardware.type, hardware.model, hardware.interface)
+    mask = _labelled(nodes, hardware) | nodes.named(nodes.cluster.devices.capable(request))
     if not hardware.interface:
         for resource in nodes.cluster.nodes.resources.names:
             if _offers(resource, hardware):

@@ -213,7 +213,7 @@ def test_an_incomplete_group_says_so_after_its_own_time_with_the_newest_count() 
 
 def test_without_a_timeout_a_minute_passes_first() -> None:
     groups = [pod_group(), pod_group(scheduleTimeoutSeconds=0), pod_group(scheduleTimeoutSeconds=-5)]
-    assert [understood(group).asked.patience_s for group in groups] == [60.0] * 3
+    assert [understood(group).spec.report_after_s for group in groups] == [60.0] * 3
 
 
 WRONG = "PodGroup team cannot be planned: field {} is not valid; allowed: {}"
@@ -266,8 +266,8 @@ def test_pods_that_came_before_their_group_hear_at_once_that_it_cannot_be_planne
 def test_what_a_group_leaves_out_or_writes_in_another_way_is_no_mistake(spec: Any, needed: int) -> None:
     group = pod_group()
     group.spec = spec
-    asked = understood(group).asked
-    assert (asked.needed, asked.problem) == (needed, "")
+    spec = understood(group).spec
+    assert (spec.needed, spec.problem) == (needed, "")
 
 
 def test_a_group_that_is_spoilt_when_one_of_its_pods_runs_is_whole_only_after_it_was_mended() -> None:

@@ -18,7 +18,7 @@ def make_queue(clock: Clock, gates: dict[str, PreEnqueueStatus] | None = None) -
         clock=clock,
         key=lambda info, queued_s: (-info.priority, queued_s),
         gate=lambda info: (gates or {}).get(info.name),
-        waker=lambda _, plugin: QueueingHint(plugin, EVENTS.get(plugin, Change.NONE)),
+        hint=lambda _, plugin: QueueingHint(plugin, EVENTS.get(plugin, Change.NONE)),
         group=lambda info: info.labels.get("group"),
     )
 
@@ -263,7 +263,7 @@ def test_under_other_rules_every_pod_is_tried_again_in_the_new_order_and_no_soon
         clock=clock,
         key=lambda info, queued_s: (order["by"] * info.priority, queued_s),
         gate=lambda info: gates.get(info.name),
-        waker=lambda _, plugin: QueueingHint(plugin, EVENTS.get(plugin, Change.NONE)),
+        hint=lambda _, plugin: QueueingHint(plugin, EVENTS.get(plugin, Change.NONE)),
     )
     for name, priority in (("refused", 1), ("failed", 9), ("flying", 5)):
         queue.add(make_info(name, priority=priority))

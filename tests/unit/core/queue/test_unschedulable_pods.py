@@ -29,7 +29,7 @@ def queue_with(hinter: Hinter, events: Change = Change.POD_REMOVED) -> Schedulin
     return SchedulingQueue(
         clock=Clock(),
         key=lambda info, queued_s: (-info.priority, queued_s),
-        waker=lambda _, plugin: QueueingHint(plugin, events, hinter.hint, ("labels",)),
+        hint=lambda _, plugin: QueueingHint(plugin, events, hinter.hint, ("labels",)),
     )
 
 
@@ -56,7 +56,7 @@ def test_for_events_that_concern_each_pod_in_its_own_way_every_pod_is_asked_abou
     queue = SchedulingQueue(
         clock=Clock(),
         key=lambda info, queued_s: (-info.priority, queued_s),
-        waker=lambda _, plugin: QueueingHint(plugin, Change.ALL, hinter.hint, (), lambda event: event.old is not None),
+        hint=lambda _, plugin: QueueingHint(plugin, Change.ALL, hinter.hint, (), lambda event: event.old is not None),
     )
     rejected(queue, *(make_info(f"p{i}", labels={"help": "yes"} if i == 7 else {}) for i in range(10)))
     assert queue.move(GONE) == 1

@@ -148,13 +148,13 @@ def test_a_bus_that_an_agent_no_longer_lists_leaves_the_other_bus_free() -> None
 
 def test_a_label_and_an_agent_that_use_one_name_mean_one_device() -> None:
     cluster = make_cluster(make_node("n", labels={f"{PREFIX}can-can0": "true"}))
-    wish = DeviceRequest("bus", "can")
+    request = DeviceRequest("bus", "can")
     cluster.apply_claim(device_claim("n", "can-can0", uid="app-1"))
     report = telemetry("n", devices=[{"id": "can-can0", "type": "can", "interface": "can0"}])
     for change in (cluster.apply_telemetry, cluster.remove_telemetry, cluster.apply_telemetry):
-        assert cluster.devices.choose((wish,), "n", OTHER) is None
+        assert cluster.devices.choose((request,), "n", OTHER) is None
         change(report)
-        assert cluster.devices.choose((wish,), "n", OTHER) is None
+        assert cluster.devices.choose((request,), "n", OTHER) is None
 
 
 def test_a_claim_that_was_made_again_for_a_running_pod_knows_no_type_and_holds_all_the_same() -> None:
@@ -178,24 +178,24 @@ def test_a_device_is_found_by_each_of_its_names_and_claimed_under_its_id() -> No
         DeviceRequest("cam", "sensor"),
         DeviceRequest("cam", "sensor", interface="usb-cam", model="D435i"),
     )
-    for wish in asked:
-        (grant,) = devices.choose((wish,), "n", MINE) or ()
+    for request in asked:
+        (grant,) = devices.choose((request,), "n", MINE) or ()
         assert grant.device.id == camera.id
-        assert devices.capable(wish) == {"n"}
+        assert devices.capable(request) == {"n"}
     devices.apply_claim(claim_of(grant, MINE))
-    assert [devices.choose((wish,), "n", OTHER) for wish in asked] == [None] * len(asked)
+    assert [devices.choose((request,), "n", OTHER) for request in asked] == [None] * len(asked)
 
 
 def test_a_name_with_another_interface_is_another_name() -> None:
     devices = DeviceIndex()
     devices.set_telemetry("n", [TelemetryDevice(id="video-a", type="video", names=("sensor-usb-cam",))])
-    for wish in (
+    for request in (
         DeviceRequest("cam", "sensor", interface="usb"),
         DeviceRequest("cam", "sens"),
         DeviceRequest("cam", "video", interface="usb-cam"),
         DeviceRequest("cam", "sensor", interface="usb-cam", model="D435i"),
     ):
-        assert not devices.capable(wish)
+        assert not devices.capable(request)
 
 
 def test_labels_made_from_telemetry_are_no_devices_of_their_own() -> None:

@@ -23,7 +23,7 @@ def can(number: int, **fields: str) -> TelemetryDevice:
     return TelemetryDevice(id=f"can-can{number}", type="can", interface=f"can{number}", **fields)
 
 
-def test_a_wish_is_met_by_the_rule_that_claims_use() -> None:
+def test_a_request_is_met_by_the_rule_that_claims_use() -> None:
     devices = index(
         TelemetryDevice(id="cam", type="usb", model="d435", interface="video0", identity="usb:8086:0B3A:123")
     )
@@ -57,20 +57,20 @@ def test_an_absent_device_does_not_count() -> None:
     assert index(TelemetryDevice(id="x", type="can", present=False)).of("n") == ()
 
 
-def test_two_wishes_get_two_devices_even_when_the_first_would_take_the_only_match_of_the_second() -> None:
+def test_two_requests_get_two_devices_even_when_the_first_would_take_the_only_match_of_the_second() -> None:
     devices = index(can(0), can(1))
-    wishes = (DeviceRequest("any", "can"), DeviceRequest("front", "can", interface="can0"))
-    grants = devices.choose(wishes, "n", MINE)
+    requests = (DeviceRequest("any", "can"), DeviceRequest("front", "can", interface="can0"))
+    grants = devices.choose(requests, "n", MINE)
     assert grants is not None
-    assert [(grant.wish, grant.device.id) for grant in grants] == [("any", "can-can1"), ("front", "can-can0")]
-    assert devices.choose((*wishes, DeviceRequest("third", "can")), "n", MINE) is None
+    assert [(grant.request, grant.device.id) for grant in grants] == [("any", "can-can1"), ("front", "can-can0")]
+    assert devices.choose((*requests, DeviceRequest("third", "can")), "n", MINE) is None
 
 
 TAP = DeviceRequest("tap", "can", exclusive=False)
 STRANGER = DeviceHolder(uid="app-2", namespace="other", pod_uid="stranger")
 
 
-def test_a_shared_wish_does_not_enter_a_device_that_is_held_alone() -> None:
+def test_a_shared_request_does_not_enter_a_device_that_is_held_alone() -> None:
     devices = index(can(0))
     devices.apply_claim(device_claim("n", "can-can0", uid="stranger"))
     assert devices.choose((TAP,), "n", MINE) is None
@@ -82,13 +82,13 @@ def test_a_shared_wish_does_not_enter_a_device_that_is_held_alone() -> None:
     assert not grants[0].exclusive
 
 
-def test_a_shared_wish_does_not_enter_a_device_that_was_promised_to_one_pod() -> None:
+def test_a_shared_request_does_not_enter_a_device_that_was_promised_to_one_pod() -> None:
     devices = index(can(0))
     devices.promise("stranger", devices.choose((CAN,), "n", STRANGER) or ())
     assert devices.choose((TAP,), "n", MINE) is None
 
 
-def test_an_exclusive_wish_does_not_enter_a_device_that_others_share_and_gets_it_when_the_last_one_goes() -> None:
+def test_an_exclusive_request_does_not_enter_a_device_that_others_share_and_gets_it_when_the_last_one_goes() -> None:
     devices = index(can(0))
     for uid in ("one", "two"):
         sharer = DeviceHolder(uid=uid, namespace="default", pod_uid=uid)
@@ -113,7 +113,7 @@ def test_a_pod_that_shared_a_device_before_this_process_began_keeps_it_from_othe
     assert cluster.devices.choose((CAN,), "n", MINE) is not None
 
 
-def test_sharers_come_together_and_a_pods_own_exclusive_wish_leaves_it_the_device_to_share() -> None:
+def test_sharers_come_together_and_a_pods_own_exclusive_request_leaves_it_the_device_to_share() -> None:
     devices = index(can(0), can(1))
     devices.promise("other", [DeviceGrant("tap", "n", devices.of("n")[1], exclusive=False)], namespace="a", name="x")
     (grant,) = devices.choose((TAP,), "n", MINE) or ()
@@ -157,7 +157,7 @@ def test_a_retry_takes_the_device_it_has_claimed_already() -> None:
     assert grants[0].device.id == "can-can1"
 
 
-def test_a_retry_keeps_all_it_has_claimed_whichever_wish_each_device_meets() -> None:
+def test_a_retry_keeps_all_it_has_claimed_whichever_request_each_device_meets() -> None:
     devices = index(
         TelemetryDevice(id="can-both", type="can", model="m", interface="x"),
         TelemetryDevice(id="can-fresh", type="can", model="m", interface="y"),

@@ -152,7 +152,7 @@ def test_devices_are_held_for_app_instance_and_component_and_gpus_never() -> Non
     devices = [{"name": "cam", "type": "usb", "usbID": "8086:0b3a"}, {"name": "gpu", "type": "gpu", "model": "nvidia"}]
     cluster = app_cluster({"name": "a", "devices": devices, "requires": [{"type": "lidar", "interface": "front"}]})
     found = context(cluster, "a")
-    assert [(wish.name, wish.usb_id) for wish in found.devices] == [("cam", "8086:0b3a")]
+    assert [(request.name, request.usb_id) for request in found.devices] == [("cam", "8086:0b3a")]
     assert found.hardware == (Hardware("lidar", interface="front"), Hardware("gpu", "nvidia"))
     assert found.holder == DeviceHolder("app-1", "default", "amr", "a", "uid-teleop-a")
 
@@ -164,7 +164,7 @@ def test_only_exclusive_devices_are_held_and_a_count_asks_for_as_many() -> None:
         {"name": "mic", "type": "usb", "sharing": "Cache"},
     ]
     found = context(app_cluster({"name": "a", "devices": devices}), "a")
-    assert [(wish.name, wish.exclusive) for wish in found.devices] == [
+    assert [(request.name, request.exclusive) for request in found.devices] == [
         ("bus", True), ("bus", True), ("tap", False), ("mic", False),
     ]  # fmt: skip
 
@@ -273,7 +273,7 @@ def test_peers_of_another_namespace_are_strangers() -> None:
 def test_exclusive_types_of_a_bare_pod_become_devices_it_holds_alone() -> None:
     found = annotated(fleet(), affinity='{"hardware_requirements":[{"type":"gpu"},{"type":"can","interface":"can0"}]}')
     assert found is not None
-    assert [(wish.type, wish.interface) for wish in found.devices] == [("can", "can0")]
+    assert [(request.type, request.interface) for request in found.devices] == [("can", "can0")]
     assert [hardware.type for hardware in found.hardware] == ["gpu", "can"]
     assert found.holder == DeviceHolder(uid="uid-p", namespace="default", pod_uid="uid-p")
 

@@ -92,7 +92,7 @@ def scope_of(pod: PodInfo, nodes: Snapshot, constraint: Constraint, required_key
         pod.features(("node_affinity", "node_selector")) if constraint.honor_affinity else None,
         pod.tolerations if constraint.honor_taints else None,
     )
-    stamp = (table.generation, table.taint_generation if constraint.honor_taints else 0)
+    version_key = (table.generation, table.taint_generation if constraint.honor_taints else 0)
 
     def mask() -> BoolArray:  # an expression here would be evaluated for every pod
         every = Snapshot(nodes.cluster)
@@ -106,7 +106,7 @@ def scope_of(pod: PodInfo, nodes: Snapshot, constraint: Constraint, required_key
             found &= np.array([not untolerated(taints, pod.tolerations, HARD_EFFECTS) for taints in sets])[codes]
         return found
 
-    return nodes.cluster.topology.scopes.get(key, stamp, mask)
+    return nodes.cluster.topology.scopes.get(key, version_key, mask)
 
 
 def _constraint(

@@ -50,7 +50,7 @@ class VolumeRestrictions:
             for _, claim in named_claims(pod, nodes.cluster.volumes)
             if claim is not None and ONE_POD in claim.spec.access_modes
         }
-        in_use = users.in_use(own, promised=bool(pod.volumes.disks))  # upstream skips the plugin where neither decides
+        in_use = users.in_use(own, nominated=bool(pod.volumes.disks))  # upstream skips the plugin where neither decides
         mask = np.full(nodes.n, not in_use, dtype=np.bool_)
         clash = np.zeros(nodes.n, dtype=np.bool_)
         if pod.volumes.disks:
