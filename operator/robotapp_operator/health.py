@@ -1,6 +1,6 @@
-"""Health for everybody, metrics for who may get them, over HTTPS.
+"""Health without a login, metrics for users that may get them, over HTTPS.
 
-A probe that only says "the process exists" would keep a stuck operator alive.
+A probe that only shows that the process exists would keep a stuck operator alive.
 """
 
 import ssl
@@ -19,7 +19,7 @@ OVERDUE_LIMIT_S: Final = 180.0
 
 
 class Health:
-    """What the probes ask.
+    """What the probes read.
 
     `silence_s`: seconds since the quietest watch heard something; `overdue_s`: how long the oldest due key has waited;
     `synced`: caches are filled, or we stand by.

@@ -1,4 +1,4 @@
-"""The operator process: log in, fill caches, watch RobotApps through kopf, work until told to stop."""
+"""The operator process: log in, fill caches, watch RobotApps through kopf, work until stopped."""
 
 import asyncio
 import contextlib
@@ -42,7 +42,7 @@ from robotapp_operator.reconcile.status_reporter import Reporter
 from robotapp_operator.settings import Settings, parse
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config_maps import ParamsWatch
-from robotapp_operator.watch.enqueue import wake_status
+from robotapp_operator.watch.enqueue import enqueue_status
 from robotapp_operator.watch.informers import Informers
 from robotapp_operator.watch.kopf_handlers import register
 from robotapp_operator.watch.kopf_settings import kopf_settings
@@ -80,8 +80,8 @@ class Operator:
         self.metrics = Metrics()
         self.queue = Queue(clock=time.monotonic, jitter=random.random, background=BACKGROUND)
         self.recorder = EventRecorder(client, controller=OPERATOR_MANAGER, instance=identity)
-        self.conflicts = Conflicts(self._wake_status)
-        self.observer = Observer(self.cache, self.memory, clock=time.monotonic, on_change=self._wake_status)
+        self.conflicts = Conflicts(self._enqueue_status)
+        self.observer = Observer(self.cache, self.memory, clock=time.monotonic, on_change=self._enqueue_status)
         self.sweeper = Sweeper(
             client,
             period_s=settings.sweep_seconds,
@@ -95,7 +95,7 @@ class Operator:
             self.cache,
             self.queue,
             namespaces=settings.namespaces,
-            wake_sweep=self.sweeper.wake,
+            request_sweep=self.sweeper.wake,
             clock=time.monotonic,
         )
         self.params = ParamsWatch(client, self.cache, self.queue)
@@ -105,25 +105,25 @@ class Operator:
 
     def _wired(self) -> Controller:
         client, cache, memory = self.client, self.cache, self.memory
-        tells: dict[str, Any] = {"conflict_of": self.conflicts.of, "clock": time.monotonic, "now": _now}
+        shared: dict[str, Any] = {"conflict_of": self.conflicts.of, "clock": time.monotonic, "now": _now}
         return Controller(
             cache,
             self.queue,
             memory,
             self.metrics,
             children=Children(client, cache, memory, self.params, version=__version__),
-            objects=InstanceObjects(client, cache, memory, self.observer, **tells),
-            reporter=Reporter(client, cache, memory, self.observer, self.recorder, **tells),
+            objects=InstanceObjects(client, cache, memory, self.observer, **shared),
+            reporter=Reporter(client, cache, memory, self.observer, self.recorder, **shared),
             fleet=self.fleet,
             gates=Gates(client, cache),
             probes=Probes(client, cache),
             pools=Pools(client, cache, now=_now),
             list_apps=self._list_apps,
-            wake_sweep=self.sweeper.wake,
+            request_sweep=self.sweeper.wake,
         )
 
-    def _wake_status(self, uid: str, instance: str) -> None:
-        wake_status(self.queue, uid, instance)
+    def _enqueue_status(self, uid: str, instance: str) -> None:
+        enqueue_status(self.queue, uid, instance)
 
     def ready(self) -> bool:
         """Caches are filled; a process that waits for the Lease is ready to take over."""
@@ -163,7 +163,7 @@ class Operator:
             await stop.wait()
 
     async def _expire_telemetry(self) -> None:
-        """No event tells that an agent has stopped."""
+        """Agents that stop cause no event, so their age is checked."""
         while True:
             await asyncio.sleep(EXPIRE_S)
             self.informers.expire()
@@ -194,7 +194,7 @@ class Operator:
     async def _login(self, **kwargs: Any) -> kopf.ConnectionInfo | None:
         if self.settings.kubeconfig is None:
             return kopf.login_with_service_account(**kwargs)
-        os.environ["KUBECONFIG"] = str(self.settings.kubeconfig)  # the only way to tell kopf which file
+        os.environ["KUBECONFIG"] = str(self.settings.kubeconfig)  # the only way to pass kopf the file
         return kopf.login_with_kubeconfig(**kwargs)
 
     async def _drain(self, worker: asyncio.Task[None]) -> None:

@@ -71,7 +71,7 @@ class World:
             probes=self.probes,  # type: ignore[arg-type]
             pools=self.pools,  # type: ignore[arg-type]
             list_apps=self._list,
-            wake_sweep=self._wake,
+            request_sweep=self._wake,
         )
 
     async def _list(self) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from tests.support.apiserver.verbs import Sent, act, target
 
 from robotapp_api.client import ApiClient, Endpoint, Unreachable
 from robotapp_api.client.transport.http11 import Permitted, always
-from robotapp_api.client.transport.http_transport import Response, Stream, Told, tell
+from robotapp_api.client.transport.http_transport import Done, Response, Stream, call_when_done
 
 
 class Mishap(StrEnum):
@@ -120,13 +120,13 @@ class MemoryTransport:
         return answer
 
     def post(
-        self, path: str, body: bytes, told: Told, *, content_type: str, timeout_s: float, permitted: Permitted
+        self, path: str, body: bytes, done: Done, *, content_type: str, timeout_s: float, permitted: Permitted
     ) -> None:
         """Answered in a moment, as over a wire."""
         work = self.request(
             "POST", path, body=body, content_type=content_type, timeout_s=timeout_s, permitted=permitted
         )
-        task = asyncio.ensure_future(tell(work, told))
+        task = asyncio.ensure_future(call_when_done(work, done))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 

@@ -55,19 +55,19 @@ class ScriptedClient:
         self,
         path: str,
         body: bytes,
-        told: Callable[[ClientError | None], None],
+        done: Callable[[ClientError | None], None],
         *,
         permitted: Callable[[], bool] = lambda: True,
     ) -> None:
-        """Told at once."""
+        """Done at once."""
         try:
             if not permitted():
                 raise Unreachable("not permitted", maybe_applied=False)
             self._answer("post_soon", path, body)
         except ClientError as error:
-            told(error)
+            done(error)
         else:
-            told(None)
+            done(None)
 
     async def get(self, resource: Resource, name: str, *, namespace: str | None = None, as_type: Any = dict) -> Any:
         return self._answer("get", resource.path(namespace, name), as_type)

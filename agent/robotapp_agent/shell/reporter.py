@@ -105,8 +105,8 @@ class Reporter:
             slow = is_refusal(error)
             cap_s = REFUSAL_CAP_S if slow else max(OUTAGE_CAP_S, interval_s)
             self._backoff = Backoff(base_s=40.0 if slow else 2 * SHORTEST_S, cap_s=cap_s, uniform=self._uniform)
-        wish_s = error.retry_after_s if isinstance(error, ApiError) else None
-        return self._backoff.next_s(at_least_s=min(wish_s, REFUSAL_CAP_S) if wish_s is not None else None)
+        retry_after_s = error.retry_after_s if isinstance(error, ApiError) else None
+        return self._backoff.next_s(at_least_s=min(retry_after_s, REFUSAL_CAP_S) if retry_after_s is not None else None)
 
 
 class Trouble:

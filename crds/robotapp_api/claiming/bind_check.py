@@ -27,7 +27,7 @@ async def check_bind(client: Api, pod: Pod) -> BindVerdict:
 async def check_bind_all(client: Api, pods: Sequence[Pod], *, nodes: Sequence[str] = ()) -> list[BindVerdict]:
     """Rule 1 for pods that have all been seen pending before this call: one read per claim, not per pod.
 
-    nodes: where each pod is about to be bound, which its claim says from now on; empty when another scheduler decides.
+    nodes: the node each pod is about to be bound to, which is written to its claim; empty when another scheduler decides.
     """
     going = {pod.metadata.uid: node for pod, node in zip(pods, nodes, strict=bool(nodes))}
     verdicts: dict[str, BindVerdict] = {}
@@ -69,8 +69,8 @@ async def _check_and_note(
 
 async def _read_claims(client: Api, pods: Collection[Pod]) -> dict[str, Claim | None]:
     """By name, those that the pods' annotations name."""
-    asked = (pod.metadata.annotations.get(Annotation.DOMAIN_CLAIM, "") for pod in pods if needs_check(pod))
-    names = sorted({*asked} - {""})
+    named = (pod.metadata.annotations.get(Annotation.DOMAIN_CLAIM, "") for pod in pods if needs_check(pod))
+    names = sorted({*named} - {""})
     return dict(zip(names, await at_once(partial(find_claim, client), names), strict=True))
 
 
@@ -111,7 +111,7 @@ async def _app_of(client: Api, pod: Pod) -> App | None:
 
 
 async def _shares(client: Api, pod: Pod, claim: Claim) -> bool:
-    """Whether the pod's app joins the holder's domain on purpose, as both apps say now."""
+    """Whether the pod's app joins the holder's domain on purpose, by the specs of both apps now."""
     holder = claim.holder
     if not holder.is_app or holder.uid == pod.metadata.app_uid:
         return False

@@ -58,7 +58,7 @@ async def shared_by_others(
         used = sorted(wanted & shared_devices(pod.metadata.annotations))
         if used and pod.metadata.uid != pod_uid and not pod.terminal:
             meta = pod.metadata
-            who = shown_name(meta.namespace, meta.name, for_namespace=holder.namespace)
-            text = f"device {used[0]} on {node} is shared by {who}: it is free when its pods are gone"
+            holder_name = shown_name(meta.namespace, meta.name, for_namespace=holder.namespace)
+            text = f"device {used[0]} on {node} is shared by {holder_name}: it is free when its pods are gone"
             return Reservation(False, reason=Reason.DEVICE_BUSY, message=text, taken_by_another=True)
     return Reservation(True)

@@ -18,7 +18,7 @@ from robotapp_api.model.names import Reason
 LIST_AFTER_CONFLICTS: Final = 3
 """In a crowded pool one LIST is cheaper than trying every id."""
 _TURNS: Final[WeakValueDictionary[tuple[str, str], asyncio.Lock]] = WeakValueDictionary()
-"""By pool and namespace with a quota; a lock lives while somebody uses it."""
+"""By pool and namespace with a quota; a lock lives while it is in use."""
 
 
 async def create_domain(
@@ -33,7 +33,7 @@ async def create_domain(
     """A new claim, within the quota. Of one process only one at a time counts and creates, or all would count too few.
 
     known_claims: from a cache. What others hold there is not tried; when that is every candidate, the server is not
-    asked at all, so that those who wait for a full pool cost it nothing. The caller tries again when a claim is gone.
+    called at all, so that apps that wait for a full pool cost it nothing. The caller tries again when a claim is gone.
     node: where the pod that it is for is about to be bound.
     """
     if refusal := rules.withheld(request, pool):
@@ -48,7 +48,7 @@ async def create_domain(
 
 
 def turn(pool: str, namespace: str) -> asyncio.Lock:
-    """For who counts a namespace's claims of a pool and then creates one."""
+    """Held while a namespace's claims of a pool are counted and one is created."""
     return _TURNS.setdefault((pool, namespace), asyncio.Lock())
 
 
@@ -66,7 +66,7 @@ async def pool_claims(client: Api, request: DomainRequest) -> list[Claim]:
 
 @dataclass(frozen=True, slots=True)
 class PoolCapacity:
-    """What is left of a pool: the claims at one place, how many ids nobody holds, and the uids of the holders."""
+    """What is left of a pool: the claims at one place, how many ids are free, and the uids of the holders."""
 
     there: tuple[Claim, ...]
     free: int
@@ -74,23 +74,23 @@ class PoolCapacity:
 
 
 def room_of(request: DomainRequest, pool: Pool, claims: Iterable[Claim]) -> PoolCapacity:
-    """Of the pool and the place of this request; it is the same for all others who ask there."""
+    """Of the pool and the place of this request; it is the same for all other requests there."""
     there = tuple(claim for claim in claims if _same_place(claim, request))
     free = rules.pool_ids(pool) - _ids(there)
     return PoolCapacity(there, len(free), frozenset(claim.holder.uid for claim in there))
 
 
 def full_pool(
-    request: DomainRequest, pool: Pool, room: PoolCapacity, *, trying: Collection[str] = ()
+    request: DomainRequest, pool: Pool, capacity: PoolCapacity, *, trying: Collection[str] = ()
 ) -> DomainOutcome | None:
-    """Exhausted when others hold every id the pool hands out; None when one may be free, or one is asked for by its number.
+    """Exhausted when others hold every id the pool hands out; None when one may be free, or one is requested by its number.
 
     trying: uids of holders that are about to take one.
     """
-    if request.requested_id is not None or request.holder.uid in room.holders:
+    if request.requested_id is not None or request.holder.uid in capacity.holders:
         return None
-    taking = len(set(trying) - room.holders)
-    return _exhausted(request, pool, room.there, taking=room.free) if room.free <= taking else None
+    taking = len(set(trying) - capacity.holders)
+    return _exhausted(request, pool, capacity.there, taking=capacity.free) if capacity.free <= taking else None
 
 
 async def _try_free(
@@ -102,7 +102,7 @@ async def _try_free(
     *,
     node: str,
 ) -> DomainOutcome:
-    """Leave out what others are known to hold. Somebody who asks for one id by its number is told who has it, fresh."""
+    """Leave out what others are known to hold. For a request of one id by its number the holder is read from the API server."""
     if request.requested_id is not None:
         return await _try_candidates(client, request, pool, plan.candidates, node=node)
     others = _of_others(request, known_claims())

@@ -29,7 +29,7 @@ async def ensure_domain(
     shared_uses: Mapping[int, int] | None = None,
     known_claims: Callable[[], Iterable[Claim]] = tuple,
 ) -> DomainOutcome:
-    """The domain of one app instance: kept, adopted, created, joined, or a value that says why there is none.
+    """The domain of one app instance: kept, adopted, created, joined, or a value with the reason why there is none.
 
     deployments: the instance's Deployments when the caller has them (a cache will do: their resourceVersion fences the
     template write); read here otherwise. shared_uses: users per shared id, for isolation Discovery. known_claims: from a
@@ -49,7 +49,7 @@ async def ensure_domain(
 async def ensure_pod_domain(
     client: Api, request: DomainRequest, *, node: str = "", known_claims: Callable[[], Iterable[Claim]] = tuple
 ) -> DomainOutcome:
-    """The domain of a bare pod (`dds-domain: auto` or a number): adopted or created, or a value that says why not.
+    """The domain of a bare pod (`dds-domain: auto` or a number): adopted or created, or a value with the reason why not.
 
     Call it between reading the pod and binding it with the resourceVersion that was read; the id is the Binding's grant.
     request.holder is the pod, node where it is about to be bound. Never rolled back: calling again adopts what was created.
@@ -164,7 +164,7 @@ def _without(outcome: DomainOutcome, deployments: Sequence[Deployment], *, held:
 async def _refused(
     client: Api, request: DomainRequest, outcome: DomainOutcome, deployments: Sequence[Deployment]
 ) -> DomainOutcome:
-    """No id to be had as the spec asks. What the instance holds all the same, of whatever pool, its pods may keep."""
+    """No id is available as the spec requests it. What the instance holds all the same, of whatever pool, its pods may keep."""
     if not deployments:
         return outcome  # nothing names an id, held or not
     claims = await instance_claims(client, request.holder.uid, instance=request.holder.instance)

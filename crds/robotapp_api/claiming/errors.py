@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 
 
 class Troubles:
-    """The errors of one pass, told in one line at its end: a thousand claims may have the same one."""
+    """The errors of one pass, logged in one line at its end: a thousand claims may have the same one."""
 
     def __init__(self, counts: Counter[str]) -> None:
         self._counts = counts
@@ -42,7 +42,7 @@ class Troubles:
             log.exception("claim %s: a bug; it stays as it is", name)
             self._note(name, bug)
 
-    def tell(self) -> None:
+    def log_summary(self) -> None:
         """Log what was noted."""
         if self._first is not None:
             name, error = self._first

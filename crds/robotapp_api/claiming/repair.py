@@ -1,6 +1,6 @@
-"""Re-create claims that something running stands on; report those that somebody else holds.
+"""Re-create claims that something running stands on; report those that another app holds.
 
-Labels say what a pod stands on, and anybody may write them. So nothing is made or told for a pod of an app before its
+Labels say what a pod stands on, and any user may write them. So nothing is made or reported for a pod of an app before its
 owners have led to an app that exists, and no claim is made that the app could not have had from its pool.
 """
 
@@ -62,7 +62,7 @@ async def _restore(view: View, pod: Pod, missing: Missing) -> bool:
         return False
     claim = await (_for_app(view, missing) if missing.spec.holder.is_app else create_claim(view.client, missing.spec))
     if claim is None:
-        return False  # made meanwhile, by us or by another: the next pass tells a conflict
+        return False  # made meanwhile, by us or by another: the next pass reports a conflict
     if missing.pod_uid:
         await touch(view.client, claim, pod=missing.pod_uid, node=pod.spec.node_name)
     return True
@@ -88,13 +88,15 @@ async def _for_app(view: View, missing: Missing) -> Claim | None:
 
 def _refused(missing: Missing, why: str) -> bool:
     if why:
-        who = f"{missing.spec.holder.namespace}/{missing.spec.holder.name}"
-        log.warning("claim %s is not made again for the running pods of %s: %s", claim_name(missing.spec), who, why)
+        holder_name = f"{missing.spec.holder.namespace}/{missing.spec.holder.name}"
+        log.warning(
+            "claim %s is not made again for the running pods of %s: %s", claim_name(missing.spec), holder_name, why
+        )
     return bool(why)
 
 
 async def _stands(view: View, conflict: ClaimConflict) -> bool:
-    """Whether it is so now, who runs is what it says, and does not share the domain on purpose."""
+    """Whether it is so now, the running pod belongs to that app, and does not share the domain on purpose."""
     if not await _is_so(view, conflict):
         return False
     if not conflict.runs.is_app:

@@ -12,10 +12,10 @@ from typing import Final
 
 from robotapp_api.claiming.writes import Api, T
 from robotapp_api.claims.identity import same_holder
-from robotapp_api.claims.instances import instances_of, out_of_sight, wish_of
+from robotapp_api.claims.instances import instances_of, out_of_sight, robot_selection_of
 from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Meta, Object, Pod, Pool, ReplicaSet
 from robotapp_api.claims.release import is_gone, unseen_nodes, wants_domain
-from robotapp_api.claims.repair import asked_places, places_of
+from robotapp_api.claims.repair import places_of, requested_places
 from robotapp_api.claims.usage import Usage, usage_of
 from robotapp_api.client.api.resources import (
     DEPLOYMENTS,
@@ -50,7 +50,7 @@ class NodeConditions(Object, frozen=True, kw_only=True):
 
 
 class Reporting(Named, frozen=True, kw_only=True):
-    """A node, as far as it tells whether its kubelet reports."""
+    """A node, as far as the sweep reads whether its kubelet reports."""
 
     status: NodeConditions = NodeConditions()
 
@@ -136,8 +136,8 @@ class View:
             claimed = {claim.holder.instance for claim in self.claims if claim.holder.uid == uid}
             running = self.usage.named_by_instance(app.metadata.namespace, uid).keys()
             # What is out of sight ends when the operator takes its Deployments away, not by itself.
-            kept = out_of_sight(wish_of(app), nodes, running=running)
-            found = instances_of(wish_of(app), nodes, running=running, claimed=claimed, kept=kept)
+            kept = out_of_sight(robot_selection_of(app), nodes, running=running)
+            found = instances_of(robot_selection_of(app), nodes, running=running, claimed=claimed, kept=kept)
             self._instances[uid] = frozenset(one.robot for one in found)
         return instance in self._instances[uid]
 
@@ -159,7 +159,7 @@ class View:
     async def places(self, pods: Iterable[Pod]) -> dict[str, str]:
         """Zones and nodes by the part of a claim's name that is their hash, as far as `pods` name claims per place."""
         found = places_of(self.known.values())
-        if asked_places(pods) - found.keys():
+        if requested_places(pods) - found.keys():
             listing = await self.client.list(NODES, as_type=Named)
             found |= places_of((), nodes=(node.metadata for node in listing.items))
         return found

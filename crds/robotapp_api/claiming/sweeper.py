@@ -1,12 +1,12 @@
 """The sweep gives claims back. Operator and scheduler both run it; any number of sweepers may run at once.
 
-Level-triggered: a pass looks at the state and never at what an event said. Events only make the next pass come sooner.
+Level-triggered: a pass reads the state and never the content of an event. Events only make the next pass come sooner.
 Time is this process's monotonic clock since it first saw a claim Draining; a restart begins the rest anew.
 
-Who uses a domain claim, asked of the API server where the listings alone cannot prove it.
+The users of a domain claim, read from the API server where the listings alone cannot prove them.
 
 In the usual case a live pod answers and nothing is read. Only for a claim without one is its app read, to see whether
-the Deployments that name its id belong to an app that exists, and the apps that say they share it.
+the Deployments that name its id belong to an app that exists, and the apps whose specs share it.
 """
 
 import asyncio
@@ -211,7 +211,7 @@ class Sweeper:
         troubles = Troubles(self.counts)
         await at_once(partial(self._treat, view, troubles), view.claims, limit=self._limit, error_ends=True)
         conflicts = await repair(view, [*view.pods.values(), *self._granted.values()], self.counts, troubles)
-        troubles.tell()
+        troubles.log_summary()
         self.counts["passes"] += 1
         self._on_conflicts(conflicts)
 
@@ -234,7 +234,7 @@ class Sweeper:
         if not is_used and not wanted:
             elsewhere = await used_elsewhere(view, claim)
             if elsewhere is None:
-                return Release.KEEP  # a sweep of all namespaces (the scheduler's) sees who shares it
+                return Release.KEEP  # a sweep of all namespaces (the scheduler's) sees which apps share it
             is_used = elsewhere
         return await self._release(view, claim, wanted=wanted, is_used=is_used)
 
@@ -263,7 +263,7 @@ class Sweeper:
         )
 
     async def _decide_pod(self, view: View, claim: Claim) -> Release:
-        """A cache is good enough to keep what stands, so most claims cost no request; it is never asked what may go."""
+        """A cache is good enough to keep what stands, so most claims cost no request; it never decides what is released."""
         cached = self._granted.get(claim.holder.uid)
         if claim.standing and cached is not None and cached.spec.node_name and not pod_lost(cached, claim):
             return Release.KEEP

@@ -1,4 +1,4 @@
-"""Devices: what fits a requirement, who may take it, when it is given back.
+"""Devices: what fits a requirement, which pod may take it, when it is released.
 
 A device claim belongs to app uid + instance + component and is used by one pod (`status.pod`). When that pod is gone the
 claim waits, Draining, for a successor of the same component, so a restarted driver gets its own camera back.
@@ -65,7 +65,7 @@ class Identified(Described, Protocol):
 
 
 class Asked(Protocol):
-    """A wish of a component's spec."""
+    """A request of a component's spec."""
 
     @property
     def type(self) -> str: ...
@@ -133,7 +133,7 @@ def pod_use(claim: Claim, pod: Pod | None) -> PodUse:
 
 
 def release_device(*, use: PodUse, wanted: bool, handed_over: bool) -> Release:
-    """wanted: the app lives, is not suspended and its component still asks for devices.
+    """wanted: the app lives, is not suspended and its component still requests devices.
 
     A device is never freed while its pod terminates: the driver inside may still be moving the robot.
     """
@@ -149,7 +149,7 @@ def release_device(*, use: PodUse, wanted: bool, handed_over: bool) -> Release:
 
 
 def wants_devices(app: App | None, holder: Holder) -> bool:
-    """Whether the component of this live app still asks for exclusive devices."""
+    """Whether the component of this live app still requests exclusive devices."""
     if app is None or app.metadata.uid != holder.uid or app.spec.suspend:
         return False
     component = next((part for part in app.spec.components if part.name == holder.component), None)
@@ -191,7 +191,7 @@ def _surely_another(thing: DeviceThing, device: Identified) -> bool:
     if not interfaces:
         return True
     if thing.identity and device.identity:
-        # Two that are told apart by vendor, product and serial; of one model without serials each has an id of its own.
+        # Two that are distinguished by vendor, product and serial; of one model without serials each has an id of its own.
         return not (_serial(thing.identity) and identity_fits(thing.identity, device.identity))
     if thing.identity or device.identity:
         return False
@@ -241,11 +241,11 @@ def identity_fits(usb_id: str, identity: str) -> bool:
 
     vid:pid are hexadecimal numbers, so their case means nothing; a serial's does. Anything else must be the same text.
     """
-    asked, reported = _USB_IDENTITY.fullmatch(usb_id), _USB_IDENTITY.fullmatch(identity)
-    if asked is None or reported is None:
+    wanted_id, reported = _USB_IDENTITY.fullmatch(usb_id), _USB_IDENTITY.fullmatch(identity)
+    if wanted_id is None or reported is None:
         return usb_id == identity
-    same_model = asked[1].lower() == reported[1].lower()
-    return same_model and (not asked[2] or asked[2] == reported[2])
+    same_model = wanted_id[1].lower() == reported[1].lower()
+    return same_model and (not wanted_id[2] or wanted_id[2] == reported[2])
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,7 +264,7 @@ def chosen(*, node: str, device_id: str, device_type: str, identity: str) -> Cho
 
 
 def assign(fitting: Sequence[Collection[int]], *, preferred: Iterable[int]) -> list[int] | None:
-    """A device of its own for every wish, or None. fitting: per wish the devices that would do.
+    """A device of its own for every request, or None. fitting: per request the devices that would do.
 
     preferred: devices one may take, best first. Each finds a place if rearranging the earlier ones makes room for it, and
     none is given up again: no other assignment uses better devices, so a retry never collects a second one.
@@ -274,16 +274,16 @@ def assign(fitting: Sequence[Collection[int]], *, preferred: Iterable[int]) -> l
         if len(taken) == len(fitting):
             break
         _place(device, fitting, taken, set())
-    return [taken[wish] for wish in range(len(fitting))] if len(taken) == len(fitting) else None
+    return [taken[request] for request in range(len(fitting))] if len(taken) == len(fitting) else None
 
 
 def _place(device: int, fitting: Sequence[Collection[int]], taken: dict[int, int], tried: set[int]) -> bool:
-    """Augmenting path of a bipartite matching: `taken` maps wish to device."""
-    for wish, devices in enumerate(fitting):
-        if device in devices and wish not in tried:
-            tried.add(wish)
-            if wish not in taken or _place(taken[wish], fitting, taken, tried):
-                taken[wish] = device
+    """Augmenting path of a bipartite matching: `taken` maps request to device."""
+    for request, devices in enumerate(fitting):
+        if device in devices and request not in tried:
+            tried.add(request)
+            if request not in taken or _place(taken[request], fitting, taken, tried):
+                taken[request] = device
                 return True
     return False
 
@@ -291,5 +291,5 @@ def _place(device: int, fitting: Sequence[Collection[int]], taken: dict[int, int
 def busy_text(claim: Claim, *, for_namespace: str) -> str:
     device = claim.spec.device
     where = f"device {device.id} on {device.node}" if device else claim.name
-    who = holder_text(claim.holder, for_namespace=for_namespace)
-    return f"{where} is held by {who}: it is free when its holder is deleted or suspended"
+    holder = holder_text(claim.holder, for_namespace=for_namespace)
+    return f"{where} is held by {holder}: it is free when its holder is deleted or suspended"

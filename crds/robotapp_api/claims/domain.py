@@ -13,7 +13,7 @@ from robotapp_api.values.ranges import is_safe_id, parse_ids
 
 @dataclass(frozen=True, slots=True)
 class DomainRequest:
-    """What an app instance asks for.
+    """What an app instance requests.
 
     holder: the RobotApp with `instance` set. scope_value: zone or node for pools of that scope, else empty.
     requested_id: `ros2.domain` or a bare pod's number, None means any. share_with: (namespace, name) of the RobotApps whose
@@ -131,7 +131,7 @@ def pool_ids(pool: Pool) -> frozenset[int]:
 
 
 def free_ids(pool: Pool, claims: Iterable[Claim], request: DomainRequest) -> frozenset[int]:
-    """Candidates: an id the instance still holds elsewhere is left out, because the literal alone tells them apart."""
+    """Candidates: an id the instance still holds elsewhere is left out, because the literal alone distinguishes them."""
     elsewhere = {
         claim.spec.domain.id for claim in claims if claim.spec.domain and same_holder(claim.holder, request.holder)
     }
@@ -233,11 +233,11 @@ def exhausted(request: DomainRequest, pool: Pool, *, claimed: int, resting: int,
 
 
 def taken(request: DomainRequest, holder: Holder) -> DomainOutcome:
-    who = holder_text(holder, for_namespace=request.holder.namespace)
+    holder_name = holder_text(holder, for_namespace=request.holder.namespace)
     join = "join on purpose with spec.ros2.shareWith, " if request.holder.is_app else ""
     return DomainOutcome(
         Reason.DOMAIN_TAKEN,
-        f"domain {request.requested_id} of pool {request.pool} is held by {who}: {_for_a_free_one(request)} to get a "
+        f"domain {request.requested_id} of pool {request.pool} is held by {holder_name}: {_for_a_free_one(request)} to get a "
         f"free one, {join}or delete the holder",
     )
 
@@ -270,7 +270,7 @@ def over_quota(request: DomainRequest, pool: Pool, *, held: int) -> DomainOutcom
 def shared_id(pool: Pool, *, uses: Mapping[int, int], named: Collection[int], uid: str, instance: str) -> DomainOutcome:
     """Isolation Discovery: no claim; stay on the shared id in use, else take the one with the fewest users.
 
-    An id that became reserved while it is in use stays with those who use it: to move them would restart their pods.
+    An id that became reserved while it is in use stays with the apps that use it: to move them would restart their pods.
     """
     every = id_order(parse_ids(pool.spec.shared_ids), uid, instance)
     stay = next((number for number in every if number in named), None)

@@ -81,7 +81,7 @@ def holder_of_pod(*, namespace: str, name: str, uid: str) -> Holder:
 
 
 class Owner(Protocol):
-    """What tells holders apart, wherever it is kept."""
+    """What distinguishes holders, wherever it is kept."""
 
     @property
     def uid(self) -> str: ...
@@ -211,7 +211,7 @@ def shown_name(namespace: str, name: str, *, for_namespace: str) -> str:
 
 
 def grants(*, domain: int | None = None, devices: Collection[str] = (), shared: Collection[str] = ()) -> dict[str, str]:
-    """Annotations for the Binding that tell a pod what it was given. devices: those it holds alone."""
+    """Annotations for the Binding with what the pod was given. devices: those it holds alone."""
     given: dict[str, str] = {}
     if domain is not None:
         given[str(Annotation.GRANTED_DOMAIN)] = str(domain)

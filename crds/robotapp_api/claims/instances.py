@@ -55,7 +55,7 @@ class Instance:
 
 
 @dataclass(frozen=True, slots=True)
-class RobotWish:
+class RobotSelection:
     """An app's spec.robots. node_selector is metav1.LabelSelector as plain JSON, None for an app without robots."""
 
     uid: str
@@ -64,15 +64,15 @@ class RobotWish:
     assignment: str = "Each"
 
 
-def wish_of(app: App) -> RobotWish:
+def robot_selection_of(app: App) -> RobotSelection:
     robots, meta = app.spec.robots, app.metadata
     if robots is None:
-        return RobotWish(meta.uid, meta.namespace)
-    return RobotWish(meta.uid, meta.namespace, robots.node_selector, robots.assignment)
+        return RobotSelection(meta.uid, meta.namespace)
+    return RobotSelection(meta.uid, meta.namespace, robots.node_selector, robots.assignment)
 
 
 def instances_of(
-    wish: RobotWish,
+    selection: RobotSelection,
     nodes: Iterable[Meta],
     *,
     running: Collection[str],
@@ -87,12 +87,12 @@ def instances_of(
     (unreachable: names of nodes) whose primary node is known, spread over the robots by hash instead of always taking the
     first name. kept: those robots out of sight whose instances go on.
     """
-    if wish.node_selector is None:
+    if selection.node_selector is None:
         return (Instance(),)
     nodes = list(nodes)
-    found = _instances({robot_of(node) for node in allowed_robots(wish, nodes)}, nodes)
+    found = _instances({robot_of(node) for node in allowed_robots(selection, nodes)}, nodes)
     found = {robot: Instance(robot, missing=True) for robot in kept} | found
-    if wish.assignment != ANY or not found:
+    if selection.assignment != ANY or not found:
         return tuple(found[robot] for robot in sorted(found))
     recorded = found.keys() & {*running, *claimed}
     chosen = min(
@@ -101,21 +101,21 @@ def instances_of(
             robot not in running,
             not recorded and bool(found[robot].problem),
             not recorded and found[robot].node in unreachable,
-            hash10(f"{wish.uid}/{robot}"),
+            hash10(f"{selection.uid}/{robot}"),
         ),
     )
     return (found[chosen],)
 
 
-def out_of_sight(wish: RobotWish, nodes: Iterable[Meta], *, running: Collection[str]) -> frozenset[str]:
+def out_of_sight(selection: RobotSelection, nodes: Iterable[Meta], *, running: Collection[str]) -> frozenset[str]:
     """Robots the app runs on of which no node matches its selector: the Node or its labels are gone.
 
     That alone proves nothing: a Node is deleted and joins again, a tool takes labels off by mistake, and the robot drives
     on. A robot that is there and does not admit the app's namespace is none of these: its administrator has decided that.
     """
-    if wish.node_selector is None:
+    if selection.node_selector is None:
         return frozenset()
-    return frozenset(running) - {robot_of(node) for node in matching_robots(wish, nodes)} - {""}
+    return frozenset(running) - {robot_of(node) for node in matching_robots(selection, nodes)} - {""}
 
 
 def too_many_missing(holding: Collection[str], present: Collection[str]) -> bool:
@@ -169,15 +169,15 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_NAMED]) + more
 
 
-def matching_robots(wish: RobotWish, nodes: Iterable[Meta]) -> list[Meta]:
+def matching_robots(selection: RobotSelection, nodes: Iterable[Meta]) -> list[Meta]:
     """Robot nodes the selector names, in name order, allowed or not."""
-    found = (node for node in nodes if robot_of(node) and matches_labels(wish.node_selector, node.labels))
+    found = (node for node in nodes if robot_of(node) and matches_labels(selection.node_selector, node.labels))
     return sorted(found, key=lambda node: node.name)
 
 
-def allowed_robots(wish: RobotWish, nodes: Iterable[Meta]) -> list[Meta]:
+def allowed_robots(selection: RobotSelection, nodes: Iterable[Meta]) -> list[Meta]:
     """Nodes that the selector names, of robots that admit the app's namespace. nodes: all computers of every robot."""
-    return matching_robots(wish, open_robots(nodes, wish.namespace))
+    return matching_robots(selection, open_robots(nodes, selection.namespace))
 
 
 def open_robots(nodes: Iterable[Meta], namespace: str) -> list[Meta]:

@@ -2,7 +2,7 @@
 
 A user who may write a Deployment may write any label on it, also the uid of another tenant's app. What cannot be forged is
 an owner that exists: the chain of owners has to lead, inside one namespace, to a RobotApp of the labelled uid,
-and the caller asks the API server whether that RobotApp exists.
+and the caller reads from the API server whether that RobotApp exists.
 """
 
 from collections.abc import Iterable
@@ -37,7 +37,7 @@ class Owners:
         self._known[meta.uid] = meta
 
     def app_of(self, meta: Meta) -> AppRef | None:
-        """The RobotApp whose uid the object's label names, if its owners lead there; None for what only says so."""
+        """The RobotApp whose uid the object's label names, if its owners lead there; None for what only its labels claim."""
         current = meta
         for _ in range(HOPS):
             owner = current.controller

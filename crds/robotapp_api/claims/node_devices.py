@@ -22,7 +22,7 @@ def devices_of_labels(labels: Mapping[str, str]) -> tuple[Device, ...]:
 
     A label without interface is a device only while no other label names one of its type: else one device had two names.
     Its model is then that of the only one there is. Labels made from telemetry are no devices: several of them mean the same
-    one, and only the telemetry tells which.
+    one, and only the telemetry shows which.
     """
     if labels.get(HARDWARE_SOURCE) == FROM_TELEMETRY:
         return ()

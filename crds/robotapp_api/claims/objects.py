@@ -144,7 +144,7 @@ class Claim(Object, frozen=True, kw_only=True):
 
     @property
     def momentary(self) -> bool:
-        """Its holder only joins those who share the device, which takes as long as a binding."""
+        """Its holder only joins the others that share the device, which takes as long as a binding."""
         return str(Annotation.MOMENTARY) in self.metadata.annotations
 
     @property
@@ -241,7 +241,7 @@ class ReplicaSet(Object, frozen=True, kw_only=True):
     status: ReplicaSetStatus = ReplicaSetStatus()
 
 
-# Apps, as far as the sweep asks whether they still want something
+# Apps, as far as the sweep reads whether they still want something
 
 
 class SharedApp(Object, frozen=True, kw_only=True):

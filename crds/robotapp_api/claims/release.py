@@ -59,7 +59,7 @@ def unseen_nodes(claim: Claim, *, ready: Collection[str]) -> tuple[str, ...]:
     """Nodes that may still run pods of this claim although the API server lists none. ready: nodes whose kubelet reports.
 
     A kubelet in contact ends what the API server does not list, well within the quarantine. One out of contact goes on, and
-    its pods' objects are deleted all the same: with the Node, or by hand. An admin who knows better writes the claim's
+    its pods' objects are deleted all the same: with the Node, or by hand. An admin with other knowledge writes the claim's
     attempt into Annotation.PODS_GONE; adopting the claim counts that up, so the word is good for this parking alone.
     """
     if claim.metadata.annotations.get(Annotation.PODS_GONE) == str(claim.status.attempt):
@@ -98,8 +98,8 @@ def wants_domain(app: App, claim: Claim, siblings: Collection[Claim], *, named: 
     """Whether a live app, whose instance is wanted, wants this very claim (rule 4).
 
     siblings: all domain claims of the same instance, this one included. named: ids its Deployments name.
-    An app with shareWith may lead its ring and own the domain, or join another's. Its Deployments tell, without a look at
-    the other apps: who has joined names the other's id, and only then is an id of its own a leftover.
+    An app with shareWith may lead its ring and own the domain, or join another's. Its Deployments show which, without a look at
+    the other apps: an app that has joined names the other's id, and only then is an id of its own a leftover.
     """
     wanted = wanted_claim(app, siblings, named=named)
     if wanted is None or wanted.spec.domain is None or wanted.name != claim.name:
@@ -108,7 +108,7 @@ def wants_domain(app: App, claim: Claim, siblings: Collection[Claim], *, named: 
 
 
 def joined(app: App) -> tuple[tuple[str, str], ...]:
-    """(namespace, name) of the apps whose domain this app asks to share."""
+    """(namespace, name) of the apps whose domain this app requests to share."""
     shared = app.spec.ros2.share_with if app.spec.ros2 else ()
     return tuple((other.namespace or app.metadata.namespace, other.name) for other in shared)
 

@@ -46,7 +46,7 @@ class ClaimConflict:
     """One holder runs with a thing that another one holds. It is reported, and neither loses what it has.
 
     checked: whether our bind check let the running holder in at some time. Any tenant can have a pod bound by another
-    scheduler and name any claim on it; a holder in another namespace is not told about such a pod.
+    scheduler and name any claim on it; a holder in another namespace gets no condition about such a pod.
     """
 
     runs: Holder
@@ -57,7 +57,7 @@ class ClaimConflict:
 
     @property
     def parties(self) -> tuple[Holder, ...]:
-        """Both are told: either may be the one whose pods should go."""
+        """Both get the condition: the pods of either may be the ones to delete."""
         return (self.runs, self.holds) if self.checked or self.runs.namespace == self.holds.namespace else (self.runs,)
 
     def message(self, *, for_namespace: str) -> str:
@@ -84,7 +84,7 @@ def app_holder(meta: Meta, *, component: str = "") -> Holder:
 def places_of(claims: Iterable[Claim], *, nodes: Iterable[Meta] = ()) -> dict[str, str]:
     """Zone and node names by the part of a claim's name they stand behind, such as `z3f9a0c11d2`.
 
-    The pod's own node does not say: a component may run elsewhere than the robot whose zone or node has the claim.
+    The pod's own node is no evidence: a component may run elsewhere than the robot whose zone or node has the claim.
     """
     things = (claim.spec.domain for claim in claims if claim.spec.domain)
     found = {scope_part(thing.scope, thing.scope_value): thing.scope_value for thing in things if thing.scope_value}
@@ -95,7 +95,7 @@ def places_of(claims: Iterable[Claim], *, nodes: Iterable[Meta] = ()) -> dict[st
     return found
 
 
-def asked_places(pods: Iterable[Pod]) -> set[str]:
+def requested_places(pods: Iterable[Pod]) -> set[str]:
     """The places in the names of the claims that running pods of apps stand on."""
     parts = (pod.metadata.annotations.get(Annotation.DOMAIN_CLAIM, "").split(".") for pod in pods if runs(pod))
     return {name[2] for name in parts if len(name) == 4} - {CLUSTER}
@@ -167,10 +167,10 @@ def refusal(missing: Missing, app: App, pool: Pool | None) -> str:
     if pool.spec.scope != domain.scope:
         return f"DomainPool {domain.pool} has scope {pool.spec.scope}"
     ros2 = app.spec.ros2
-    asked = ros2 is not None and ros2.pool == domain.pool and ros2.domain == domain.id
+    requested = ros2 is not None and ros2.pool == domain.pool and ros2.domain == domain.id
     unsafe = ros2 is not None and ros2.allow_unsafe_domain
     request = DomainRequest(holder, pool=domain.pool, requested_id=domain.id, allow_unsafe=unsafe)
-    if withheld(request, pool) or not (asked or domain.id in pool_ids(pool)):
+    if withheld(request, pool) or not (requested or domain.id in pool_ids(pool)):
         return f"DomainPool {domain.pool} does not hand out domain {domain.id}"
     return ""
 

@@ -61,16 +61,16 @@ def _problem(app: App, key: AppKey, other: App | None) -> str:
     return ""
 
 
-def _ring(key: AppKey, asks: Mapping[AppKey, tuple[AppKey, ...]]) -> frozenset[AppKey]:
+def _ring(key: AppKey, requests: Mapping[AppKey, tuple[AppKey, ...]]) -> frozenset[AppKey]:
     """The apps that follow each other in a ring without an end, `key` among them; empty when `key` is on the way."""
-    reached = _reached(key, asks)
-    return reached if all(key in _reached(other, asks) for other in reached) else frozenset()
+    reached = _reached(key, requests)
+    return reached if all(key in _reached(other, requests) for other in reached) else frozenset()
 
 
-def _reached(key: AppKey, asks: Mapping[AppKey, tuple[AppKey, ...]]) -> frozenset[AppKey]:
+def _reached(key: AppKey, requests: Mapping[AppKey, tuple[AppKey, ...]]) -> frozenset[AppKey]:
     found, todo = {key}, [key]
     while todo:
-        new = set(asks[todo.pop()]) - found
+        new = set(requests[todo.pop()]) - found
         found |= new
         todo += new
     return frozenset(found)

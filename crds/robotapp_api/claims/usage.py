@@ -4,7 +4,7 @@ A Deployment, a ReplicaSet that has or wants pods, and a pod that has not ended,
 their ROS_DOMAIN_ID names, for the app uid and instance of their labels in their own namespace, and for the claim their
 annotation names (apps that share a domain). Any user may write labels, so a Deployment or ReplicaSet counts only
 if its owners prove it (`membership`); a live pod of the holder's namespace counts without that, because it transmits
-whoever owns it. The literal decides and the annotation only adds: users can edit an annotation of a running pod, but not
+regardless of its owner. The literal decides and the annotation only adds: users can edit an annotation of a running pod, but not
 its environment.
 """
 
@@ -31,7 +31,7 @@ def named_ids(spec: PodSpec) -> frozenset[int]:
 
 
 def unclear_domains(spec: PodSpec) -> frozenset[str]:
-    """Domains written so that we cannot tell which one ROS joins: `0x8`, `010`, or taken from elsewhere by valueFrom."""
+    """Domains written so that it is unknown which one ROS joins: `0x8`, `010`, or taken from elsewhere by valueFrom."""
     variables = (variable for variable in _domain_variables(spec) if domain_literal(variable.value) is None)
     return frozenset(v.value[:_SHOWN] or "valueFrom" for v in variables if v.value or v.value_from is not None)
 
@@ -156,7 +156,7 @@ class Usage:
         return frozenset(own | {node for where, node in named if where in {"", namespace}})
 
     def sharers(self, claim: Claim) -> frozenset[AppRef]:
-        """Other apps whose objects name this claim. Whether they exist and may share it is for the caller to ask."""
+        """Other apps whose objects name this claim. The caller checks whether they exist and may share it."""
         return frozenset(app for app in self.named.get(claim.name, ()) if app.uid != claim.holder.uid)
 
     def named_by_deployments(self, holder: Holder) -> frozenset[int]:

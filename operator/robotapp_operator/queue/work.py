@@ -20,7 +20,7 @@ class Work(StrEnum):
     WAITING = "waiting"
     """Group: pool. Instances without a domain try again, if their app takes its domain from this pool or from another app."""
     POOL = "pool"
-    """Group: pool. Its status says how full it is."""
+    """Group: pool. Its status is its occupancy."""
     FLEET = "fleet"
     """Group: namespace. The fleet ConfigMap."""
     PROBES = "probes"

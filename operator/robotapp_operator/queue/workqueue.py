@@ -57,7 +57,7 @@ class Queue:
         self._hurried: set[Key] = set()
         """Keys that got news while they were being worked on."""
         self._failures: dict[Key, int] = {}
-        self._wake = asyncio.Event()
+        self._changed = asyncio.Event()
         self._closed = False
         self.adds = 0
         self.retries = 0
@@ -97,7 +97,7 @@ class Queue:
             self._due[key] = due
             self._sequence += 1
             heapq.heappush(self._heap, (due, self._sequence, key))
-            self._wake.set()
+            self._changed.set()
 
     def hurry(self, key: Key) -> None:
         """Ask for `key` now because of something it did not cause: what failed may work. A failure in progress counts too."""
@@ -107,7 +107,7 @@ class Queue:
         self.add(key)
 
     def forgive(self, group: str) -> None:
-        """End the back-off of a group's keys: what failed may work now. Nothing is asked for."""
+        """End the back-off of a group's keys: what failed may work now. No key is added."""
         for key in [key for key in self._back_off_until if key.group == group]:
             del self._back_off_until[key]
             self._failures.pop(key, None)
@@ -141,7 +141,7 @@ class Queue:
         self._release(key)
 
     def retry(self, key: Key, *, at_least_s: float = 0.0) -> float:
-        """`key` failed: ask for it again after its back-off. Returns the delay in seconds."""
+        """`key` failed: add it again after its back-off. Returns the delay in seconds."""
         self.retries += 1
         count = self._failures.get(key, 0)
         self._failures[key] = count + 1
@@ -158,7 +158,7 @@ class Queue:
     def forget(self, group: str) -> None:
         """Drop back-off and rest of a group that does not exist.
 
-        What is still to be worked on keeps them until it is done: pods that only say they belong to an app are looked
+        What is still to be worked on keeps them until it is done: pods that belong to an app only by their labels are looked
         after too (orphans), and would be so without a pause.
         """
         waiting = self._due.keys() | self._ready_keys | self._active
@@ -175,7 +175,7 @@ class Queue:
     def close(self) -> None:
         """Let every waiting `get` return None."""
         self._closed = True
-        self._wake.set()
+        self._changed.set()
 
     async def get(self, *, background: bool = False) -> tuple[Key, float] | None:
         """Wait for a due key; None once the queue is closed."""
@@ -183,10 +183,10 @@ class Queue:
             item = self.pop(background=background)
             if item is not None:
                 return item
-            self._wake.clear()
+            self._changed.clear()
             try:
                 async with asyncio.timeout(self.next_due_s()):
-                    await self._wake.wait()
+                    await self._changed.wait()
             except TimeoutError:
                 continue
         return None

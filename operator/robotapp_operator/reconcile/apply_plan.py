@@ -17,7 +17,7 @@ from robotapp_api.client.api.client import JsonPatch
 from robotapp_api.client.api.resources import DEPLOYMENTS, SERVICES, Resource
 from robotapp_api.model.names import OPERATOR_MANAGER, Reason
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, ref_of
-from robotapp_operator.plan.diff.unowned import strays
+from robotapp_operator.plan.diff.unowned import unowned_pointers
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Meta
@@ -93,7 +93,7 @@ async def _write(
     resource_version = await _own_by_apply(client, resource, app.namespace, child.ref.name, fence)
     body["metadata"] |= {"uid": fence.uid, "resourceVersion": resource_version}
     result = await client.apply(resource, body)
-    foreign = strays(result.get("spec", {}), child.spec)
+    foreign = unowned_pointers(result.get("spec", {}), child.spec)
     if not foreign:
         return result
     version_test = {"op": "test", "path": "/metadata/resourceVersion", "value": result["metadata"]["resourceVersion"]}

@@ -21,7 +21,7 @@ from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates
 from robotapp_operator.reconcile.status_reporter import Reporter
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.enqueue import wake_status
+from robotapp_operator.watch.enqueue import enqueue_status
 from robotapp_operator.watch.informers import ORPHAN_S
 from robotapp_operator.watch.lister import problems_now, wanted_instances
 
@@ -66,7 +66,7 @@ class Controller:
         probes: Probes,
         pools: Pools,
         list_apps: Callable[[], Awaitable[list[dict[str, Any]]]],
-        wake_sweep: Callable[[], None],
+        request_sweep: Callable[[], None],
     ) -> None:
         self._cache = cache
         self._queue = queue
@@ -80,7 +80,7 @@ class Controller:
         self._probes = probes
         self._pools = pools
         self._list_apps = list_apps
-        self._wake_sweep = wake_sweep
+        self._request_sweep = request_sweep
         self._line = Line(cache, memory)
         self._work: Mapping[str, Callable[[Key], Awaitable[float | None]]] = {
             Work.APP: self._app,
@@ -127,8 +127,8 @@ class Controller:
                 log.info("%s: %s", key, race)
             except ClientError as error:
                 result("error")
-                wish_s = error.retry_after_s if isinstance(error, ApiError) else None
-                delay_s = self._queue.retry(key, at_least_s=wish_s or 0.0)
+                retry_after_s = error.retry_after_s if isinstance(error, ApiError) else None
+                delay_s = self._queue.retry(key, at_least_s=retry_after_s or 0.0)
                 quiet = isinstance(error, TooManyRequests)
                 log.log(logging.INFO if quiet else logging.WARNING, "%s: %s; again in %.1f s", key, error, delay_s)
             except Exception as bug:  # the loop must survive whatever one object does to us
@@ -170,7 +170,7 @@ class Controller:
         record = self._cache.apps.get(key.group)
         if record is None:
             self._forget(key.group)
-            self._wake_sweep()
+            self._request_sweep()
             for instance in self._cache.instance_objects.instances(key.group):
                 self._queue.add(Key(Work.INSTANCE, key.group, instance), delay_s=ORPHAN_S)
             return 0.0
@@ -243,7 +243,7 @@ class Controller:
         before = self._told(key)
         done = await self._children.reconcile(key.group, key.instance)
         if key.group in self._cache.apps and self._told(key) != before:
-            wake_status(self._queue, key.group, key.instance)
+            enqueue_status(self._queue, key.group, key.instance)
         return 0.0 if done else None
 
     def _told(self, key: Key) -> tuple[object, ...]:

@@ -32,7 +32,7 @@ from robotapp_operator.plan.diff.diff import (
 )
 from robotapp_operator.plan.render.child import Child
 from robotapp_operator.plan.render.parameters import parameter_states
-from robotapp_operator.plan.spec.desired import App, Domain, wish_of
+from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.instances import allowed_robots
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Service
 from robotapp_operator.plan.spec.record import Record
@@ -196,10 +196,10 @@ class Children:
             if isinstance(item, Deployment) and (number := deployment_domain(item)) is not None
         }
         if named and outcome.unheld:
-            wish = wish_of(app, robot)
+            desired = desired_of(app, robot)
             stale = Domain(min(named))
             parameters = parameter_states(app, robot, self._cache.config_maps)
-            stopped = wanted_children(wish, domain=stale, parameters=parameters, running=False)
+            stopped = wanted_children(desired, domain=stale, parameters=parameters, running=False)
             wanted = [child for child in stopped if child.ref in observed]
             await self._write(app, robot, self._plan(app, wanted, observed), fences)
         return outcome.reason != Reason.PENDING
@@ -261,7 +261,9 @@ class Children:
 
     def _wanted(self, app: App, robot: str, domain: Domain | None) -> list[Child]:
         parameters = parameter_states(app, robot, self._cache.config_maps)
-        return wanted_children(wish_of(app, robot), domain=domain, parameters=parameters, running=not app.spec.suspend)
+        return wanted_children(
+            desired_of(app, robot), domain=domain, parameters=parameters, running=not app.spec.suspend
+        )
 
     def _plan(self, app: App, wanted: list[Child], observed: dict[ChildRef, Observed]) -> Plan:
         settled = self._memory.of(app.uid).settled

@@ -12,7 +12,7 @@ from robotapp_api.values.duration import parse_us
 from robotapp_api.values.round_trips import UNREACHABLE_US
 from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_operator.plan.render.parameters import config_maps_of
-from robotapp_operator.plan.spec.desired import App, wish_of
+from robotapp_operator.plan.spec.desired import App, desired_of
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.spec.validate import notes_of
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
@@ -47,7 +47,7 @@ class Observer:
         app = record.app
         if app is None:
             return None
-        wish = wish_of(app, "")
+        desired = desired_of(app, "")
         pool = self._cache.pools.get(app.pool) if app.ros_version == 2 else None
         limit = pool.spec.max_participants_per_host if pool else None
         return AppFacts(
@@ -56,8 +56,8 @@ class Observer:
             notes=self._cache.answers.get(app, "notes", limit, lambda: notes_of(app, pool)),
             previous=record.status,
             now=now,
-            rmw=wish.rmw,
-            discovery=wish.discovery,
+            rmw=desired.rmw,
+            discovery=desired.discovery,
         )
 
     def instance(self, app: App, instance: Instance) -> InstanceFacts:

@@ -13,7 +13,7 @@ from robotapp_api.client.tools.event_recorder import EventRecorder, reference
 from robotapp_api.model.names import API_VERSION
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.status.app_figures import adopt, steady
-from robotapp_operator.plan.status.events import PendingEvent, end_of_life, news_of
+from robotapp_operator.plan.status.events import PendingEvent, end_of_life, events_between
 from robotapp_operator.plan.status.facts import AppFacts
 from robotapp_operator.plan.status.status import render_status, same_status, unreadable_status
 from robotapp_operator.reconcile.observer import Observer
@@ -108,10 +108,10 @@ class Reporter:
         self._cache.update_app(answer)
 
     def _announce(self, record: Record, status: dict[str, Any], memory: AppMemory) -> None:
-        news: list[PendingEvent] = news_of(record.status, status, new_domains=memory.new_domains)
+        events: list[PendingEvent] = events_between(record.status, status, new_domains=memory.new_domains)
         memory.new_domains.clear()
         late = end_of_life(record.app, record.status, self._now().date()) if record.app else None
-        for item in (*news, *((late,) if late else ())):
+        for item in (*events, *((late,) if late else ())):
             self._recorder.event(
                 reference(
                     api_version=API_VERSION,

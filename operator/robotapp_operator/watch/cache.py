@@ -1,4 +1,4 @@
-"""What the operator knows of the cluster, indexed the way it asks. Filled by the informers; loses nothing but time if empty."""
+"""What the operator knows of the cluster, indexed by what it reads. Filled by the informers; if it is empty, only time is lost."""
 
 import itertools
 from collections import Counter, defaultdict
@@ -165,10 +165,10 @@ class Answers:
 
     def get(self, app: App, question: str, version: object, work_out: Callable[[], Any]) -> Any:
         """The value computed for this very spec and `version`, by `work_out` if there is none."""
-        answers = self._found.setdefault(app.uid, {})
-        known = answers.get(question)
+        cached = self._found.setdefault(app.uid, {})
+        known = cached.get(question)
         if known is None or known[0] is not app.spec or known[1] != version:
-            known = answers[question] = (app.spec, version, work_out())
+            known = cached[question] = (app.spec, version, work_out())
         return known[2]
 
     def forget(self, uid: str) -> None:
@@ -247,9 +247,9 @@ class Cache:
 
     def announce(self, record: Record) -> bool:
         """Whether this app wants something else than at its last event, which is remembered."""
-        if self._announced.get(record.uid) == record.wish_mark:
+        if self._announced.get(record.uid) == record.spec_version:
             return False
-        self._announced[record.uid] = record.wish_mark
+        self._announced[record.uid] = record.spec_version
         return True
 
     def update_app(self, body: Mapping[str, Any]) -> Record:
@@ -325,7 +325,7 @@ class Cache:
         return found
 
     def instance_keys(self, uid: str) -> set[str]:
-        """Instances the app's children say it has."""
+        """Instances of the app by its children."""
         return self.deployments.instances(uid) | self.services.instances(uid)
 
     def running_instances(self, uid: str) -> set[str]:

@@ -161,7 +161,7 @@ class ParamsWatch:
             return
         if change.new is None:
             self._drop(change.key)
-            self._wake(change.key)
+            self._enqueue_waiting(change.key)
         else:
             self._refresh(change.key)
 
@@ -169,7 +169,7 @@ class ParamsWatch:
         self._cache.config_maps.pop(key, None)
         self._read.pop(key, None)
 
-    def _wake(self, key: str) -> None:
+    def _enqueue_waiting(self, key: str) -> None:
         for uid in self._users(key):
             self._queue.add(Key(Work.APP, uid))
 
@@ -190,7 +190,7 @@ class ParamsWatch:
             while (head := self._unread(key)) is not None:
                 await self._read_once(key, head)
         except NotFound:
-            pass  # the watch will say so
+            pass  # the watch will report it
         finally:  # here and not when the task is over: a change in between would not be read
             del self._reading[key]
 
@@ -208,7 +208,7 @@ class ParamsWatch:
         if self._users(key):
             self._read[key] = head
             self._cache.config_maps[key] = _hashed(found)
-            self._wake(key)
+            self._enqueue_waiting(key)
 
 
 def _namespace(key: str) -> str:

@@ -16,21 +16,21 @@ STATUS_DELAY_S: Final = 0.05
 INSTANCE_DELAY_S: Final = 0.2
 
 
-def wake_status(queue: Queue, uid: str, instance: str, *, delay_s: float = 0.0) -> None:
+def enqueue_status(queue: Queue, uid: str, instance: str, *, delay_s: float = 0.0) -> None:
     """An observation of one instance changed: its RobotAppInstance and the app's status may have to be written."""
     queue.add(Key(Work.STATUS, uid), delay_s=delay_s + STATUS_DELAY_S)
     queue.add(Key(Work.INSTANCE, uid, instance), delay_s=delay_s + INSTANCE_DELAY_S)
 
 
-def wake_sharers(cache: Cache, queue: Queue, owner: AppKey) -> None:
-    """The app, its spec or what its templates name has changed: apps that share its domain look again, in all instances."""
+def enqueue_sharers(cache: Cache, queue: Queue, owner: AppKey) -> None:
+    """The app, its spec or what its templates name has changed: apps that share its domain are reconciled, in all instances."""
     for uid in cache.sharing.followers(owner):
         queue.forgive(uid)
         queue.add(Key(Work.APP, uid))
 
 
-def wake_instance(cache: Cache, queue: Queue, uid: str, robot: str) -> None:
-    """A domain claim of one instance came, went or changed its phase: news for the instance and its pods' gates."""
+def enqueue_instance(cache: Cache, queue: Queue, uid: str, robot: str) -> None:
+    """A domain claim of one instance came, went or changed its phase: the instance and its pods' gates are reconciled."""
     record = cache.apps.get(uid)
     if record is None:
         return
@@ -39,14 +39,14 @@ def wake_instance(cache: Cache, queue: Queue, uid: str, robot: str) -> None:
         queue.hurry(Key(Work.GATES, uid, robot))
 
 
-def wake_joined(cache: Cache, queue: Queue, owner: AppKey, *, uid: str, instance: str) -> None:
-    """What one instance of the owner holds or names has changed: news for the apps that join that instance."""
+def enqueue_joined(cache: Cache, queue: Queue, owner: AppKey, *, uid: str, instance: str) -> None:
+    """What one instance of the owner holds or names has changed: the apps that join that instance are reconciled."""
     followers = cache.sharing.followers(owner)
     if not followers:
         return
     claims = cache.claims.of(uid).values()
     if len({claim.holder.instance for claim in claims if claim.spec.domain and claim.standing}) <= FEW:
-        wake_sharers(cache, queue, owner)
+        enqueue_sharers(cache, queue, owner)
         return
     for follower in followers:
-        wake_instance(cache, queue, follower, instance)
+        enqueue_instance(cache, queue, follower, instance)

@@ -16,7 +16,7 @@ from robotapp_operator.plan.spec.objects import Deployment, Node, Pod, ReplicaSe
 from robotapp_operator.queue.work import Work, namespace_group, pool_group
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.watch.cache import Cache, Index, InstanceKey
-from robotapp_operator.watch.enqueue import INSTANCE_DELAY_S, wake_instance, wake_joined, wake_status
+from robotapp_operator.watch.enqueue import INSTANCE_DELAY_S, enqueue_instance, enqueue_joined, enqueue_status
 from robotapp_operator.watch.nodes import identity_changed
 
 LATENCY_DELAY_S: Final = 2.0
@@ -42,10 +42,10 @@ class Informers:
         queue: Queue,
         *,
         namespaces: Sequence[str],
-        wake_sweep: Callable[[], None],
+        request_sweep: Callable[[], None],
         clock: Callable[[], float],
     ) -> None:
-        self._wake_sweep = wake_sweep
+        self._request_sweep = request_sweep
         self._clock = clock
         self._client = client
         self._cache = cache
@@ -100,13 +100,13 @@ class Informers:
         ):
             self._children(item)
         if now is None:
-            self._wake_sweep()
+            self._request_sweep()
         uid = label(item, Label.APP_UID)
         self._status(item)
         record = self._cache.apps.get(uid)
         if record is not None and (before and deployment_domain(before)) != (now and deployment_domain(now)):
             owner = record.namespace, record.name
-            wake_joined(self._cache, self._queue, owner, uid=uid, instance=label(item, Label.INSTANCE))
+            enqueue_joined(self._cache, self._queue, owner, uid=uid, instance=label(item, Label.INSTANCE))
 
     def _service(self, change: Change) -> None:
         item = self._child(self._cache.services, change)
@@ -132,7 +132,7 @@ class Informers:
         if change.old is None or change.new is None or change.old.spec.node_name != pod.spec.node_name:
             self._fleet(pod.metadata.namespace)
         if change.new is None or pod.terminal:
-            self._wake_sweep()
+            self._request_sweep()
 
     def _bare_pod(self, change: Change) -> None:
         pod: Pod = change.new or change.old
@@ -176,7 +176,7 @@ class Informers:
             if record.app and (record.app.spec.placement.master_node or _chooses(record.app, same=same)):
                 self._queue.add(Key(Work.ROBOTS, record.uid), delay_s=ROBOTS_DELAY_S)
         for uid, instance in self._cache.pods.on_node(node.metadata.name) | self._of_robot(node.robot):
-            wake_status(self._queue, uid, instance)
+            enqueue_status(self._queue, uid, instance)
 
     def _of_robot(self, robot: str) -> set[InstanceKey]:
         """Instances for this robot of which there is something."""
@@ -212,7 +212,7 @@ class Informers:
     def _times_changed(self, node: str, peers: Collection[str]) -> None:
         for uid, instance in self._between(node, peers):
             self._cache.touch(uid, instance)
-            wake_status(self._queue, uid, instance, delay_s=LATENCY_DELAY_S)
+            enqueue_status(self._queue, uid, instance, delay_s=LATENCY_DELAY_S)
 
     def _between(self, node: str, peers: Collection[str]) -> set[InstanceKey]:
         """Instances that may have an edge with one end on `node` and one on a peer. An end is a pod, or the robot itself."""
@@ -254,15 +254,15 @@ class Informers:
         else:
             self._cache.claims.put(holder.uid, claim.name, claim)
         if holder.uid in self._cache.apps:
-            wake_status(self._queue, holder.uid, holder.instance)
+            enqueue_status(self._queue, holder.uid, holder.instance)
         if claim.spec.domain is None:
             return
         # An adoption only counts up `attempt`: our own write is no news, or a failing key would spin on it.
         if change.old is None or change.new is None or change.old.status.phase != claim.status.phase:
             self._fullness(claim.spec.domain.pool)
-            wake_instance(self._cache, self._queue, holder.uid, holder.instance)
+            enqueue_instance(self._cache, self._queue, holder.uid, holder.instance)
             owner = holder.namespace, holder.name
-            wake_joined(self._cache, self._queue, owner, uid=holder.uid, instance=holder.instance)
+            enqueue_joined(self._cache, self._queue, owner, uid=holder.uid, instance=holder.instance)
         if change.new is None:
             self._waiting_for(claim.spec.domain.pool)
 
@@ -290,7 +290,7 @@ class Informers:
         self._queue.add(Key(Work.CHILDREN, label(item, Label.APP_UID), label(item, Label.INSTANCE)))
 
     def _status(self, item: Any) -> None:
-        wake_status(self._queue, label(item, Label.APP_UID), label(item, Label.INSTANCE))
+        enqueue_status(self._queue, label(item, Label.APP_UID), label(item, Label.INSTANCE))
 
     def _fleet(self, namespace: str) -> None:
         self._queue.add(Key(Work.FLEET, namespace_group(namespace)), delay_s=FLEET_DELAY_S)

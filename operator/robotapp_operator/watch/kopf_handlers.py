@@ -9,7 +9,7 @@ from robotapp_api.model.names import GROUP, VERSION
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.enqueue import wake_sharers
+from robotapp_operator.watch.enqueue import enqueue_sharers
 
 
 def register(registry: kopf.OperatorRegistry, cache: Cache, queue: Queue) -> None:
@@ -28,7 +28,7 @@ def observe(kind: str | None, body: Mapping[str, Any], cache: Cache, queue: Queu
         cache.forget_app(uid)
         queue.add(Key(Work.APP, uid))
         queue.add(Key(Work.PROBES, ""), delay_s=1.0)
-        wake_sharers(cache, queue, key)
+        enqueue_sharers(cache, queue, key)
         return
     after = cache.update_app(body)
     # Answers to our own reads and writes reach the cache before their event does: what counts is what was announced.
@@ -37,4 +37,4 @@ def observe(kind: str | None, body: Mapping[str, Any], cache: Cache, queue: Queu
         return
     queue.forgive(uid)  # what failed, failed with another spec
     queue.add(Key(Work.APP, uid))
-    wake_sharers(cache, queue, key)
+    enqueue_sharers(cache, queue, key)

@@ -96,7 +96,7 @@ def needs_domain(app: App) -> bool:
 
 
 def cached_domain(app: App, robot: str, cache: Cache, outcome: DomainOutcome | None) -> Domain | None:
-    """The instance's domain as far as caches can tell; None sends the caller to the API server.
+    """The instance's domain as far as the caches know; None sends the caller to the API server.
 
     outcome: the last answer from there; it is trusted for shared ids (isolation Discovery) alone, which have no claims.
     """
@@ -182,7 +182,7 @@ def instance_facts(
         undecided=needs_domain(app) and domain is None and outcome is None and not instance.problem,
         devices_wanted=wanted,
         devices_held=len(devices),
-        busy=_who_has_its_devices(app, instance, cache) if len(devices) < wanted else "",
+        busy=_device_conflict(app, instance, cache) if len(devices) < wanted else "",
         claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
         trouble=trouble,
@@ -207,7 +207,7 @@ def offline_s(app: App, lost: Lost) -> float:
 
 
 def _last_joined(app: App, outcome: DomainOutcome | None) -> Domain | None:
-    """What a sharer was told last, for its status alone: after a start its owner may not be in the caches yet."""
+    """The last known domain of a sharer, for its status alone: after a start its owner may not be in the caches yet."""
     if not app.share_with or outcome is None or outcome.id is None:
         return None
     return Domain(outcome.id, outcome.claim)
@@ -217,7 +217,7 @@ def _measured(app: App, instance: Instance, placed: Mapping[str, str], cache: Ca
     return edge_views(app.spec.edges, placed=placed, robot_node=instance.node, round_trips=cache.round_trips)
 
 
-def _who_has_its_devices(app: App, instance: Instance, cache: Cache) -> str:
+def _device_conflict(app: App, instance: Instance, cache: Cache) -> str:
     return device_trouble(
         app, instance, claims=cache.claims.by_name, telemetry=_in_reach(app, instance, cache), nodes=cache.nodes
     )

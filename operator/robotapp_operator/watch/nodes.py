@@ -78,7 +78,7 @@ class Nodes(MutableMapping[str, Node]):
         return frozenset(self._of_robot.get(robot, ()))
 
     def _turn(self, node: Node, *, seen_ready: bool) -> None:
-        """seen_ready: this process saw the node Ready, so that its own clock, not that of a robot, tells since when it is not."""
+        """seen_ready: this process saw the node Ready, so that its own clock, not that of a robot, shows since when it is not."""
         name = node.metadata.name
         if node.ready:
             self._lost.pop(name, None)

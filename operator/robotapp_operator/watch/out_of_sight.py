@@ -27,7 +27,7 @@ class Missing:
 
 
 class OutOfSight:
-    """Since when robots have been missing, by app uid. It starts empty: who is missing then has the whole grace again."""
+    """Since when robots have been missing, by app uid. It starts empty: a robot that is missing then has the whole grace again."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock

@@ -1,4 +1,4 @@
-"""Who shares whose domain, as the specs say: which apps must look again when one of them changes."""
+"""Which apps share a domain by their specs, and so which are reconciled when one of them changes."""
 
 from collections.abc import MutableMapping
 from typing import Any
@@ -10,18 +10,18 @@ from robotapp_operator.plan.spec.desired import App
 
 
 class SharingIndex:
-    """Apps by namespace and name, and who names them in shareWith. An app and its successor of one name may both be here."""
+    """Apps by namespace and name, and the apps that name them in shareWith. An app and its successor of one name may both be here."""
 
     def __init__(self) -> None:
         self._apps: dict[AppKey, dict[str, App]] = {}
         self._asking: dict[AppKey, dict[str, AppKey]] = {}
-        """Per app that is named, existing or not: uid -> key of those who name it."""
+        """Per app that is named, existing or not: uid -> key of the apps that name it."""
 
     def __repr__(self) -> str:
         return f"<Sharing: {len(self._asking)} of {len(self._apps)} apps are named by others>"
 
     def put(self, app: App, *, before: App | None) -> None:
-        """Add an app, or replace what it said `before`."""
+        """Add an app, or replace its entries of `before`."""
         if before is not None:
             self.drop(before)
         key = (app.namespace, app.name)
@@ -60,15 +60,15 @@ def _pop(table: MutableMapping[AppKey, Any], key: AppKey, uid: str) -> None:
 
 def rules_view(app: App) -> ClaimsApp:
     """The app in the form the claim rules read, as far as domains go."""
-    wish = app.spec.ros2
+    spec = app.spec.ros2
     ros2 = None
-    if wish is not None:
+    if spec is not None:
         shares = tuple(SharedApp(namespace=namespace, name=name) for namespace, name in app.share_with)
         ros2 = Ros2(
-            domain=wish.domain,
-            allow_unsafe_domain=wish.allow_unsafe_domain,
-            pool=wish.pool,
-            isolation=wish.isolation,
+            domain=spec.domain,
+            allow_unsafe_domain=spec.allow_unsafe_domain,
+            pool=spec.pool,
+            isolation=spec.isolation,
             share_with=shares,
         )
     ros = Ros(version=app.spec.ros.version, distro=app.distro)

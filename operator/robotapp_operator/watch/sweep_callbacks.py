@@ -29,7 +29,7 @@ class Conflicts:
         self._texts: dict[str, dict[str, tuple[str, ...]]] = {}
 
     def take(self, found: Sequence[ClaimConflict]) -> None:
-        """All conflicts that stand; those of earlier sweeps are over. Each app is told in words for its namespace."""
+        """All conflicts that stand; those of earlier sweeps are over. Each app gets a text for its namespace."""
         texts: defaultdict[str, defaultdict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
         for conflict in found:
             for party in conflict.parties:
@@ -37,7 +37,7 @@ class Conflicts:
                     texts[party.uid][party.instance].add(conflict.message(for_namespace=party.namespace))
         before = self._texts
         self._texts = {
-            uid: {instance: tuple(sorted(said)) for instance, said in instances.items()}
+            uid: {instance: tuple(sorted(found)) for instance, found in instances.items()}
             for uid, instances in texts.items()
         }
         for uid in before.keys() | self._texts.keys():
@@ -49,6 +49,6 @@ class Conflicts:
     def of(self, uid: str, instance: str | None = None) -> str:
         """One sentence about the conflicts of an app, or of one of its instances; "" without any."""
         instances = self._texts.get(uid, {})
-        said = {text for name, texts in instances.items() if instance in (None, name) for text in texts}
-        more = f" (and {len(said) - 1} more)" if len(said) > 1 else ""
-        return min(said) + more if said else ""
+        found = {text for name, texts in instances.items() if instance in (None, name) for text in texts}
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        return min(found) + more if found else ""

@@ -158,8 +158,8 @@ async def pool(place: Place, request: pytest.FixtureRequest) -> AsyncIterator[di
     if place.fake is None:
         request.getfixturevalue("installed_plane")
     name = f"p-{place.namespace}"
-    wish = {"metadata": {"name": name}, "spec": {"scope": "Cluster", "ids": "1-3"}, "status": {"capacity": 7}}
-    yield await place.client.create(DOMAINPOOLS, wish)
+    desired = {"metadata": {"name": name}, "spec": {"scope": "Cluster", "ids": "1-3"}, "status": {"capacity": 7}}
+    yield await place.client.create(DOMAINPOOLS, desired)
     await place.client.delete(DOMAINPOOLS, name)
 
 

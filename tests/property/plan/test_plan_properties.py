@@ -11,7 +11,7 @@ from tests.support.factories import VERSION, after, component, make_app
 from robotapp_operator.plan.diff.diff import Observed, Plan, plan, ref_of, wanted_children
 from robotapp_operator.plan.render.child import Child
 from robotapp_operator.plan.render.parameters import ParameterState
-from robotapp_operator.plan.spec.desired import App, Domain, wish_of
+from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Service
 
 NAMES = st.sampled_from(
@@ -73,7 +73,7 @@ def children(draw: st.DrawFn, app: App) -> list[Child]:
     number = draw(st.integers(1, 101))
     domain = Domain(number, f"dds.default.c.{number}") if app.ros_version == 2 else None
     return wanted_children(
-        wish_of(app, robot),
+        desired_of(app, robot),
         domain=domain,
         parameters={"driver": ParameterState(hash="h")},
         running=not app.spec.suspend,
@@ -82,7 +82,7 @@ def children(draw: st.DrawFn, app: App) -> list[Child]:
 
 @st.composite
 def worlds(draw: st.DrawFn) -> tuple[App, list[Child], dict[ChildRef, Observed]]:
-    """An app, what it wants, and children left by an earlier wish of the same app, some missing, some bent."""
+    """An app, what it wants, and children left by an earlier desired state of the same app, some missing, some bent."""
     app = draw(apps())
     wanted = draw(children(app))
     earlier = dataclasses.replace(app, spec=draw(apps()).spec)

@@ -21,7 +21,7 @@ Match = Callable[[Json], bool]
 class FakeApiServer:
     """`async with FakeApiServer() as api:` then `ApiClient(api.endpoint, ...)`; `api.store` is the truth.
 
-    `bookmark_s` is the period of bookmarks, `compact` on the store makes resuming watches fail with 410,
+    `bookmark_s` is the period of bookmarks, `compact` on the store makes with_resumption watches fail with 410,
     `end_watches` ends the open ones as a server's time-out does, `break_watches` cuts their connections. `failing` holds
     what the next requests get instead of an answer: a status, or 0 for a connection cut off.
     """

@@ -17,12 +17,12 @@ from typing import Any, Final
 from tests.support.claims_weakened import ALL
 
 from robotapp_api.client.transport.errors import Unreachable
-from robotapp_api.client.transport.http_transport import SAFE_METHODS, HttpTransport, Response, Told
+from robotapp_api.client.transport.http_transport import SAFE_METHODS, Done, HttpTransport, Response
 
 log = logging.getLogger(__name__)
 LOST: Final = "the answer was lost on purpose"
 ROUTINE: Final = ("/events", "/leases/")
-"""Not of interest: an event is told again, and who loses his Lease ends by himself."""
+"""Not of interest: an event is done again, and who loses his Lease ends by himself."""
 
 
 class Loser:
@@ -49,9 +49,9 @@ class Loser:
                 raise error
             return answer
 
-        def lossy_post(transport: HttpTransport, path: str, body: bytes, told: Told, **settings: Any) -> None:
+        def lossy_post(transport: HttpTransport, path: str, body: bytes, done: Done, **settings: Any) -> None:
             def hear(outcome: Any) -> None:
-                told(self.loses("POST", path) or outcome)
+                done(self.loses("POST", path) or outcome)
 
             post(transport, path, body, hear, **settings)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from robotapp_api.claims.instances import (
     Instance,
     Primary,
-    RobotWish,
+    RobotSelection,
     admits,
     instances_of,
     out_of_sight,
@@ -20,8 +20,8 @@ from robotapp_api.claims.objects import Meta
 from robotapp_api.model.names import Annotation, Label
 
 ALL = {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}
-EACH = RobotWish("u", "team", ALL)
-ANY = RobotWish("u", "team", ALL, "Any")
+EACH = RobotSelection("u", "team", ALL)
+ANY = RobotSelection("u", "team", ALL, "Any")
 
 
 def node(robot: str, *, name: str = "", allowed: str | None = None, **labels: str) -> Meta:
@@ -38,7 +38,7 @@ def each(*nodes: Meta) -> tuple[Instance, ...]:
 
 
 def test_an_app_without_robots_has_one_nameless_instance() -> None:
-    assert instances_of(RobotWish("u", "team"), [node("a")], running={"a"}, claimed={"a"}) == (Instance("", ""),)
+    assert instances_of(RobotSelection("u", "team"), [node("a")], running={"a"}, claimed={"a"}) == (Instance("", ""),)
 
 
 def test_each_gives_every_matching_robot_its_instance_in_name_order() -> None:
@@ -46,7 +46,7 @@ def test_each_gives_every_matching_robot_its_instance_in_name_order() -> None:
 
 
 def test_nodes_that_are_no_robots_never_match() -> None:
-    everything = RobotWish("u", "team", {"matchExpressions": [{"key": "tier", "operator": "Exists"}]})
+    everything = RobotSelection("u", "team", {"matchExpressions": [{"key": "tier", "operator": "Exists"}]})
     nodes = [Meta(name="edge-1", labels={"tier": "edge"}), node("a", tier="robot")]
     assert names(instances_of(everything, nodes, running=(), claimed=())) == ["a"]
 
@@ -90,15 +90,15 @@ def test_a_robot_without_nodes_has_no_primary_one() -> None:
 
 
 def test_the_primary_computer_counts_even_if_the_selector_names_only_another_one_of_the_robot() -> None:
-    wish = RobotWish("u", "team", {"matchLabels": {"arm": "left"}})
+    selection = RobotSelection("u", "team", {"matchLabels": {"arm": "left"}})
     nodes = [computer("n1", primary="true"), computer("n2", arm="left"), computer("n3", robot="b")]
-    assert instances_of(wish, nodes, running=(), claimed=()) == (Instance("a", "n1"),)
+    assert instances_of(selection, nodes, running=(), claimed=()) == (Instance("a", "n1"),)
 
 
-@pytest.mark.parametrize("wish", [EACH, ANY])
-def test_a_running_instance_stays_one_when_its_robot_gets_a_second_computer(wish: RobotWish) -> None:
+@pytest.mark.parametrize("selection", [EACH, ANY])
+def test_a_running_instance_stays_one_when_its_robot_gets_a_second_computer(selection: RobotSelection) -> None:
     nodes = [computer("n1"), computer("n2"), node("b")]
-    found = instances_of(wish, nodes, running={"a"}, claimed=())
+    found = instances_of(selection, nodes, running={"a"}, claimed=())
     assert names(found)[0] == "a"
     assert found[0].node == ""
     assert found[0].problem
@@ -107,8 +107,8 @@ def test_a_running_instance_stays_one_when_its_robot_gets_a_second_computer(wish
 def test_any_does_not_begin_on_a_robot_whose_primary_computer_is_unknown_while_there_is_another() -> None:
     unclear, others = [computer("n1"), computer("n2")], [node("b"), node("c")]
     for uid in range(20):
-        wish = dataclasses.replace(ANY, uid=f"uid-{uid}")
-        assert names(instances_of(wish, unclear + others, running=(), claimed=()))[0] in {"b", "c"}
+        selection = dataclasses.replace(ANY, uid=f"uid-{uid}")
+        assert names(instances_of(selection, unclear + others, running=(), claimed=()))[0] in {"b", "c"}
     assert names(instances_of(ANY, unclear, running=(), claimed=())) == ["a"]
 
 
@@ -131,13 +131,13 @@ def test_any_takes_a_robot_within_reach_for_a_new_app_and_spreads_apps_over_robo
     nodes = [node("a"), node("b"), node("c")]
     assert names(instances_of(ANY, nodes, running=(), claimed=(), unreachable={"n-a", "n-c"})) == ["b"]
     wishes = (dataclasses.replace(ANY, uid=f"uid-{number}") for number in range(40))
-    assert {names(instances_of(wish, nodes, running=(), claimed=()))[0] for wish in wishes} == {"a", "b", "c"}
+    assert {names(instances_of(selection, nodes, running=(), claimed=()))[0] for selection in wishes} == {"a", "b", "c"}
 
 
 def test_a_robot_is_closed_by_any_of_its_computers_also_one_that_the_selector_does_not_name() -> None:
     primary, forgotten = computer("n1", primary="true", arm="no"), node("a", name="n2", allowed="other", arm="yes")
     assert each(primary, forgotten) == ()
-    chosen = RobotWish("u", "team", {"matchLabels": {"arm": "no"}})
+    chosen = RobotSelection("u", "team", {"matchLabels": {"arm": "no"}})
     assert instances_of(chosen, [primary, forgotten], running={"a"}, claimed={"a"}) == ()
     assert names(
         instances_of(chosen, [primary, node("a", name="n2", allowed="other,team")], running=(), claimed=())
@@ -203,13 +203,13 @@ def test_whoever_has_claims_is_judged_alike_by_those_who_know_reachability_and_t
 def test_robots_out_of_sight_are_those_the_app_runs_on_of_which_no_node_matches() -> None:
     nodes = [node("a"), node("b", allowed="other"), Meta(name="n-c", labels={})]
     assert out_of_sight(EACH, nodes, running={"a", "b", "c", "d", ""}) == {"c", "d"}
-    assert out_of_sight(RobotWish("u", "team"), nodes, running={"c"}) == frozenset()
+    assert out_of_sight(RobotSelection("u", "team"), nodes, running={"c"}) == frozenset()
 
 
-@pytest.mark.parametrize("wish", [EACH, ANY])
-def test_a_kept_instance_goes_on_without_a_node_and_a_node_that_is_there_wins(wish: RobotWish) -> None:
-    assert instances_of(wish, [], running={"a"}, claimed=(), kept={"a"}) == (Instance("a", missing=True),)
-    assert instances_of(wish, [node("a")], running={"a"}, claimed=(), kept={"a"}) == (Instance("a", "n-a"),)
+@pytest.mark.parametrize("selection", [EACH, ANY])
+def test_a_kept_instance_goes_on_without_a_node_and_a_node_that_is_there_wins(selection: RobotSelection) -> None:
+    assert instances_of(selection, [], running={"a"}, claimed=(), kept={"a"}) == (Instance("a", missing=True),)
+    assert instances_of(selection, [node("a")], running={"a"}, claimed=(), kept={"a"}) == (Instance("a", "n-a"),)
 
 
 @given(st.sets(st.integers(0, 300)), st.sets(st.integers(0, 300)))

@@ -3,7 +3,7 @@ from tests.support.claims_objects import app_holder, claim, device_claim, domain
 
 from robotapp_api.claims.identity import claim_name_domain, domain_spec
 from robotapp_api.claims.objects import DomainThing, Meta, Pod
-from robotapp_api.claims.repair import asked_places, conflicts, missing_claims, places_of
+from robotapp_api.claims.repair import conflicts, missing_claims, places_of, requested_places
 
 PLACES: dict[str, str] = {}
 LOCK = {"robotics.io/domain-claim": "dds.default.c.7"}
@@ -44,7 +44,7 @@ def test_a_claim_per_zone_or_node_is_made_again_wherever_the_pod_runs(scope: str
     name = claim_name_domain("radio", scope, value, 7)
     running = pod(7, node="edge-1", annotations={"robotics.io/domain-claim": name})
     assert missing_claims([running], {}, places=PLACES) == {}
-    assert asked_places([running]) == {name.split(".")[2]}
+    assert requested_places([running]) == {name.split(".")[2]}
     robot = Meta(name="robot-1", labels={"topology.kubernetes.io/zone": "hall-1"})
     (missing,) = missing_claims([running], {}, places=places_of((), nodes=[robot])).values()
     assert missing.spec.domain == DomainThing(pool="radio", scope=scope, scope_value=value, id=7)
@@ -56,7 +56,7 @@ def test_a_claim_per_zone_or_node_is_made_again_wherever_the_pod_runs(scope: str
 
 def test_nobody_need_look_for_the_places_of_claims_for_the_whole_cluster() -> None:
     ended = pod(7, node="edge-1", phase="Failed", annotations={"robotics.io/domain-claim": "dds.radio.zffff.7"})
-    assert asked_places([pod(7, node="edge-1", annotations=LOCK), pod(7, node="edge-1"), ended]) == set()
+    assert requested_places([pod(7, node="edge-1", annotations=LOCK), pod(7, node="edge-1"), ended]) == set()
 
 
 def test_somebody_elses_claim_on_what_runs_is_a_conflict_told_without_names_of_other_tenants() -> None:

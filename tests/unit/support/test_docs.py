@@ -16,7 +16,7 @@ from robotapp_agent.report.status import SECTIONS
 from robotapp_operator import settings
 from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.render.pod_template import environment
-from robotapp_operator.plan.spec.desired import Domain, wish_of
+from robotapp_operator.plan.spec.desired import Domain, desired_of
 from robotapp_scheduler.config import flags as options
 
 ROOT: Final = Path(__file__).resolve().parents[3]
@@ -141,7 +141,7 @@ def test_the_page_of_the_environment_lists_every_variable_that_the_operator_sets
         app = make_app(*parts, **spec)
         for part in app.spec.components:
             domain = Domain(7) if app.ros_version == 2 else None
-            variables = environment(part, wish_of(app, "amr-07"), domain=domain, state=ParameterState(hash="0"))
+            variables = environment(part, desired_of(app, "amr-07"), domain=domain, state=ParameterState(hash="0"))
             found |= {variable["name"] for variable in variables}
     listed = first_column("environment.md", "# Environment variables")
     assert set(listed) - {"ROBOTAPP_DEVICE_<NAME>", "<name>"} == found

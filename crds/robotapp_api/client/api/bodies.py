@@ -42,7 +42,7 @@ def manager_query(field_manager: str) -> str:
 
 
 def delete_body(*, uid: str | None, resource_version: str | None, propagation: str | None) -> bytes | None:
-    """DeleteOptions, or None when there is nothing to say."""
+    """DeleteOptions, or None when there is nothing to set."""
     preconditions = {
         key: value for key, value in (("uid", uid), ("resourceVersion", resource_version)) if value is not None
     }

@@ -1,7 +1,7 @@
 """The verbs of the API server with our retry rules.
 
 Reads are repeated a few times (Unreachable, 429, 5xx; Retry-After honoured). Writes are sent once: a write without an
-answer raises Unreachable(maybe_applied=True) and the caller, who knows what it wanted, reads and decides.
+answer raises Unreachable(maybe_applied=True) and the caller, which knows the intended state, reads and decides.
 """
 
 import asyncio
@@ -42,7 +42,7 @@ JsonPatch = list[Json]
 REQUEST_TIMEOUT_S: Final = 30.0
 READ_ATTEMPTS: Final = 4
 MAX_WAIT_S: Final = 30.0
-"""A read whose server asks for a longer pause than this fails instead of hanging."""
+"""A read fails instead of hanging when the server demands a longer pause than this."""
 
 
 class ListMeta(msgspec.Struct, rename="camel"):
@@ -198,17 +198,17 @@ class ApiClient:
         """
         backoff = Backoff(base_s=0.1, cap_s=5.0, uniform=self.uniform)
         while True:
-            wish_s: float | None = None
+            retry_after_s: float | None = None
             try:
                 return _decode(decode, await self.request("GET", path))
             except Unreachable:
                 if backoff.attempt >= READ_ATTEMPTS - 1:
                     raise
             except (TooManyRequests, ServerError) as error:
-                wish_s = error.retry_after_s
-                if backoff.attempt >= READ_ATTEMPTS - 1 or (wish_s or 0) > MAX_WAIT_S:
+                retry_after_s = error.retry_after_s
+                if backoff.attempt >= READ_ATTEMPTS - 1 or (retry_after_s or 0) > MAX_WAIT_S:
                     raise
-            await self.sleep(backoff.next_s(at_least_s=wish_s))
+            await self.sleep(backoff.next_s(at_least_s=retry_after_s))
 
     def stream(self, path: str, *, silence_s: float) -> AbstractAsyncContextManager[Stream]:
         """The raw stream of a watch; `Reflector` is what you want."""
@@ -278,7 +278,7 @@ class ApiClient:
     async def post_raw(self, path: str, body: bytes, *, permitted: Permitted = always) -> bytes:
         """POST ready JSON bytes (bindings, evictions, events): nothing is encoded, decoded or copied on the way.
 
-        `permitted` is asked in the moment of sending; a no raises Unreachable(maybe_applied=False).
+        `permitted` is called in the moment of sending; False raises Unreachable(maybe_applied=False).
         """
         return (await self.request("POST", path, body, JSON, permitted=permitted)).body
 
@@ -286,26 +286,26 @@ class ApiClient:
         self,
         path: str,
         body: bytes,
-        told: Callable[[ClientError | None], None],
+        done: Callable[[ClientError | None], None],
         *,
         permitted: Permitted = always,
     ) -> None:
         """`post_raw` for thousands of writes per second: no task and no coroutine of its own waits for the answer.
 
-        `told` gets None when the write was accepted, else what `post_raw` would have raised; perhaps before this
+        `done` gets None when the write was accepted, else what `post_raw` would have raised; perhaps before this
         returns. It must not raise. There is no way to cancel but closing the client.
         """
-        ended = partial(self._posted, told)
+        ended = partial(self._posted, done)
         self._transport.post(path, body, ended, content_type=JSON, timeout_s=self._timeout_s, permitted=permitted)
 
-    def _posted(self, told: Callable[[ClientError | None], None], outcome: Response | ClientError) -> None:
+    def _posted(self, done: Callable[[ClientError | None], None], outcome: Response | ClientError) -> None:
         if not isinstance(outcome, ClientError):
             self.requests["POST", outcome.status] += 1
-            told(None if outcome.status < 300 else self.refusal(outcome))
+            done(None if outcome.status < 300 else self.refusal(outcome))
             return
         if isinstance(outcome, Unreachable):
             self.requests["POST", 0] += 1
-        told(outcome)
+        done(outcome)
 
     # The wire
 

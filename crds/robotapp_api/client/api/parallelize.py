@@ -7,26 +7,26 @@ from typing import Final, TypeVar
 T = TypeVar("T")
 R = TypeVar("R")
 AT_ONCE: Final = 16
-"""One caller must not take all connections: others ask as well."""
+"""One caller must not take all connections: others send requests, too."""
 
 
 async def at_once(
     call: Callable[[T], Awaitable[R]], items: Collection[T], *, limit: int = AT_ONCE, error_ends: bool = False
 ) -> list[R]:
-    """The answers in the order of `items`; else the first error is raised, when nothing is under way any more.
+    """The results in the order of `items`; else the first error is raised, when nothing is under way any more.
 
     error_ends: an error cancels the requests under way and begins no other, for callers whose errors stand in the way of every
     request, so that the rest would wait for one time limit after the other. Without it every request comes to its end,
     for callers whose requests write: they know of each whether it was written.
     """
-    answers: dict[int, R] = {}
+    results: dict[int, R] = {}
     errors: dict[int, Exception] = {}
     left = enumerate(items)
 
     async def take_turns() -> None:
         for index, item in left:
             try:
-                answers[index] = await call(item)
+                results[index] = await call(item)
             except Exception as error:
                 if error_ends:
                     raise
@@ -41,4 +41,4 @@ async def at_once(
         await asyncio.gather(*workers, return_exceptions=True)
     if errors:
         raise errors[min(errors)]
-    return [answers[index] for index in range(len(answers))]
+    return [results[index] for index in range(len(results))]

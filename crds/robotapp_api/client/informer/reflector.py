@@ -43,10 +43,10 @@ T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 INACTIVITY_S: Final = 75.0
-"""Bookmarks come once a minute, so in longer silence we ask: the watch is opened anew where it stands.
+"""Bookmarks come once a minute, so after longer silence it is checked: the watch is opened anew where it stands.
 
 Either the connection is dead, or all is quiet: an API server sends no bookmark before its cache has moved past the
-version the watch began at, and the cache of a resource in which nothing happens moves as seldom as etcd tells of its
+version the watch began at, and the cache of a resource in which nothing happens moves as seldom as etcd reports its
 progress (every ten minutes by default; kube-apiserver 1.37, cacheWatcher.process; two minutes of silence seen live).
 """
 SERVER_TIMEOUT_S: Final = (300.0, 600.0)
@@ -55,7 +55,7 @@ STEADY_S: Final = 5.0
 MOST_DELAY_S: Final = 5.0
 """Longest pause between two attempts: how long after the server is back we may still be blind."""
 RESUMES: Final = 3
-"""After so many fruitless attempts to resume, list again: perhaps it is the version that nobody can serve."""
+"""After so many fruitless attempts to resume, list again: perhaps no server has that version any more."""
 
 
 class Change(msgspec.Struct, frozen=True, gc=False):
@@ -135,7 +135,7 @@ class Reflector(Generic[T]):
 
     @property
     def last_contact_s(self) -> float:
-        """Seconds since the server last said anything, infinite before the first time. Alarm above ~180."""
+        """Seconds since the server last sent anything, infinite before the first time. Alarm above ~180."""
         return float("inf") if self._contact is None else self._client.clock() - self._contact
 
     async def run(self) -> None:
@@ -149,7 +149,7 @@ class Reflector(Generic[T]):
         """One list (if needed) and one watch to its end. Returns the pause before the next, in seconds."""
         self._progress = self._answered = False
         self._opened = None
-        wish_s: float | None = None
+        retry_after_s: float | None = None
         at_once = False
         try:
             if not self.resource_version and not self._streaming:
@@ -168,7 +168,7 @@ class Reflector(Generic[T]):
             log.log(level, "%s: %s, asking again", self, error)
         except ClientError as error:
             self.stats.failures += 1
-            wish_s = error.retry_after_s if isinstance(error, ApiError) else None
+            retry_after_s = error.retry_after_s if isinstance(error, ApiError) else None
             log.warning("%s: %s", self, error, extra={"fields": describe(error)})
             self._answered = self._answered and not isinstance(error, TooManyRequests)
         finally:
@@ -180,7 +180,7 @@ class Reflector(Generic[T]):
             self._fruitless += 1
             if self._fruitless % RESUMES == 0:
                 self._list_again("no progress")
-        return 0.0 if at_once else self._backoff.next_s(at_least_s=wish_s)
+        return 0.0 if at_once else self._backoff.next_s(at_least_s=retry_after_s)
 
     def _was_steady(self) -> bool:
         return self._opened is not None and self._client.clock() - self._opened >= STEADY_S
@@ -191,34 +191,34 @@ class Reflector(Generic[T]):
         self.resource_version = ""
 
     async def _list(self) -> None:
-        """At the start every page is taken as it comes, and its objects die if nobody keeps them; later ones all at once."""
+        """At the start every page is taken as it comes, and its objects are freed if the caller does not keep them; later ones all at once."""
         self.stats.lists += 1
         path = with_query(self._resource.path(self._namespace), self._selectors)
         present: set[str] = set()
-        news: list[Read[T]] = []
+        changed: list[Read[T]] = []
         version = ""
         async for part, again in self._client.pages(path, self._decoder.page, page=self._page):
             if again:
-                present, news = set(), []
+                present, changed = set(), []
             for read in part.items or ():
                 present.add(read[1].key)
                 if not self.synced.is_set():
                     self._put(*read)
-                elif self._is_news(read[1]):
-                    news.append(read)
+                elif self._is_changed(read[1]):
+                    changed.append(read)
             version = part.metadata.resource_version
         self._contact = self._client.clock()
-        self._replace(present, news)
+        self._replace(present, changed)
         self.resource_version = version
         self.synced.set()
 
-    def _is_news(self, identity: Identity) -> bool:
+    def _is_changed(self, identity: Identity) -> bool:
         known = self._objects.get(identity.key)
         return known is None or self._decoder.identify(known) != identity
 
-    def _replace(self, present: Collection[str], news: Iterable[Read[T]]) -> None:
-        """Take `news` in; what is not `present` vanished while we were not looking."""
-        for read in news:
+    def _replace(self, present: Collection[str], changed: Iterable[Read[T]]) -> None:
+        """Take `changed` in; what is not `present` vanished while we were not looking."""
+        for read in changed:
             self._put(*read)
         for key in [key for key in self._objects if key not in present]:
             self._remove(key)
@@ -275,7 +275,7 @@ class Reflector(Generic[T]):
         self.resource_version = event.identity.version or self.resource_version
 
     def _on_initial(self, event: WatchEvent) -> None:
-        """A streamed list: nothing is reported until the bookmark says that it is complete."""
+        """A streamed list: nothing is reported until the bookmark that ends it."""
         initial = self._initial
         assert initial is not None  # noqa: S101 - the caller looked
         if event.kind == DELETED:

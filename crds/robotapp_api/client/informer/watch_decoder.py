@@ -1,4 +1,4 @@
-"""Bytes of a watch stream to typed events: line splitting, a cheap envelope, and who an object is."""
+"""Bytes of a watch stream to typed events: line splitting, a cheap envelope, and the identity of an object."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -38,7 +38,7 @@ class Identity(msgspec.Struct, frozen=True, gc=False):
 
 
 class WatchEvent(msgspec.Struct, frozen=True, gc=False):
-    """One line. `obj` is None for bookmarks and for objects that do not fit the type (`problem` says why)."""
+    """One line. `obj` is None for bookmarks and for objects that do not fit the type (`problem` is the reason)."""
 
     kind: str
     obj: Any

@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 QUEUE: Final = 1000
 IN_FLIGHT: Final = 16
-"""Writes at once; the other half of a client's connections is for writes that somebody waits for."""
+"""Writes at once; the other half of a client's connections is for writes that a caller waits for."""
 REMEMBERED: Final = 4096
 SERIES_FLUSH_S: Final = 300.0
 """A repeated event is written again at most this often: counts may lag, the API server may not."""
@@ -169,13 +169,13 @@ class EventRecorder:
         at = self._client.clock()
         key: _Key | None = None
         if not once:
-            who = (
+            source = (
                 regarding.get("uid") or f"{regarding.get('kind')}/{regarding.get('namespace')}/{regarding.get('name')}"
             )
-            key = (who, kind, reason, action, note)
+            key = (source, kind, reason, action, note)
             if self._repeated(key, at):
                 return
-            if self._buckets.wait_s(who) > 0:
+            if self._buckets.wait_s(source) > 0:
                 self.stats.limited += 1
                 return
         namespace = regarding.get("namespace") or "default"  # where events of cluster-scoped objects live
@@ -201,7 +201,7 @@ class EventRecorder:
                 self._series.popitem(last=False)
 
     def _repeated(self, key: "_Key", at: float) -> bool:
-        """Count it on the event that says the same, if there is one."""
+        """Count it on the event with the same text, if there is one."""
         series = self._series.get(key)
         if series is None or at - series.seen_at >= SERIES_END_S:
             return False
@@ -258,7 +258,7 @@ class EventRecorder:
                 if at - series.seen_at >= SERIES_END_S and series.count == series.written:
                     del self._series[key]
 
-    # --- Writing: at most `in_flight` at once, each told its end by the client; only a failure costs a task -----------
+    # --- Writing: at most `in_flight` at once, each with a callback of the client; only a failure costs a task -----------
 
     def _next(self) -> None:
         while self._running and self._queue and self._writing < self._at_once:
@@ -321,15 +321,15 @@ class EventRecorder:
             if not transient or backoff.attempt >= ATTEMPTS - 1:
                 self._give_up(series, error)
                 return
-            wish_s = error.retry_after_s if isinstance(error, ApiError) else None
-            await self._client.sleep(backoff.next_s(at_least_s=wish_s))
+            retry_after_s = error.retry_after_s if isinstance(error, ApiError) else None
+            await self._client.sleep(backoff.next_s(at_least_s=retry_after_s))
             error = await self._again(series)
 
     def _give_up(self, series: _Series, error: ClientError) -> None:
         series.patching = False
         if series.key is not None and self._series.get(series.key) is series:
             del self._series[series.key]  # the next occurrence starts over
-        if not isinstance(error, NotFound):  # the namespace or the event is gone: nobody misses it
+        if not isinstance(error, NotFound):  # the namespace or the event is gone: it is not needed
             self.stats.failed += 1
             log.warning("%s: event not written: %s", self, error)
 

@@ -6,7 +6,7 @@ it unchanged for its whole duration.
 
 Two clocks of this machine count. Our own leadership runs out by boot time, which goes on while the machine is suspended: a
 laptop that wakes up after an hour does not lead for another ten seconds beside its successor. Another's lease is watched
-by the client's clock, which stands still meanwhile: who slept has watched nothing.
+by the client's clock, which stands still meanwhile: a process that slept has watched nothing.
 """
 
 import asyncio
@@ -90,7 +90,7 @@ class LeaderElection:
 
     @property
     def holder(self) -> str:
-        """Who held the lease when last seen; empty for nobody."""
+        """Identity of the holder when last seen; empty without one."""
         return str(self._spec.get("holderIdentity") or "")
 
     @property
@@ -132,7 +132,7 @@ class LeaderElection:
             self._lease = None
             return
         if not renewed and self.holder not in ("", self._identity):
-            self._renewed_at = float("-inf")  # somebody else took it: no use in waiting for the deadline
+            self._renewed_at = float("-inf")  # another process took it: no use in waiting for the deadline
 
     async def _attempt(self) -> bool:
         """Take or renew the lease if it is free, ours or abandoned. False is a normal outcome."""

@@ -32,8 +32,8 @@ class Speaker(asyncio.Protocol):
         if self.transport is not None:
             self.transport.abort()
 
-    def fail(self, what: str) -> None:  # noqa: ARG002 - for those who have somebody to tell
-        """Close at once, and say why to who waits for something."""
+    def fail(self, what: str) -> None:  # noqa: ARG002 - subclasses pass it to the waiting caller
+        """Close at once; a waiting caller gets the reason."""
         self.end()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -71,7 +71,7 @@ class Dialer:
         self.prefix = parts.path.rstrip("/")
         self.open: set[Speaker] = set()
         self._proved: SessionResumption | None = None
-        """Before whom the server has proved itself last; None when that session is remembered."""
+        """The last verified peer; None when that session is remembered."""
         self._endpoint = endpoint
         self._host = parts.hostname or ""
         self._port = parts.port or (443 if parts.scheme == "https" else 80)
@@ -105,7 +105,7 @@ class Dialer:
         """A connection on `sock`, TLS included.
 
         asyncio leaks the socket of a TLS handshake that is cancelled (seen with 3.11.7). So the handshake is a task that
-        nobody cancels: its socket is shut down, which ends it.
+        is not cancelled: its socket is shut down, which ends it.
         """
         tls = self._endpoint.tls
         if self._proved is not None and self._proved.remember():
@@ -115,7 +115,7 @@ class Dialer:
         try:
             transport, speaking = await asyncio.shield(made)
         except asyncio.CancelledError:
-            made.add_done_callback(_unwanted)  # it may end when nobody waits for it any more
+            made.add_done_callback(_unwanted)  # it may end when no caller waits for it any more
             with contextlib.suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)
             await asyncio.wait([made], timeout=CLOSE_S)

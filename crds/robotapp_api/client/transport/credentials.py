@@ -24,7 +24,7 @@ EXPIRY_MARGIN_S = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """`value` is empty when authentication is by client certificate; it is asked for again after `valid_s` seconds."""
+    """`value` is empty when authentication is by client certificate; it is requested again after `valid_s` seconds."""
 
     value: str
     valid_s: float = float("inf")
@@ -58,9 +58,9 @@ class Credentials:
         return self._clock() >= self._due
 
     async def refresh(self, *, seen_generation: int | None = None) -> bool:
-        """Ask the source again and say whether there is something newer than `seen_generation`.
+        """Read the source again; True when there is something newer than `seen_generation`.
 
-        Many requests find a token expired at the same moment: the first one asks, the others take its result.
+        Many requests find a token expired at the same moment: the first one reads, the others take its result.
         """
         if self._source is None:
             return False
@@ -130,8 +130,8 @@ class ExecPlugin:
         except subprocess.TimeoutExpired as error:
             raise LoginError(f"the login plug-in {self.command!r} gave no answer in {EXEC_TIMEOUT_S:.0f} s") from error
         except subprocess.CalledProcessError as error:
-            said = error.stderr.decode("utf-8", "replace").strip()[-400:]
-            raise LoginError(f"the login plug-in {self.command!r} failed ({error.returncode}): {said}") from error
+            output = error.stderr.decode("utf-8", "replace").strip()[-400:]
+            raise LoginError(f"the login plug-in {self.command!r} failed ({error.returncode}): {output}") from error
         return self._parse(done.stdout)
 
     def _parse(self, output: bytes) -> Token:

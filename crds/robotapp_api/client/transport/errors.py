@@ -1,6 +1,6 @@
 """What can go wrong between us and the API server.
 
-`ApiError` is an answer that says no; `Unreachable` is no (complete) answer. Both carry `maybe_applied`: whether a write
+`ApiError` is an answer with an error; `Unreachable` is no (complete) answer. Both carry `maybe_applied`: whether a write
 may have taken effect all the same. Nobody retries a write on our behalf: the caller reads first, then decides.
 """
 
@@ -103,7 +103,7 @@ class ServerError(ApiError):
 
 
 def means_gone(error: ApiError, name: str) -> bool:
-    """Whether the API server itself says that this very object does not exist.
+    """Whether the API server itself answers that this very object does not exist.
 
     A 404 of a proxy, or of a resource the server does not serve at the moment, is an error like any other.
     """
@@ -111,9 +111,9 @@ def means_gone(error: ApiError, name: str) -> bool:
 
 
 def means_another(error: ApiError) -> bool:
-    """Whether an object of another uid has the name by now, as a write that carries the uid it is meant for is told.
+    """Whether an object of another uid has the name by now, as the answer to a write with the uid it is meant for shows.
 
-    A delete and a binding conflict; to a patch the server says that a uid cannot be changed. The status of our own kinds
+    A delete and a binding conflict; a patch is answered with "the uid cannot be changed". The status of our own kinds
     is written whatever uid the patch names: only a resourceVersion keeps it from another object.
     """
     if isinstance(error, Conflict):
@@ -122,7 +122,7 @@ def means_another(error: ApiError) -> bool:
 
 
 def may_pass(error: ClientError) -> bool:
-    """Whether the same write may succeed later: no answer, too much at once, a server in trouble, somebody else's write.
+    """Whether the same write may succeed later: no answer, too much at once, a server in trouble, another client's write.
 
     Ask `means_another` first: a conflict about the uid never passes.
     """
@@ -151,7 +151,7 @@ class _Cause(msgspec.Struct):
 
 class _Details(msgspec.Struct):
     causes: list[_Cause] | None = None
-    retryAfterSeconds: float = 0  # noqa: N815 - the wire name; a rename table would say less
+    retryAfterSeconds: float = 0  # noqa: N815 - the wire name; a rename table would be longer
 
 
 class Status(msgspec.Struct):

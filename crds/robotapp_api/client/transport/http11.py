@@ -1,7 +1,7 @@
 """HTTP/1.1 over kept-alive connections of our own: what a scheduler needs to write thousands of bindings per second.
 
 A general client was most of the scheduler's CPU. The bytes of an answer are parsed by httptools (llhttp); ours is only
-who uses which connection when (`pool`). Nothing is ever sent twice.
+which request uses which connection (`pool`). Nothing is ever sent twice.
 """
 
 import asyncio
@@ -29,7 +29,7 @@ RawHeaders = list[tuple[bytes, bytes]]
 
 
 class Headers(Mapping[str, str]):
-    """Headers of an answer, read when somebody looks: nearly nobody does."""
+    """Headers of an answer, decoded when they are read, which is seldom."""
 
     __slots__ = ("_found", "_read")
 
@@ -91,9 +91,9 @@ Outcome = Answer | NotSentError | BrokenError
 
 
 class Exchange(msgspec.Struct, eq=False):
-    """One request, and who is told its end: `done` is called once, and must not raise.
+    """One request and its callback: `done` is called once at the end, and must not raise.
 
-    `dropped`: nobody waits for the end any more.
+    `dropped`: no caller waits for the end any more.
     """
 
     request: bytes
@@ -107,7 +107,7 @@ class Exchange(msgspec.Struct, eq=False):
         return f"<Exchange {self.request[:40]!r}{', dropped' if self.dropped else ''}>"
 
     def end(self, outcome: Outcome) -> None:
-        """Tell who waits."""
+        """Call back the waiting caller."""
         if not self.dropped:
             self.dropped = True
             self.done(outcome)
@@ -116,7 +116,7 @@ class Exchange(msgspec.Struct, eq=False):
 class Connection(Speaker):
     """One connection; one request at a time. Methods named on_… are called by the parser.
 
-    `free` is told when a request has ended, before who sent it: the next in line loses no time.
+    `free` is called when a request has ended, before its caller: the next in line loses no time.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, free: Callable[["Connection"], None]) -> None:
@@ -146,7 +146,7 @@ class Connection(Speaker):
         super().end()
 
     def fail(self, what: str) -> None:
-        """Close at once, and say so to who waits for an answer."""
+        """Close at once; a caller that waits for an answer gets the error."""
         self.end()
         if self.exchange is not None:
             self._over(BrokenError(what))
@@ -160,7 +160,7 @@ class Connection(Speaker):
     # --- asyncio.Protocol ---------------------------------------------------------------------------------------
 
     def data_received(self, data: bytes) -> None:
-        if self.exchange is None:  # nobody asked: whatever this is, the next answer must not be mixed up with it
+        if self.exchange is None:  # no request is open: whatever this is, the next answer must not be mixed up with it
             self.end()
             return
         if not self._body:
@@ -181,7 +181,7 @@ class Connection(Speaker):
 
     def on_message_begin(self) -> None:
         if self._answer is not None:
-            self.end()  # one answer more than asked for: it must not be taken for that of the next request
+            self.end()  # one answer more than requests: it must not be taken for that of the next request
 
     def on_body(self, body: bytes) -> None:
         self._body.append(body)

@@ -16,8 +16,8 @@ from robotapp_api.client.transport.stream import Streams
 
 SAFE_METHODS: Final = frozenset({"GET", "HEAD"})
 Response = Answer
-Told = Callable[[Response | ClientError], None]
-"""Told once how a request ended; must not raise."""
+Done = Callable[[Response | ClientError], None]
+"""Done once how a request ended; must not raise."""
 
 
 class Stream(Protocol):
@@ -51,7 +51,7 @@ class Transport(Protocol):
     ) -> Response: ...
 
     def post(
-        self, path: str, body: bytes, told: Told, *, content_type: str, timeout_s: float, permitted: Permitted
+        self, path: str, body: bytes, done: Done, *, content_type: str, timeout_s: float, permitted: Permitted
     ) -> None: ...
 
     def stream(self, path: str, *, silence_s: float) -> contextlib.AbstractAsyncContextManager[Stream]: ...
@@ -124,39 +124,39 @@ class HttpTransport:
         """One request, one answer of any status; `path` carries its query, already escaped.
 
         Raises Unreachable, with `maybe_applied` true as soon as a byte of a write may have left; nothing leaves when
-        `permitted` says no at the moment of sending.
+        `permitted` returns False at the moment of sending.
         """
         return await self._request(_Call(method, path, body, content_type, timeout_s, permitted))
 
     def post(
-        self, path: str, body: bytes, told: Told, *, content_type: str, timeout_s: float, permitted: Permitted
+        self, path: str, body: bytes, done: Done, *, content_type: str, timeout_s: float, permitted: Permitted
     ) -> None:
-        """`request` without a task or a coroutine on the usual way: `told` gets what that returns or raises.
+        """`request` without a task or a coroutine on the usual way: `done` gets the result or the error.
 
-        It may be told at once, and is told nothing after the event loop has ended.
+        It may be called at once, and is not called after the event loop has ended.
         """
         credentials = self._endpoint.credentials
         if self._connections is None or credentials.due:
-            self._follow(self._request(_Call("POST", path, body, content_type, timeout_s, permitted)), told)
+            self._follow(self._request(_Call("POST", path, body, content_type, timeout_s, permitted)), done)
             return
         data = self._bytes("POST", path, body, content_type)
         # No closure: of what that keeps each part would have a cell of its own.
         sent = (path, body, content_type, timeout_s, permitted)
-        ended = partial(self._posted, told, sent, credentials.generation)
+        ended = partial(self._posted, done, sent, credentials.generation)
         self._connections.send(data, ended, timeout_s=timeout_s, permitted=permitted)
 
     def _posted(
-        self, told: Told, sent: tuple[str, bytes, str, float, Permitted], generation: int, outcome: Outcome
+        self, done: Done, sent: tuple[str, bytes, str, float, Permitted], generation: int, outcome: Outcome
     ) -> None:
         if not isinstance(outcome, Answer):
-            told(_without_answer(_Call("POST", *sent), outcome))
+            done(_without_answer(_Call("POST", *sent), outcome))
         elif outcome.status == 401:
-            self._follow(self._renewed(_Call("POST", *sent), outcome, generation), told)
+            self._follow(self._renewed(_Call("POST", *sent), outcome, generation), done)
         else:
-            told(outcome)
+            done(outcome)
 
-    def _follow(self, work: Awaitable[Response], told: Told) -> None:
-        task = asyncio.ensure_future(tell(work, told))
+    def _follow(self, work: Awaitable[Response], done: Done) -> None:
+        task = asyncio.ensure_future(call_when_done(work, done))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -233,14 +233,14 @@ class HttpTransport:
 _CLOSED = "the client is closed, or was never entered with `async with`"
 
 
-async def tell(work: Awaitable[Response], told: Told) -> None:
-    """`told` gets what `work` returns or raises."""
+async def call_when_done(work: Awaitable[Response], done: Done) -> None:
+    """`done` gets what `work` returns or raises."""
     try:
         found = await work
     except ClientError as error:
-        told(error)
+        done(error)
     else:
-        told(found)
+        done(found)
 
 
 def _without_answer(call: _Call, error: NotSentError | BrokenError) -> Unreachable:

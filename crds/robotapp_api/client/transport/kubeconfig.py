@@ -1,4 +1,4 @@
-"""Where the API server is and who we are: kubeconfig files and the pod's service account.
+"""The address of the API server and our identity: kubeconfig files and the pod's service account.
 
 Our own 150 lines instead of the official client: that costs 0.5 s and 60 MB at import, and exec plug-ins (which also
 bring OIDC, by kubelogin) need none of it.
@@ -17,7 +17,7 @@ import yaml
 
 from robotapp_api.client.transport.credentials import Credentials, ExecPlugin, file_source, load_pair
 from robotapp_api.client.transport.errors import LoginError
-from robotapp_api.client.transport.tls_sessions import resuming
+from robotapp_api.client.transport.tls_sessions import with_resumption
 
 SERVICE_ACCOUNT = Path("/var/run/secrets/kubernetes.io/serviceaccount")
 
@@ -70,7 +70,7 @@ def _in_cluster(folder: Path, environ: Mapping[str, str]) -> Endpoint:
     namespace = folder / "namespace"
     return Endpoint(
         server=f"https://{host}:{port}",
-        tls=resuming(_trusting(cafile=str(folder / "ca.crt"))),
+        tls=with_resumption(_trusting(cafile=str(folder / "ca.crt"))),
         credentials=Credentials(file_source(folder / "token")),
         namespace=namespace.read_text().strip() if namespace.is_file() else "default",
     )
@@ -96,7 +96,7 @@ def _from_kubeconfig(files: Sequence[Path], context: str | None) -> Endpoint:
             raise LoginError(f"{where}: the user's {key!r} is not supported; {cure}")
     tls = _tls(cluster) if server.startswith("https://") else None
     if tls is not None and not _client_certificate(tls, user) and not user.get("exec"):
-        resuming(tls)
+        with_resumption(tls)
     return Endpoint(
         server=server,
         tls=tls,
@@ -124,7 +124,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise LoginError(f"the kubeconfig {path} is not YAML: {error}") from error
     if not isinstance(config, dict):
         raise LoginError(f"the kubeconfig {path} holds no mapping")
-    # Files named in a kubeconfig are relative to it, and after merging nobody knows any more which one that was.
+    # Files named in a kubeconfig are relative to it, and after merging it is unknown which one that was.
     for section, keys in (("clusters", ("certificate-authority",)), ("users", _USER_FILES)):
         for entry in config.get(section) or []:
             body = entry.get(section[:-1]) or {}

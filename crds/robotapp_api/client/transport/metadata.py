@@ -1,4 +1,4 @@
-"""A transport that asks for the metadata of objects only: who follows names need not carry what others wrote into them.
+"""A transport that requests only the metadata of objects: a reader of names need not hold the rest.
 
 A list page of full ConfigMaps may be 500 MiB; the metadata of the same page are a few hundred kilobytes.
 """
@@ -13,7 +13,7 @@ _LIST: Final = f"{_AS}PartialObjectMetadataList"
 
 
 class MetadataTransport(HttpTransport):
-    """For reflectors alone: what is not a watch is asked for as a list, so objects cannot be read by name."""
+    """For reflectors alone: what is not a watch is requested as a list, so objects cannot be read by name."""
 
     def _accept(self, path: str) -> str:
         return _ONE if "watch=1" in path.partition("?")[2].split("&") else _LIST

@@ -17,7 +17,7 @@ CLOSED: Final = "the client is closed"
 
 
 class Connections:
-    """At most `limit` connections to one server; who comes when all are busy waits in line."""
+    """At most `limit` connections to one server; a request that comes when all are busy waits in line."""
 
     def __init__(self, endpoint: Endpoint, *, limit: int) -> None:
         self._dialer = Dialer(endpoint)
@@ -52,7 +52,7 @@ class Connections:
     ) -> Exchange:
         """Send `data` on a free connection, now or as soon as there is one. `timeout_s` counts from here.
 
-        `permitted` is asked in the moment of sending: while a connection was waited for, the answer may have changed.
+        `permitted` is called in the moment of sending: while a connection was waited for, its result may have changed.
         """
         now_s = asyncio.get_running_loop().time()
         deadline_s = now_s + timeout_s
@@ -146,7 +146,7 @@ class Connections:
         exchange.dropped = True
         for connection in self._carrying():
             if connection.exchange is exchange:
-                connection.fail("nobody waits for the answer")
+                connection.fail("no caller waits for the answer")
                 return
 
     def _carrying(self) -> list[Connection]:

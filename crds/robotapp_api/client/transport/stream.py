@@ -44,7 +44,7 @@ class Streaming(Speaker):
         self._refusal: Exception | None = None
         self._paused = self._complete = self._silent = False
         self._problem = ""
-        self._news: asyncio.Future[None] | None = None
+        self._arrived: asyncio.Future[None] | None = None
 
     def __repr__(self) -> str:
         state = "complete" if self._complete else self._problem or "open"
@@ -94,11 +94,11 @@ class Streaming(Speaker):
     async def _arrival(self) -> None:
         if self._problem:
             raise self._broken()
-        self._news = self._loop.create_future()
+        self._arrived = self._loop.create_future()
         try:
-            await self._news
+            await self._arrived
         finally:
-            self._news = None
+            self._arrived = None
 
     def _broken(self) -> Unreachable:
         kind = Silent if self._silent else Unreachable
@@ -107,7 +107,7 @@ class Streaming(Speaker):
     def fail(self, what: str) -> None:
         self._problem = self._problem or what
         self.end()
-        self._tell()
+        self._notify()
 
     def _hand_on(self) -> None:
         if self._take is None or not self._pieces:
@@ -118,11 +118,11 @@ class Streaming(Speaker):
         except Exception as error:  # noqa: BLE001 - the event loop called us; it is raised where `deliver` waits
             self._take, self._refusal = None, error
             self.end()
-            self._tell()
+            self._notify()
 
-    def _tell(self) -> None:
-        if self._news is not None and not self._news.done():
-            self._news.set_result(None)
+    def _notify(self) -> None:
+        if self._arrived is not None and not self._arrived.done():
+            self._arrived.set_result(None)
 
     def _listen(self) -> None:
         """One timer that is late by what was heard meanwhile: no byte has to set it anew."""
@@ -147,13 +147,13 @@ class Streaming(Speaker):
         if self._take is not None:
             self._hand_on()
             if self._complete:
-                self._tell()
+                self._notify()
             return
         self._size += len(data)
         if self._size > FULL_BYTES and not self._paused and self.transport is not None:
             self._paused = True
             self.transport.pause_reading()
-        self._tell()
+        self._notify()
 
     # --- httptools ----------------------------------------------------------------------------------------------
 
@@ -176,7 +176,7 @@ class Streaming(Speaker):
 
 
 class Streams:
-    """Streams of one endpoint: as many as are asked for."""
+    """Streams of one endpoint: as many as callers open."""
 
     def __init__(self, dialer: Dialer) -> None:
         self._dialer = dialer
@@ -204,6 +204,6 @@ class Streams:
             stream.end()
 
     async def close(self) -> None:
-        """Cut all streams and wait until they are gone; who reads one is told that it broke off."""
+        """Cut all streams and wait until they are gone; their readers get the error that it broke off."""
         self._closed = True
         await self._dialer.close()

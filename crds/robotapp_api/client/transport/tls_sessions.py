@@ -11,17 +11,17 @@ from weakref import WeakKeyDictionary
 _sessions: Final[WeakKeyDictionary[ssl.SSLContext, ssl.SSLSession]] = WeakKeyDictionary()
 
 
-def resuming(context: ssl.SSLContext) -> ssl.SSLContext:
+def with_resumption(context: ssl.SSLContext) -> ssl.SSLContext:
     """The context, from now on with sessions that are taken up. Not for one with a client's certificate.
 
-    A session goes on as whoever began it: a certificate loaded later would not be shown.
+    A session continues with the identity it began with: a certificate loaded later would not be sent.
     """
     context.sslobject_class = SessionResumption
     return context
 
 
 class SessionResumption(ssl.SSLObject):
-    """One end of a connection. A server that does not know the session any more asks for the whole handshake."""
+    """One end of a connection. A server that does not know the session any more demands the whole handshake."""
 
     _begun = False
 

@@ -8,7 +8,7 @@ from robotapp_api.claims.identity import domain_literal
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import Annotation, Label
 from robotapp_operator.plan.diff.newer import Held, amend, written_by_newer
-from robotapp_operator.plan.diff.unowned import strays
+from robotapp_operator.plan.diff.unowned import unowned_pointers
 from robotapp_operator.plan.diff.versions import is_newer
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.deployments import component_deployments
@@ -49,18 +49,18 @@ class Plan:
 
 
 def wanted_children(
-    wish: Desired, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
+    desired: Desired, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
 ) -> list[Child]:
     """Everything the instance should have, infrastructure first: it starts while the components are scheduled.
 
     Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
     """
-    if wish.app.ros_version == 2 and domain is None:
+    if desired.app.ros_version == 2 and domain is None:
         return []
-    children = infrastructure(wish, running=running)
-    if wish.app.ros_version == 2:
-        children.append(peers_service(wish))
-    return [*children, *component_deployments(wish, domain=domain, parameters=parameters, running=running)]
+    children = infrastructure(desired, running=running)
+    if desired.app.ros_version == 2:
+        children.append(peers_service(desired))
+    return [*children, *component_deployments(desired, domain=domain, parameters=parameters, running=running)]
 
 
 def plan(
@@ -112,13 +112,13 @@ def still_running(uid: str, observed: Mapping[ChildRef, Observed]) -> list[Deplo
 
 
 def in_place(child: Child, over: Observed, settled: Mapping[str, tuple[int, str]]) -> bool:
-    """Does `over` say what `child` wants? Who rendered it is no difference."""
+    """Does `over` hold what `child` wants? The version that rendered it is no difference."""
     meta = over.metadata
     if meta.annotations.get(Annotation.CONTENT_HASH) != child.hash or not covers(meta.labels, child.labels):
         return False
     if settled.get(meta.uid) == (meta.generation, child.hash):
         return True  # even with a stray: a controller that puts it back at once would have us write for ever
-    return covers(over.spec, child.spec) and not strays(over.spec, child.spec)
+    return covers(over.spec, child.spec) and not unowned_pointers(over.spec, child.spec)
 
 
 def is_held(app: App, child: Child, over: Observed, version: str) -> bool:

@@ -12,7 +12,7 @@ from robotapp_api.claims.objects import ROS_DOMAIN_ID
 _PLACES = ("initContainers", "containers")
 
 
-def strays(spec: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
+def unowned_pointers(spec: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
     """JSON pointers into a Deployment whose spec is `spec`: literal domains `wanted` does not name, last ones first.
 
     In this order they can be removed one after the other.

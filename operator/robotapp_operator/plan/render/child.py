@@ -64,24 +64,24 @@ def owner_reference(app: App) -> dict[str, Any]:
     }
 
 
-def instance_labels(wish: Desired) -> dict[str, str]:
+def instance_labels(desired: Desired) -> dict[str, str]:
     """Labels every child of an instance carries; they find candidates, the owner chain decides membership."""
     return {
-        Label.APP.value: wish.app.name,
-        Label.APP_UID.value: wish.app.uid,
-        Label.INSTANCE.value: wish.robot,
-        Label.PART_OF.value: wish.app.name,
+        Label.APP.value: desired.app.name,
+        Label.APP_UID.value: desired.app.uid,
+        Label.INSTANCE.value: desired.robot,
+        Label.PART_OF.value: desired.app.name,
         Label.MANAGED_BY.value: OPERATOR_MANAGER,
     }
 
 
-def component_labels(wish: Desired, component: str) -> dict[str, str]:
-    return instance_labels(wish) | {Label.COMPONENT.value: component, Label.NAME.value: component}
+def component_labels(desired: Desired, component: str) -> dict[str, str]:
+    return instance_labels(desired) | {Label.COMPONENT.value: component, Label.NAME.value: component}
 
 
-def role_labels(wish: Desired, role: str) -> dict[str, str]:
+def role_labels(desired: Desired, role: str) -> dict[str, str]:
     """Infrastructure pods have a role instead of a component: they are no members of the scheduling group."""
-    return instance_labels(wish) | {Label.ROLE.value: role, Label.NAME.value: role}
+    return instance_labels(desired) | {Label.ROLE.value: role, Label.NAME.value: role}
 
 
 def selector(labels: dict[str, str]) -> dict[str, str]:

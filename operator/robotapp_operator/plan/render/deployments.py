@@ -12,22 +12,22 @@ from robotapp_operator.plan.spec.objects import ChildRef
 
 
 def component_deployments(
-    wish: Desired, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
+    desired: Desired, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
 ) -> list[Child]:
     """`running` False: no pods (suspended, or no domain to be had), everything else stays."""
     return [
-        _deployment(component, wish, domain=domain, state=parameters.get(component.name, NONE), running=running)
-        for component in wish.app.spec.components
+        _deployment(component, desired, domain=domain, state=parameters.get(component.name, NONE), running=running)
+        for component in desired.app.spec.components
     ]
 
 
 def _deployment(
-    component: Component, wish: Desired, *, domain: Domain | None, state: ParameterState, running: bool
+    component: Component, desired: Desired, *, domain: Domain | None, state: ParameterState, running: bool
 ) -> Child:
-    labels = component_labels(wish, component.name)
-    template = pod_template(component, wish, domain=domain, state=state)
+    labels = component_labels(desired, component.name)
+    template = pod_template(component, desired, domain=domain, state=state)
     return Child(
-        ref=ChildRef(DEPLOYMENT, wish.name_of(component.name)),
+        ref=ChildRef(DEPLOYMENT, desired.name_of(component.name)),
         labels=labels,
         spec=deployment_spec(labels, template, replicas=component.replicas, running=running),
     )

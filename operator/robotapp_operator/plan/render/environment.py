@@ -19,36 +19,38 @@ CYCLONE_MAX_INDEX: Final = 15
 """ROS processes per component that find each other without multicast; every peer is probed on this many ports."""
 
 
-def ros2_environment(wish: Desired, *, domain: int) -> list[EnvVar]:
+def ros2_environment(desired: Desired, *, domain: int) -> list[EnvVar]:
     """Variables of every ROS 2 container of an instance, in a fixed order."""
-    variables = {ROS_DOMAIN_ID: str(domain), "RMW_IMPLEMENTATION": wish.rmw}
-    variables |= _discovery_range(wish)
-    variables |= _discovery(wish)
-    variables |= _transport(wish)
+    variables = {ROS_DOMAIN_ID: str(domain), "RMW_IMPLEMENTATION": desired.rmw}
+    variables |= _discovery_range(desired)
+    variables |= _discovery(desired)
+    variables |= _transport(desired)
     return [EnvVar(name, value) for name, value in variables.items()]
 
 
-def _discovery_range(wish: Desired) -> dict[str, str]:
-    local = wish.discovery == "Localhost"
-    if wish.distro in BEFORE_IRON:
+def _discovery_range(desired: Desired) -> dict[str, str]:
+    local = desired.discovery == "Localhost"
+    if desired.distro in BEFORE_IRON:
         return {"ROS_LOCALHOST_ONLY": "1" if local else "0"}
     return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST" if local else "SUBNET"}
 
 
-def _discovery(wish: Desired) -> dict[str, str]:
-    match wish.discovery:
+def _discovery(desired: Desired) -> dict[str, str]:
+    match desired.discovery:
         case "Server":
-            return {"ROS_DISCOVERY_SERVER": ";".join(f"{name}:{DISCOVERY_SERVER_PORT}" for name in wish.server_names)}
+            return {
+                "ROS_DISCOVERY_SERVER": ";".join(f"{name}:{DISCOVERY_SERVER_PORT}" for name in desired.server_names)
+            }
         case "Router":
-            endpoint = f'mode="client";connect/endpoints=["tcp/{wish.router_name}:{ZENOH_PORT}"]'
+            endpoint = f'mode="client";connect/endpoints=["tcp/{desired.router_name}:{ZENOH_PORT}"]'
             # 0 = wait for the router: a session that starts without one would join the graph at an unknown time.
             return {"ZENOH_CONFIG_OVERRIDE": endpoint, "ZENOH_ROUTER_CHECK_ATTEMPTS": "0"}
-        case "Peers" if wish.rmw in CYCLONE:
-            return {"CYCLONEDDS_URI": cyclone_config(wish.peer_names, distro=wish.distro)}
-        case "Peers" if wish.rmw in CONNEXT:
-            return {"NDDS_DISCOVERY_PEERS": ",".join(f"udpv4://{peer}" for peer in wish.peer_names)}
+        case "Peers" if desired.rmw in CYCLONE:
+            return {"CYCLONEDDS_URI": cyclone_config(desired.peer_names, distro=desired.distro)}
+        case "Peers" if desired.rmw in CONNEXT:
+            return {"NDDS_DISCOVERY_PEERS": ",".join(f"udpv4://{peer}" for peer in desired.peer_names)}
         case "Peers":
-            return {"ROS_STATIC_PEERS": ";".join(wish.peer_names)}
+            return {"ROS_STATIC_PEERS": ";".join(desired.peer_names)}
         case _:
             return {}
 
@@ -59,17 +61,17 @@ def cyclone_config(peers: Sequence[str], *, distro: str) -> str:
     One DNS name per component, because Cyclone takes only the first address a name resolves to. From 11 on Cyclone stops
     asking peers that did not answer for 30 s, for good: pods that start while their link is cut would never meet.
     """
-    patience = "<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>" if distro in CYCLONE_11 else ""
+    prune_delay = "<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>" if distro in CYCLONE_11 else ""
     names = "".join(f"<Peer Address={quoteattr(peer)}/>" for peer in peers)
     return (
         '<CycloneDDS><Domain Id="any"><General><AllowMulticast>false</AllowMulticast></General>'
         "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
         f"<MaxAutoParticipantIndex>{CYCLONE_MAX_INDEX}</MaxAutoParticipantIndex>"
-        f"{patience}<Peers>{names}</Peers></Discovery></Domain></CycloneDDS>"
+        f"{prune_delay}<Peers>{names}</Peers></Discovery></Domain></CycloneDDS>"
     )
 
 
-def _transport(wish: Desired) -> dict[str, str]:
-    """UDP alone where the app asks for it: Fast DDS tries shared memory with peers it takes for the same host, which pods cannot share."""
-    udp_alone = wish.transport == "UDP" and wish.rmw in FAST_DDS
+def _transport(desired: Desired) -> dict[str, str]:
+    """UDP alone where the app requires it: Fast DDS tries shared memory with peers it takes for the same host, which pods cannot share."""
+    udp_alone = desired.transport == "UDP" and desired.rmw in FAST_DDS
     return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"} if udp_alone else {}

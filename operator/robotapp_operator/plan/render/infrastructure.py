@@ -24,19 +24,19 @@ ROUTER_ROLE: Final = "router"
 MASTER_ROLE: Final = "master"
 
 
-def infrastructure(wish: Desired, *, running: bool) -> list[Child]:
+def infrastructure(desired: Desired, *, running: bool) -> list[Child]:
     """Deployments and Services of the instance's discovery, possibly none."""
-    if wish.app.ros_version == 1:
-        return _master(wish, running=running) if wish.app.managed_master else []
-    if wish.discovery == "Server":
-        return [child for index in range(len(SERVERS)) for child in _server(wish, index, running=running)]
-    return _router(wish, running=running) if wish.discovery == "Router" else []
+    if desired.app.ros_version == 1:
+        return _master(desired, running=running) if desired.app.managed_master else []
+    if desired.discovery == "Server":
+        return [child for index in range(len(SERVERS)) for child in _server(desired, index, running=running)]
+    return _router(desired, running=running) if desired.discovery == "Router" else []
 
 
-def _server(wish: Desired, index: int, *, running: bool) -> list[Child]:
+def _server(desired: Desired, index: int, *, running: bool) -> list[Child]:
     """Fast DDS discovery server `index`. Data flows pod to pod; the server only introduces participants."""
-    labels = role_labels(wish, DISCOVERY) | {Label.PART.value: str(index)}
-    image = wish.app.discovery_image or f"ros:{wish.distro}-ros-base"
+    labels = role_labels(desired, DISCOVERY) | {Label.PART.value: str(index)}
+    image = desired.app.discovery_image or f"ros:{desired.distro}-ros-base"
     container = {
         "name": DISCOVERY,
         "image": image,
@@ -44,25 +44,25 @@ def _server(wish: Desired, index: int, *, running: bool) -> list[Child]:
         "ports": [{"containerPort": DISCOVERY_SERVER_PORT, "protocol": "UDP"}],
     }
     # The first server stays with the robot, so that its components find each other while it is out of reach.
-    home = wish.robot if index == 0 else ""
+    home = desired.robot if index == 0 else ""
     service = role_service(
-        wish,
-        name=wish.server_names[index],
+        desired,
+        name=desired.server_names[index],
         role=DISCOVERY,
         labels=labels,
         port=DISCOVERY_SERVER_PORT,
         protocol="UDP",
         headless=True,
     )
-    return [_deployment(wish, SERVERS[index], labels, container, home=home, running=running), service]
+    return [_deployment(desired, SERVERS[index], labels, container, home=home, running=running), service]
 
 
-def _router(wish: Desired, *, running: bool) -> list[Child]:
+def _router(desired: Desired, *, running: bool) -> list[Child]:
     """Zenoh router from the first component's image, which has rmw_zenoh_cpp or could not run at all."""
-    labels = role_labels(wish, ROUTER_ROLE)
+    labels = role_labels(desired, ROUTER_ROLE)
     container = {
         "name": ROUTER_ROLE,
-        "image": wish.app.discovery_image or wish.app.spec.components[0].image,
+        "image": desired.app.discovery_image or desired.app.spec.components[0].image,
         "args": ["ros2", "run", "rmw_zenoh_cpp", "rmw_zenohd"],
         # The default listens on IPv6 only and fails where there is none.
         "env": [{"name": "ZENOH_CONFIG_OVERRIDE", "value": f'listen/endpoints=["tcp/0.0.0.0:{ZENOH_PORT}"]'}],
@@ -70,15 +70,21 @@ def _router(wish: Desired, *, running: bool) -> list[Child]:
         "readinessProbe": {"tcpSocket": {"port": ZENOH_PORT}},
     }
     service = role_service(
-        wish, name=wish.router_name, role=ROUTER_ROLE, labels=labels, port=ZENOH_PORT, protocol="TCP", headless=False
+        desired,
+        name=desired.router_name,
+        role=ROUTER_ROLE,
+        labels=labels,
+        port=ZENOH_PORT,
+        protocol="TCP",
+        headless=False,
     )
-    return [_deployment(wish, ROUTER, labels, container, home=wish.robot, running=running), service]
+    return [_deployment(desired, ROUTER, labels, container, home=desired.robot, running=running), service]
 
 
-def _master(wish: Desired, *, running: bool) -> list[Child]:
+def _master(desired: Desired, *, running: bool) -> list[Child]:
     """roscore: a name service; nodes then connect to each other."""
-    labels = role_labels(wish, MASTER_ROLE)
-    image = (wish.app.spec.ros1.image if wish.app.spec.ros1 else "") or f"ros:{wish.distro}-ros-core"
+    labels = role_labels(desired, MASTER_ROLE)
+    image = (desired.app.spec.ros1.image if desired.app.spec.ros1 else "") or f"ros:{desired.distro}-ros-core"
     container = {
         "name": MASTER_ROLE,
         "image": image,
@@ -88,18 +94,30 @@ def _master(wish: Desired, *, running: bool) -> list[Child]:
         "readinessProbe": {"tcpSocket": {"port": MASTER_PORT}},
     }
     service = role_service(
-        wish, name=wish.master_name, role=MASTER_ROLE, labels=labels, port=MASTER_PORT, protocol="TCP", headless=True
+        desired,
+        name=desired.master_name,
+        role=MASTER_ROLE,
+        labels=labels,
+        port=MASTER_PORT,
+        protocol="TCP",
+        headless=True,
     )
     return [
         _deployment(
-            wish, MASTER, labels, container, home=wish.robot, running=running, node=wish.app.spec.placement.master_node
+            desired,
+            MASTER,
+            labels,
+            container,
+            home=desired.robot,
+            running=running,
+            node=desired.app.spec.placement.master_node,
         ),
         service,
     ]
 
 
 def _deployment(
-    wish: Desired,
+    desired: Desired,
     part: str,
     labels: dict[str, str],
     container: dict[str, Any],
@@ -109,7 +127,7 @@ def _deployment(
     node: str = "",
 ) -> Child:
     spec: dict[str, Any] = {
-        "schedulerName": wish.app.scheduler_name,
+        "schedulerName": desired.app.scheduler_name,
         "automountServiceAccountToken": False,
         "enableServiceLinks": False,
         "containers": [container],
@@ -117,14 +135,14 @@ def _deployment(
     affinity = _affinity(labels, home=home, node=node)
     if affinity:
         spec["affinity"] = affinity
-    tolerations = shared_tolerations(wish) + (robot_tolerations(home) + disconnect_tolerations(None) if home else [])
+    tolerations = shared_tolerations(desired) + (robot_tolerations(home) + disconnect_tolerations(None) if home else [])
     if tolerations:
         spec["tolerations"] = tolerations
-    if node_selector := shared_node_selector(wish):
+    if node_selector := shared_node_selector(desired):
         spec["nodeSelector"] = node_selector
     template = {"metadata": {"labels": labels}, "spec": spec}
     return Child(
-        ref=ChildRef(DEPLOYMENT, wish.name_of(part)),
+        ref=ChildRef(DEPLOYMENT, desired.name_of(part)),
         labels=labels,
         spec=deployment_spec(labels, template, replicas=1, running=running),
     )

@@ -15,32 +15,32 @@ from robotapp_operator.plan.spec.desired import Desired
 DISCONNECTED: Final = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
 
 
-def _keeps_pods(component: Component, wish: Desired) -> bool:
+def _keeps_pods(component: Component, desired: Desired) -> bool:
     """Whether pods of the component stay on a lost node: `on_disconnect`, and one more rule for other schedulers.
 
     Our scheduler holds a successor back while its predecessor may still drive; others do not, so with them a pod that may be
     on a robot is kept as well.
     """
-    if not component.on_disconnect and not wish.app.our_scheduler and _may_be_on_robot(component, wish):
+    if not component.on_disconnect and not desired.app.our_scheduler and _may_be_on_robot(component, desired):
         return True
     return on_disconnect(component.runs_on, component.on_disconnect) == KEEP
 
 
-def tolerations(component: Component, wish: Desired) -> list[dict[str, Any]]:
+def tolerations(component: Component, desired: Desired) -> list[dict[str, Any]]:
     """The component's own, then robots' taints where it may run there, then how long it stays on a lost node."""
     result = [*component.template.spec.tolerations]
-    if _may_be_on_robot(component, wish):
-        result += robot_tolerations(wish.robot)
-    return result + disconnect_tolerations(None if _keeps_pods(component, wish) else int(wish.app.grace_s))
+    if _may_be_on_robot(component, desired):
+        result += robot_tolerations(desired.robot)
+    return result + disconnect_tolerations(None if _keeps_pods(component, desired) else int(desired.app.grace_s))
 
 
-def _may_be_on_robot(component: Component, wish: Desired) -> bool:
-    return ROBOT in component.runs_on or bool(wish.robot and not component.runs_on)
+def _may_be_on_robot(component: Component, desired: Desired) -> bool:
+    return ROBOT in component.runs_on or bool(desired.robot and not component.runs_on)
 
 
-def shared_tolerations(wish: Desired) -> list[dict[str, Any]]:
+def shared_tolerations(desired: Desired) -> list[dict[str, Any]]:
     """What every component tolerates. Servers and routers go where all components may: a tainted pool is then no trap."""
-    first, *others = wish.app.spec.components
+    first, *others = desired.app.spec.components
     return [
         one
         for one in first.template.spec.tolerations
@@ -48,9 +48,9 @@ def shared_tolerations(wish: Desired) -> list[dict[str, Any]]:
     ]
 
 
-def shared_node_selector(wish: Desired) -> dict[str, str]:
-    """Labels that every component asks of its node."""
-    first, *others = wish.app.spec.components
+def shared_node_selector(desired: Desired) -> dict[str, str]:
+    """Labels that every component requires of its node."""
+    first, *others = desired.app.spec.components
     return {
         key: value
         for key, value in first.template.spec.node_selector.items()
@@ -73,19 +73,19 @@ def disconnect_tolerations(seconds: int | None) -> list[dict[str, Any]]:
     return [{"key": key, "operator": "Exists", "effect": "NoExecute", **limit} for key in DISCONNECTED]
 
 
-def affinity(component: Component, wish: Desired) -> dict[str, Any]:
+def affinity(component: Component, desired: Desired) -> dict[str, Any]:
     """Affinity of the component's pods, {} when nothing is required.
 
     Our scheduler reads devices, requirements, colocateWith, sharedData.with and separateFrom from the RobotApp and explains refusals in
     their words; only other schedulers get them as labels and pod affinity.
     """
     result: dict[str, Any] = {}
-    terms = _node_terms(component, wish)
+    terms = _node_terms(component, desired)
     if terms:
         result["nodeAffinity"] = required_nodes(terms)
-    if wish.app.our_scheduler:
+    if desired.app.our_scheduler:
         return result
-    together, apart = _neighbours(component, wish)
+    together, apart = _neighbours(component, desired)
     if together:
         result["podAffinity"] = {"requiredDuringSchedulingIgnoredDuringExecution": together}
     if apart:
@@ -93,9 +93,9 @@ def affinity(component: Component, wish: Desired) -> dict[str, Any]:
     return result
 
 
-def may_run_on(component: Component, wish: Desired, labels: Mapping[str, str]) -> bool:
+def may_run_on(component: Component, desired: Desired, labels: Mapping[str, str]) -> bool:
     """Whether the pods' own requirements admit a node with these labels."""
-    terms = _node_terms(component, wish) or [[]]
+    terms = _node_terms(component, desired) or [[]]
     chosen = component.template.spec.node_selector.items()
     return chosen <= labels.items() and any(matches_labels({"matchExpressions": term}, labels) for term in terms)
 
@@ -113,18 +113,18 @@ def is_in(key: str, *values: str) -> dict[str, Any]:
     return {"key": key, "operator": "In", "values": list(values)}
 
 
-def _node_terms(component: Component, wish: Desired) -> list[list[dict[str, Any]]]:
+def _node_terms(component: Component, desired: Desired) -> list[list[dict[str, Any]]]:
     """Which tiers are allowed; which of them is preferred is the scheduler's business. `Robot` means the instance's own."""
-    common: list[dict[str, Any]] = [] if wish.app.our_scheduler else list(_hardware(component))
+    common: list[dict[str, Any]] = [] if desired.app.our_scheduler else list(_hardware(component))
     if component.runs_on:
-        own = [[is_in(Label.ROBOT, wish.robot)]] if wish.robot and ROBOT in component.runs_on else []
+        own = [[is_in(Label.ROBOT, desired.robot)]] if desired.robot and ROBOT in component.runs_on else []
         labels = [tier.lower() for tier in component.runs_on if not (own and tier == ROBOT)]
         others = [[is_in(Label.TIER, *labels)]] if labels else []
         return [[*term, *common] for term in (*own, *others)]
-    if wish.robot:
+    if desired.robot:
         # Anywhere, but never on another robot.
         return [
-            [is_in(Label.ROBOT, wish.robot), *common],
+            [is_in(Label.ROBOT, desired.robot), *common],
             [{"key": Label.ROBOT.value, "operator": "DoesNotExist"}, *common],
         ]
     return [common] if common else []
@@ -142,17 +142,17 @@ def _labelled(kind: str, interface: str, model: str) -> dict[str, Any]:
     return is_in(key, model) if model else {"key": key, "operator": "Exists"}
 
 
-def _neighbours(component: Component, wish: Desired) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def _neighbours(component: Component, desired: Desired) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Pod affinity towards components earlier in the list: two pods that each wait for the other would never start."""
     together: list[dict[str, Any]] = []
     apart: list[dict[str, Any]] = []
-    own = neighbours_of(wish.app.spec).get(component.name, NO_NEIGHBOURS)
-    for other in wish.app.spec.components:
+    own = neighbours_of(desired.app.spec).get(component.name, NO_NEIGHBOURS)
+    for other in desired.app.spec.components:
         if other.name == component.name:
             break
         term = {
             "topologyKey": Label.HOSTNAME.value,
-            "labelSelector": {"matchLabels": selector(component_labels(wish, other.name))},
+            "labelSelector": {"matchLabels": selector(component_labels(desired, other.name))},
         }
         if other.name in own.together:
             together.append(term)

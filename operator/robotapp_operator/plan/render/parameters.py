@@ -96,10 +96,10 @@ def parameter_annotations(component: Component, state: ParameterState) -> dict[s
     return inline | ({Annotation.PARAMETERS_HASH.value: state.hash} if state.hash else {})
 
 
-def parameter_volume(component: Component, wish: Desired, state: ParameterState) -> list[dict[str, Any]]:
+def parameter_volume(component: Component, desired: Desired, state: ParameterState) -> list[dict[str, Any]]:
     """One volume with all files, none when there are none."""
     sources = [
-        _source(file, position, wish.robot)
+        _source(file, position, desired.robot)
         for position, file in enumerate(component.parameters)
         if position not in state.absent
     ]

@@ -26,7 +26,7 @@ PEER_WAIT_S: Final = 10
 
 
 def pod_template(
-    component: Component, wish: Desired, *, domain: Domain | None, state: ParameterState
+    component: Component, desired: Desired, *, domain: Domain | None, state: ParameterState
 ) -> dict[str, Any]:
     """Labels, annotations and spec of the component's pods."""
     template = component.template.spec
@@ -34,7 +34,7 @@ def pod_template(
     if domain is not None and domain.claim:
         annotations[Annotation.DOMAIN_CLAIM.value] = domain.claim  # spares the scheduler a search
     spec = {
-        "schedulerName": wish.app.scheduler_name,
+        "schedulerName": desired.app.scheduler_name,
         # A robot's process has no business with the API server unless its author gave it an account. `default` is what
         # every pod runs as and every writer of RobotApps may name: its token is lent to none of them.
         "automountServiceAccountToken": template.service_account_name not in (None, DEFAULT_ACCOUNT),
@@ -46,23 +46,25 @@ def pod_template(
         "securityContext": template.security_context,
         "imagePullSecrets": list(template.image_pull_secrets),
         "nodeSelector": template.node_selector,
-        "affinity": affinity(component, wish),
-        "tolerations": tolerations(component, wish),
-        "initContainers": [*_waiting(component, wish), *template.init_containers],
-        "containers": [container(component, wish, domain=domain, state=state)],
-        "volumes": [*template.volumes, *parameter_volume(component, wish, state)],
-        **_peer_identity(component, wish),
+        "affinity": affinity(component, desired),
+        "tolerations": tolerations(component, desired),
+        "initContainers": [*_waiting(component, desired), *template.init_containers],
+        "containers": [container(component, desired, domain=domain, state=state)],
+        "volumes": [*template.volumes, *parameter_volume(component, desired, state)],
+        **_peer_identity(component, desired),
     }
-    if not wish.app.our_scheduler and domain is not None:
+    if not desired.app.our_scheduler and domain is not None:
         spec["schedulingGates"] = [{"name": SCHEDULING_GATE}]
-    labels = component.template.metadata.labels | component_labels(wish, component.name)
+    labels = component.template.metadata.labels | component_labels(desired, component.name)
     return {
         "metadata": {"labels": labels, **_written(annotations=annotations)},
         "spec": _written(**spec),
     }
 
 
-def container(component: Component, wish: Desired, *, domain: Domain | None, state: ParameterState) -> dict[str, Any]:
+def container(
+    component: Component, desired: Desired, *, domain: Domain | None, state: ParameterState
+) -> dict[str, Any]:
     """The component's container."""
     return _written(
         name=component.name,
@@ -70,14 +72,14 @@ def container(component: Component, wish: Desired, *, domain: Domain | None, sta
         command=list(component.command),
         args=[*component.args, *parameter_arguments(component, state)],
         workingDir=component.working_dir,
-        env=environment(component, wish, domain=domain, state=state),
+        env=environment(component, desired, domain=domain, state=state),
         envFrom=list(component.env_from),
         ports=list(component.ports),
         volumeMounts=[*component.volume_mounts, *parameter_mount(component, state)],
         resources=component.resources,
         imagePullPolicy=component.image_pull_policy,
         securityContext=component.security_context,
-        readinessProbe=readiness_probe(component, ros_version=wish.app.ros_version),
+        readinessProbe=readiness_probe(component, ros_version=desired.app.ros_version),
         livenessProbe=component.liveness_probe,
         startupProbe=component.startup_probe,
         lifecycle=component.lifecycle,
@@ -85,19 +87,19 @@ def container(component: Component, wish: Desired, *, domain: Domain | None, sta
 
 
 def environment(
-    component: Component, wish: Desired, *, domain: Domain | None, state: ParameterState
+    component: Component, desired: Desired, *, domain: Domain | None, state: ParameterState
 ) -> list[dict[str, Any]]:
     """Ours first, so that the component's own variables can refer to them; its own value wins where both set one.
 
     docs/environment.md is the contract: a variable here is a line there.
     """
     ours = [
-        {"name": "ROBOTAPP_APP", "value": wish.app.name},
-        {"name": "ROBOTAPP_INSTANCE", "value": wish.robot},
-        {"name": "ROBOTAPP_ROBOT", "value": wish.robot},
+        {"name": "ROBOTAPP_APP", "value": desired.app.name},
+        {"name": "ROBOTAPP_INSTANCE", "value": desired.robot},
+        {"name": "ROBOTAPP_ROBOT", "value": desired.robot},
         {"name": "ROBOTAPP_COMPONENT", "value": component.name},
-        {"name": "ROS_DISTRO", "value": wish.distro},
-        *_ros_environment(wish, domain=domain),
+        {"name": "ROS_DISTRO", "value": desired.distro},
+        *_ros_environment(desired, domain=domain),
     ]
     if paths := parameter_paths(component, state):
         ours.append({"name": "ROBOTAPP_PARAMETER_FILES", "value": ":".join(paths)})
@@ -107,25 +109,27 @@ def environment(
     return [*(variable for variable in ours if variable["name"] not in own), *component.env]
 
 
-def _ros_environment(wish: Desired, *, domain: Domain | None) -> list[dict[str, Any]]:
-    if wish.app.ros_version == 1 or domain is None:
-        return ros1_environment(wish)
-    return [{"name": variable.name, "value": variable.value} for variable in ros2_environment(wish, domain=domain.id)]
+def _ros_environment(desired: Desired, *, domain: Domain | None) -> list[dict[str, Any]]:
+    if desired.app.ros_version == 1 or domain is None:
+        return ros1_environment(desired)
+    return [
+        {"name": variable.name, "value": variable.value} for variable in ros2_environment(desired, domain=domain.id)
+    ]
 
 
-def _peer_identity(component: Component, wish: Desired) -> dict[str, str]:
+def _peer_identity(component: Component, desired: Desired) -> dict[str, str]:
     """A DNS name per component, under the headless Service."""
-    if wish.discovery != "Peers":
+    if desired.discovery != "Peers":
         return {}
-    return {"hostname": component.name, "subdomain": wish.peers_service}
+    return {"hostname": component.name, "subdomain": desired.peers_service}
 
 
-def _waiting(component: Component, wish: Desired) -> list[dict[str, Any]]:
+def _waiting(component: Component, desired: Desired) -> list[dict[str, Any]]:
     """An init step that gives the names discovery needs up to 10 s to resolve; it runs in the component's own image.
 
     Cyclone resolves its peers once, when it starts; Fast DDS its servers likewise.
     """
-    names = wish.names_to_await(component.name)
+    names = desired.names_to_await(component.name)
     if not names:
         return []
     script = (
@@ -143,5 +147,5 @@ def _waiting(component: Component, wish: Desired) -> list[dict[str, Any]]:
 
 
 def _written(**fields: Any) -> dict[str, Any]:
-    """Only what says something: the API server would drop the rest, and we would see a difference for ever."""
+    """Only fields with a value: the API server would drop the rest, and we would see a difference for ever."""
     return {name: value for name, value in fields.items() if value is not None and value not in ([], {}, "")}

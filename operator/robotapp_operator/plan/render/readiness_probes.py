@@ -1,6 +1,6 @@
-"""Readiness probes: the component's own, or one that `ready` asks of ROS.
+"""Readiness probes: the component's own, or one from `ready`, which queries ROS.
 
-Asking ROS costs seconds (a new participant joins the graph), so topic and lifecycle are asked rarely; a sidecar that stays
+A query costs seconds (a new participant joins the graph), so topic and lifecycle are queried rarely; a sidecar that stays
 in the graph would be better and needs an image of ours.
 """
 
@@ -12,7 +12,7 @@ from robotapp_api.values.quantity import parse_milli
 
 ROS_PERIOD_S: Final = 15
 ROS_TIMEOUT_S: Final = 10
-_ASK_S: Final = 7
+_QUERY_TIMEOUT_S: Final = 7
 
 
 def readiness_probe(component: Component, *, ros_version: int) -> dict[str, Any] | None:
@@ -33,14 +33,14 @@ def _topic(topic: ReadyTopic, ros_version: int) -> str:
     tool = "ros2 topic" if ros_version == 2 else "rostopic"
     name = shlex.quote(topic.name)
     if topic.min_rate is None:
-        return f"timeout {_ASK_S} {tool} echo {'--once' if ros_version == 2 else '-n 1'} {name}"
+        return f"timeout {_QUERY_TIMEOUT_S} {tool} echo {'--once' if ros_version == 2 else '-n 1'} {name}"
     # `hz` runs until it is stopped and prints the average again and again; the last one counts.
     return (
-        f"timeout {_ASK_S} {tool} hz -w 10 {name} | "
+        f"timeout {_QUERY_TIMEOUT_S} {tool} hz -w 10 {name} | "
         f"awk '/average rate/ {{rate = $3}} END {{exit !(rate >= {parse_milli(topic.min_rate) / 1000:g})}}'"
     )
 
 
 def _lifecycle(component: str) -> str:
     """The node is named like its component, with underscores: ROS names have no dashes."""
-    return f"timeout {_ASK_S} ros2 lifecycle get /{component.replace('-', '_')} | grep -q '^active'"
+    return f"timeout {_QUERY_TIMEOUT_S} ros2 lifecycle get /{component.replace('-', '_')} | grep -q '^active'"

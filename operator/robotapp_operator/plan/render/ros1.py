@@ -7,16 +7,16 @@ from robotapp_operator.plan.spec.desired import Desired
 MASTER_PORT: Final = 11311
 
 
-def master_uri(wish: Desired) -> str:
+def master_uri(desired: Desired) -> str:
     """Address of the instance's master: our roscore's Service, or what the user wrote."""
-    if wish.app.spec.ros1 and not wish.app.managed_master:
-        return wish.app.spec.ros1.uri
-    return f"http://{wish.master_name}:{MASTER_PORT}"
+    if desired.app.spec.ros1 and not desired.app.managed_master:
+        return desired.app.spec.ros1.uri
+    return f"http://{desired.master_name}:{MASTER_PORT}"
 
 
-def ros1_environment(wish: Desired) -> list[dict[str, Any]]:
+def ros1_environment(desired: Desired) -> list[dict[str, Any]]:
     """TCPROS peers connect to the address a node advertises, so that must be the pod's own IP, never its host name."""
-    return [{"name": "ROS_MASTER_URI", "value": master_uri(wish)}, own_address("ROS_IP")]
+    return [{"name": "ROS_MASTER_URI", "value": master_uri(desired)}, own_address("ROS_IP")]
 
 
 def own_address(variable: str) -> dict[str, Any]:

@@ -7,16 +7,16 @@ from robotapp_operator.plan.spec.desired import Desired
 from robotapp_operator.plan.spec.objects import ChildRef
 
 
-def peers_service(wish: Desired) -> Child:
+def peers_service(desired: Desired) -> Child:
     """Headless: a name per pod, published before it is ready, because discovery happens while starting."""
-    labels = instance_labels(wish)
+    labels = instance_labels(desired)
     return _service(
-        wish.peers_service, labels, selector(labels), {"clusterIP": "None", "publishNotReadyAddresses": True}
+        desired.peers_service, labels, selector(labels), {"clusterIP": "None", "publishNotReadyAddresses": True}
     )
 
 
 def role_service(
-    wish: Desired, *, name: str, role: str, labels: dict[str, str], port: int, protocol: str, headless: bool
+    desired: Desired, *, name: str, role: str, labels: dict[str, str], port: int, protocol: str, headless: bool
 ) -> Child:
     """`headless` for UDP: an answer would come from the pod's own address, not the Service's."""
     kind: dict[str, Any] = {"clusterIP": "None"} if headless else {}
@@ -25,7 +25,7 @@ def role_service(
         "publishNotReadyAddresses": headless,
         "ports": [{"name": role, "port": port, "protocol": protocol, "targetPort": port}],
     }
-    return _service(name, instance_labels(wish), selector(labels), spec)
+    return _service(name, instance_labels(desired), selector(labels), spec)
 
 
 def _service(name: str, labels: dict[str, str], pods: dict[str, str], spec: dict[str, Any]) -> Child:

@@ -1,7 +1,7 @@
-"""What one instance of an app wants, with everything conditional already decided.
+"""The desired state of one instance of an app, with everything conditional already decided.
 
 The schema defaults what depends on nothing else; what depends on the distro, the middleware or the robot is decided here,
-once, so that rendering, status and `render` say the same.
+once, so that rendering, status and `render` agree.
 """
 
 import dataclasses
@@ -41,7 +41,7 @@ class Domain(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class App:
-    """A RobotApp as the plan sees it: identity and wish, without its status."""
+    """A RobotApp as the plan sees it: identity and spec, without its status."""
 
     name: str
     namespace: str
@@ -77,7 +77,7 @@ class App:
 
     @property
     def share_with(self) -> tuple[AppKey, ...]:
-        """The apps whose domain this one asks to share."""
+        """The apps whose domain this one requests to share."""
         others = self.spec.ros2.share_with if self.spec.ros2 else ()
         return tuple((other.namespace or self.namespace, other.name) for other in others)
 
@@ -195,8 +195,8 @@ def _seconds(duration: str) -> float:
         return float("inf")
 
 
-def wish_of(app: App, robot: str) -> Desired:
-    """The instance's wish; total, also for a spec that is not accepted."""
+def desired_of(app: App, robot: str) -> Desired:
+    """The instance's desired state; defined for a spec that is not accepted, too."""
     return Desired(
         app=app,
         robot=robot,

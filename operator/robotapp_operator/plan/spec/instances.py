@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 
 from robotapp_api.claims import instances as rule
-from robotapp_api.claims.instances import Instance, RobotWish
+from robotapp_api.claims.instances import Instance, RobotSelection
 from robotapp_api.claims.objects import Meta
 from robotapp_api.model.base import dump
 from robotapp_operator.plan.spec.desired import App
@@ -22,20 +22,20 @@ def instances_of(
 
     kept: robots out of sight whose instances go on.
     """
-    wish = robot_wish(app)
-    metas = [node.metadata for node in nodes.values()] if wish.node_selector is not None else []
-    unreachable = {name for name, node in nodes.items() if not node.ready} if wish.assignment == rule.ANY else ()
-    return rule.instances_of(wish, metas, running=running, claimed=claimed, unreachable=unreachable, kept=kept)
+    selection = robot_selection_of(app)
+    metas = [node.metadata for node in nodes.values()] if selection.node_selector is not None else []
+    unreachable = {name for name, node in nodes.items() if not node.ready} if selection.assignment == rule.ANY else ()
+    return rule.instances_of(selection, metas, running=running, claimed=claimed, unreachable=unreachable, kept=kept)
 
 
 def matching_robots(app: App, nodes: Mapping[str, Node]) -> list[Meta]:
     """Robot nodes the selector names, in name order, allowed or not."""
-    return rule.matching_robots(robot_wish(app), (node.metadata for node in nodes.values()))
+    return rule.matching_robots(robot_selection_of(app), (node.metadata for node in nodes.values()))
 
 
 def allowed_robots(app: App, nodes: Mapping[str, Node]) -> list[Meta]:
     """Matching robots that admit the app's namespace."""
-    return rule.allowed_robots(robot_wish(app), (node.metadata for node in nodes.values()))
+    return rule.allowed_robots(robot_selection_of(app), (node.metadata for node in nodes.values()))
 
 
 def open_robots(app: App, nodes: Mapping[str, Node]) -> list[Meta]:
@@ -43,8 +43,8 @@ def open_robots(app: App, nodes: Mapping[str, Node]) -> list[Meta]:
     return rule.open_robots((node.metadata for node in nodes.values()), app.namespace)
 
 
-def robot_wish(app: App) -> RobotWish:
+def robot_selection_of(app: App) -> RobotSelection:
     robots = app.spec.robots
     if robots is None:
-        return RobotWish(app.uid, app.namespace)
-    return RobotWish(app.uid, app.namespace, dump(robots.node_selector), robots.assignment)
+        return RobotSelection(app.uid, app.namespace)
+    return RobotSelection(app.uid, app.namespace, dump(robots.node_selector), robots.assignment)

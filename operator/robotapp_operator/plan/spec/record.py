@@ -1,4 +1,4 @@
-"""A RobotApp as read from the API server: its parsed wish, or why it could not be read, and its status."""
+"""A RobotApp as read from the API server: its parsed spec, or why it could not be read, and its status."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from robotapp_operator.plan.spec.validate import Problem
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Record:
-    """`app` is None when the spec cannot be parsed; `problems` then says why.
+    """`app` is None when the spec cannot be parsed; `problems` then has the reasons.
 
     `suspended` is read from the object itself: a user's stop must not depend on what else this version understands.
     """
@@ -36,7 +36,7 @@ class Record:
         return version_number(self.resource_version)
 
     @property
-    def wish_mark(self) -> tuple[object, ...]:
+    def spec_version(self) -> tuple[object, ...]:
         """Changes when anything but the status does."""
         return self.generation, self.deleting, self.app.annotations if self.app else None
 

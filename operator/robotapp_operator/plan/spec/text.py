@@ -1,4 +1,4 @@
-"""How much room a text takes in a status, and texts cut to their room."""
+"""The bytes a text takes in a status, and texts cut to a number of bytes."""
 
 import json
 from collections.abc import Iterable
@@ -19,10 +19,10 @@ def clip(text: str, limit: int) -> str:
     """`text` in at most `limit` bytes as stored; … stands for what was cut off."""
     if _bytes(text) <= limit:
         return text
-    room = limit - _bytes(ELLIPSIS)
+    left = limit - _bytes(ELLIPSIS)
     for index, char in enumerate(text):
-        room -= _bytes(char)
-        if room < 0:
+        left -= _bytes(char)
+        if left < 0:
             return text[:index] + ELLIPSIS
     return text
 

@@ -29,7 +29,7 @@ def problems_with(app: App, nodes: Mapping[str, Node]) -> tuple[Problem, ...]:
 
 
 def domain_problems(app: App, pool: Pool | None, claims: Iterable[Claim]) -> tuple[Problem, ...]:
-    """The domain that the spec asks for is one its pool does not give away. claims: the app's, of all instances.
+    """The domain that the spec requests is one its pool does not give away. claims: the app's, of all instances.
 
     Not for an app that holds the id already, which keeps it, nor for one that joins the domain of another.
     """

@@ -1,4 +1,4 @@
-"""Who stands in the way of an instance's devices, for the condition `Allocated`. The scheduler decides; this only tells."""
+"""Why an instance cannot get its devices, for the condition `Allocated`. The scheduler decides; this only explains."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
@@ -10,8 +10,7 @@ from robotapp_api.claims.objects import Claim
 from robotapp_api.model.component import Component
 from robotapp_api.model.device import Device
 from robotapp_operator.plan.render.node_affinity import may_run_on
-from robotapp_operator.plan.spec.desired import App, wish_of
-from robotapp_operator.plan.spec.desired import Desired as InstanceWish
+from robotapp_operator.plan.spec.desired import App, Desired, desired_of
 from robotapp_operator.plan.spec.objects import Node, Telemetry
 
 SHOWN: Final = 3
@@ -29,7 +28,7 @@ class Place(NamedTuple):
 
 
 class DeviceRequest(NamedTuple):
-    """An exclusive device that a component asks for, and those that would do, held or not."""
+    """An exclusive device that a component requests, and the devices that fit, held or not."""
 
     component: str
     device: str
@@ -44,24 +43,24 @@ def device_trouble(
     telemetry: Mapping[str, Telemetry],
     nodes: Mapping[str, Node],
 ) -> str:
-    """Why the instance cannot have its devices, as far as that can be told without placing it; "" if nothing is known.
+    """Why the instance cannot have its devices, as far as that is known before it is placed; "" if nothing is.
 
     First what the app can never have, because its own components want it twice; then the first device of which every one
     that would do is held by others.
     """
     closed = closed_nodes([node.metadata for node in nodes.values()], app.namespace)
-    nodes = {name: node for name, node in nodes.items() if name not in closed}  # others' robots are not talked about
-    wishes = [
+    nodes = {name: node for name, node in nodes.items() if name not in closed}  # messages do not name robots of others
+    requests = [
         DeviceRequest(component.name, device.name, fitting)
         for component in app.spec.components
         for device in component.devices
         if claimed(device)
-        and (fitting := _fitting(component, device, wish_of(app, instance.robot), telemetry=telemetry, nodes=nodes))
+        and (fitting := _fitting(component, device, desired_of(app, instance.robot), telemetry=telemetry, nodes=nodes))
     ]
-    if group := rivals([wish.fitting for wish in wishes]):
-        return _rivals_text([wishes[index] for index in group])
-    for wish in wishes:
-        found = [_claim_on(place, claims, telemetry[place.node]) for place in sorted(wish.fitting)]
+    if group := rivals([request.fitting for request in requests]):
+        return _rivals_text([requests[index] for index in group])
+    for request in requests:
+        found = [_claim_on(place, claims, telemetry[place.node]) for place in sorted(request.fitting)]
         others = [claim for claim in found if claim is not None and not _belongs(claim, app, instance)]
         if len(others) == len(found):
             return busy_text(others[0], for_namespace=app.namespace)
@@ -69,7 +68,7 @@ def device_trouble(
 
 
 def rivals(fitting: Sequence[frozenset[Place]]) -> list[int]:
-    """Which wishes, by index, cannot all be had although every device is free; none of them can be left out."""
+    """Which requests, by index, cannot all be had although every device is free; none of them can be left out."""
     group = list(range(len(fitting)))
     if _can_have(fitting, group):
         return []
@@ -88,12 +87,12 @@ def _can_have(fitting: Sequence[frozenset[Place]], group: Sequence[int]) -> bool
 
 
 def _rivals_text(group: Sequence[DeviceRequest]) -> str:
-    components = [wish.component for wish in group]
+    components = [request.component for request in group]
     names = [
-        wish.component if components.count(wish.component) == 1 else f"{wish.component} ({wish.device})"
-        for wish in group
+        request.component if components.count(request.component) == 1 else f"{request.component} ({request.device})"
+        for request in group
     ]
-    places = sorted(frozenset[Place]().union(*(wish.fitting for wish in group)))
+    places = sorted(frozenset[Place]().union(*(request.fitting for request in group)))
     shown = _and([str(place) for place in places[:SHOWN]])
     if len(places) == 1:
         return f"{_and(names)} both want {shown}, which only one can have: remove the device from one of them"
@@ -106,8 +105,8 @@ def _and(names: Sequence[str]) -> str:
 
 def _fitting(
     component: Component,
-    asked: Device,
-    wish: InstanceWish,
+    wanted: Device,
+    desired: Desired,
     *,
     telemetry: Mapping[str, Telemetry],
     nodes: Mapping[str, Node],
@@ -116,9 +115,9 @@ def _fitting(
     return frozenset(
         Place(name, device.id)
         for name, report in telemetry.items()
-        if name in nodes and may_run_on(component, wish, nodes[name].metadata.labels)
+        if name in nodes and may_run_on(component, desired, nodes[name].metadata.labels)
         for device in report.status.devices
-        if fits(asked, device)
+        if fits(wanted, device)
     )
 
 

@@ -56,11 +56,11 @@ _TURNS = (
 )
 
 
-def news_of(
+def events_between(
     before: Mapping[str, Any], after: Mapping[str, Any], *, new_domains: Mapping[str, int]
 ) -> list[PendingEvent]:
     """Compare two statuses of one app. `new_domains`: instance -> id that was claimed since."""
-    news = [
+    events = [
         PendingEvent(
             EventReason.DOMAIN_ALLOCATED, f"{f'robot {robot}: ' if robot else ''}domain {number}", warning=False
         )
@@ -70,8 +70,8 @@ def news_of(
     for turn in _TURNS:
         status, reason, message = turned.get(turn.kind.value, ("", "", ""))
         if status and (status == turn.status or reason in turn.reasons):
-            news.append(PendingEvent(turn.event or EventReason(reason), message, turn.warning))
-    return news
+            events.append(PendingEvent(turn.event or EventReason(reason), message, turn.warning))
+    return events
 
 
 def _turned(

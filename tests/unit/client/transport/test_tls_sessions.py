@@ -13,7 +13,7 @@ from tests.support.clients import until
 from robotapp_api.client import Endpoint
 from robotapp_api.client.transport.connect import Dialer
 from robotapp_api.client.transport.http11 import Answer, Connection, Exchange, Outcome
-from robotapp_api.client.transport.tls_sessions import SessionResumption, resuming
+from robotapp_api.client.transport.tls_sessions import SessionResumption, with_resumption
 
 ANSWER = b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n"
 
@@ -72,7 +72,7 @@ async def test_who_was_spoken_to_before_is_not_proved_again(
 ) -> None:
     context = ssl.create_default_context(cadata=authority.pem)
     async with tls_server(tmp_path, authority) as port:
-        dialer = Dialer(Endpoint(f"https://localhost:{port}", resuming(context) if taken_up else context))
+        dialer = Dialer(Endpoint(f"https://localhost:{port}", with_resumption(context) if taken_up else context))
         assert [reused(await connected(dialer)) for _ in range(3)] == expected
         await dialer.close()
 
@@ -84,7 +84,7 @@ async def test_a_connection_that_has_taken_a_session_up_is_not_asked_for_its_own
     remember = SessionResumption.remember
     monkeypatch.setattr(SessionResumption, "remember", lambda spoken: (asked.append(spoken), remember(spoken))[1])
     async with tls_server(tmp_path, authority) as port:
-        context = resuming(ssl.create_default_context(cadata=authority.pem))
+        context = with_resumption(ssl.create_default_context(cadata=authority.pem))
         dialer = Dialer(Endpoint(f"https://localhost:{port}", context))
         assert [reused(await connected(dialer)) for _ in range(4)] == [False, True, True, True]
         assert [spoken.session_reused for spoken in asked] == [False]
@@ -94,7 +94,7 @@ async def test_a_connection_that_has_taken_a_session_up_is_not_asked_for_its_own
 async def test_a_server_that_has_forgotten_the_session_is_asked_to_prove_itself(
     tmp_path: Path, authority: Authority
 ) -> None:
-    context = resuming(ssl.create_default_context(cadata=authority.pem))
+    context = with_resumption(ssl.create_default_context(cadata=authority.pem))
     port = await spoken_to(tmp_path, authority, context)
     async with tls_server(tmp_path, authority, port):
         dialer = Dialer(Endpoint(f"https://localhost:{port}", context))
@@ -103,7 +103,7 @@ async def test_a_server_that_has_forgotten_the_session_is_asked_to_prove_itself(
 
 
 async def test_a_stranger_who_takes_the_place_of_the_server_is_refused(tmp_path: Path, authority: Authority) -> None:
-    context = resuming(ssl.create_default_context(cadata=authority.pem))
+    context = with_resumption(ssl.create_default_context(cadata=authority.pem))
     port = await spoken_to(tmp_path, authority, context)
     async with tls_server(tmp_path, Authority(), port):
         dialer = Dialer(Endpoint(f"https://localhost:{port}", context))

@@ -10,7 +10,7 @@ from robotapp_api.claims.domain import Fence
 from robotapp_api.client import AlreadyExists, Conflict, Forbidden, Invalid, NotFound
 from robotapp_api.model.names import Reason
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, plan, wanted_children
-from robotapp_operator.plan.spec.desired import Domain, wish_of
+from robotapp_operator.plan.spec.desired import Domain, desired_of
 from robotapp_operator.plan.spec.objects import ChildRef
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.apply_plan import Written, execute
@@ -20,7 +20,7 @@ NEWER = make_app(ros2={"discovery": {"mode": "Multicast"}}, generation=2, suspen
 
 
 def children(running: bool = True) -> list[Any]:
-    return wanted_children(wish_of(APP, ""), domain=Domain(7, "c"), parameters={}, running=running)
+    return wanted_children(desired_of(APP, ""), domain=Domain(7, "c"), parameters={}, running=running)
 
 
 def fresh() -> Plan:

@@ -35,7 +35,7 @@ class World:
         self.swept = 0
         client = ApiClient(Endpoint("http://localhost"), user_agent="test")
         self.informers = Informers(
-            client, self.cache, self.queue, namespaces=(), wake_sweep=self._wake, clock=lambda: self.now_s
+            client, self.cache, self.queue, namespaces=(), request_sweep=self._wake, clock=lambda: self.now_s
         )
 
     def _wake(self) -> None:
@@ -346,7 +346,7 @@ def test_served_namespaces_have_watches_of_their_own() -> None:
     queue = Queue(clock=lambda: 0.0, jitter=lambda: 0.0)
 
     def count(*namespaces: str) -> int:
-        found = Informers(client, Cache(), queue, namespaces=namespaces, wake_sweep=lambda: None, clock=lambda: 0.0)
+        found = Informers(client, Cache(), queue, namespaces=namespaces, request_sweep=lambda: None, clock=lambda: 0.0)
         return len(found.reflectors)
 
     assert count("a", "b") - count("a") == count() - 4

@@ -24,7 +24,7 @@ from robotapp_api.claims.identity import claim_name_device, id_order
 from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import Reason
 from robotapp_operator.plan.diff.diff import Observed, plan, wanted_children
-from robotapp_operator.plan.spec.desired import App, Domain, wish_of
+from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, ReplicaSet, Telemetry
 from robotapp_operator.plan.status.facts import InstanceFacts
 from robotapp_operator.watch import lister
@@ -35,8 +35,8 @@ EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "oper
 
 
 def with_children(cache: Cache, app: App, robot: str = "", *, number: int = 7) -> dict[Any, Observed]:
-    wish = wish_of(app, robot)
-    wanted = wanted_children(wish, domain=Domain(number, f"dds.default.c.{number}"), parameters={}, running=True)
+    desired = desired_of(app, robot)
+    wanted = wanted_children(desired, domain=Domain(number, f"dds.default.c.{number}"), parameters={}, running=True)
     found = after(plan(app, wanted, {}, version=VERSION, settled={}), {}, app)
     for ref, item in found.items():
         index: Any = cache.deployments if isinstance(item, Deployment) else cache.services

@@ -18,7 +18,7 @@ def woken(pool: str, *apps: dict[str, object]) -> set[Key]:
     for app in apps:
         cache.update_app(app)
     client = ApiClient(Endpoint("http://localhost"), user_agent="test")
-    informers = Informers(client, cache, queue, namespaces=(), wake_sweep=lambda: None, clock=lambda: 0.0)
+    informers = Informers(client, cache, queue, namespaces=(), request_sweep=lambda: None, clock=lambda: 0.0)
     informers._pool(
         Change("ADDED", pool, None, Pool(metadata=Meta(name=pool), spec=PoolSpec(ids="1-9", reserved=(7,))))
     )

@@ -9,14 +9,14 @@ from tests.support.factories import VERSION, after, component, make_app
 from robotapp_api.model.names import Annotation, Label
 from robotapp_operator.plan.diff.diff import Observed, Plan, deployment_domain, plan, wanted_children
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child
-from robotapp_operator.plan.spec.desired import App, Domain, wish_of
+from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment
 
 DOMAIN = Domain(7, "dds.default.c.7")
 
 
 def wanted(app: App, *, domain: Domain | None = DOMAIN, running: bool = True) -> list[Child]:
-    return wanted_children(wish_of(app, ""), domain=domain, parameters={}, running=running)
+    return wanted_children(desired_of(app, ""), domain=domain, parameters={}, running=running)
 
 
 def planned(

@@ -7,12 +7,12 @@ from tests.support.factories import component, make_app
 
 from robotapp_api.checks.middleware import resolve_mode
 from robotapp_operator.plan.render.environment import cyclone_config, ros2_environment
-from robotapp_operator.plan.spec.desired import Desired, wish_of
+from robotapp_operator.plan.spec.desired import Desired, desired_of
 
 
-def wish(rmw: str | None = None, *, distro: str = "humble", mode: str = "Auto", **ros2: object) -> Desired:
+def desired(rmw: str | None = None, *, distro: str = "humble", mode: str = "Auto", **ros2: object) -> Desired:
     fields = {"discovery": {"mode": mode}, **ros2, **({"rmw": rmw} if rmw else {})}
-    return wish_of(make_app(component("a"), component("b"), ros={"distro": distro}, ros2=fields), "amr-07")
+    return desired_of(make_app(component("a"), component("b"), ros={"distro": distro}, ros2=fields), "amr-07")
 
 
 def variables(of: Desired) -> dict[str, str]:
@@ -20,7 +20,7 @@ def variables(of: Desired) -> dict[str, str]:
 
 
 def test_domain_and_middleware_come_first() -> None:
-    first = ros2_environment(wish(), domain=7)[:2]
+    first = ros2_environment(desired(), domain=7)[:2]
     assert [tuple(variable) for variable in first] == [
         ("ROS_DOMAIN_ID", "7"),
         ("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp"),
@@ -44,13 +44,13 @@ def test_auto_chooses_what_works_without_multicast(rmw: str, mode: str) -> None:
 
 
 def test_fast_dds_clients_know_both_servers_in_the_order_of_their_ids() -> None:
-    found = wish()
+    found = desired()
     assert variables(found)["ROS_DISCOVERY_SERVER"] == ";".join(f"{name}:11811" for name in found.server_names)
     assert len(found.server_names) == 2
 
 
 def test_cyclone_peers_are_one_name_per_component_without_multicast() -> None:
-    found = wish("rmw_cyclonedds_cpp")
+    found = desired("rmw_cyclonedds_cpp")
     config = ET.fromstring(variables(found)["CYCLONEDDS_URI"])  # noqa: S314 - our own text
     addresses = [peer.get("Address") for peer in config.iter("Peer")]
     assert addresses == [f"a.{found.peers_service}", f"b.{found.peers_service}"]
@@ -69,21 +69,21 @@ def test_names_in_the_cyclone_configuration_are_quoted() -> None:
 )
 def test_cyclone_never_gives_a_peer_up_where_it_can_be_told_so(distro: str, patience: str | None) -> None:
     """Cyclone DDS before 11 ends at an element it does not know, and asks for ever anyway."""
-    config = ET.fromstring(variables(wish("rmw_cyclonedds_cpp", distro=distro))["CYCLONEDDS_URI"])  # noqa: S314 - our own text
+    config = ET.fromstring(variables(desired("rmw_cyclonedds_cpp", distro=distro))["CYCLONEDDS_URI"])  # noqa: S314 - our own text
     assert config.findtext("Domain/Discovery/InitialLocatorPruneDelay") == patience
 
 
 def test_connext_peers_are_udp_locators() -> None:
-    assert variables(wish("rmw_connextdds"))["NDDS_DISCOVERY_PEERS"].startswith("udpv4://a.")
+    assert variables(desired("rmw_connextdds"))["NDDS_DISCOVERY_PEERS"].startswith("udpv4://a.")
 
 
 def test_fast_dds_peers_use_the_variable_that_came_with_iron() -> None:
-    found = wish(distro="jazzy", mode="Peers")
+    found = desired(distro="jazzy", mode="Peers")
     assert variables(found)["ROS_STATIC_PEERS"] == ";".join(found.peer_names)
 
 
 def test_zenoh_sessions_are_clients_of_the_router_and_wait_for_it() -> None:
-    found = wish("rmw_zenoh_cpp", distro="jazzy")
+    found = desired("rmw_zenoh_cpp", distro="jazzy")
     assert variables(found)["ZENOH_CONFIG_OVERRIDE"] == (
         f'mode="client";connect/endpoints=["tcp/{found.router_name}:7447"]'
     )
@@ -104,17 +104,17 @@ def test_zenoh_sessions_are_clients_of_the_router_and_wait_for_it() -> None:
 def test_the_discovery_range_uses_the_variable_of_the_distribution(
     distro: str, mode: str, name: str, value: str
 ) -> None:
-    found = variables(wish("rmw_fastrtps_cpp", distro=distro, mode=mode))
+    found = variables(desired("rmw_fastrtps_cpp", distro=distro, mode=mode))
     assert found[name] == value
     assert len({"ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE"} & found.keys()) == 1
 
 
 def test_udp_transport_turns_shared_memory_off_for_fast_dds_only() -> None:
-    assert variables(wish(transport="UDP"))["FASTDDS_BUILTIN_TRANSPORTS"] == "UDPv4"
-    assert "FASTDDS_BUILTIN_TRANSPORTS" not in variables(wish(transport="SHM"))
-    assert "FASTDDS_BUILTIN_TRANSPORTS" not in variables(wish("rmw_cyclonedds_cpp", transport="UDP"))
+    assert variables(desired(transport="UDP"))["FASTDDS_BUILTIN_TRANSPORTS"] == "UDPv4"
+    assert "FASTDDS_BUILTIN_TRANSPORTS" not in variables(desired(transport="SHM"))
+    assert "FASTDDS_BUILTIN_TRANSPORTS" not in variables(desired("rmw_cyclonedds_cpp", transport="UDP"))
 
 
 def test_the_middleware_defaults_to_the_distributions() -> None:
-    assert wish(distro="galactic").rmw == "rmw_cyclonedds_cpp"
-    assert wish(distro="jazzy").rmw == "rmw_fastrtps_cpp"
+    assert desired(distro="galactic").rmw == "rmw_cyclonedds_cpp"
+    assert desired(distro="jazzy").rmw == "rmw_fastrtps_cpp"

@@ -11,7 +11,7 @@ from tests.support.factories import component, make_app
 from robotapp_operator.plan.diff.diff import wanted_children
 from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.spec.covers import content_hash
-from robotapp_operator.plan.spec.desired import Domain, wish_of
+from robotapp_operator.plan.spec.desired import Domain, desired_of
 
 FULL = component(
     "full",
@@ -48,10 +48,10 @@ GOLDEN: dict[str, list[str]] = {
 def templates(robot: str, spec: dict[str, Any]) -> list[str]:
     fields = dict(spec)
     app = make_app(*fields.pop("components", ()), **fields)
-    wish = wish_of(app, robot)
+    desired = desired_of(app, robot)
     domain = Domain(7, "dds.default.c.7") if app.ros_version == 2 else None
     state = {part.name: ParameterState(hash="0123456789abcdef") for part in app.spec.components if part.parameters}
-    children = wanted_children(wish, domain=domain, parameters=state, running=True)
+    children = wanted_children(desired, domain=domain, parameters=state, running=True)
     return [content_hash(child.spec["template"]) for child in children if "template" in child.spec]
 
 

@@ -8,11 +8,11 @@ from robotapp_api.model.names import Label
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.infrastructure import infrastructure
 from robotapp_operator.plan.render.services import peers_service
-from robotapp_operator.plan.spec.desired import wish_of
+from robotapp_operator.plan.spec.desired import desired_of
 
 
 def parts(robot: str = "", **spec: Any) -> list[Child]:
-    return infrastructure(wish_of(make_app(**spec), robot), running=True)
+    return infrastructure(desired_of(make_app(**spec), robot), running=True)
 
 
 def pod_spec(child: Child) -> dict[str, Any]:
@@ -111,12 +111,12 @@ def test_external_masters_cyclone_and_multicast_need_nothing() -> None:
 
 
 def test_the_headless_service_publishes_starting_pods_of_the_instance() -> None:
-    service = peers_service(wish_of(make_app(), "amr-07"))
+    service = peers_service(desired_of(make_app(), "amr-07"))
     assert service.spec["clusterIP"] == "None"
     assert service.spec["publishNotReadyAddresses"] is True
     assert service.spec["selector"] == {"robotics.io/app": "teleop", "robotics.io/instance": "amr-07"}
 
 
 def test_infrastructure_of_a_stopped_instance_has_no_pods() -> None:
-    stopped = infrastructure(wish_of(make_app(), ""), running=False)
+    stopped = infrastructure(desired_of(make_app(), ""), running=False)
     assert {child.spec["replicas"] for child in stopped if child.ref.kind == DEPLOYMENT} == {0}

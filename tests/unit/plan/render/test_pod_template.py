@@ -10,7 +10,7 @@ from tests.support.factories import component, make_app
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
 from robotapp_operator.plan.render.parameters import NONE, ParameterState, parameter_states
 from robotapp_operator.plan.render.pod_template import pod_template
-from robotapp_operator.plan.spec.desired import Domain, wish_of
+from robotapp_operator.plan.spec.desired import Domain, desired_of
 from robotapp_operator.plan.spec.objects import ConfigMap
 
 DOMAIN = Domain(7, "dds.default.c.7")
@@ -20,9 +20,9 @@ def template(
     *, robot: str = "", state: ParameterState = NONE, app: dict[str, Any] | None = None, **fields: Any
 ) -> dict[str, Any]:
     whole = make_app(component("driver", **fields), component("other"), **(app or {}))
-    wish = wish_of(whole, robot)
+    desired = desired_of(whole, robot)
     domain = DOMAIN if whole.ros_version == 2 else None
-    return pod_template(whole.spec.components[0], wish, domain=domain, state=state)
+    return pod_template(whole.spec.components[0], desired, domain=domain, state=state)
 
 
 def env_of(rendered: dict[str, Any]) -> dict[str, Any]:
@@ -125,7 +125,7 @@ FILES: list[dict[str, Any]] = [
 def with_files(config_maps: dict[str, ConfigMap]) -> dict[str, Any]:
     app = make_app(component("driver", args=["run"], parameters=FILES))
     state = parameter_states(app, "amr-07", config_maps)["driver"]
-    return pod_template(app.spec.components[0], wish_of(app, "amr-07"), domain=DOMAIN, state=state)
+    return pod_template(app.spec.components[0], desired_of(app, "amr-07"), domain=DOMAIN, state=state)
 
 
 def test_parameter_files_are_mounted_in_one_volume_and_passed_in_their_order() -> None:
@@ -228,8 +228,10 @@ def test_other_schedulers_get_pod_affinity_towards_earlier_components_only() -> 
     app = make_app(
         component("a", colocateWith=["b"]), component("b", separateFrom=["c"]), component("c"), schedulerName="other"
     )
-    wish = wish_of(app, "")
-    first, second, third = (pod_template(part, wish, domain=DOMAIN, state=NONE)["spec"] for part in app.spec.components)
+    desired = desired_of(app, "")
+    first, second, third = (
+        pod_template(part, desired, domain=DOMAIN, state=NONE)["spec"] for part in app.spec.components
+    )
     assert "affinity" not in first
     (term,) = second["affinity"]["podAffinity"]["requiredDuringSchedulingIgnoredDuringExecution"]
     assert term["labelSelector"]["matchLabels"][Label.COMPONENT] == "a"
@@ -353,7 +355,7 @@ def test_a_component_that_falls_back_on_board_tolerates_its_robot_but_moves_when
 
 def test_apps_without_a_scheduler_take_the_operators() -> None:
     app = dataclasses.replace(make_app(), default_scheduler="batch")
-    rendered = pod_template(app.spec.components[0], wish_of(app, ""), domain=DOMAIN, state=NONE)
+    rendered = pod_template(app.spec.components[0], desired_of(app, ""), domain=DOMAIN, state=NONE)
     assert rendered["spec"]["schedulerName"] == "batch"
     assert template()["spec"]["schedulerName"] == "ros-aware-scheduler"
 

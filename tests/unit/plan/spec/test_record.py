@@ -33,7 +33,7 @@ def test_a_status_write_reuses_the_parsed_spec() -> None:
     assert first.app is not None
     assert second.app is not None
     assert second.app.spec is first.app.spec
-    assert second.wish_mark == first.wish_mark
+    assert second.spec_version == first.spec_version
 
 
 def test_an_app_that_names_no_scheduler_gets_the_operators() -> None:
@@ -50,7 +50,7 @@ def test_another_generation_is_parsed_anew() -> None:
     second = parse_record(app_body(generation=2, suspend=True), known=first)
     assert second.app is not None
     assert second.app.spec.suspend is True
-    assert second.wish_mark != first.wish_mark
+    assert second.spec_version != first.spec_version
 
 
 def test_versions_that_are_no_numbers_are_older_than_all() -> None:

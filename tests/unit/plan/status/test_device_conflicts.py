@@ -133,7 +133,7 @@ def test_a_component_that_may_run_elsewhere_takes_the_device_there() -> None:
     assert "on edge-1 is held" in device_trouble(both(runsOn=["Edge"]), ON_ROBOT, claims=elsewhere, telemetry=fleet)
 
 
-def test_a_component_that_wants_more_than_there_is_is_named_with_its_wishes() -> None:
+def test_a_component_that_wants_more_than_there_is_is_named_with_its_requests() -> None:
     bus = {"type": "can"}
     greedy = make_app(
         component("l", runsOn=["Robot"], devices=[{**bus, "name": "front"}, {**bus, "name": "rear"}]),

@@ -8,7 +8,7 @@ import pytest
 from tests.support.factories import make_app
 
 from robotapp_api.model.names import EventReason, Reason
-from robotapp_operator.plan.status.events import NOT_ACCEPTED, NOT_ALLOCATED, end_of_life, news_of
+from robotapp_operator.plan.status.events import NOT_ACCEPTED, NOT_ALLOCATED, end_of_life, events_between
 
 
 def status(**conditions: tuple[str, str, str]) -> dict[str, Any]:
@@ -21,13 +21,13 @@ def status(**conditions: tuple[str, str, str]) -> dict[str, Any]:
 
 
 def reasons(before: dict[str, Any], after: dict[str, Any], **domains: int) -> list[str]:
-    return [item.reason.value for item in news_of(before, after, new_domains=domains)]
+    return [item.reason.value for item in events_between(before, after, new_domains=domains)]
 
 
 def test_new_domains_are_told_per_robot() -> None:
-    (item,) = news_of({}, {}, new_domains={"amr-07": 7})
+    (item,) = events_between({}, {}, new_domains={"amr-07": 7})
     assert (item.reason, item.note, item.warning) == (EventReason.DOMAIN_ALLOCATED, "robot amr-07: domain 7", False)
-    assert news_of({}, {}, new_domains={"": 7})[0].note == "domain 7"
+    assert events_between({}, {}, new_domains={"": 7})[0].note == "domain 7"
 
 
 def test_each_state_is_told_when_it_begins_and_not_again() -> None:
