@@ -3,7 +3,7 @@
 A caller is known by a bearer token (TokenReview) or by a client certificate that the TLS layer has checked against the
 API server's own authority; then the common name is the user and the organisations are the groups, as everywhere in
 Kubernetes. An explanation shows pods and node names, so it takes the right to get pods in that namespace; node names are
-shown only to those who may get nodes (SubjectAccessReview). Answers are remembered for a few seconds.
+shown only to users who may get nodes (SubjectAccessReview). Answers are remembered for a few seconds.
 
 Whoever reaches the port can make us ask, so how often is limited: strangers per address and all together, callers the
 API server has confirmed each for themselves, whatever strangers do. Give it a client with few connections of its own.
@@ -114,7 +114,7 @@ class Gatekeeper:
     def __repr__(self) -> str:
         return f"<Gatekeeper {len(self._answers)} answers remembered>"
 
-    def who(self, caller: Caller) -> str:
+    def user_of(self, caller: Caller) -> str:
         """The user that was confirmed last for this caller, whichever of its tokens it brings."""
         return self._trusted.get(caller.key, ("", 0.0))[0]
 

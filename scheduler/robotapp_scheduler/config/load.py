@@ -1,4 +1,4 @@
-"""Reads a `KubeSchedulerConfiguration` file into plain, frozen values, or says everything that is wrong with it.
+"""Reads a `KubeSchedulerConfiguration` file into plain, frozen values, or lists everything that is wrong with it.
 
 The result is what the process runs with and what `/configz` shows. Without a file the built-in configuration serves
 two profiles with the same plugins: `ros-aware-scheduler` and `kubernetes-scheduler` (the name the thesis' files use).
@@ -174,7 +174,7 @@ def parse(document: object, *, catalogue: Catalogue, third_party: Collection[str
 
 
 def _model(document: object) -> tuple[ConfigurationModel, list[str]]:
-    """The typed document, and its unknown fields: without those the rest is still checked, so all is told at once."""
+    """The typed document, and its unknown fields: without those the rest is still checked, so all problems are reported at once."""
     try:
         return ConfigurationModel.model_validate(document), []
     except ValidationError as error:

@@ -28,7 +28,7 @@ NOT_BUILT = {
 
 
 class UnknownPluginError(LookupError):
-    """The name cannot be used; the text says why."""
+    """The name cannot be used; the text is the reason."""
 
 
 def with_third_party(
@@ -36,7 +36,7 @@ def with_third_party(
 ) -> tuple[Catalogue, dict[str, str]]:
     """The catalogue with the classes behind these names added, and the problem of each name that has none.
 
-    `allowed` limits what may be imported, for a configuration somebody sent us; None = everything.
+    `allowed` limits what may be imported, for a configuration from a request; None = everything.
     """
     classes = dict(catalogue.classes)
     problems: dict[str, str] = {}

@@ -33,7 +33,7 @@ def check(config: ConfigurationModel) -> list[str]:
 
 
 def argument_kinds(profiles: Sequence[ProfileModel], built_in: Collection[str]) -> Iterator[str]:
-    """Arguments that say they are those of another plugin, or of another version of the format."""
+    """Arguments whose kind is that of another plugin, or of another version of the format."""
     for index, profile in enumerate(profiles):
         for at, entry in enumerate(profile.plugin_config):
             expected = {"apiVersion": API_VERSION, "kind": f"{entry.name}Args"} if entry.name in built_in else {}

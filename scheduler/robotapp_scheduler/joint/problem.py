@@ -69,7 +69,7 @@ class Problem:
     """What a place of the next later tier costs more: more than all other costs together, see `with_tiers`."""
     _prices: dict[tuple[tuple[float, ...], int], FloatArray] = field(default_factory=dict)
     around: list[list[tuple[Edge, int]]] = field(default_factory=list)
-    """Per pod its edges and who is at the other end."""
+    """Per pod its edges and the pods at their other ends."""
 
     def __post_init__(self) -> None:
         self.around.extend([] for _ in range(len(self.cost)))

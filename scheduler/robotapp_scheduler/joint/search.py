@@ -169,7 +169,7 @@ def _tightest_first(problem: Problem) -> list[int]:
 
 
 def connected_order(problem: Problem) -> list[int]:
-    """Start with the tightest, go on with whoever has the most edges to those that are placed."""
+    """Start with the tightest, go on with the pod that has the most edges to placed ones."""
     places, order = _places(problem), list[int]()
     left = set(range(problem.pods))
     while left:

@@ -19,7 +19,7 @@ CANDIDATES: Final = 8
 """To begin with, where no plan is known yet."""
 ADDED: Final = 2
 ANCHORS: Final = 8
-"""A neighbour with no more places than this says where the others should be before anything is placed."""
+"""A neighbour with no more places than this determines where the others should be before anything is placed."""
 
 
 class Values:

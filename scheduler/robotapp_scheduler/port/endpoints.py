@@ -1,6 +1,6 @@
-"""The pages of the port: health for everybody; /metrics, /explain, /configz and /simulate for who may have them.
+"""The pages of the port: health for everybody; /metrics, /explain, /configz and /simulate for authorised users.
 
-Who asks is settled first, then what they may see and how often; every refusal says what would help.
+The caller is authenticated first, then what it may see and how often; every refusal names what would help.
 """
 
 import time
@@ -24,14 +24,14 @@ OFTEN: Final = "you ask for explanations too often; ask again later"
 
 
 class Gate(PathGate, Protocol):
-    """Says what a caller may see, and as whom it is known; see `access.Gatekeeper`."""
+    """Decides what a caller may see, and names its user; see `access.Gatekeeper`."""
 
     async def access(self, caller: Caller, namespace: str) -> Access: ...
-    def who(self, caller: Caller) -> str: ...
+    def user_of(self, caller: Caller) -> str: ...
 
 
 class AllowAll:
-    """The gate of a developer's own machine: everybody sees all."""
+    """The gate of a developer's own machine: every caller sees all."""
 
     async def access(self, _caller: Caller, _namespace: str) -> Access:
         return Access.ALL
@@ -39,7 +39,7 @@ class AllowAll:
     async def path(self, _caller: Caller, _verb: str, _path: str) -> Access:
         return Access.ALL
 
-    def who(self, caller: Caller) -> str:
+    def user_of(self, caller: Caller) -> str:
         return caller.address
 
 
@@ -99,19 +99,19 @@ class Endpoints:
         return _json(response)
 
     async def _explanation(self, request: web.Request, *, with_nodes: bool) -> Response:
-        """Raises TooManyError. What is not recorded is decided once more, which each user may ask for now and then."""
-        user = self._gate.who(caller(request))
+        """Raises TooManyError. What is not recorded is decided once more, which each user may request now and then."""
+        user = self._gate.user_of(caller(request))
         self._count(self._explained_by, user)
         namespace, pod = request.match_info["namespace"], request.match_info["pod"]
         full = request.query.get("full", "") in {"1", "true"}
         response = Response(0, NOT_RECORDED, b"")
         if not full:
-            response = await self._scheduler.ask(
+            response = await self._scheduler.request(
                 Request("explain", namespace=namespace, pod=pod, with_nodes=with_nodes)
             )
         if response.status == NOT_RECORDED:
             self._count(self._decided_by, user)
-            response = await self._scheduler.ask(
+            response = await self._scheduler.request(
                 Request("decide", namespace=namespace, pod=pod, with_nodes=with_nodes, full=full)
             )
         return response
@@ -132,7 +132,7 @@ class Endpoints:
         if not replay.isdecimal() or len(replay) > 6:
             return problem(400, "replay must be a number of pods")
         found = await self._simulator.simulate(request.content.iter_chunked(1 << 16), replay=int(replay))
-        await self._scheduler.ask(Request("simulated", status=found.status))
+        await self._scheduler.request(Request("simulated", status=found.status))
         return web.Response(status=found.status, body=found.body, content_type="application/json")
 
 

@@ -28,7 +28,7 @@ class Explainer:
         clock: Callable[[], float],
         now: Now = utc_now,
     ) -> None:
-        """`clock` is the core's own; its times are told as what `now` said at that moment."""
+        """`clock` is the core's own; its times are shown as the `now` of that moment."""
         self._core = core
         self._clock = clock
         self._now = now
@@ -46,16 +46,20 @@ class Explainer:
         record, pod = self._core.explain.find(namespace, name), self._pod(namespace, name)
         if pod is None:
             return None
-        found = self._again(pod, recorded=None if record is None else self._told(record), full=full and with_nodes)
+        found = self._again(
+            pod, recorded=None if record is None else self._with_times(record), full=full and with_nodes
+        )
         if full and not with_nodes:
             found["note"] = NO_NODES
         return self._shown(found, with_nodes=with_nodes)
 
     def recorded(self, namespace: str, name: str, *, with_nodes: bool) -> Mapping[str, Any] | None:
-        """The decision as it was made, None when nobody remembers it. Takes no time."""
+        """The decision as it was made, None when it is not remembered. Takes no time."""
         record = self._core.explain.find(namespace, name)
         return (
-            None if record is None else self._shown(self._told(record) | {"recomputed": False}, with_nodes=with_nodes)
+            None
+            if record is None
+            else self._shown(self._with_times(record) | {"recomputed": False}, with_nodes=with_nodes)
         )
 
     def knows(self, namespace: str, name: str) -> bool:
@@ -74,7 +78,7 @@ class Explainer:
 
     def _again(self, pod: Pod, *, recorded: dict[str, Any] | None, full: bool) -> dict[str, Any]:
         made = reconsider(self._core, pod)
-        now = self._told(made.record)
+        now = self._with_times(made.record)
         found = recorded | {"recomputed": False} if recorded else now | {"recomputed": True, "note": RECOMPUTED}
         if not recorded:
             found |= {"node": pod.spec.node_name or None, "chosenNow": now["node"]}
@@ -84,8 +88,8 @@ class Explainer:
             found["full"]["table"] = table
         return found
 
-    def _told(self, record: Record) -> dict[str, Any]:
-        """A record with the time of day it was made at: the core's clock means nothing to anybody else."""
+    def _with_times(self, record: Record) -> dict[str, Any]:
+        """A record with the time of day it was made at: the core's clock means nothing outside of the process."""
         plain = as_json(record)
         ago = timedelta(seconds=self._clock() - plain.pop("atS"))
         return plain | {"at": micro_time(self._now() - ago)}
@@ -102,7 +106,7 @@ class Explainer:
 
 
 def without_nodes(record: Mapping[str, Any]) -> dict[str, Any]:
-    """An explanation for somebody who may not get nodes: reasons and counts, no names."""
+    """An explanation for a user who may not get nodes: reasons and counts, no names."""
     hidden = {"top", "runnerUp", "edges", "full", "chosenNow"}
     shown = {key: value for key, value in record.items() if key not in hidden}
     return shown | {"refusals": [{**refusal, "examples": []} for refusal in record.get("refusals", ())]}

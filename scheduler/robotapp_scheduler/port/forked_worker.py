@@ -1,7 +1,7 @@
 """Work on what the event loop holds, without holding the loop: in a copy of the process that lives for a moment.
 
-The copy shares memory with us until one of the two writes, so it sees the cluster as it was in one moment, and whatever
-it does to it nobody else sees. To begin one takes some milliseconds, and then every page of memory we write is copied
+The copy shares memory with us until one of the two writes, so it sees the cluster as it was in one moment, and its
+changes stay its own. To begin one takes some milliseconds, and then every page of memory we write is copied
 once: a few tens of milliseconds of our CPU in all. So one copy answers many questions, and there are few.
 """
 
@@ -19,7 +19,7 @@ from typing import Final, NoReturn
 
 from robotapp_scheduler.port.frames import LENGTH, FramesError, framed, length_of, read_frame
 
-PATIENCE_S: Final = 5.0
+TIMEOUT_S: Final = 5.0
 LIFE_S: Final = 2.0
 """How old what it knows may be."""
 NICE: Final = 10
@@ -28,22 +28,22 @@ Work = Callable[[bytes], bytes]
 
 
 class WorkerError(Exception):
-    """There is no answer; the text says why. The worker has ended."""
+    """There is no answer; the text is the reason. The worker has ended."""
 
 
 class ForkedWorker:
-    """Begins at once. `ask` one request at a time, then `end`; it ends by itself when it is old, and with this process."""
+    """Begins at once. `request` one request at a time, then `end`; it ends by itself when it is old, and with this process."""
 
-    def __init__(self, work: Work, *, patience_s: float = PATIENCE_S) -> None:
+    def __init__(self, work: Work, *, timeout_s: float = TIMEOUT_S) -> None:
         """`work` must not use threads, locks of others, or the event loop."""
-        self._patience_s = patience_s
+        self._timeout_s = timeout_s
         self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
         self._began_s = time.monotonic()
         self._ours, theirs = socket.socketpair()
         self._pid = _fork()
         if self._pid == 0:
             self._ours.close()
-            _serve(work, theirs, LIFE_S + 2 * patience_s)
+            _serve(work, theirs, LIFE_S + 2 * timeout_s)
         theirs.close()
 
     def __repr__(self) -> str:
@@ -53,14 +53,14 @@ class ForkedWorker:
     def old(self) -> bool:
         return time.monotonic() - self._began_s > LIFE_S
 
-    async def ask(self, request: bytes) -> bytes:
+    async def request(self, request: bytes) -> bytes:
         """What `work` makes of it. Raises WorkerError."""
         try:
-            async with asyncio.timeout(self._patience_s):
-                return await self._ask(request)
+            async with asyncio.timeout(self._timeout_s):
+                return await self._request(request)
         except TimeoutError as late:
             await self.end()
-            raise WorkerError(f"not ready within {self._patience_s:g} s") from late
+            raise WorkerError(f"not ready within {self._timeout_s:g} s") from late
         except (OSError, EOFError, FramesError) as error:
             raise WorkerError(f"it ended with {await self.end()} before it was ready") from error
 
@@ -74,7 +74,7 @@ class ForkedWorker:
             os.kill(self._pid, signal.SIGKILL)
         return await asyncio.shield(asyncio.to_thread(_reaped, self._pid))
 
-    async def _ask(self, request: bytes) -> bytes:
+    async def _request(self, request: bytes) -> bytes:
         if self._streams is None:
             self._streams = await asyncio.open_unix_connection(sock=self._ours)
         reader, writer = self._streams

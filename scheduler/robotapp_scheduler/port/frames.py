@@ -35,7 +35,7 @@ class Response(msgspec.Struct, frozen=True):
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
-    """What the port's process is told at its start. Numbers are of open files it inherits."""
+    """What the port's process gets at its start. Numbers are of open files it inherits."""
 
     listener: int
     handler: int

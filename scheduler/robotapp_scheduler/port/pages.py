@@ -18,7 +18,7 @@ from robotapp_scheduler.simulation.kinds import resources
 
 @dataclass(slots=True)
 class Checks:
-    """Every one is asked at request time."""
+    """Every check is called at request time."""
 
     ready: dict[str, Callable[[], bool]] = field(default_factory=dict)
     live: dict[str, Callable[[], bool]] = field(default_factory=dict)

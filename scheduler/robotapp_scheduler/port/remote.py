@@ -8,9 +8,9 @@ import msgspec
 
 from robotapp_scheduler.port.frames import FramesError, Request, Response, receive, send
 
-PATIENCE_S: Final = 4.0
+TIMEOUT_S: Final = 4.0
 """The kubelet waits 5 s for an answer of /livez."""
-LONG_PATIENCE_S: Final = 20.0
+LONG_TIMEOUT_S: Final = 20.0
 """For a decision that is made once more, behind others."""
 FRESH_S: Final = 0.25
 """A page is rendered at most once per this period."""
@@ -22,7 +22,7 @@ class Scheduler(Protocol):
     """What the endpoints need of it. No response in time is one with status 503."""
 
     async def page(self, what: str) -> Response: ...
-    async def ask(self, request: Request) -> Response: ...
+    async def request(self, request: Request) -> Response: ...
 
 
 class Remote:
@@ -50,22 +50,22 @@ class Remote:
                 future.set_result(response)
 
     async def page(self, what: str) -> Response:
-        """A page, rendered once for all who ask within FRESH_S."""
+        """A page, rendered once for all requests within FRESH_S."""
         now_s = asyncio.get_running_loop().time()
-        asked_s, task = self._pages.get(what, (0.0, None))
-        if task is None or (task.done() and now_s - asked_s > FRESH_S):
-            task = asyncio.create_task(self.ask(Request(what)))
+        requested_s, task = self._pages.get(what, (0.0, None))
+        if task is None or (task.done() and now_s - requested_s > FRESH_S):
+            task = asyncio.create_task(self.request(Request(what)))
             self._pages[what] = (now_s, task)
         return await asyncio.shield(task)
 
-    async def ask(self, request: Request) -> Response:
+    async def request(self, request: Request) -> Response:
         """The response; 503 when there is none in time."""
         request = msgspec.structs.replace(request, number=next(self._numbers))
         future: asyncio.Future[Response] = asyncio.get_running_loop().create_future()
         self._open[request.number] = future
         send(self._writer, request)
         try:
-            async with asyncio.timeout(LONG_PATIENCE_S if request.what == "decide" else PATIENCE_S):
+            async with asyncio.timeout(LONG_TIMEOUT_S if request.what == "decide" else TIMEOUT_S):
                 return await future
         except TimeoutError:
             body = (

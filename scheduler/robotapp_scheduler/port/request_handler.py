@@ -83,7 +83,7 @@ class RequestHandler:
             return self._pages[request.what]()
         except Exception:
             log.exception("the page %s cannot be made", request.what)
-            return 500, _problem("the page cannot be made; the scheduler's log says why")
+            return 500, _problem("the page cannot be made; the scheduler's log has the reason")
 
     def _answer(self, writer: asyncio.StreamWriter, request: Request, status: int, body: bytes) -> None:
         if not writer.is_closing():
@@ -96,7 +96,7 @@ class RequestHandler:
             response = 503, _problem(f"the decision cannot be made once more: {error}")
         except Exception:
             log.exception("%s/%s cannot be explained", request.namespace, request.pod)
-            response = 500, _problem("the explanation cannot be made; the scheduler's log says why")
+            response = 500, _problem("the explanation cannot be made; the scheduler's log has the reason")
         self._answer(writer, request, *response)
 
     async def _explanation(self, request: Request) -> tuple[int, bytes]:
@@ -118,16 +118,16 @@ class RequestHandler:
             self._waiting -= 1
 
     async def _decide(self, request: Request) -> tuple[int, bytes]:
-        asked = msgspec.msgpack.encode(request)
+        encoded = msgspec.msgpack.encode(request)
         if self._idle is not None:
             self._idle.cancel()
         try:
-            found = await self._worker.ask(asked) if self._worker is not None and not self._worker.old else b""
+            found = await self._worker.request(encoded) if self._worker is not None and not self._worker.old else b""
             if not found:  # or it began before there was such a pod
                 worker = await self._new_worker()
                 if worker is None:
                     return 429, MANY
-                found = await worker.ask(asked)
+                found = await worker.request(encoded)
         except WorkerError:
             self._worker = None
             raise
@@ -151,13 +151,13 @@ class RequestHandler:
 
     def _idled(self) -> None:
         if self._worker is not None and not self._turn.locked():
-            worker, self._worker = self._worker, None  # now: who asks next must not find it
+            worker, self._worker = self._worker, None  # now: the next request must not find it
             self._ending = asyncio.ensure_future(worker.end())
 
-    def _decided(self, asked: bytes) -> bytes:
+    def _decided(self, encoded: bytes) -> bytes:
         """Runs in the forked worker."""
         self._in_worker()
-        request = msgspec.msgpack.decode(asked, type=Request)
+        request = msgspec.msgpack.decode(encoded, type=Request)
         found: Mapping[str, Any] | None = self._explain(
             request.namespace, request.pod, with_nodes=request.with_nodes, full=request.full
         )

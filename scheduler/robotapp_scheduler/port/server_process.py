@@ -1,4 +1,4 @@
-"""The port's process: TLS, who may see what, and limits; it forwards only authorised requests to the process that places pods.
+"""The port's process: TLS, authorisation and limits; it forwards only authorised requests to the process that places pods.
 
 `python -m robotapp_scheduler.port.server_process SETTINGS`, started by the scheduler, ends with it.
 """
@@ -39,7 +39,7 @@ NICE: Final = 5
 
 
 class UnavailableGate:
-    """The gate while the API server cannot be asked who a caller is."""
+    """The gate while the API server cannot be reached to authenticate callers."""
 
     def __init__(self, why: str) -> None:
         self._why = why
@@ -50,7 +50,7 @@ class UnavailableGate:
     async def path(self, _caller: Caller, _verb: str, _path: str) -> Access:
         raise Unreachable(self._why, maybe_applied=False)
 
-    def who(self, _caller: Caller) -> str:
+    def user_of(self, _caller: Caller) -> str:
         return ""
 
 
@@ -63,7 +63,7 @@ async def run(settings: Settings) -> None:
     tls = await loaded(TlsPort(_path(settings.tls_certificate), _path(settings.tls_key)))
 
     async def simulation_config() -> Mapping[str, Any]:
-        found: Mapping[str, Any] = msgspec.json.decode((await remote.ask(Request("simulation-config"))).body)
+        found: Mapping[str, Any] = msgspec.json.decode((await remote.request(Request("simulation-config"))).body)
         return found
 
     async with contextlib.AsyncExitStack() as stack:
@@ -71,7 +71,7 @@ async def run(settings: Settings) -> None:
         try:
             endpoint = await asyncio.to_thread(login, _path(settings.kubeconfig))
         except LoginError as error:
-            log.warning("nobody can be asked who a caller is: %s", error)
+            log.warning("callers cannot be authenticated, the API server is not reachable: %s", error)
             gate = gate if settings.insecure else UnavailableGate(str(error))
         else:
             client = ApiClient(

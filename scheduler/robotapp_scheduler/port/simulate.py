@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 
 MOST_BODY: Final = 64 << 20
 MOST_ANSWER: Final = 64 << 20
-PATIENCE_S: Final = 60.0
+TIMEOUT_S: Final = 60.0
 WORKER: Final = (sys.executable, "-m", "robotapp_scheduler.simulation.worker")
 
 
@@ -32,19 +32,19 @@ class Simulated:
 
 
 class Simulator:
-    """`simulate` runs a dump. `order` gives what the worker is told besides: the configuration in use (`pages.order`)."""
+    """`simulate` runs a dump. `order` gives the worker the configuration in use, too (`pages.order`)."""
 
     def __init__(
         self,
         order: Callable[[], Awaitable[Mapping[str, Any]]],
         *,
         worker: tuple[str, ...] = WORKER,
-        patience_s: float = PATIENCE_S,
+        timeout_s: float = TIMEOUT_S,
         most: int = MOST_BODY,
     ) -> None:
         self._order = order
         self._worker = worker
-        self._patience_s = patience_s
+        self._timeout_s = timeout_s
         self._most = most
         self._busy = asyncio.Lock()
 
@@ -57,10 +57,10 @@ class Simulator:
             return self._refused(429, "another simulation runs; one at a time, try again in some seconds")
         async with self._busy:
             try:
-                async with asyncio.timeout(self._patience_s):
+                async with asyncio.timeout(self._timeout_s):
                     return await self._work(chunks, replay)
             except TimeoutError:
-                return self._refused(504, f"not finished within {self._patience_s:g} s, upload included")
+                return self._refused(504, f"not finished within {self._timeout_s:g} s, upload included")
 
     async def _work(self, chunks: AsyncIterator[bytes], replay: int) -> Simulated:
         process = await started(self._worker, stderr=asyncio.subprocess.PIPE)
@@ -81,7 +81,7 @@ class Simulator:
         """False when the body is too long."""
         given = {**await self._order(), "replay": replay}
         left = self._most
-        with suppress(BrokenPipeError, ConnectionResetError):  # a worker that ended early has said why
+        with suppress(BrokenPipeError, ConnectionResetError):  # a worker that ended early has written the reason
             stdin_of(process).write(msgspec.json.encode(given) + b"\n")
             async for chunk in chunks:
                 left -= len(chunk)
@@ -97,7 +97,7 @@ class Simulator:
         await process.wait()
         if process.returncode != 0 or not out:
             log.error("a simulation failed (%s): %s", process.returncode, errors.decode("utf-8", "replace")[-2000:])
-            return self._refused(500, "the simulation failed; the scheduler's log says why")
+            return self._refused(500, "the simulation failed; the scheduler's log has the reason")
         status = 400 if out.startswith(b'{"error"') else 200
         return Simulated(status, out)
 
@@ -107,7 +107,7 @@ class Simulator:
 
 
 async def _read(stream: asyncio.StreamReader | None, most: int) -> bytes:
-    """Up to `most` bytes; what comes after is read and thrown away, so that nobody blocks."""
+    """Up to `most` bytes; what comes after is read and thrown away, so that the writer does not block."""
     parts: list[bytes] = []
     size = 0
     while stream is not None and (part := await stream.read(1 << 16)):

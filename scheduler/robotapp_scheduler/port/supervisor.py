@@ -1,6 +1,6 @@
 """The port as the scheduler's process holds it: an open socket, and a process that serves it and sends its requests here.
 
-Parsing, TLS and questions about strangers are work anybody who reaches the port can make for us: none of it is done in
+Parsing, TLS and the authentication of strangers are work that every client of the port can cause: none of it is done in
 the loop that places pods. If the process dies it is started again; connections wait meanwhile, and pods do not.
 """
 

@@ -39,7 +39,7 @@ def main(argv: Sequence[str], *, out: TextIO | None = None) -> int:
     if not isinstance(arguments, dict):
         return _failed("--args: must be a mapping such as '{quiet: very}'")
     if hasattr(known.classes[found.plugin], "queue_key"):
-        return _failed(f"{found.plugin} orders the queue: nothing of it is asked while a node is looked for")
+        return _failed(f"{found.plugin} orders the queue: no hook of it is called while a node is looked for")
     enabled = PluginSet(enabled=(PluginRef(found.plugin, found.weight),))
     with_plugin = ProfileSpec(SCHEDULER_NAME, plugins={"multiPoint": enabled}, plugin_config={found.plugin: arguments})
     without = ProfileSpec(SCHEDULER_NAME, plugins={"multiPoint": PluginSet(disabled=(PluginRef(found.plugin),))})

@@ -26,8 +26,8 @@ def main(argv: Sequence[str], *, stdin: BinaryIO | None = None, out: TextIO | No
         config = configuration.load(found.config, catalogue=catalogue())
         dump = read(found.files, most_bytes=found.max_mib * MIB, stdin=stdin or sys.stdin.buffer)
     except ConfigError as error:
-        said = (problem.removeprefix(f"{found.config}: ") for problem in error.problems)
-        return _failed(*(f"{found.config}: {problem}" for problem in said))
+        problems = (problem.removeprefix(f"{found.config}: ") for problem in error.problems)
+        return _failed(*(f"{found.config}: {problem}" for problem in problems))
     except DumpError as error:
         return _failed(str(error))
     except OSError as error:

@@ -21,7 +21,7 @@ ALLOWED: Final = (
 
 
 class DumpError(ValueError):
-    """The bytes are no dump; the text says what is allowed."""
+    """The bytes are no dump; the text names what is allowed."""
 
 
 class _Name(msgspec.Struct):
@@ -61,7 +61,7 @@ class Dump:
 
 
 class Reader:
-    """Collects documents into one dump. `kinds` says into which struct an object of each kind is decoded."""
+    """Collects documents into one dump. `kinds` is the struct into which an object of each kind is decoded."""
 
     def __init__(self, kinds: Mapping[str, type[Any]]) -> None:
         self._kinds = dict(kinds)

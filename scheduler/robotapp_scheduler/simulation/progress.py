@@ -9,7 +9,7 @@ CLEAR: Final = "\r\x1b[K"
 
 
 def replace_line(stream: TextIO, text: str = "") -> None:
-    """Say on a terminal what is being done now, in place of what was said before; nothing takes the line away."""
+    """Show on a terminal what is being done now, in place of the text before; nothing removes the line."""
     if stream.isatty():
         stream.write(f"{CLEAR}{text}")
         stream.flush()

@@ -1,6 +1,6 @@
 """Places the waiting pods of a dump as the scheduler would, without a cluster: the same core, nothing around it.
 
-What the process does beside deciding is left out, and said so in the report: claims of domains and devices, evictions,
+What the process does beside deciding is left out, which the report mentions: claims of domains and devices, evictions,
 time (nothing expires, back-off is over at once). Ties fall as in the live scheduler, for the same pod uids and nodes.
 """
 
@@ -27,8 +27,8 @@ ROUNDS: Final = 10
 SETTLED: Final = Rejection(frozenset({"Simulation"}))
 """Parks a refused pod: no event wakes it, the next round does."""
 _NO_TIME = 0.0
-Told = Callable[[int, int], None]
-"""Told how far we are: decisions so far, pods that waited at first."""
+Progress = Callable[[int, int], None]
+"""Called with decisions so far and the number of pods that waited at first."""
 PLANNING: Final = Limits(steps=20)
 """A group is planned for so many steps, not for some time: the same dump has the same outcome on any machine."""
 
@@ -74,7 +74,7 @@ class Outcome:
         return sum(1 for placement in self.placements if placement.was and placement.was != placement.node)
 
 
-def simulate(dump: Dump, config: SchedulerConfig, *, replay: int = 0, progress: Told = lambda *_: None) -> Outcome:
+def simulate(dump: Dump, config: SchedulerConfig, *, replay: int = 0, progress: Progress = lambda *_: None) -> Outcome:
     """Place every waiting pod of our profiles; with `replay` the latest so many bound ones again, too."""
     world = _World(dump, config, progress)
     world.fill(replay)
@@ -83,7 +83,7 @@ def simulate(dump: Dump, config: SchedulerConfig, *, replay: int = 0, progress: 
 
 
 class _World:
-    def __init__(self, dump: Dump, config: SchedulerConfig, progress: Told) -> None:
+    def __init__(self, dump: Dump, config: SchedulerConfig, progress: Progress) -> None:
         self._dump = dump
         self._progress = progress
         self._decided = 0
@@ -93,13 +93,13 @@ class _World:
         self.core = SchedulerCore(self.cluster, config.build(), clock=lambda: _NO_TIME)
         self.outcome = Outcome(config=config.digest, problems=list(dump.problems), ignored=dict(dump.ignored))
         self._was: dict[str, str] = {}
-        self._refused: dict[str, ScheduleResult] = {}
+        self._rejected: dict[str, ScheduleResult] = {}
 
     def fill(self, replay: int) -> None:
         """Take the dump into the cluster, then queue what waits, in the order it was made."""
         for route in routes(self.cluster):
             for obj in self._dump.of(route.resource.kind):
-                self._guarded(route.resource.kind, obj, route.apply)
+                self._applied(route.resource.kind, obj, route.apply)
         identified = map(_identified, self._dump.of("Pod"))
         # Files may repeat each other: the last is meant.
         pods = list({pod.metadata.uid: pod for pod in identified}.values())
@@ -110,25 +110,25 @@ class _World:
             if pod.metadata.uid in again:
                 self._was[pod.metadata.uid] = pod.spec.node_name
                 pod = msgspec.structs.replace(pod, spec=msgspec.structs.replace(pod.spec, node_name=""))
-            self._guarded("Pod", pod, lambda pod: self.cluster.apply_pod(self._counted(pod)))
+            self._applied("Pod", pod, lambda pod: self.cluster.apply_pod(self._counted(pod)))
             if not pod.spec.node_name and not pod.terminal and not pod.metadata.deletion_timestamp:
                 waiting.append(pod)
         for pod in sorted(waiting, key=made):
             if pod.spec.scheduler_name in self._names:
-                self._guarded("Pod", pod, self.core.queue.add)
+                self._applied("Pod", pod, self.core.queue.add)
             else:
                 name = pod.spec.scheduler_name or "default-scheduler"
                 self.outcome.others[name] = self.outcome.others.get(name, 0) + 1
         self.outcome.nodes = self.cluster.nodes.count
 
     def place(self) -> None:
-        """Decide until nobody finds a node any more."""
+        """Decide until no pod finds a node any more."""
         waiting = len(self.core.queue)
         for _ in range(ROUNDS):
-            if not self._round(waiting) or not self._refused:
+            if not self._round(waiting) or not self._rejected:
                 break
-            self.core.queue.activate(list(self._refused))
-        for uid, decision in self._refused.items():
+            self.core.queue.activate(list(self._rejected))
+        for uid, decision in self._rejected.items():
             self._note(decision, uid)
         for queued in self.core.queue.gated():
             gate = queued.gate
@@ -142,17 +142,19 @@ class _World:
         while batch := self.core.queue.pop():
             self._decided += len(batch)
             self._progress(self._decided, waiting)
-            posed = self.core.pose(batch)
-            advice = advice_of(posed, solve(posed.problem, PLANNING, lambda: _NO_TIME)) if posed is not None else None
-            for decision in self.core.schedule(batch, advice=advice):
+            problem = self.core.pose(batch)
+            placement = (
+                advice_of(problem, solve(problem.problem, PLANNING, lambda: _NO_TIME)) if problem is not None else None
+            )
+            for decision in self.core.schedule(batch, advice=placement):
                 uid = decision.pod.uid
                 if decision.placed:
                     found = True
-                    self._refused.pop(uid, None)
+                    self._rejected.pop(uid, None)
                     self.core.queue.done(uid)
                     self._note(decision, uid)
                 elif decision.queued is not None:
-                    self._refused[uid] = decision
+                    self._rejected[uid] = decision
                     self.core.queue.requeue(decision.queued, SETTLED)
         return found
 
@@ -171,7 +173,7 @@ class _World:
             )
         )
 
-    def _guarded(self, kind: str, obj: Any, take: Callable[[Any], object]) -> None:
+    def _applied(self, kind: str, obj: Any, take: Callable[[Any], object]) -> None:
         """One object the rules cannot read must not end the simulation, as it does not end the scheduler."""
         try:
             take(obj)

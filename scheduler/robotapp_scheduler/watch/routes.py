@@ -1,6 +1,6 @@
 """Everything the scheduler watches, and where it goes: one table for the watches, the export and the simulation.
 
-Storage and devices are mirrored and never looked at without pods that claim any. An API server without PodGroups is asked
+Storage and devices are mirrored and never looked at without pods that claim any. An API server without PodGroups is queried
 again only while a pod waits for one.
 """
 
@@ -58,7 +58,7 @@ from robotapp_scheduler.core.volumes.volume_cache import Volumes
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """How the objects of a resource are decoded, and who takes them; the answer is what changed for pods."""
+    """How the objects of a resource are decoded, and their receiver, which returns what changed for pods."""
 
     resource: Resource
     as_type: type[Any]
@@ -71,7 +71,7 @@ class Route:
 
 
 def storage_routes(volumes: Volumes, claims: ResourceClaims) -> tuple[Route, ...]:
-    """Claims of devices and of volumes, volumes, and everything that says where those can be."""
+    """Claims of devices and of volumes, volumes, and everything that determines where those can be."""
     return (
         Route(RESOURCECLAIMS, ResourceClaim, claims.apply, claims.remove),
         Route(PERSISTENTVOLUMECLAIMS, VolumeClaim, volumes.apply_claim, volumes.remove_claim),

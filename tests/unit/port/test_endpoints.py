@@ -1,4 +1,4 @@
-"""The port's pages: who may see what, how often, and in which words they are refused."""
+"""The port's pages: what each user may see, how often, and the texts of refusals."""
 
 import json
 from collections.abc import AsyncIterator, Mapping
@@ -30,7 +30,7 @@ class Site:
         self.ready = True
         self.live = True
         self.answer: Access | Exception = Access.ALL
-        self.asked: list[tuple[str, str]] = []
+        self.checked: list[tuple[str, str]] = []
         self.remembered = True
         self.decided = 0
         self.simulated: list[int] = []
@@ -49,7 +49,7 @@ class Site:
     async def page(self, what: str) -> Response:
         return Response(0, *self.pages[what]())
 
-    async def ask(self, request: Request) -> Response:
+    async def request(self, request: Request) -> Response:
         if request.what == "simulated":
             self.simulated.append(request.status)
             return Response(0, 200, b"")
@@ -62,7 +62,7 @@ class Site:
         return Response(0, 200, msgspec.json.encode(found))
 
     async def access(self, caller: Caller, namespace: str) -> Access:
-        self.asked.append((caller.token, namespace))
+        self.checked.append((caller.token, namespace))
         if isinstance(self.answer, Exception):
             raise self.answer
         return self.answer
@@ -70,7 +70,7 @@ class Site:
     async def path(self, caller: Caller, verb: str, path: str) -> Access:
         return await self.access(caller, f"{verb} {path}")
 
-    def who(self, caller: Caller) -> str:
+    def user_of(self, caller: Caller) -> str:
         return caller.token[:3]
 
 
@@ -121,7 +121,7 @@ async def test_metrics_carry_upstream_names_and_buckets(site: tuple[Site, str]) 
 async def test_metrics_are_for_who_may_get_the_path_and_health_is_for_everybody(site: tuple[Site, str]) -> None:
     found, url = site
     assert (await get(f"{url}/metrics", Authorization="Bearer t1"))[0] == 200
-    assert found.asked == [("t1", "get /metrics")]
+    assert found.checked == [("t1", "get /metrics")]
     for access, status, text in ((Access.FORBIDDEN, 403, "get /metrics"), (Access.UNKNOWN_CALLER, 401, "bearer token")):
         found.answer = access
         answer = await get(f"{url}/metrics")
@@ -135,7 +135,7 @@ async def test_metrics_are_for_who_may_get_the_path_and_health_is_for_everybody(
 async def test_configz_shows_what_the_process_runs_with_to_who_may_get_it(site: tuple[Site, str]) -> None:
     found, url = site
     assert '"schedulerName":"ros-aware-scheduler"' in (await get(f"{url}/configz", Authorization="Bearer t1"))[1]
-    assert found.asked == [("t1", "get /configz")]
+    assert found.checked == [("t1", "get /configz")]
     for access, status in ((Access.FORBIDDEN, 403), (Access.UNKNOWN_CALLER, 401)):
         found.answer = access
         assert (await get(f"{url}/configz"))[0] == status
@@ -174,7 +174,7 @@ async def test_explain_passes_the_bearer_token_and_hides_nodes_from_who_may_not_
     assert await get(f"{url}/explain/team-a/p", Authorization="Bearer t1") == (200, '{"pod":"p","nodes":true}')
     found.answer = Access.WITHOUT_NODES
     assert (await get(f"{url}/explain/team-a/p", Authorization="Bearer t1"))[1] == '{"pod":"p","nodes":false}'
-    assert found.asked == [("t1", "team-a")] * 2
+    assert found.checked == [("t1", "team-a")] * 2
 
 
 @pytest.mark.parametrize(
@@ -225,7 +225,7 @@ async def test_simulate_is_for_who_may_post_it_and_tells_which_kinds_it_wants(si
     found, url = site
     assert (await post(f"{url}/simulate", b'{"kind":"List","items":[]}'))[0] == 200
     assert '"plural":"nodes"' in (await get(f"{url}/simulate"))[1]
-    assert [question for _, question in found.asked] == ["post /simulate", "get /simulate"]
+    assert [question for _, question in found.checked] == ["post /simulate", "get /simulate"]
     assert found.simulated == [200]
     assert (await post(f"{url}/simulate?replay=many", b""))[0] == 400
     found.answer = Access.FORBIDDEN

@@ -68,16 +68,18 @@ def body(response: Response) -> dict[str, Any]:
 
 async def test_what_is_remembered_is_told_and_what_is_not_takes_another_question() -> None:
     async with opened() as world:
-        response = await world.remote.ask(Request("explain", namespace="default", pod="decided", with_nodes=True))
+        response = await world.remote.request(Request("explain", namespace="default", pod="decided", with_nodes=True))
         assert (response.status, body(response)["recomputed"]) == (200, False)
-        assert (await world.remote.ask(Request("explain", namespace="default", pod="waiting"))).status == NOT_RECORDED
-        assert (await world.remote.ask(Request("explain", namespace="default", pod="nobody"))).status == 404
+        assert (
+            await world.remote.request(Request("explain", namespace="default", pod="waiting"))
+        ).status == NOT_RECORDED
+        assert (await world.remote.request(Request("explain", namespace="default", pod="nobody"))).status == 404
 
 
 async def test_what_is_decided_again_is_decided_in_a_copy_of_the_process() -> None:
     async with opened() as world:
         before = len(world.core.explain), world.core.decisions()
-        response = await world.remote.ask(
+        response = await world.remote.request(
             Request("decide", namespace="default", pod="waiting", with_nodes=True, full=True)
         )
         assert body(response)["full"]["table"]["nodes"] == ["n1", "n2"]
@@ -88,20 +90,20 @@ async def test_what_is_decided_again_is_decided_in_a_copy_of_the_process() -> No
 async def test_copies_are_few_and_each_answers_many() -> None:
     async with opened() as world:
         for _ in range(20):
-            assert (await world.remote.ask(Request("decide", namespace="default", pod="waiting"))).status == 200
+            assert (await world.remote.request(Request("decide", namespace="default", pod="waiting"))).status == 200
         for _ in range(STARTS_AT_ONCE - 1):
             await world.handler._end_worker()
-            assert (await world.remote.ask(Request("decide", namespace="default", pod="waiting"))).status == 200
+            assert (await world.remote.request(Request("decide", namespace="default", pod="waiting"))).status == 200
         await world.handler._end_worker()
-        response = await world.remote.ask(Request("decide", namespace="default", pod="waiting"))
+        response = await world.remote.request(Request("decide", namespace="default", pod="waiting"))
         assert (response.status, "one at a time" in body(response)["error"]) == (429, True)
 
 
 async def test_a_pod_that_came_after_the_copy_began_gets_a_new_one() -> None:
     async with opened() as world:
-        await world.remote.ask(Request("decide", namespace="default", pod="waiting"))
+        await world.remote.request(Request("decide", namespace="default", pod="waiting"))
         world.known.append(make_pod("later"))
-        assert (await world.remote.ask(Request("decide", namespace="default", pod="later"))).status == 200
+        assert (await world.remote.request(Request("decide", namespace="default", pod="later"))).status == 200
 
 
 async def test_the_same_page_for_many_is_made_once_and_a_broken_one_says_so() -> None:
@@ -109,19 +111,19 @@ async def test_the_same_page_for_many_is_made_once_and_a_broken_one_says_so() ->
         response = await asyncio.gather(*(world.remote.page("metrics") for _ in range(50)))
         assert ({each.body for each in response}, world.made) == ({b"m"}, 1)
         assert (await world.remote.page("broken")).status == 500
-        await world.remote.ask(Request("simulated", status=429))
+        await world.remote.request(Request("simulated", status=429))
         assert world.handler.simulations == {"429": 1}
 
 
 async def test_a_copy_that_takes_too_long_or_dies_is_an_error_and_leaves_nobody() -> None:
     began_s = time.monotonic()
-    for work, why, patience_s in (
+    for work, why, timeout_s in (
         (lambda _: time.sleep(60), "not ready", 0.2),
         (lambda _: os._exit(3), "ended with 3", 10),
         (lambda _: b"" + None, "ended with 1", 10),
     ):
         with pytest.raises(WorkerError, match=why):
-            await ForkedWorker(work, patience_s=patience_s).ask(b"?")  # type: ignore[arg-type]
+            await ForkedWorker(work, timeout_s=timeout_s).request(b"?")  # type: ignore[arg-type]
     assert time.monotonic() - began_s < 20
     assert not children()
 
@@ -135,13 +137,13 @@ async def test_the_loop_turns_while_a_copy_works() -> None:
             turns += 1
             await asyncio.sleep(0)
 
-    def slow(asked: bytes) -> bytes:
+    def slow(encoded: bytes) -> bytes:
         time.sleep(0.3)
-        return asked * 3_000_000
+        return encoded * 3_000_000
 
     task = asyncio.create_task(turning())
     worker = ForkedWorker(slow)
-    assert await worker.ask(b"x") == b"x" * 3_000_000
+    assert await worker.request(b"x") == b"x" * 3_000_000
     await worker.end()
     assert turns > 100
     task.cancel()

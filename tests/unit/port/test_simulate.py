@@ -48,7 +48,7 @@ async def test_a_dump_in_pieces_becomes_placements() -> None:
 
 
 async def test_a_second_one_is_refused_while_the_first_works() -> None:
-    subject = simulator(worker=SLEEPS, patience_s=1.0)
+    subject = simulator(worker=SLEEPS, timeout_s=1.0)
     first = asyncio.create_task(subject.simulate(chunks(b"{}")))
     await asyncio.sleep(0)
     second = await subject.simulate(chunks(b"{}"))

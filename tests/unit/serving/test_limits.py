@@ -1,4 +1,4 @@
-"""How much who may ask: strangers cannot take anything from callers the API server has confirmed."""
+"""How much a caller may request: strangers cannot take anything from callers the API server has confirmed."""
 
 import contextlib
 
@@ -66,7 +66,7 @@ async def test_a_confirmed_caller_is_served_whatever_strangers_do() -> None:
         pass
     gate._client = ScriptedClient().script("create", AMY, YES)  # type: ignore[assignment]
     assert await gate.path(amy, "get", "/metrics") is Access.ALL
-    assert gate.who(amy) == "amy"
+    assert gate.user_of(amy) == "amy"
 
 
 async def test_a_confirmed_caller_too_asks_only_so_much() -> None:

@@ -1,6 +1,6 @@
 """All or none: what must be placed whole is taken back when a part of it found no place.
 
-A RobotApp with `gang: All`, unless a part of it runs already. A PodGroup until as many of its pods as it asks for are
+A RobotApp with `gang: All`, unless a part of it runs already. A PodGroup until as many of its pods as it requires are
 on nodes: also what is left of one whose binds failed in part goes as far as the quorum together, or waits together, so
 two groups never keep each other's last places.
 """
@@ -141,7 +141,7 @@ def _taken_back(
 ) -> list[ScheduleResult]:
     """The placed ones that are concerned as refused with this text; what may help the failures may help them.
 
-    So may a group that asks for less: who is tried again brings the others along.
+    So may a group with a lower requirement: a pod that is tried again brings the others along.
     """
     plugins = frozenset().union(*(failure.rejected_by for failure in failures)) or frozenset({POD_GROUP_PLUGIN})
     plugins |= {WHOLE_PLUGIN}

@@ -21,11 +21,11 @@ from robotapp_scheduler.joint.problem import INF
 from robotapp_scheduler.joint.solve import GAP, Solution
 
 PINNED: Final = 1
-"""A pod with so few places is an anchor of the others, whoever its neighbours are."""
+"""A pod with so few places is an anchor of the others, whatever its neighbours are."""
 
 
 def group_order(pods: Sequence[PodInfo], room: Mapping[str, int], apps: AppIndex) -> list[PodInfo]:
-    """Who has one place at most, then along the edges of the app from pod to pod; among equals the fewest places first.
+    """Pods with one place at most, then along the edges of the app from pod to pod; among equals the fewest places first.
 
     `room` is the number of places by pod uid.
     """
@@ -70,7 +70,7 @@ MOST_RESTARTS: Final = 8
 MOST_TRIES: Final = 512
 """Attempts that may go into starting over: a large group is planned once or twice, not eight times."""
 FEW_CANDIDATES: Final = 16
-"""A peer with more places to go than this says little about where its partners should be."""
+"""A peer with more places to go than this determines little about where its partners should be."""
 
 
 class PlacementHint(NamedTuple):
@@ -84,7 +84,7 @@ NO_WISH: Final = PlacementHint()
 
 
 class GroupPlacement:
-    """What a planner answered: `nodes` by pod uid, empty when it found nothing; `result` and `why` say what it is worth.
+    """The result of a planner: `nodes` by pod uid, empty when it found nothing; `result` and `why` grade it.
 
     `result` is for a metric; it becomes "stale" when the plan could not be followed.
     """
@@ -157,7 +157,7 @@ def plan_together(
 def _follow(
     core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], advice: GroupPlacement
 ) -> list[ScheduleResult] | None:
-    """Put every planned pod on its node, each checked by all filters; None, and nobody placed, when one is refused."""
+    """Put every planned pod on its node, each checked by all filters; None, and no pod placed, when one is refused."""
     decisions: list[ScheduleResult] = []
     for pod in sorted(pods, key=lambda pod: pod.uid not in advice.nodes):
         node = advice.nodes.get(pod.uid, "")

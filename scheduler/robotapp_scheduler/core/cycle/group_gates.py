@@ -19,7 +19,7 @@ GROUP_PLUGIN: Final = "RobotAppGroup"
 POD_GROUP_PLUGIN: Final = "PodGroup"
 PREDECESSOR_PLUGIN: Final = "RobotAppPredecessor"
 WHOLE_PLUGIN: Final = "PlacedWhole"
-"""Beside the plugins that refused a part of a group: the group itself may ask for less."""
+"""Beside the plugins that refused a part of a group: the group itself may require less."""
 WHOLE_READS: Final = ("group",)
 GROUP_EVENTS: Final = Change.APPS | Change.OWNERS | Change.POD_SEEN | PLACED
 POD_GROUP_EVENTS: Final = Change.POD_GROUPS | Change.POD_SEEN | PLACED
@@ -60,7 +60,7 @@ def groups_around(pod: PodInfo) -> tuple[str, ...]:
 
 
 def asks_otherwise(pod: PodInfo, seen: Event) -> bool:
-    """Queueing hint of WHOLE_PLUGIN: did the pod's own RobotApp or PodGroup change what it asks for?"""
+    """Queueing hint of WHOLE_PLUGIN: did the pod's own RobotApp or PodGroup change its requirements?"""
     same = seen.old is not None and seen.new is not None and seen.old.spec == seen.new.spec
     return not same and not set(groups_around(pod)).isdisjoint(groups_of(seen))
 
@@ -84,7 +84,7 @@ class GangGates:
         if reason is not None:
             return _group_gate(member, reason)
         if app is None or member.component not in app.components:
-            return None  # roscore, discovery servers: parts the operator adds, nobody waits for them
+            return None  # roscore, discovery servers: parts the operator adds, no pod waits for them
         missing = self.missing(app, member.instance)
         if missing:
             return _group_gate(member, "waiting for pods of " + ", ".join(missing))
@@ -120,7 +120,7 @@ class GangGates:
     def predecessor(self, pod: PodInfo, member: Member, component: Component) -> Replica | None:
         """The pod that still does this single-replica component's work, None when there is none.
 
-        A component that fails over does not wait for a pod on a node nobody can reach, unless that node is a robot's: its
+        A component that fails over does not wait for a pod on an unreachable node, unless that node is a robot's: its
         driver may still drive, so there a second pod starts beside it only where `Failover` is written.
         """
         if component.replicas != 1:
@@ -169,9 +169,9 @@ class GangGates:
         return any(taint.key in UNREACHABLE for taint in taints.values[taints.column[row]])
 
     def _may_drive(self, component: Component, node: str) -> bool:
-        """May a pod of this component on that lost node be one that moves a robot, and nobody wrote to risk a second one?
+        """May a pod of this component on that lost node be one that moves a robot, and no spec allows a second one?
 
-        Of a node that is gone nobody knows whether it was a robot's: then what the component is allowed decides.
+        Of a node that is gone it is unknown whether it was a robot's: then what the component is allowed decides.
         """
         if component.on_disconnect == FAILOVER:
             return False

@@ -34,7 +34,7 @@ class Outcome(StrEnum):
 
 Swap = Callable[[SchedulerConfig, Mapping[str, Profile]], None]
 """Put a configuration with its ready profiles to work; called in the event loop, between two cycles."""
-Tell = Callable[[str, str, bool], None]
+ReportEvent = Callable[[str, str, bool], None]
 """(reason, note, warning): one event."""
 
 
@@ -68,14 +68,14 @@ class Reloader:
         *,
         catalogue: Catalogue,
         swap: Swap,
-        tell: Tell,
+        report: ReportEvent,
         last_good: LastGood | None,
     ) -> None:
         self.running = running
         self._source = source
         self._catalogue = catalogue
         self._swap = swap
-        self._tell = tell
+        self._report = report
         self._last_good = last_good
         self._given: Given | None = None
         self._woken = asyncio.Event()
@@ -128,14 +128,14 @@ class Reloader:
         running.config, running.since_s = config, time.time()
         note = f"{self._source!r}: configuration {config.digest} is in use, {before.digest} no longer"
         log.info("%s", note)
-        self._tell(EventReason.CONFIG_RELOADED, note, False)
+        self._report(EventReason.CONFIG_RELOADED, note, False)
         await self.keep()
         return Outcome.SWAPPED
 
     async def leading(self) -> None:
-        """We lead now: what is in use is what must be found at the next start, and who looks on must know it."""
+        """We lead now: what is in use is what must be found at the next start, and observers must see it."""
         if self.running.refused:
-            self._tell(EventReason.CONFIG_INVALID, self._refusal("cannot be used", self.running.refused), True)
+            self._report(EventReason.CONFIG_INVALID, self._refusal("cannot be used", self.running.refused), True)
         await self.keep()
 
     async def keep(self) -> None:
@@ -152,7 +152,7 @@ class Reloader:
         note = self._refusal(what, problems)
         log.error("%s", note)
         reason = EventReason.CONFIG_RESTART_NEEDED if needed else EventReason.CONFIG_INVALID
-        self._tell(reason, note, True)
+        self._report(reason, note, True)
         return outcome
 
     def _refusal(self, what: str, problems: "tuple[str, ...] | list[str]") -> str:

@@ -50,7 +50,7 @@ class _Served(msgspec.Struct):
 class Informers:
     """All reflectors. `run` until cancelled; `synced` once everything there was at the start is in the cluster.
 
-    `on_change` is told what changed (never nothing) after the cluster has taken it in.
+    `on_change` gets the changes (never none) after the cache has applied them.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class Informers:
         return max((reflector.last_contact_s for reflector in self._reflectors), default=0.0)
 
     async def run(self) -> None:
-        """Watch until cancelled. What is not served yet is watched as soon as it is, and somebody waits for it."""
+        """Watch until cancelled. What is not served yet is watched as soon as it is, if needed."""
         async with asyncio.TaskGroup() as group:
             for route, handle in self._core:
                 self._start(group, route, handle)
@@ -173,7 +173,7 @@ class Informers:
             except NotFound:
                 known[root] = frozenset()
             except ClientError as error:
-                log.warning("cannot tell what is served under %s: %s", root, error)
+                log.warning("cannot find out what is served under %s: %s", root, error)
             else:
                 listed = msgspec.json.decode(answer.body, type=_Served).resources
                 known[root] = frozenset(each.name for each in listed)
@@ -190,6 +190,6 @@ class Informers:
         except NotFound:
             return False
         except ClientError as error:
-            log.warning("cannot tell whether the robotics.io CRDs are installed: %s", error)
+            log.warning("cannot find out whether the robotics.io CRDs are installed: %s", error)
             return True
         return True

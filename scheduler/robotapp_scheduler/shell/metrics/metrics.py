@@ -15,8 +15,8 @@ from prometheus_client.registry import Collector
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo
 from robotapp_scheduler.shell.metrics.histogram import Histogram, Tally
 
-# kube-scheduler has none: a counter's `_created` would be a gauge nobody's dashboard knows.
-disable_created_metrics()  # type: ignore[no-untyped-call]  # the library does not say its type
+# kube-scheduler has none: a counter's `_created` would be a gauge that no dashboard uses.
+disable_created_metrics()  # type: ignore[no-untyped-call]  # the library declares no type
 MOST_ATTEMPTS = 15
 """Upstream's cap of the `attempts` label."""
 
@@ -79,7 +79,7 @@ class Metrics:
         )
         self.plugin_s = self._histogram(
             "plugin_execution_duration_seconds",
-            "One hook of one plugin over all nodes it was asked about",
+            "One hook of one plugin over all nodes it was called for",
             labels=["plugin", "extension_point", "status"],
             buckets=doubling(0.00001, 1.5, 20),
         )

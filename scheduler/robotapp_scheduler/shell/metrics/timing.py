@@ -1,7 +1,7 @@
 """How long plugins and extension points take: one call in ten is timed, as kube-scheduler samples its plugins.
 
 Timing every call would cost a tenth of a decision. So the counts of these histograms are a tenth of the calls; sums and
-buckets tell the distribution.
+buckets show the distribution.
 """
 
 import time

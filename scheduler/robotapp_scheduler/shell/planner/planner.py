@@ -31,17 +31,17 @@ SMALL: Final = 1024
 AT_ONCE: Final = Limits(seconds=0.005, steps=8)
 IN_WORKER: Final = Limits()
 START_S: Final = 5.0
-ANSWER_S: Final = 1.0
+ANSWER_TIMEOUT_S: Final = 1.0
 """Beyond the limits of the search: a group of 96 pods and 5000 nodes takes half a second before its first step ends."""
 TURN_S: Final = 2.0
 """How long a problem waits while others are solved before its pods are placed one by one."""
 PAUSE_S: Final = 2.0
 """A worker that died is not started again before that."""
-MOST_ANSWER: Final = 1 << 20
+MAX_ANSWER_BYTES: Final = 1 << 20
 
 
 class WorkerError(Exception):
-    """The worker did not do its work; the text says how."""
+    """The worker did not do its work; the text is the reason."""
 
 
 class Planner:
@@ -53,14 +53,14 @@ class Planner:
         worker: tuple[str, ...] = WORKER,
         clock: Callable[[], float] = time.monotonic,
         small: int = SMALL,
-        answer_s: float = ANSWER_S,
+        answer_timeout_s: float = ANSWER_TIMEOUT_S,
         start_s: float = START_S,
         turn_s: float = TURN_S,
     ) -> None:
         self._command = worker
         self._clock = clock
         self._small = small
-        self._answer_s, self._start_s, self._turn_s = answer_s, start_s, turn_s
+        self._answer_timeout_s, self._start_s, self._turn_s = answer_timeout_s, start_s, turn_s
         self._turn = asyncio.Lock()
         self._process: asyncio.subprocess.Process | None = None
         self._rest_until_s = float("-inf")
@@ -70,18 +70,18 @@ class Planner:
         state = "no worker" if self._process is None else f"worker {self._process.pid}"
         return f"<Planner {state}, {self.starts} starts>"
 
-    async def advise(self, posed: JointProblem) -> GroupPlacement:
+    async def advise(self, joint: JointProblem) -> GroupPlacement:
         """Where the pods should go. Never raises, never waits longer than its limits."""
-        problem = posed.problem
+        problem = joint.problem
         if problem.pods * problem.rows * len(problem.edges) <= self._small:
-            return advice_of(posed, solve(problem, AT_ONCE, self._clock))
+            return advice_of(joint, solve(problem, AT_ONCE, self._clock))
         try:
             async with asyncio.timeout(self._turn_s):
                 await self._turn.acquire()
         except TimeoutError:
             return _alone("busy", "the planner was busy")
         try:
-            return advice_of(posed, await self._ask(problem))
+            return advice_of(joint, await self._solve(problem))
         except WorkerError as error:
             log.warning("joint planning: %s; the group's pods are placed one by one", error)
             return _alone("failed", f"the planning worker failed ({error})")
@@ -96,11 +96,11 @@ class Planner:
                 process.kill()
             await process.wait()
 
-    async def _ask(self, problem: Problem) -> Solution:
+    async def _solve(self, problem: Problem) -> Solution:
         """Raises `WorkerError`; the worker is gone then."""
         try:
             process = await self._running()
-            async with asyncio.timeout(IN_WORKER.seconds + self._answer_s):
+            async with asyncio.timeout(IN_WORKER.seconds + self._answer_timeout_s):
                 order = encode_problem(problem, IN_WORKER)
                 stdin_of(process).write(len(order).to_bytes(LENGTH, "big") + order)
                 await stdin_of(process).drain()
@@ -137,12 +137,12 @@ def _alone(result: str, why: str) -> GroupPlacement:
 
 
 async def _frame(process: asyncio.subprocess.Process) -> bytes:
-    """The next frame. Raises `EOFError` when the worker has ended, or says what cannot be."""
-    if process.stdout is None:  # pragma: no cover - asked for with a pipe
+    """The next frame. Raises `EOFError` when the worker has ended, or sends an invalid frame."""
+    if process.stdout is None:  # pragma: no cover - requested with a pipe
         raise RuntimeError("a worker without standard output")
     try:
         size = int.from_bytes(await process.stdout.readexactly(LENGTH), "big")
-        if size > MOST_ANSWER:
+        if size > MAX_ANSWER_BYTES:
             raise EOFError(f"an answer of {size} bytes")
         return await process.stdout.readexactly(size)
     except asyncio.IncompleteReadError as error:

@@ -12,6 +12,6 @@ async def started(command: Sequence[str], *, stderr: int | None = None) -> async
 
 
 def stdin_of(process: asyncio.subprocess.Process) -> asyncio.StreamWriter:
-    if process.stdin is None:  # pragma: no cover - asked for with a pipe
+    if process.stdin is None:  # pragma: no cover - requested with a pipe
         raise RuntimeError("a worker without standard input")
     return process.stdin

@@ -1,6 +1,6 @@
 """The process that solves joint placements: orders from standard input, answers to standard output, until either ends.
 
-Frames are a length (4 bytes, big endian) and so many bytes; an empty one says that it is ready. It runs beside the
+Frames are a length (4 bytes, big endian) and so many bytes; an empty one means that it is ready. It runs beside the
 scheduler in the same container, within limits of its own.
 """
 

@@ -12,7 +12,7 @@ from robotapp_scheduler.shell.metrics.metrics import Metrics
 
 
 class DomainClaims:
-    """`see` every event; `counts` is for the metric, `held` for those who look for a free id."""
+    """`see` every event; `counts` is for the metric, `held` for the search for a free id."""
 
     def __init__(self) -> None:
         self._claims: dict[str, Claim] = {}

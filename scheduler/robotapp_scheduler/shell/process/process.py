@@ -101,7 +101,7 @@ class Scheduler:
         )
         self.port_requests = self._request_handler()
         self._reloader = Reloader(
-            running, self._source, catalogue=catalogue(), swap=self._swap, tell=self._tell, last_good=last_good
+            running, self._source, catalogue=catalogue(), swap=self._swap, report=self._tell, last_good=last_good
         )
         self._election = self._candidate()
         publish(

@@ -30,7 +30,7 @@ class PodEvents:
         return f"<PodEvents {list(self._recorders.values())}>"
 
     def pod_event(self, pod: Pod, *, warning: bool, reason: str, action: str, note: str, by: str = "") -> None:
-        """Queue one event about a pod, said by its own profile or by that named `by`; never waits, never raises."""
+        """Queue one event about a pod, reported by its own profile or by that named `by`; never waits, never raises."""
         recorder = self._recorders.get(by or pod.spec.scheduler_name)
         if recorder is None:
             return
@@ -43,7 +43,7 @@ class PodEvents:
             uid=meta.uid,
             resource_version=meta.resource_version,
         )
-        once = reason is EventReason.SCHEDULED  # nobody is bound twice
+        once = reason is EventReason.SCHEDULED  # no pod is bound twice
         recorder.event(regarding, reason=reason, note=note, action=action, warning=warning, once=once)
 
     def about(self, regarding: Json, *, reason: str, note: str, warning: bool) -> None:
@@ -52,7 +52,7 @@ class PodEvents:
         recorder.event(regarding, reason=reason, note=note, action="Configuring", warning=warning)
 
     def conflicts(self, found: Iterable[ClaimConflict]) -> None:
-        """Two run with one thing: bare pods are told here, in words for their namespace; apps by the operator."""
+        """Two run with one thing: bare pods get an event here, in words for their namespace; apps from the operator."""
         recorder = next(iter(self._recorders.values()))
         for conflict in found:
             for pod in conflict.parties:

@@ -1,7 +1,7 @@
 """Pods of ours that a kubelet refused after the bind: another scheduler filled the node first, or a device was gone.
 
-The pod watch leaves out ended pods, so such a pod merely vanishes from it. A pod that vanishes while nobody deleted it
-and before it ever ran is read once, and what is found is told: as an event on the pod and as a metric by reason.
+The pod watch leaves out ended pods, so such a pod merely vanishes from it. A pod that vanishes without a deletion
+and before it ever ran is read once, and the result is reported: as an event on the pod and as a metric by reason.
 """
 
 import asyncio
@@ -26,7 +26,7 @@ MOST_WAITING: Final = 1000
 
 
 class KubeletRefusals:
-    """`look_at` notes a vanished pod and never waits; `run` reads and tells, on the leader only."""
+    """`look_at` notes a vanished pod and never waits; `run` reads and reports, on the leader only."""
 
     def __init__(self, client: ApiClient, events: Events, metrics: Metrics) -> None:
         self._client = client
@@ -44,7 +44,7 @@ class KubeletRefusals:
             self._vanished.put_nowait(pod)
 
     async def run(self) -> None:
-        """Read and tell until cancelled."""
+        """Read and report until cancelled."""
         while True:
             await self._judge(await self._vanished.get())
 

@@ -31,7 +31,7 @@ class LatestQueue(Generic[Key, Word]):
         return self._words.get(key)
 
     def drop(self, key: Key) -> None:
-        """What waits under the key, if anything, is not to be said any more."""
+        """What waits under the key, if anything, is not to be written any more."""
         self._words.pop(key, None)
 
     async def take(self) -> tuple[Key, Word]:

@@ -26,8 +26,8 @@ def budget_without_end() -> str:
 
 def device_busy(device: str, node: str, *, holder: str, holder_namespace: str, namespace: str) -> str:
     """Who keeps a device from a pod in `namespace`."""
-    who = shown_name(holder_namespace, holder, for_namespace=namespace)
-    return f"device {device} on {node} is held by {who}: it is free when its holder is deleted or suspended"
+    holder_name = shown_name(holder_namespace, holder, for_namespace=namespace)
+    return f"device {device} on {node} is held by {holder_name}: it is free when its holder is deleted or suspended"
 
 
 def note(text: str) -> str:
@@ -98,7 +98,7 @@ def nominated(pod: Pod, node: str | None) -> bool:
     return node is None or pod.status.nominated_node_name == node
 
 
-def says_already(pod: Pod, *, reason: str, message: str, nominate: str | None = None) -> bool:
+def shows_already(pod: Pod, *, reason: str, message: str, nominate: str | None = None) -> bool:
     """Whether the stored pod carries exactly this condition and nominated node (None = whichever)."""
     return nominated(pod, nominate) and any(
         found.type == "PodScheduled" and found.status == "False" and (found.reason, found.message) == (reason, message)

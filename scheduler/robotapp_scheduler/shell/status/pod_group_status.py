@@ -1,6 +1,6 @@
 """Writes the condition PodGroupInitiallyScheduled of PodGroups of the API server's own API.
 
-False is written when an attempt failed, True once as many pods as it asks for are bound; what is true stays so. Groups of
+False is written when an attempt failed, True once as many pods as it requires are bound; what is true stays so. Groups of
 `scheduling.x-k8s.io` belong to another controller, whose status we leave alone.
 """
 
@@ -31,7 +31,7 @@ MOST_PAUSE_S = 60.0
 
 
 class Word(NamedTuple):
-    """What is said about one life of a group."""
+    """What is reported about one life of a group."""
 
     uid: str
     status: str
@@ -51,7 +51,7 @@ class _Record:
 
 
 class GroupReporter:
-    """`decided` and `tick` only note what is to be said; `run` writes it, the newest word per group."""
+    """`decided` and `tick` only note what is to be written; `run` writes it, the newest condition per group."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class GroupReporter:
         permitted: Callable[[], bool],
         now: Callable[[], str] = utc_now,
     ) -> None:
-        """`permitted` is asked before every write: whether we still lead."""
+        """`permitted` is called before every write: whether we still lead."""
         self._client = client
         self._groups = groups
         self._permitted = permitted
@@ -89,7 +89,7 @@ class GroupReporter:
 
     def tick(self) -> None:
         """Once a second: groups of which enough pods are bound now, and words whose pause is over."""
-        self._records = {ref: record for ref, record in self._records.items() if self._is_news(ref, record)}
+        self._records = {ref: record for ref, record in self._records.items() if self._is_changed(ref, record)}
         if not self._permitted():
             return
         for ref, uid in self._groups.take_completed():
@@ -107,7 +107,7 @@ class GroupReporter:
         while True:
             ref, record = await self._waiting.take()
             group = self._groups.find(ref)
-            if group is None or not _may_be_said(record.word, group) or record.due_s is not None:
+            if group is None or not _may_be_written(record.word, group) or record.due_s is not None:
                 continue
             if self._permitted():
                 await self._write(ref, group, record)
@@ -119,7 +119,7 @@ class GroupReporter:
         if record is not None and record.word.uid != word.uid:
             record = None
         last = record.word if record is not None else _shown(group)
-        if word == last or (last is not None and last.status == "True") or not _may_be_said(word, group):
+        if word == last or (last is not None and last.status == "True") or not _may_be_written(word, group):
             return
         if record is None:
             pause = Backoff(base_s=PAUSE_S, cap_s=MOST_PAUSE_S, uniform=self._client.uniform)
@@ -128,9 +128,9 @@ class GroupReporter:
         if record.due_s is None:
             self._waiting.put(ref, record)
 
-    def _is_news(self, ref: GroupRef, record: _Record) -> bool:
+    def _is_changed(self, ref: GroupRef, record: _Record) -> bool:
         group = self._groups.find(ref)
-        if group is None or not _may_be_said(record.word, group):
+        if group is None or not _may_be_written(record.word, group):
             return False
         # What is still to be written may look like what the group showed before our last word.
         return record.due_s is not None or self._waiting.get(ref) is record or _shown(group) != record.word
@@ -162,7 +162,7 @@ class GroupReporter:
             record.due_s = self._client.clock() + record.pause.next_s(at_least_s=retry_after_s)
         if not record.warned:
             record.warned = True
-            # The pods say it, too.
+            # The conditions of the pods have it, too.
             log.warning("the condition of PodGroup %s/%s cannot be written: %s", ref.namespace, ref.name, error)
 
 
@@ -175,14 +175,14 @@ def _failure(decisions: Sequence[ScheduleResult], needed: int, there: int) -> st
     return f"minCount ({needed}) cannot be satisfied: {there} scheduled, 0 remaining; {first.pod.name}: {first.message}"
 
 
-def _may_be_said(word: Word, group: PodGroup) -> bool:
+def _may_be_written(word: Word, group: PodGroup) -> bool:
     """Of this life of the group, which does not show True yet: that stays."""
     shown = _shown(group)
     return group.metadata.uid == word.uid and (shown is None or shown.status != "True")
 
 
 def _shown(group: PodGroup) -> Word | None:
-    """What its condition says, as far as we have seen."""
+    """Its condition, as far as we have seen."""
     for found in group.status.conditions or ():
         if found.type == INITIALLY_SCHEDULED:
             return Word(group.metadata.uid, found.status, found.reason, found.message)

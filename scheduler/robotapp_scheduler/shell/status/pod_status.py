@@ -1,7 +1,7 @@
 """Writes the PodScheduled condition and an Event of a pod when they change.
 
-A pod whose words change to and fro is told the newest ones every ten seconds, and those that came and went meanwhile not at all.
-What stays true is said again every few minutes: the recorder counts it on the Event that is there, which else were forgotten
+A pod whose reason changes to and fro gets the newest one every ten seconds, and those that came and went meanwhile not at all.
+What stays true is reported again every few minutes: the recorder counts it on the Event that is there, which else were forgotten
 by the API server after an hour while the pod still waits.
 
 Nothing here delays a decision. Condition writes wait in a queue that keeps the latest text per pod, so a storm of
@@ -35,7 +35,7 @@ log = logging.getLogger(__name__)
 REMEMBERED = 20_000
 """Last text per pod; the oldest are forgotten beyond this and at worst written once more."""
 AGAIN_S = 300.0
-"""How often at most the same is said again about a pod; the queue tries one that nothing helped as seldom."""
+"""How often at most the same is reported again about a pod; the queue tries one that nothing helped as seldom."""
 NOTE_S = 60.0
 """As often as the recorder writes another Event about one object for ever."""
 CHANGES = 3
@@ -66,7 +66,7 @@ def utc_now() -> str:
 
 
 class Reporter:
-    """Condition and event writer. `run` does the writing; the other methods only note what is to be said."""
+    """Condition and event writer. `run` does the writing; the other methods only note what is to be written."""
 
     def __init__(
         self,
@@ -76,28 +76,28 @@ class Reporter:
         permitted: Callable[[], bool] = lambda: True,
         now: Callable[[], str] = utc_now,
     ) -> None:
-        """`permitted` is asked before every condition is written: whether we still lead."""
+        """`permitted` is called before every condition is written: whether we still lead."""
         self._client = client
         self._events = events
         self._permitted = permitted
         self._now = now
-        self._said: OrderedDict[str, tuple[str, str, str | None]] = OrderedDict()
-        self._told_s: dict[str, float] = {}
-        """When the Event of what was said was last recorded; of the same pods."""
+        self._reported: OrderedDict[str, tuple[str, str, str | None]] = OrderedDict()
+        self._event_s: dict[str, float] = {}
+        """When the Event of the latest report was last recorded; of the same pods."""
         self._noted: OrderedDict[str, tuple[str, float]] = OrderedDict()
-        """The last note about a pod, and since when it says that."""
+        """The last note about a pod, and since when it has this text."""
         self._changes = Buckets(per_s=1 / CHANGE_S, burst=CHANGES, clock=client.clock)
         self._held: dict[str, tuple[float, Callable[[], None]]] = {}
-        """Words that came too soon after others: when they are due, and how they are said."""
+        """Reports that came too soon after others: when they are due, and the call that makes them."""
         self._waiting: LatestQueue[str, _Text] = LatestQueue()
         self._writing: set[str] = set()
         self._later: dict[str, _Text] = {}
-        """What is to be said of pods of which something is being said: two words on their way may overtake each other."""
-        self._promised: dict[str, str] = {}
-        """Pods on the way to a node they were promised to."""
+        """Reports about pods whose condition is being written: two writes on their way may overtake each other."""
+        self._nominated: dict[str, str] = {}
+        """Pods that are nominated and whose bind is on its way."""
 
     def __repr__(self) -> str:
-        return f"<Reporter {len(self._waiting)} conditions to write, {len(self._said)} remembered>"
+        return f"<Reporter {len(self._waiting)} conditions to write, {len(self._reported)} remembered>"
 
     def scheduled(self, pod: Pod, node: str, *, more: str = "") -> None:
         """The bind was confirmed; the API server itself has set PodScheduled=True. `more` is added to the Event's note."""
@@ -115,34 +115,34 @@ class Reporter:
         nominate: str | None = None,
         event: str = EventReason.FAILED_SCHEDULING,
     ) -> None:
-        """An attempt failed. Writes condition and event; the event alone, and seldom, if this was the last thing said about it.
+        """An attempt failed. Writes condition and event; the event alone, and seldom, if the last report was the same.
 
         `nominate` is the node the pod waits for from now on, "" for none any more, None when that stays as it is.
         """
         uid = pod.metadata.uid
-        said = self._said.get(uid)
-        same = said is not None and said[:2] == (reason, message)
-        known = said[2] if said is not None else None
-        promised = self._promised.pop(uid, "") or known
-        if promised and nominate == "":
-            # Its watch may not have told us yet what we wrote: without this it would stand there for ever.
-            status = msgspec.structs.replace(pod.status, nominated_node_name=promised)
+        reported = self._reported.get(uid)
+        same = reported is not None and reported[:2] == (reason, message)
+        known = reported[2] if reported is not None else None
+        nominated_node = self._nominated.pop(uid, "") or known
+        if nominated_node and nominate == "":
+            # The watch may not show yet what we wrote: without this the nomination would stay for ever.
+            status = msgspec.structs.replace(pod.status, nominated_node_name=nominated_node)
             pod = msgspec.structs.replace(pod, status=status)
         now_s = self._client.clock()
         self._held.pop(uid, None)
         wait_s = 0.0 if same else self._changes.wait_s(uid)
-        if wait_s and said is not None and messages.nominated(pod, nominate):
+        if wait_s and reported is not None and messages.nominated(pod, nominate):
             again = partial(self.unscheduled, pod, reason=reason, message=message, nominate=nominate, event=event)
             self._held[uid] = (now_s + wait_s, again)
             return
-        if not same or now_s - self._told_s.get(uid, now_s) >= AGAIN_S:
-            self._told_s[uid] = now_s
+        if not same or now_s - self._event_s.get(uid, now_s) >= AGAIN_S:
+            self._event_s[uid] = now_s
             self._events.pod_event(pod, warning=True, reason=event, action="Scheduling", note=messages.note(message))
         if same and nominate in {None, known} and messages.nominated(pod, nominate):
             return
         self._remember(uid, (reason, message, known if nominate is None else nominate))
-        # Only before our first word: later the pod may look as it did before a word of ours that is still on its way.
-        if said is None and messages.says_already(pod, reason=reason, message=message, nominate=nominate):
+        # Only before our first report: later the pod may look as it did before a write of ours that is still on its way.
+        if reported is None and messages.shows_already(pod, reason=reason, message=message, nominate=nominate):
             return
         waiting = self._waiting.get(uid) or self._later.get(uid)
         if nominate is None and waiting is not None:
@@ -150,23 +150,23 @@ class Reporter:
         self._waiting.put(uid, _Text(pod, reason, message, nominate))
 
     def tick(self) -> None:
-        """Once a second: say what was held back, if it still stands."""
+        """Once a second: make the reports that were held back, if they still hold."""
         now_s = self._client.clock()
-        for uid, (due_s, say) in list(self._held.items()):
+        for uid, (due_s, make) in list(self._held.items()):
             if due_s <= now_s:
                 del self._held[uid]
-                say()
+                make()
 
     async def promise(self, pod: Pod, node: str) -> None:
-        """Say on the pod where it goes before something is made there for it: whoever schedules next keeps to it.
+        """Write the node to the pod before something is made there for it: the next scheduler keeps to it.
 
-        One try: a promise that is not written changes nothing. The bind takes it away, a failed attempt as well.
+        One try: a nomination that is not written changes nothing. The bind removes it, a failed attempt as well.
         """
         meta = pod.metadata
         if pod.status.nominated_node_name == node or not self._permitted():
             return
         patch = {"metadata": {"uid": meta.uid}, "status": {"nominatedNodeName": node}}
-        self._promised[meta.uid] = node  # also when the answer is lost: it may have been written
+        self._nominated[meta.uid] = node  # also when the answer is lost: it may have been written
         try:
             await self._client.patch(PODS, meta.name, patch, namespace=meta.namespace, subresource="status")
         except ClientError as error:
@@ -176,13 +176,13 @@ class Reporter:
         """One more Warning beside the condition; the recorder counts repetitions instead of writing them.
 
         Another text about the same pod comes `NOTE_S` later at the soonest: of a device that changes hands by the second
-        each pod that waits would be told each name.
+        each pod that waits would get each name.
         """
         uid, now_s = pod.metadata.uid, self._client.clock()
-        known, told_s = self._noted.get(uid, (text, now_s))
-        if text != known and now_s - told_s < NOTE_S:
+        known, noted_s = self._noted.get(uid, (text, now_s))
+        if text != known and now_s - noted_s < NOTE_S:
             return
-        self._noted[uid] = (text, told_s if text == known else now_s)
+        self._noted[uid] = (text, noted_s if text == known else now_s)
         self._noted.move_to_end(uid)
         if len(self._noted) > REMEMBERED:
             self._noted.popitem(last=False)
@@ -191,19 +191,19 @@ class Reporter:
     def deleting(self, pod: Pod) -> None:
         """The pod was deleted while it waited: one Warning, no condition."""
         note = skipped_deleting(pod.key)
-        if self._said.get(pod.metadata.uid) == ("", note, None):
+        if self._reported.get(pod.metadata.uid) == ("", note, None):
             return
         self._remember(pod.metadata.uid, ("", note, None))
         self._events.pod_event(pod, warning=True, reason=EventReason.FAILED_SCHEDULING, action="Scheduling", note=note)
 
     def forget(self, uid: str) -> None:
-        """The pod is bound or gone: nothing more will be said about it."""
-        self._said.pop(uid, None)
+        """The pod is bound or gone: nothing more will be reported about it."""
+        self._reported.pop(uid, None)
         self._held.pop(uid, None)
-        self._told_s.pop(uid, None)
+        self._event_s.pop(uid, None)
         self._waiting.drop(uid)
         self._later.pop(uid, None)
-        self._promised.pop(uid, None)
+        self._nominated.pop(uid, None)
         self._noted.pop(uid, None)
 
     async def run(self) -> None:
@@ -258,12 +258,12 @@ class Reporter:
                 continue
             else:
                 return
-        # Said in vain: the next attempt says it again.
-        self._said.pop(meta.uid, None)
+        # Not written: the next attempt reports it again.
+        self._reported.pop(meta.uid, None)
 
-    def _remember(self, uid: str, said: tuple[str, str, str | None]) -> None:
-        self._said[uid] = said
-        self._said.move_to_end(uid)
-        if len(self._said) > REMEMBERED:
-            oldest, _ = self._said.popitem(last=False)
-            self._told_s.pop(oldest, None)
+    def _remember(self, uid: str, reported: tuple[str, str, str | None]) -> None:
+        self._reported[uid] = reported
+        self._reported.move_to_end(uid)
+        if len(self._reported) > REMEMBERED:
+            oldest, _ = self._reported.popitem(last=False)
+            self._event_s.pop(oldest, None)

@@ -43,7 +43,7 @@ class Bench:
             NoSource(),
             catalogue=catalogue(),
             swap=lambda config, profiles: self.swapped.append((config, profiles)),
-            tell=lambda *event: self.told.append(event),
+            report=lambda *event: self.told.append(event),
             last_good=last_good,
         )
 

@@ -44,7 +44,7 @@ def posed(pods: int = 6, *, seed: int = 3) -> JointProblem:
 
 
 def planner(**settings: Any) -> Planner:
-    return Planner(**{"small": 0, "start_s": 20.0, "answer_s": 20.0, **settings})
+    return Planner(**{"small": 0, "start_s": 20.0, "answer_timeout_s": 20.0, **settings})
 
 
 async def test_a_worker_plans_and_is_kept_for_the_next_one() -> None:
@@ -94,7 +94,7 @@ async def test_whatever_a_worker_does_wrong_the_pods_are_placed_one_by_one_and_i
         (NEVER_STARTS, "no answer in time"),
         (MISSING, "FileNotFoundError"),
     ):
-        hurried = {"answer_s": 0.2} if worker is SILENT else {"start_s": 0.5} if worker is NEVER_STARTS else {}
+        hurried = {"answer_timeout_s": 0.2} if worker is SILENT else {"start_s": 0.5} if worker is NEVER_STARTS else {}
         subject = planner(worker=worker, **hurried)
         found = await subject.advise(posed())
         assert (found.result, dict(found.nodes)) == ("failed", {}), worker
@@ -106,7 +106,7 @@ async def test_whatever_a_worker_does_wrong_the_pods_are_placed_one_by_one_and_i
 
 
 async def test_who_waits_too_long_for_its_turn_goes_without() -> None:
-    subject = planner(worker=SILENT, answer_s=1.0, turn_s=0.05)
+    subject = planner(worker=SILENT, answer_timeout_s=1.0, turn_s=0.05)
     first = asyncio.create_task(subject.advise(posed()))
     await asyncio.sleep(0)
     assert (await subject.advise(posed())).result == "busy"

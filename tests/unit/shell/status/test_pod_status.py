@@ -140,7 +140,7 @@ async def test_what_stays_true_is_said_again_after_five_minutes_without_a_second
     assert len(set(desk.events.notes)) == 1
     assert len(await desk.settle()) == 1
     desk.reporter.forget("u1")
-    assert not desk.reporter._told_s
+    assert not desk.reporter._event_s
 
 
 async def test_another_text_is_written_without_moving_the_transition_time() -> None:
