@@ -33,6 +33,7 @@ from robotapp_operator.reconcile.fleet_view import FleetView
 from robotapp_operator.reconcile.instance_objects import InstanceObjects
 from robotapp_operator.reconcile.instance_reconciler import Children
 from robotapp_operator.reconcile.metrics import Metrics
+from robotapp_operator.reconcile.mover import Mover
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.pool_status import Pools
 from robotapp_operator.reconcile.probe_targets import Probes
@@ -113,6 +114,16 @@ class Operator:
             self.metrics,
             children=Children(client, cache, memory, self.params, version=__version__),
             objects=InstanceObjects(client, cache, memory, self.observer, **shared),
+            mover=Mover(
+                client,
+                cache,
+                memory,
+                self.observer,
+                self.recorder,
+                wake=self._enqueue_status,
+                clock=time.monotonic,
+                now=_now,
+            ),
             reporter=Reporter(client, cache, memory, self.observer, self.recorder, **shared),
             fleet=self.fleet,
             gates=Gates(client, cache),

@@ -332,6 +332,8 @@ def test_a_tenants_rights_in_his_namespace(tenant: Chart, verb: str, resource: s
         (OPERATOR, "patch", "domainpools.robotics.io/status", "yes"),
         (OPERATOR, "patch", "domainpools.robotics.io", "no"),
         (OPERATOR, "create", "pods", "no"),
+        (OPERATOR, "create", "pods/eviction", "yes"),
+        (OPERATOR, "delete", "pods", "no"),
         (OPERATOR, "create", "pods/binding", "no"),
         (OPERATOR, "list", "secrets", "no"),
         (OPERATOR, "create", "clusterrolebindings.rbac.authorization.k8s.io", "no"),

@@ -41,7 +41,7 @@ class Worker:
             raise self.answer
         return self.answer
 
-    reconcile = report = publish = open = work
+    reconcile = report = publish = open = look = work
 
 
 class World:
@@ -52,8 +52,8 @@ class World:
         self.metrics = Metrics()
         self.queue = Queue(clock=self.clock, jitter=lambda: 0.5, background=BACKGROUND)
         self.children, self.reporter, self.fleet, self.gates = (Worker() for _ in range(4))
-        self.objects, self.probes, self.pools = (Worker() for _ in range(3))
-        self.reporter.answer = self.objects.answer = None
+        self.objects, self.probes, self.pools, self.mover = (Worker() for _ in range(4))
+        self.reporter.answer = self.objects.answer = self.mover.answer = None
         self.children.forget = self.memory.forget
         self.listed: list[dict[str, Any]] = []
         self.while_listing: Callable[[], None] = lambda: None
@@ -68,6 +68,7 @@ class World:
             reporter=self.reporter,  # type: ignore[arg-type]
             fleet=self.fleet,  # type: ignore[arg-type]
             gates=self.gates,  # type: ignore[arg-type]
+            mover=self.mover,  # type: ignore[arg-type]
             probes=self.probes,  # type: ignore[arg-type]
             pools=self.pools,  # type: ignore[arg-type]
             list_apps=self._list,

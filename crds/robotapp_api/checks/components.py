@@ -42,8 +42,8 @@ def component_notes(component: Component, at: str) -> Iterator[Note]:
         where = f"{at}.devices[{index}]"
         if device.sharing == "Namespace":
             yield Note(f"{where}.sharing", "Namespace acts as Cluster: nothing keeps other namespaces from the device")
-        if device.on_loss != "Keep":
-            yield Note(f"{where}.onLoss", f"{device.on_loss} has no effect yet; the pod is kept")
+        if device.on_loss != "Keep" and (device.sharing != "Exclusive" or device.type == "gpu"):
+            yield Note(f"{where}.onLoss", f"{device.on_loss} has no effect: nothing is claimed, so no loss is seen")
     for field in ("durability", "queueSize", "tcpNodelay"):
         if getattr(component.policies, to_snake(field)) is not None:
             yield Note(f"{at}.policies.{field}", "has no effect: the program's own setting counts")

@@ -8,10 +8,9 @@ from robotapp_api.checks.middleware import FAST_DDS, KNOWN, mode_problem
 from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
-from robotapp_api.model.base import dump
 from robotapp_api.model.distros import DISTROS, nearest
-from robotapp_api.model.names import ROBOT_END, Reason
-from robotapp_api.model.placement import Fallback, Reschedule
+from robotapp_api.model.names import ROBOT_END, Annotation, Reason
+from robotapp_api.model.placement import Fallback
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neighbours
 from robotapp_api.values.tiers import ROBOT
@@ -36,7 +35,12 @@ def spec_notes(spec: RobotAppSpec) -> Iterator[Note]:
         yield Note(
             "spec.placement.objective", f"{spec.placement.objective} has no effect yet; places are chosen by latency"
         )
-    yield from reschedule_notes(spec)
+    if spec.placement.reschedule.when != "Never":
+        yield Note(
+            "spec.placement.reschedule.when",
+            f"{spec.placement.reschedule.when} has no effect by itself yet: the operator moves a pod to the node that its annotation "
+            f"{Annotation.BETTER_NODE} names, and the scheduler writes none so far",
+        )
     if spec.placement.fallback != Fallback():
         yield Note(
             "spec.placement.fallback",
@@ -61,14 +65,6 @@ def spec_notes(spec: RobotAppSpec) -> Iterator[Note]:
             yield Note(f"spec.edges[{index}].bandwidth", "has no effect yet; places are chosen by latency")
     for index, component in enumerate(spec.components):
         yield from component_notes(component, f"spec.components[{index}]")
-
-
-def reschedule_notes(spec: RobotAppSpec) -> Iterator[Note]:
-    """Each of its fields that is not left at its default; `for` is how long a budget is exceeded before that counts."""
-    written, default = dump(spec.placement.reschedule), dump(Reschedule())
-    for field, value in written.items():
-        if value != default.get(field) and field != "for":
-            yield Note(f"spec.placement.reschedule.{field}", f"{value} has no effect yet; nothing moves")
 
 
 def _ros_problems(spec: RobotAppSpec) -> Iterator[Problem]:

@@ -32,7 +32,9 @@ class Device(Model):
     (Cluster). A device that is not exclusive must be there and is not held, but nobody gets it alone while it is in use;
     Namespace acts like Cluster so far."""
     on_loss: OnLoss = "Keep"
-    """What happens when the device vanishes: Keep the pod, Restart it in place, or Reschedule it to another node."""
+    """What happens to the pod when an exclusive device vanishes: Keep it; Restart it when the device is back; or Reschedule it as
+    soon as another node has a free one, within placement.reschedule.{cooldown, maxPerDay}. A loss of less than 10 s moves
+    and restarts nothing."""
 
 
 class Requirement(Model):

@@ -124,7 +124,7 @@ class InstanceStatus(Observed):
     claims: Annotated[tuple[Text, ...], Field(max_length=64)] = ()
     """RobotClaims the instance holds."""
     moves: Annotated[tuple[Move, ...], ListMap("component"), Field(max_length=64)] = ()
-    """Components that were moved to another node. Nothing moves them yet."""
+    """Components that were moved to another node (placement.reschedule, devices[].onLoss): a copy of what their Deployments say."""
 
 
 class RobotAppInstance(Model):

@@ -101,6 +101,11 @@ class Annotation(StrEnum):
     DOMAIN_CLAIM = "robotics.io/domain-claim"
     """On templates of RobotApp children: name of the RobotClaim whose id ROS_DOMAIN_ID carries."""
     BETTER_NODE = "robotics.io/better-node"
+    """On pods, written by the scheduler: where the pod would be placed now that an edge of it is over its budget."""
+    MOVES = "robotics.io/moves"
+    """On a component's Deployment: when its pods were evicted to start elsewhere, written before each eviction."""
+    LOST_DEVICES = "robotics.io/lost-devices"
+    """On a component's Deployment: claims of devices that vanished, each with the uid of the pod that had it."""
 
 
 PARAMETERS_PREFIX: Final = "robotics.io/parameters-"
@@ -142,6 +147,8 @@ class Reason(StrEnum):
     POOL_NOT_FOUND = "PoolNotFound"
     CLAIM_CONFLICT = "ClaimConflict"
     DEVICE_BUSY = "DeviceBusy"
+    DEVICE_LOST = "DeviceLost"
+    """A running pod holds a device that its node no longer has."""
     WAITING_FOR_DEVICES = "WaitingForDevices"
     NOT_OUR_SCHEDULER = "NotOurScheduler"
     NOTHING_TO_ALLOCATE = "NothingToAllocate"
@@ -220,6 +227,7 @@ class EventReason(StrEnum):
     DEVICE_CLAIMED = "DeviceClaimed"
     DEVICE_BUSY = "DeviceBusy"
     DEVICE_LOST = "DeviceLost"
+    DEVICE_RETURNED = "DeviceReturned"
     NODE_REJECTED = "NodeRejected"
     PLACED = "Placed"
     FALLBACK_USED = "FallbackUsed"

@@ -26,13 +26,13 @@ class Reschedule(Model):
     """When a running component may move to another node."""
 
     when: RescheduleWhen = "Never"
-    """Never, or BudgetExceeded: a required edge stays above its budget."""
+    """Never, or BudgetExceeded: a required edge stays above its budget, and the scheduler knows a better node."""
     for_: Annotated[Duration, Field(alias="for")] = "15s"
     """How long a budget must be exceeded before BudgetMet is False and anything moves, and met before BudgetMet is True again."""
     cooldown: Duration = "2m"
-    """Rest between two moves of one component."""
+    """Rest between two moves of one component, whatever they are for."""
     max_per_day: Annotated[int, Field(ge=0, le=1000)] = 3
-    """Moves of one component within 24 hours."""
+    """Moves of one component within 24 hours, whatever they are for."""
 
 
 class Placement(Model):

@@ -67,6 +67,10 @@
 - apiGroups: [""]
   resources: [pods]
   verbs: [get, list, watch, patch]
+# Moves: a pod whose latency budget or device is better served elsewhere. By eviction, so that disruption budgets hold.
+- apiGroups: [""]
+  resources: [pods/eviction]
+  verbs: [create]
 - apiGroups: [events.k8s.io]
   resources: [events]
   verbs: [create, patch]

@@ -13,6 +13,8 @@ class Work(StrEnum):
     """Group: app uid, instance. Domain, Deployments, Services of one instance."""
     INSTANCE = "instance"
     """Group: app uid, instance. Writes the RobotAppInstance when it differs from what is observed."""
+    MOVES = "moves"
+    """Group: app uid, instance. Evicts pods that are to start elsewhere, or again."""
     STATUS = "status"
     """Group: app uid. Debounced: one write covers a burst of changes."""
     GATES = "gates"

@@ -15,7 +15,7 @@ from robotapp_api.client import AlreadyExists, ApiClient, ApiError, Conflict, Fo
 from robotapp_api.client.api.bodies import JSON_PATCH
 from robotapp_api.client.api.client import JsonPatch
 from robotapp_api.client.api.resources import DEPLOYMENTS, SERVICES, Resource
-from robotapp_api.model.names import OPERATOR_MANAGER, Reason
+from robotapp_api.model.names import OPERATOR_MANAGER, Annotation, Reason
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.diff.unowned import unowned_pointers
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE
@@ -92,6 +92,7 @@ async def _write(
         return await _patch_tested(client, resource, child.ref.name, patch, namespace=app.namespace)
     resource_version = await _own_by_apply(client, resource, app.namespace, child.ref.name, fence)
     body["metadata"] |= {"uid": fence.uid, "resourceVersion": resource_version}
+    body["metadata"]["annotations"] |= _records(over)  # our own, which an apply without them would remove
     result = await client.apply(resource, body)
     foreign = unowned_pointers(result.get("spec", {}), child.spec)
     if not foreign:
@@ -99,6 +100,12 @@ async def _write(
     version_test = {"op": "test", "path": "/metadata/resourceVersion", "value": result["metadata"]["resourceVersion"]}
     tested: JsonPatch = [version_test, *({"op": "remove", "path": pointer} for pointer in foreign)]
     return await _patch_tested(client, resource, child.ref.name, tested, namespace=app.namespace)
+
+
+def _records(over: Observed) -> dict[str, str]:
+    """What the object says about its component's past."""
+    have = over.metadata.annotations
+    return {key.value: have[key] for key in (Annotation.MOVES, Annotation.LOST_DEVICES) if key in have}
 
 
 async def _own_by_apply(client: ApiClient, resource: Resource, namespace: str, name: str, fence: Fence) -> str:

@@ -15,6 +15,7 @@ from robotapp_operator.reconcile.fleet_view import FleetView
 from robotapp_operator.reconcile.instance_objects import InstanceObjects
 from robotapp_operator.reconcile.instance_reconciler import Children
 from robotapp_operator.reconcile.metrics import Metrics
+from robotapp_operator.reconcile.mover import Mover, may_move
 from robotapp_operator.reconcile.pool_status import Pools
 from robotapp_operator.reconcile.probe_targets import Probes
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
@@ -42,9 +43,10 @@ ROBOTS_REST_S: Final = 2.0
 FLEET_REST_S: Final = 5.0
 POOL_REST_S: Final = 5.0
 PROBES_REST_S: Final = 10.0
+MOVES_REST_S: Final = 0.5
 RESYNC_S: Final = 600.0
 BUG_DELAY_S: Final = 300.0
-OF_APPS: Final = frozenset({Work.APP, Work.ROBOTS, Work.CHILDREN, Work.INSTANCE, Work.STATUS, Work.GATES})
+OF_APPS: Final = frozenset({Work.APP, Work.ROBOTS, Work.CHILDREN, Work.INSTANCE, Work.MOVES, Work.STATUS, Work.GATES})
 """Work whose group is an app's uid."""
 
 
@@ -60,6 +62,7 @@ class Controller:
         *,
         children: Children,
         objects: InstanceObjects,
+        mover: Mover,
         reporter: Reporter,
         fleet: FleetView,
         gates: Gates,
@@ -74,6 +77,7 @@ class Controller:
         self._metrics = metrics
         self._children = children
         self._objects = objects
+        self._mover = mover
         self._reporter = reporter
         self._fleet = fleet
         self._gates = gates
@@ -87,6 +91,7 @@ class Controller:
             Work.ROBOTS: self._robots,
             Work.CHILDREN: self._instance_children,
             Work.INSTANCE: self._instance_object,
+            Work.MOVES: self._moves,
             Work.STATUS: self._status,
             Work.GATES: self._gate,
             Work.WAITING: self._waiting,
@@ -255,10 +260,19 @@ class Controller:
         return tuple(table.get(key.instance) for table in tables)
 
     async def _instance_object(self, key: Key) -> float:
+        record = self._cache.apps.get(key.group)
+        if record is not None and record.app is not None and may_move(record.app):
+            self._queue.add(Key(Work.MOVES, key.group, key.instance))
         again_s = await self._objects.publish(key.group, key.instance)
         if again_s is not None:
             self._queue.add(key, delay_s=again_s)
         return 0.0
+
+    async def _moves(self, key: Key) -> float:
+        again_s = await self._mover.look(key.group, key.instance)
+        if again_s is not None:
+            self._queue.add(key, delay_s=again_s)
+        return MOVES_REST_S
 
     async def _status(self, key: Key) -> float:
         again_s = await self._reporter.report(key.group)

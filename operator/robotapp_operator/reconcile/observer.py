@@ -75,6 +75,7 @@ class Observer:
             outcome=memory.outcomes.get(instance.robot),
             trouble=memory.troubles.get(instance.robot),
             held=memory.held.get(instance.robot, ()),
+            stays=own.stays,
             now_s=now_s,
         )
         found = self._publish(app, found, own, now_s)
@@ -112,8 +113,15 @@ class Observer:
             memory.held.get(instance.robot, ()),
             cached_domain(app, instance.robot, self._cache, outcome) if borrowed else None,
             self._config_maps(app),
+            own.stays,
+            [self._cache.telemetry[node].status.devices for node in self._device_nodes(app, instance)],
             self._cache.devices_version if facts and facts.devices_held < facts.devices_wanted else None,
         )
+
+    def _device_nodes(self, app: App, instance: Instance) -> list[str]:
+        """Nodes that report about devices the instance holds."""
+        held = self._cache.devices_held(app.uid, instance.robot) if app.wants_devices else ()
+        return sorted({claim.spec.device.node for claim in held if claim.spec.device} & self._cache.telemetry.keys())
 
     def _config_maps(self, app: App) -> tuple[object, ...]:
         """Those with parameter files of the app, as they are now."""

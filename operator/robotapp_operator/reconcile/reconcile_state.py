@@ -22,7 +22,8 @@ class InstanceMemory:
     """Of one instance: the facts as last computed, what they were computed from, and what was published of them.
 
     `facts_until_s`: when other latency figures may be published, or the robot's grace is over. `shown`: the figures that are, None until they are read from
-    the object. `measured`: its edges as measured last. `times`: since when these have been over or within their budgets. `version`: resourceVersion of the object as we left or found it. `written_facts`: the facts that it is known to
+    the object. `measured`: its edges as measured last. `times`: since when these have been over or within their budgets. `lost_s`: since
+    when devices have been lost, by claim. `stays`: why a component is not moved. `evicted`: uid of the pod that this process evicted last. `version`: resourceVersion of the object as we left or found it. `written_facts`: the facts that it is known to
     show. `created`: there has been one. `pending_status`: the latest status that differed from the stored one.
     """
 
@@ -32,6 +33,9 @@ class InstanceMemory:
     shown: dict[EdgeKey, EdgeView] | None = None
     measured: tuple[EdgeView, ...] = ()
     times: BudgetTimes = dataclasses.field(default_factory=BudgetTimes)
+    lost_s: dict[str, float] = dataclasses.field(default_factory=dict)
+    stays: str = ""
+    evicted: str = ""
     rest: Rest = dataclasses.field(default_factory=Rest)
     writing: Writing = dataclasses.field(default_factory=Writing)
     version: str = ""

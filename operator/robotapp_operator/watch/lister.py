@@ -16,11 +16,12 @@ from robotapp_api.claims.objects import Claim
 from robotapp_api.claims.release import claims_domain, wanted_claim
 from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_api.client.api.times import whole_seconds
-from robotapp_api.model.names import Label, Reason
+from robotapp_api.model.names import Annotation, Label, Reason
 from robotapp_api.values.ranges import parse_ids
 from robotapp_api.values.tiers import ROBOT
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.diff.newer import Held
+from robotapp_operator.plan.moves.move_record import NO_MOVES, SHOWN_MOVES, parse_moves
 from robotapp_operator.plan.render.infrastructure import DISCOVERY
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.desired import App, Domain
@@ -29,6 +30,7 @@ from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
 from robotapp_operator.plan.status.components import component_view, cut_off
 from robotapp_operator.plan.status.device_conflicts import device_trouble
+from robotapp_operator.plan.status.device_loss import LostDevice, lost_devices, parse_record
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView, edge_views
 from robotapp_operator.watch.cache import Cache
@@ -154,6 +156,7 @@ def instance_facts(
     outcome: DomainOutcome | None,
     trouble: tuple[Reason, str] | None,
     held: tuple[Held, ...],
+    stays: str = "",
     now_s: float,
 ) -> InstanceFacts:
     """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic."""
@@ -189,6 +192,10 @@ def instance_facts(
         held=held,
         robot_online=not instance.missing and (robot is None or robot.ready),
         grace=_grace(app, cache.nodes.lost(instance.node), now_s=now_s),
+        offline_since=_since(cache.nodes.lost(instance.node)),
+        lost=_lost_devices(devices, pods, owned, cache) if devices else (),
+        moves=tuple(_moves(item) for item in owned if item.metadata.annotations.get(Annotation.MOVES)),
+        stays=stays,
         infrastructure_ready=_infrastructure_ready(owned),
         cut_off=_cut_off(owned, pods),
     )
@@ -199,6 +206,32 @@ def _grace(app: App, lost: Lost | None, *, now_s: float) -> Grace | None:
         return None
     seconds = app.grace_s
     return Grace(whole_seconds(lost.since), whole_seconds(lost.since + timedelta(seconds=seconds)), seconds)
+
+
+def _since(lost: Lost | None) -> str:
+    return whole_seconds(lost.since) if lost else ""
+
+
+def _lost_devices(
+    claims: Iterable[Claim], pods: Mapping[str, list[Pod]], deployments: Iterable[Deployment], cache: Cache
+) -> tuple[LostDevice, ...]:
+    """Not of nodes that are not Ready: what their agents reported last may be old, and the robot's state is told already."""
+    users = [
+        pod.metadata.uid
+        for mine in pods.values()
+        for pod in mine
+        if not pod.terminal and pod.metadata.deletion_timestamp is None and not cache.nodes.lost(pod.spec.node_name)
+    ]
+    recorded: dict[str, str] = {}
+    for item in deployments:
+        recorded |= parse_record(item.metadata.annotations.get(Annotation.LOST_DEVICES, ""))
+    return lost_devices(claims, cache.telemetry, users=users, recorded=recorded)
+
+
+def _moves(deployment: Deployment) -> tuple[str, tuple[str, ...]]:
+    record = parse_moves(deployment.metadata.annotations, Annotation.MOVES) or NO_MOVES
+    times = tuple(whole_seconds(time) for time in record.times[-SHOWN_MOVES:])
+    return deployment.metadata.labels.get(Label.COMPONENT, ""), times
 
 
 def offline_s(app: App, lost: Lost) -> float:

@@ -48,7 +48,7 @@ READERS: Final[Mapping[str, str]] = {
     f"{PLAN}/spec/desired.py": """
         spec.ros2.domain spec.ros2.pool spec.ros2.transport spec.ros2.discovery.image spec.ros2.shareWith.namespace
         spec.ros2.shareWith.name spec.ros1.master spec.schedulerName spec.connectivity.grace spec.suspend
-        spec.placement.reschedule.for""",
+        spec.placement.reschedule.for spec.placement.reschedule.cooldown""",
     f"{PLAN}/spec/validate.py": "spec.ros2.isolation spec.ros2.allowUnsafeDomain",
     f"{PLAN}/render/ros1.py": "spec.ros1.uri",
     f"{PLAN}/render/infrastructure.py": "spec.ros1.image spec.placement.masterNode",
@@ -78,6 +78,8 @@ READERS: Final[Mapping[str, str]] = {
     f"{PLAN}/render/deployments.py": "spec.components.replicas",
     f"{PLAN}/status/latency.py": "spec.edges.latency.percentile",
     f"{PLAN}/status/device_conflicts.py": "spec.components.devices.name",
+    f"{PLAN}/moves/device_moves.py": "spec.components.devices.onLoss",
+    f"{PLAN}/moves/rescheduling.py": "spec.placement.reschedule.maxPerDay",
     f"{CORE}/robotics/resolve.py": """
         spec.components.qosClass spec.components.policies.latencyBudget spec.components.policies.deadline
         spec.components.policies.reliability spec.components.policies.liveliness
@@ -104,9 +106,6 @@ REFUSED: Final = frozenset(
 """They stand in the schema so that the API server's refusal can name what to write instead."""
 
 TOLD: Final[Mapping[str, dict[str, Any]]] = {
-    "spec.components.devices.onLoss": {
-        "components": [component(devices=[{"name": "c", "type": "can", "onLoss": "Restart"}])]
-    },
     "spec.components.policies.durability": {"components": [component(policies={"durability": "transient_local"})]},
     "spec.components.policies.queueSize": {"components": [component(policies={"queueSize": 3})]},
     "spec.components.policies.tcpNodelay": {"components": [component(policies={"tcpNodelay": True})]},
@@ -115,8 +114,6 @@ TOLD: Final[Mapping[str, dict[str, Any]]] = {
     "spec.placement.fallback.steps": {"placement": {"fallback": {"steps": ["Wait"]}}},
     "spec.placement.fallback.after": {"placement": {"fallback": {"after": "1m"}}},
     "spec.placement.reschedule.when": {"placement": {"reschedule": {"when": "BudgetExceeded"}}},
-    "spec.placement.reschedule.cooldown": {"placement": {"reschedule": {"cooldown": "5m"}}},
-    "spec.placement.reschedule.maxPerDay": {"placement": {"reschedule": {"maxPerDay": 1}}},
     "spec.ros2.transport": {"ros2": {"transport": "SHM"}},
 }
 """Fields that wait for a later issue, or a value of them does, with a spec that sets them: `Accepted` names them."""

@@ -7,6 +7,7 @@ once, so that rendering, status and `render` agree.
 import dataclasses
 import functools
 from collections.abc import Mapping
+from datetime import timedelta
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
@@ -25,6 +26,8 @@ MASTER: Final = "master."
 PEERS: Final = "peers."
 
 DEFAULT_POOL: Final = "default"
+LONGEST_S: Final = 10 * 365 * 86_400.0
+"""Longer durations count as this one where a moment is computed from them."""
 
 
 class EnvVar(NamedTuple):
@@ -112,6 +115,11 @@ class App:
     def budget_for_s(self) -> float:
         """`placement.reschedule.for` in seconds: how long a budget is exceeded, or met again, before that counts."""
         return _seconds(self.spec.placement.reschedule.for_)
+
+    @property
+    def cooldown(self) -> timedelta:
+        """`placement.reschedule.cooldown`."""
+        return timedelta(seconds=min(_seconds(self.spec.placement.reschedule.cooldown), LONGEST_S))
 
     @property
     def managed_master(self) -> bool:

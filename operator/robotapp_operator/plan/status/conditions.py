@@ -11,7 +11,7 @@ from robotapp_operator.plan.diff.versions import version_key
 from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView
-from robotapp_operator.plan.status.troubled import cut_off_text, edge_text, rank_of, what_is_missing
+from robotapp_operator.plan.status.troubled import cut_off_text, edge_text, lost_text, rank_of, what_is_missing
 
 MAX_CONDITION_BYTES: Final = 2048
 """Bytes of a message of a RobotApp."""
@@ -87,6 +87,9 @@ def _domains_missing(facts: AppFacts) -> Verdict | None:
 
 def _devices_missing(facts: AppFacts) -> Verdict | None:
     held, wanted = _devices(facts)
+    for instance in facts.instances:
+        if instance.lost:
+            return Verdict("False", Reason.DEVICE_LOST, _named(facts, instance, lost_text(instance)))
     if wanted and not facts.app.our_scheduler:
         text = (
             f"scheduler {facts.app.scheduler_name} claims no devices, so their use is unknown; {_our_scheduler(facts)}"
@@ -177,7 +180,8 @@ def budget_met(facts: AppFacts) -> Verdict:
     over = [edge for edge in edges if edge.met is False]
     if over:
         worst = max(over, key=lambda edge: edge.use)
-        text = f"{len(over)} of {len(edges)} edges are over budget, worst {edge_text(worst)}; {_closer(worst)}"
+        stays = next((one.stays for one in facts.instances if one.stays), "")
+        text = f"{len(over)} of {len(edges)} edges are over budget, worst {edge_text(worst)}; {stays or _closer(worst)}"
         return Verdict("False", Reason.BUDGET_EXCEEDED, text)
     unknown = [edge for edge in edges if edge.met is None]
     if unknown:

@@ -67,6 +67,32 @@ def device_trouble(
     return ""
 
 
+def free_elsewhere(
+    component: Component,
+    wish: InstanceWish,
+    *,
+    but: str,
+    claims: Mapping[str, Claim],
+    telemetry: Mapping[str, Telemetry],
+    nodes: Mapping[str, Node],
+) -> str:
+    """The first of `nodes`, other than `but`, with a device of its own for each that the component asks for; "" without one."""
+    fitting = [
+        _fitting(component, device, wish, telemetry=telemetry, nodes=nodes)
+        for device in component.devices
+        if claimed(device)
+    ]
+    free = [
+        frozenset(place for place in places if _claim_on(place, claims, telemetry[place.node]) is None)
+        for places in fitting
+    ]
+    for node in sorted({place.node for places in free for place in places} - {but}):
+        here = [frozenset(place for place in places if place.node == node) for places in free]
+        if _can_have(here, range(len(here))):
+            return node
+    return ""
+
+
 def rivals(fitting: Sequence[frozenset[Place]]) -> list[int]:
     """Which requests, by index, cannot all be had although every device is free; none of them can be left out."""
     group = list(range(len(fitting)))

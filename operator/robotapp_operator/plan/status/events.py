@@ -26,8 +26,10 @@ NOT_ALLOCATED: Final = frozenset(
         Reason.POOL_NOT_FOUND,
         Reason.CLAIM_CONFLICT,
         Reason.DEVICE_BUSY,
+        Reason.DEVICE_LOST,
     }
 )
+_ALLOCATED: Final = Condition.ALLOCATED.value
 _FAILED = frozenset({Reason.FAILED_CREATE, Reason.QUOTA_REFUSED, Reason.IMAGE_PULL, Reason.CRASH_LOOP})
 
 
@@ -67,6 +69,9 @@ def events_between(
         for robot, number in sorted(new_domains.items())
     ]
     turned = _turned(_reasons(before), _reasons(after))
+    was, (status, _, message) = _reasons(before).get(_ALLOCATED, ("", "", "")), turned.get(_ALLOCATED, ("", "", ""))
+    if was[1] == Reason.DEVICE_LOST and status == "True":
+        news.append(PendingEvent(EventReason.DEVICE_RETURNED, f"{message}; it was gone: {was[2]}", warning=False))
     for turn in _TURNS:
         status, reason, message = turned.get(turn.kind.value, ("", "", ""))
         if status and (status == turn.status or reason in turn.reasons):

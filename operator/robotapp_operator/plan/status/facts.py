@@ -9,6 +9,7 @@ from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.validate import Problem
 from robotapp_operator.plan.status.components import ComponentView
+from robotapp_operator.plan.status.device_loss import LostDevice
 from robotapp_operator.plan.status.latency import EdgeView
 
 
@@ -49,6 +50,13 @@ class InstanceFacts:
     grace: Grace | None = None
     """Of a robot that is not online; None when it is over."""
     infrastructure_ready: bool = True
+    offline_since: str = ""
+    """When the robot's node was last Ready (RFC 3339); "" for one that is Ready or gone."""
+    lost: tuple[LostDevice, ...] = ()
+    moves: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    """Components that were moved, each with the times of its latest moves (RFC 3339)."""
+    stays: str = ""
+    """Why a component that would be better off elsewhere is not moved there."""
     cut_off: tuple[str, ...] = ()
     """Pods that know no discovery server any more and must restart."""
 

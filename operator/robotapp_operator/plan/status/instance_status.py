@@ -21,7 +21,7 @@ from robotapp_operator.plan.status.status import (
 MAX_EDGES: Final = 64
 MAX_CLAIMS: Final = 64
 OURS: Final = ("phase", "conditions", "summary", "domain", "components", "edges", "edgesOmitted", "claims")
-"""What the operator writes. `moves` is a record of others and stays as it is."""
+"""What the operator writes, and `moves` once there is one."""
 
 
 def render_instance(facts: AppFacts) -> dict[str, Any]:
@@ -51,16 +51,22 @@ def render_instance(facts: AppFacts) -> dict[str, Any]:
             }
             for component in components
         ],
-        **written(domain=instance.domain, claims=list(instance.claims[:MAX_CLAIMS])),
+        **written(
+            domain=instance.domain,
+            claims=list(instance.claims[:MAX_CLAIMS]),
+            moves=[{"component": name, "times": list(times)} for name, times in instance.moves],
+        ),
     }
-    kept = stored_bytes(facts.previous.get("moves") or [])  # a list that is not ours stays where it is
+    # A list that is not ours stays where it is.
+    kept = 0 if instance.moves else stored_bytes(facts.previous.get("moves") or [])
     room = MAX_STATUS_BYTES - stored_bytes(status) - kept - len(',"edges":[],"edgesOmitted":256')
     edges = _fitting([_edge(edge) for edge in instance.edges[:MAX_EDGES]], room)
     return status | written(edges=edges, edgesOmitted=(len(instance.edges) - len(edges)) or None)
 
 
 def same_instance_status(wanted: Mapping[str, Any], have: Mapping[str, Any]) -> bool:
-    return all(wanted.get(field) == have.get(field) for field in OURS)
+    fields = (*OURS, "moves") if "moves" in wanted else OURS
+    return all(wanted.get(field) == have.get(field) for field in fields)
 
 
 def _fitting(edges: list[dict[str, Any]], room: int) -> list[dict[str, Any]]:

@@ -107,7 +107,7 @@ def worst_first(views: Iterable[EdgeView]) -> tuple[EdgeView, ...]:
 
 def _view(edge: Edge, placed: Mapping[str, str], round_trips: RoundTrips) -> EdgeView:
     nodes = (placed.get(edge.from_, ""), placed.get(edge.to, ""))
-    found = _between(*nodes, round_trips) if all(nodes) else None
+    found = between(*nodes, round_trips) if all(nodes) else None
     percentile = edge.latency.percentile if edge.latency else 95
     return EdgeView(
         edge=edge,
@@ -119,7 +119,8 @@ def _view(edge: Edge, placed: Mapping[str, str], round_trips: RoundTrips) -> Edg
     )
 
 
-def _between(one: str, other: str, round_trips: RoundTrips) -> Figures | None:
+def between(one: str, other: str, round_trips: RoundTrips) -> Figures | None:
+    """What is known of the time between two nodes."""
     return SAME_NODE if one == other else round_trips.between(one, other)
 
 

@@ -24,10 +24,12 @@ class Rank(IntEnum):
     """Their robot's node, for a shorter time than `connectivity.grace`."""
     WAITING = 4
     """For a node or a device."""
-    UNCLEAR_BUT_READY = 5
-    RESTART_NEEDED = 6
-    OVER_BUDGET = 7
-    NONE = 8
+    DEVICE_LOST = 5
+    """Its pods run, but a device of theirs is gone."""
+    UNCLEAR_BUT_READY = 6
+    RESTART_NEEDED = 7
+    OVER_BUDGET = 8
+    NONE = 9
     """It is well, or merely starts."""
 
 
@@ -86,9 +88,10 @@ def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
         return Reason.ROBOT_OFFLINE, out_of_sight_text(instance.name)
     if instance.offline:
         node = instance.instance.node
+        since = f" since {instance.offline_since}" if instance.offline_since else ""
         return (
             Reason.ROBOT_OFFLINE,
-            f"node {node} of the robot is not ready: kubectl describe node {node} shows since when",
+            f"node {node} of the robot is not Ready{since}: kubectl describe node {node} shows why",
         )
     if instance.grace:
         return Reason.ROBOT_NOT_READY, grace_text(instance.instance.node, instance.grace)
@@ -116,11 +119,23 @@ def cut_off_text(instance: InstanceFacts) -> str:
     return f"all discovery servers were replaced since {shown(instance.cut_off)} started; delete these pods one by one (kubectl delete pod NAME)"
 
 
+def lost_text(instance: InstanceFacts) -> str:
+    """Which device is not there any more."""
+    first = instance.lost[0]
+    more = f" and {len(instance.lost) - 1} more devices" if len(instance.lost) > 1 else ""
+    text = f"{first.component}: {first}{more} is gone: plug it in again; onLoss decides what happens to the pod"
+    return f"{text} ({instance.stays})" if instance.stays else text
+
+
+def edge_name(edge: EdgeView) -> str:
+    """`/cmd_vel operator -> driver`."""
+    return f"{edge.edge.topic} {edge.edge.from_} -> {edge.edge.to}"
+
+
 def edge_text(edge: EdgeView) -> str:
     """`/cmd_vel operator -> driver 18ms of 30ms`."""
-    name = f"{edge.edge.topic} {edge.edge.from_} -> {edge.edge.to}"
     time = "unknown" if edge.judged_us is None else shown_ms(edge.judged_us)
-    return f"{name} {time} of {shown_ms(edge.budget_us or 0)}"
+    return f"{edge_name(edge)} {time} of {shown_ms(edge.budget_us or 0)}"
 
 
 def _not_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
@@ -135,6 +150,8 @@ def _not_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
 def _though_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
     if instance.instance.missing:
         return Rank.OFFLINE, Reason.ROBOT_OFFLINE, out_of_sight_text(instance.name)
+    if instance.lost:
+        return Rank.DEVICE_LOST, Reason.DEVICE_LOST, lost_text(instance)
     if instance.unclear:
         return Rank.UNCLEAR_BUT_READY, Reason.ROBOT_NODE_UNCLEAR, instance.unclear
     if instance.cut_off:

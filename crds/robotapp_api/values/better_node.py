@@ -1,0 +1,47 @@
+"""The annotation `robotics.io/better-node` of a pod: where the scheduler would place it now, because a budget is exceeded.
+
+The scheduler alone can plan, so it writes the annotation; the operator alone may evict, so it reads it. A node, the round-trip
+time of the component's worst edge with a budget here and there, and until when this holds:
+`{"node": "edge-2", "before": "61ms", "after": "8ms", "expires": "2026-01-02T03:04:05Z"}`.
+"""
+
+import json
+from datetime import datetime
+from typing import Any, Final, NamedTuple
+
+from robotapp_api.values.duration import format_ms, parse_us
+
+MAX_BYTES: Final = 1024
+_FORM: Final = '{"node": "edge-2", "before": "61ms", "after": "8ms", "expires": "2026-01-02T03:04:05Z"}'
+
+
+class BetterNode(NamedTuple):
+    """`expires` has a time zone."""
+
+    node: str
+    before_us: float
+    after_us: float
+    expires: datetime
+
+    def text(self) -> str:
+        """As the annotation's value."""
+        value = {
+            "node": self.node,
+            "before": format_ms(self.before_us / 1000),
+            "after": format_ms(self.after_us / 1000),
+            "expires": self.expires.isoformat().replace("+00:00", "Z"),
+        }
+        return json.dumps(value)
+
+
+def parse_better_node(text: str) -> BetterNode:
+    """Raises ValueError with a sentence about what is allowed."""
+    try:
+        value: Any = json.loads(text) if len(text) <= MAX_BYTES else None
+        expires = datetime.fromisoformat(value["expires"])
+        found = BetterNode(value["node"], float(parse_us(value["before"])), float(parse_us(value["after"])), expires)
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise ValueError(f"is not of the form {_FORM}") from None
+    if not isinstance(found.node, str) or not found.node or expires.tzinfo is None:
+        raise ValueError(f"is not of the form {_FORM}")
+    return found

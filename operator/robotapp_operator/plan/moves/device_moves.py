@@ -1,0 +1,72 @@
+"""What `devices[].onLoss` asks for: the pod of a lost device is kept, restarted when the device is back, or moved.
+
+- Keep: nothing.
+- Restart: when the device is back, the pod that lost it is evicted. Its successor gets the claim, and so the same device.
+- Reschedule: when another node has a free one, the pod is evicted, within the limits that all moves share.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
+from typing import Final
+
+from robotapp_api.model.component import Component
+from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, limits_of
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.status.device_loss import LostDevice
+
+KEEP: Final = "Keep"
+RESTART: Final = "Restart"
+RESCHEDULE: Final = "Reschedule"
+
+
+def on_loss_of(component: Component) -> str:
+    """The strongest wish of its devices: one pod cannot be kept for one device and moved for another."""
+    wishes = {device.on_loss for device in component.devices}
+    return RESCHEDULE if RESCHEDULE in wishes else RESTART if RESTART in wishes else KEEP
+
+
+def move_for_device(
+    app: App,
+    lost: Sequence[LostDevice],
+    *,
+    running: Mapping[str, Running],
+    elsewhere: Callable[[Component], str],
+    now: datetime,
+) -> Move | Stays | None:
+    """What to do about devices that have been lost for a while; None when no component asks to be moved.
+
+    elsewhere: another usable node with devices of the kinds that the component needs, none of them held; "" without one.
+    """
+    first: Stays | None = None
+    for device in lost:
+        component = next((one for one in app.spec.components if one.name == device.component), None)
+        pod = running.get(device.component)
+        if component is None or pod is None or pod.pod != device.pod or on_loss_of(component) != RESCHEDULE:
+            continue
+        found = _of_component(app, component, device, pod, node=elsewhere(component), now=now)
+        if isinstance(found, Move):
+            return found
+        first = first or found
+    return first
+
+
+def _of_component(
+    app: App, component: Component, device: LostDevice, pod: Running, *, node: str, now: datetime
+) -> Move | Stays:
+    if not node:
+        return Stays(component.name, "no other node has such a device that is free")
+    if pod.record is None:
+        return Stays(component.name, "annotation robotics.io/moves of its Deployment cannot be read: remove it")
+    counted = pod.record.pod == pod.pod
+    if not counted and (problem := pod.record.why_not(limits_of(app), now)):
+        return Stays(component.name, problem)
+    return Move(component.name, pod.pod, pod.node, node, f"{device} is lost", counted)
+
+
+def restarts(recorded: Mapping[str, str], *, there: Callable[[str], bool]) -> frozenset[str]:
+    """Uids of pods to restart: what they lost is back. recorded: claim -> pod. there: is a claim's device there again?
+
+    A pod that lost several devices waits for the last of them.
+    """
+    waiting = {pod for claim, pod in recorded.items() if not there(claim)}
+    return frozenset(recorded.values()) - waiting

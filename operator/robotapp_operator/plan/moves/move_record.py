@@ -1,0 +1,83 @@
+"""The record of a component's moves, in the annotation `robotics.io/moves` of its Deployment.
+
+It is written before the eviction. So an operator that ends between the two finds the pod in the record: it evicts the same pod
+and counts nothing twice. Times are of the wall clock, which may be another operator's: one that is ahead of ours counts for
+the day, and never for the cooldown, which would then last until the clock has caught up.
+"""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from typing import Any, Final
+
+DAY: Final = timedelta(hours=24)
+AHEAD: Final = timedelta(minutes=1)
+"""Clocks of two machines may differ by this much."""
+MAX_TIMES: Final = 1000
+"""The schema's bound of maxPerDay."""
+MAX_BYTES: Final = 64 * 1024
+SHOWN_MOVES: Final = 4
+"""So many of a component's latest moves stand in a status."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Limits:
+    """placement.reschedule.{cooldown, maxPerDay}."""
+
+    cooldown: timedelta
+    max_per_day: int
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class MoveRecord:
+    """Moves in the order of their times. `pod`: uid of the pod that the latest one evicts."""
+
+    times: tuple[datetime, ...] = ()
+    pod: str = ""
+
+    def why_not(self, limits: Limits, now: datetime) -> str:
+        """Why no further move may begin now; "" when one may."""
+        today = [time for time in self.times if abs(now - time) < DAY]
+        if len(today) >= limits.max_per_day:
+            if not today:
+                return "placement.reschedule.maxPerDay is 0"
+            free = whole_seconds(min(today) + DAY)
+            return f"it was moved {len(today)} times within 24 hours (placement.reschedule.maxPerDay), the next move is possible at {free}"
+        past = [time for time in self.times if time <= now + AHEAD]
+        if past and now - max(past) < limits.cooldown:
+            return f"it was moved at {whole_seconds(max(past))} (placement.reschedule.cooldown, until {whole_seconds(max(past) + limits.cooldown)})"
+        return ""
+
+    def with_move(self, pod: str, now: datetime) -> "MoveRecord":
+        """With a move of this pod, and without those that no rule reads any more."""
+        kept = tuple(time for time in self.times if abs(now - time) < DAY)
+        return MoveRecord(times=(*kept, now)[-MAX_TIMES:], pod=pod)
+
+    def text(self) -> str:
+        """As the annotation's value."""
+        times = [f"{time.astimezone(UTC):%Y-%m-%dT%H:%M:%S.%fZ}" for time in self.times]
+        return json.dumps({"times": times, "pod": self.pod}, separators=(",", ":"))
+
+
+def whole_seconds(moment: datetime) -> str:
+    """RFC 3339."""
+    return f"{moment.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
+
+
+NO_MOVES: Final = MoveRecord()
+
+
+def parse_moves(annotations: Mapping[str, str], key: str) -> MoveRecord | None:
+    """None when the annotation cannot be read: then it is unknown what was moved, and nothing may be."""
+    text = annotations.get(key, "")
+    if not text:
+        return NO_MOVES
+    try:
+        value: Any = json.loads(text) if len(text) <= MAX_BYTES else None
+        times = sorted(datetime.fromisoformat(time) for time in value["times"])
+        if any(time.tzinfo is None for time in times) or not isinstance(value["pod"], str):
+            return None
+    except (ValueError, KeyError, TypeError, RecursionError, OverflowError):
+        return None
+    return MoveRecord(times=tuple(times[-MAX_TIMES:]), pod=value["pod"])

@@ -1,0 +1,167 @@
+"""May a component of an instance be moved because an edge of it exceeds its budget, and where to?
+
+`placement.reschedule.when: BudgetExceeded` asks for it. The scheduler proposes a node (`robotics.io/better-node` on the pod),
+because it alone knows where there is room; whether the app as a whole gains by it is judged here once more, by what is
+measured now.
+"""
+
+import dataclasses
+from collections.abc import Callable, Collection, Mapping, Sequence
+from datetime import datetime
+from typing import Final, NamedTuple
+
+from robotapp_api.model.component import Component
+from robotapp_api.values.better_node import BetterNode
+from robotapp_api.values.round_trips import Figures
+from robotapp_api.values.tiers import ROBOT
+from robotapp_operator.plan.moves.move_record import Limits, MoveRecord
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, shown_ms
+from robotapp_operator.plan.status.troubled import edge_name
+
+MOST_USE: Final = 0.9
+"""Share of its budget that an edge may use at its new place."""
+LEAST_GAIN: Final = 0.2
+"""By how much its time must fall."""
+NEVER: Final = "Never"
+
+Between = Callable[[str, str], Figures | None]
+"""The measured round trip between two nodes, None when it is unknown."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Running:
+    """The only pod of a component, bound and not ending. `better`: the scheduler's proposal, with "" or what is wrong with it."""
+
+    component: Component
+    pod: str
+    node: str
+    record: MoveRecord | None
+    better: BetterNode | None = None
+    unreadable: str = ""
+
+
+class Move(NamedTuple):
+    """Evict this pod. `counted`: the record has it already. `why` names the edge, before and after."""
+
+    component: str
+    pod: str
+    before: str
+    after: str
+    why: str
+    counted: bool = False
+
+
+class Stays(NamedTuple):
+    """Nothing is moved for the sake of this component. `why` is part of a sentence, "" when there is nothing to tell."""
+
+    component: str
+    why: str
+
+
+def reschedule(
+    app: App,
+    edges: Sequence[EdgeView],
+    *,
+    over: Collection[EdgeKey],
+    running: Mapping[str, Running],
+    between: Between,
+    unusable: Callable[[str], str],
+    now: datetime,
+) -> Move | Stays | None:
+    """What to do about the worst edge of an instance that can be helped; None when no required edge is over its budget.
+
+    edges: as measured now. over: those that have been over their budget for `placement.reschedule.for`. running: components
+    with one settled pod. unusable: why a node takes no pod, "" when it does. One component moves at a time: what the others
+    gain by it shows afterwards.
+    """
+    late = [edge for edge in edges if edge.key in over and edge.met is False and _required(edge)]
+    first: Stays | None = None
+    for edge in sorted(late, key=lambda one: (-one.use, one.key)):
+        for end in (edge.edge.from_, edge.edge.to):
+            component = next((one for one in app.spec.components if one.name == end), None)
+            if component is None:
+                continue
+            found = _of_component(
+                app, component, edge, edges, running=running, between=between, unusable=unusable, now=now
+            )
+            if isinstance(found, Move):
+                return found
+            if first is None or not first.why:
+                first = found
+    return first
+
+
+def _of_component(
+    app: App,
+    component: Component,
+    edge: EdgeView,
+    edges: Sequence[EdgeView],
+    *,
+    running: Mapping[str, Running],
+    between: Between,
+    unusable: Callable[[str], str],
+    now: datetime,
+) -> Move | Stays:
+    pod, name = running.get(component.name), component.name
+    if tuple(component.runs_on) == (ROBOT,) or component.replicas != 1 or pod is None:
+        return Stays(name, "")
+    if pod.unreadable:
+        return Stays(name, f"annotation robotics.io/better-node of its pod {pod.unreadable}")
+    better = pod.better
+    if better is None or better.expires <= now or better.node == pod.node:
+        return Stays(name, "")
+    place = f"{name} would have {shown_ms(better.after_us)} on {better.node}"
+    if app.spec.placement.reschedule.when == NEVER:
+        return Stays(name, f"{place}, but placement.reschedule.when is Never")
+    if problem := unusable(better.node):
+        return Stays(name, f"{place}, but that node {problem}")
+    if problem := _no_gain(edge, edges, component=name, better=better, between=between):
+        return Stays(name, f"{place}, but {problem}")
+    if pod.record is None:
+        return Stays(name, f"{place}, but annotation robotics.io/moves of its Deployment cannot be read: remove it")
+    counted = pod.record.pod == pod.pod
+    if not counted and (problem := pod.record.why_not(limits_of(app), now)):
+        return Stays(name, f"{place}, but {problem}")
+    why = f"{edge_name(edge)} {_time(edge)} of {shown_ms(edge.budget_us or 0)} before, {shown_ms(better.after_us)} expected"
+    return Move(name, pod.pod, pod.node, better.node, why, counted)
+
+
+def limits_of(app: App) -> Limits:
+    return Limits(cooldown=app.cooldown, max_per_day=app.spec.placement.reschedule.max_per_day)
+
+
+def _required(edge: EdgeView) -> bool:
+    return edge.edge.latency is not None and edge.edge.latency.enforce == "Required"
+
+
+def _time(edge: EdgeView) -> str:
+    return "?" if edge.judged_us is None else shown_ms(edge.judged_us)
+
+
+def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, better: BetterNode, between: Between) -> str:
+    """Why the move is not worth it, or makes another edge of the app worse; "" when it is.
+
+    A pair that nobody has measured yet is left to the scheduler's estimate.
+    """
+    after_us = _judged_there(edge, component, better.node, between)
+    after_us = better.after_us if after_us is None else max(after_us, better.after_us)
+    if after_us > MOST_USE * (edge.budget_us or 0) or after_us > (1 - LEAST_GAIN) * (edge.judged_us or 0):
+        return f"that is no gain: {shown_ms(after_us)} instead of {_time(edge)}"
+    for other in edges:
+        there_us = _judged_there(other, component, better.node, between)
+        if other.budget_us is None or there_us is None or there_us <= other.budget_us:
+            continue
+        if other.met is not False or there_us > (other.judged_us or 0):
+            return f"{edge_name(other)} would have {shown_ms(there_us)} of {shown_ms(other.budget_us)}"
+    return ""
+
+
+def _judged_there(edge: EdgeView, component: str, node: str, between: Between) -> float | None:
+    """The time of an edge once the component is on `node`; None for an edge of others, and for one that nobody measured."""
+    ends = [edge.edge.from_, edge.edge.to]
+    if component not in ends:
+        return None
+    other = edge.nodes[1 - ends.index(component)]
+    found = between(node, other) if other else None
+    return found.of(edge.edge.latency.percentile if edge.edge.latency else 95) if found else None

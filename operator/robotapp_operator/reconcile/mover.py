@@ -1,0 +1,304 @@
+"""Carries out moves: evicts a pod so that its successor starts elsewhere, or again.
+
+Everything that must outlive this process is written first, into an annotation of the component's Deployment, on condition of
+its resourceVersion. An eviction is on condition of the pod's uid, so one that is repeated does nothing.
+"""
+
+import logging
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from typing import Any, Final, NamedTuple
+
+from robotapp_api.claims.instances import Instance, closed_nodes
+from robotapp_api.client import ApiClient, Conflict, Forbidden, NotFound, TooManyRequests
+from robotapp_api.client.api.bodies import encode
+from robotapp_api.client.api.resources import DEPLOYMENTS, PODS
+from robotapp_api.client.tools.event_recorder import EventRecorder, reference
+from robotapp_api.model.component import Component
+from robotapp_api.model.names import API_VERSION, Annotation, EventReason, Label
+from robotapp_api.values.better_node import BetterNode, parse_better_node
+from robotapp_operator.plan.moves.device_moves import RESTART, move_for_device, on_loss_of, restarts
+from robotapp_operator.plan.moves.move_record import parse_moves
+from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, limits_of, reschedule
+from robotapp_operator.plan.spec.desired import App, wish_of
+from robotapp_operator.plan.spec.objects import Deployment, Node, Pod
+from robotapp_operator.plan.status.device_conflicts import free_elsewhere
+from robotapp_operator.plan.status.device_loss import is_there, parse_record, record_text
+from robotapp_operator.plan.status.facts import InstanceFacts
+from robotapp_operator.plan.status.latency import between
+from robotapp_operator.queue.work import StartOver
+from robotapp_operator.reconcile.observer import Observer
+from robotapp_operator.reconcile.reconcile_state import InstanceMemory, ReconcileState
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.lister import instances_by_name, owned_deployments, problems_now
+
+log = logging.getLogger(__name__)
+
+Again = float | None
+"""Seconds after which to look again although nothing has happened; None: not before something does."""
+LOST_S: Final = 10.0
+"""A device that is gone for less is one whose cable was touched: nothing is moved for it."""
+REFUSED_S: Final = 30.0
+"""Pause after an eviction that a PodDisruptionBudget forbids."""
+ACTION: Final = "Move"
+
+
+class Part(NamedTuple):
+    """A component that has one settled pod."""
+
+    deployment: Deployment
+    pod: Pod
+
+
+class Mover:
+    """`wake` is called with the app's uid and the instance whose status has another sentence about moves."""
+
+    def __init__(
+        self,
+        client: ApiClient,
+        cache: Cache,
+        memory: ReconcileState,
+        observer: Observer,
+        recorder: EventRecorder,
+        *,
+        wake: Callable[[str, str], None],
+        clock: Callable[[], float],
+        now: Callable[[], datetime],
+    ) -> None:
+        self._client = client
+        self._cache = cache
+        self._memory = memory
+        self._observer = observer
+        self._recorder = recorder
+        self._wake = wake
+        self._clock = clock
+        self._now = now
+
+    async def look(self, uid: str, name: str) -> Again:
+        """Record lost devices of one instance, and move or restart what is to be."""
+        record = self._cache.apps.get(uid)
+        app = record.app if record is not None and not record.deleting else None
+        if app is None or app.spec.suspend or not may_move(app) or problems_now(app, self._cache):
+            return None
+        instance = instances_by_name(app, self._cache).get(name)
+        if instance is None or instance.missing or instance.problem:
+            return None
+        facts = self._observer.instance(app, instance)
+        own = self._memory.of(uid).instance(name)
+        parts = self._parts(app, name)
+        devices_again = await self._devices(app, facts, own, parts)
+        decision, edges_again = self._decide(app, instance, facts, own, parts)
+        refused = ""
+        if isinstance(decision, Move):
+            refused = await self._move(app, own, parts[decision.component], decision)
+        self._tell(app, name, own, refused or (decision.why if isinstance(decision, Stays) else ""))
+        due = [again for again in (devices_again, edges_again, REFUSED_S if refused else None) if again is not None]
+        return min(due, default=None)
+
+    def _decide(
+        self, app: App, instance: Instance, facts: InstanceFacts, own: InstanceMemory, parts: Mapping[str, Part]
+    ) -> tuple[Move | Stays | None, Again]:
+        """What to do now, and when another answer is due although nothing happens."""
+        if not facts.robot_online or not facts.bound:
+            return None, None  # what is out of reach is never evicted, and nothing moves while something else is moving
+        now_s = self._clock()
+        lasts = {
+            view.key: own.times.lasts_from_s(view, for_s=app.budget_for_s) for view in own.measured if view.met is False
+        }
+        over = frozenset(key for key, from_s in lasts.items() if from_s <= now_s)
+        running = {name: self._running(app, name, part) for name, part in parts.items()}
+        lost = [device for device in facts.lost if now_s - own.lost_s.get(device.claim, now_s) >= LOST_S]
+        decision = move_for_device(
+            app,
+            lost,
+            running=running,
+            elsewhere=lambda component: self._elsewhere(app, instance, component, running[component.name].node),
+            now=self._now(),
+        )
+        if not isinstance(decision, Move):
+            other = reschedule(
+                app,
+                own.measured,
+                over=over,
+                running=running,
+                between=lambda one, two: between(one, two, self._cache.round_trips),
+                unusable=lambda node: self._unusable(app, node),
+                now=self._now(),
+            )
+            decision = other if isinstance(other, Move) else decision or other
+        later = [from_s - now_s for from_s in lasts.values() if now_s < from_s < float("inf")]
+        return decision, min(later, default=None)
+
+    # What there is
+
+    def _parts(self, app: App, instance: str) -> dict[str, Part]:
+        """Components with exactly one pod, bound to a node that is Ready, and not ending."""
+        pods, found = self._cache.pods_by_deployment(app.uid, instance), {}
+        for deployment in owned_deployments(app, instance, self._cache):
+            mine = [pod for pod in pods.get(deployment.metadata.uid, ()) if not pod.terminal]
+            name = deployment.metadata.labels.get(Label.COMPONENT, "")
+            if name and len(mine) == 1 and self._settled(mine[0]):
+                found[name] = Part(deployment, mine[0])
+        return found
+
+    def _settled(self, pod: Pod) -> bool:
+        node = self._cache.nodes.get(pod.spec.node_name)
+        return pod.metadata.deletion_timestamp is None and node is not None and node.ready
+
+    def _running(self, app: App, name: str, part: Part) -> Running:
+        component = next(one for one in app.spec.components if one.name == name)
+        text = part.pod.metadata.annotations.get(Annotation.BETTER_NODE, "")
+        better: BetterNode | None = None
+        unreadable = ""
+        try:
+            better = parse_better_node(text) if text else None
+        except ValueError as problem:
+            unreadable = str(problem)
+        return Running(
+            component=component,
+            pod=part.pod.metadata.uid,
+            node=part.pod.spec.node_name,
+            record=parse_moves(part.deployment.metadata.annotations, Annotation.MOVES),
+            better=better,
+            unreadable=unreadable,
+        )
+
+    def _unusable(self, app: App, name: str) -> str:
+        node = self._cache.nodes.get(name)
+        if node is None:
+            return "does not exist"
+        if name in self._usable(app):
+            return ""
+        return "is not Ready" if not node.ready else "takes no pods of this namespace now"
+
+    def _usable(self, app: App) -> Mapping[str, Node]:
+        closed = closed_nodes([node.metadata for node in self._cache.nodes.values()], app.namespace)
+        return {
+            name: node
+            for name, node in self._cache.nodes.items()
+            if node.ready and not node.spec.unschedulable and name not in closed
+        }
+
+    def _elsewhere(self, app: App, instance: Instance, component: Component, here: str) -> str:
+        return free_elsewhere(
+            component,
+            wish_of(app, instance.robot),
+            but=here,
+            claims=self._cache.claims.by_name,
+            telemetry=self._cache.telemetry,
+            nodes=self._usable(app),
+        )
+
+    # Devices
+
+    async def _devices(self, app: App, facts: InstanceFacts, own: InstanceMemory, parts: Mapping[str, Part]) -> Again:
+        """Bring the records of lost devices up to date, and restart the pods whose devices are back."""
+        now_s = self._clock()
+        own.lost_s = {device.claim: own.lost_s.get(device.claim, now_s) for device in facts.lost}
+        for name, part in parts.items():
+            recorded = parse_record(part.deployment.metadata.annotations.get(Annotation.LOST_DEVICES, ""))
+            component = next(one for one in app.spec.components if one.name == name)
+            mine = {
+                device.claim: device.pod
+                for device in facts.lost
+                if device.component == name and now_s - own.lost_s[device.claim] >= LOST_S
+            }
+            back = restarts(recorded, there=self._is_there) if on_loss_of(component) == RESTART else frozenset()
+            pod = part.pod.metadata.uid
+            kept = {claim: user for claim, user in recorded.items() if user == pod and self._keeps(claim, component)}
+            if kept | mine != recorded:
+                await self._annotate(
+                    part.deployment, Annotation.LOST_DEVICES, record_text(kept | mine) if kept | mine else None
+                )
+            elif pod in back and facts.robot_online and own.evicted != pod and not await self._evict(part.pod):
+                log.info("%s/%s lost a device that is back: it is restarted", app.namespace, part.pod.metadata.name)
+                own.evicted = pod
+        waiting = [LOST_S - (now_s - since_s) for since_s in own.lost_s.values() if now_s - since_s < LOST_S]
+        return min(waiting, default=None)
+
+    def _keeps(self, claim: str, component: Component) -> bool:
+        """Of a pod that is to be restarted the record stays until there is another pod."""
+        return on_loss_of(component) == RESTART or not self._is_there(claim)
+
+    def _is_there(self, claim: str) -> bool:
+        found = self._cache.claims.by_name.get(claim)
+        return found is not None and is_there(found, self._cache.telemetry) is True
+
+    # Writes
+
+    async def _move(self, app: App, own: InstanceMemory, part: Part, move: Move) -> str:
+        """Why the pod could not be evicted, "" when it was, or when it is gone already."""
+        if own.evicted == move.pod:
+            return ""
+        if not move.counted and not await self._count(app, part.deployment, move):
+            return ""
+        refused = await self._evict(part.pod)
+        if refused:
+            return f"{move.component} is not moved to {move.after}: {refused}"
+        own.evicted = move.pod
+        note = f"{move.component} moved from {move.before} to {move.after}: {move.why}"
+        log.info("%s/%s: %s", app.namespace, app.name, note)
+        about = reference(api_version=API_VERSION, kind="RobotApp", name=app.name, namespace=app.namespace, uid=app.uid)
+        self._recorder.event(
+            about, reason=EventReason.RESCHEDULED.value, note=note[:1000], action=ACTION, warning=False
+        )
+        return ""
+
+    async def _count(self, app: App, deployment: Deployment, move: Move) -> bool:
+        """Write the move into the record as it is now; False when that forbids it."""
+        meta = deployment.metadata
+        try:
+            live = await self._client.get(DEPLOYMENTS, meta.name, namespace=meta.namespace, as_type=Deployment)
+        except NotFound:
+            return False
+        now = self._now()
+        record = parse_moves(live.metadata.annotations, Annotation.MOVES)
+        if live.metadata.uid != meta.uid or record is None:
+            return False
+        if record.pod == move.pod:
+            return True  # by this process a moment ago: the cache does not have it yet
+        if record.why_not(limits_of(app), now):
+            return False
+        await self._annotate(live, Annotation.MOVES, record.with_move(move.pod, now).text())
+        return True
+
+    async def _annotate(self, deployment: Deployment, key: Annotation, value: str | None) -> None:
+        meta = deployment.metadata
+        body: dict[str, Any] = {
+            "metadata": {
+                "uid": meta.uid,
+                "resourceVersion": meta.resource_version,
+                "annotations": {key.value: value},
+            }
+        }
+        try:
+            await self._client.patch(DEPLOYMENTS, meta.name, body, namespace=meta.namespace)
+        except (Conflict, NotFound) as race:
+            raise StartOver(f"Deployment {meta.name} changed while {key} was written") from race
+
+    async def _evict(self, pod: Pod) -> str:
+        """Why the API server keeps the pod; "" when it is on its way out."""
+        meta = pod.metadata
+        body = {
+            "apiVersion": "policy/v1",
+            "kind": "Eviction",
+            "metadata": {"name": meta.name, "namespace": meta.namespace},
+            "deleteOptions": {"preconditions": {"uid": meta.uid}},
+        }
+        try:
+            await self._client.post_raw(PODS.path(meta.namespace, meta.name, "eviction"), encode(body))
+        except (TooManyRequests, Forbidden) as refusal:  # a disruption budget, or rights of an older chart
+            return refusal.message
+        except (NotFound, Conflict) as gone:
+            log.info("pod %s/%s is gone already: %s", meta.namespace, meta.name, gone)
+        return ""
+
+    def _tell(self, app: App, instance: str, own: InstanceMemory, text: str) -> None:
+        if own.stays != text:
+            own.stays = text
+            self._wake(app.uid, instance)
+
+
+def may_move(app: App) -> bool:
+    """Can anything of the app ever be moved? Other schedulers propose nothing and claim no devices."""
+    return app.our_scheduler and (app.wants_devices or any(edge.latency for edge in app.spec.edges))

@@ -1,0 +1,364 @@
+"""What is written and evicted, in which order, and what another operator makes of it after a crash."""
+
+import json
+from collections.abc import AsyncIterator
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import msgspec
+import pytest
+from tests.support.apiserver import FakeApiServer
+from tests.support.apiserver.store import Key
+from tests.support.clients import client_for
+from tests.support.factories import UID, app_body, component, make_node, telemetry
+
+from robotapp_api.claims.objects import Claim, TelemetryDevice
+from robotapp_api.client import ApiClient
+from robotapp_api.client.api.resources import DEPLOYMENTS, PODS
+from robotapp_api.client.tools.event_recorder import EventRecorder
+from robotapp_api.model.names import Annotation, Label
+from robotapp_api.values.better_node import BetterNode
+from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet
+from robotapp_operator.queue.work import StartOver
+from robotapp_operator.reconcile.mover import LOST_S, REFUSED_S, Mover
+from robotapp_operator.reconcile.observer import Observer
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
+from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.lister import instances_by_name
+
+START = datetime(2026, 5, 1, 12, tzinfo=UTC)
+EDGE = {"topic": "/t", "from": "planner", "to": "driver", "latency": {"budget": "30ms"}}
+FOR_S = 15.0
+CAMERA = {"name": "cam", "type": "usb"}
+
+
+class World:
+    """A planner on node far and a driver on node amr, 60 ms apart; node near is 8 ms away. Time is the test's."""
+
+    def __init__(self, api: FakeApiServer, client: ApiClient) -> None:
+        self.api, self.client = api, client
+        self.now_s = 1000.0
+        self.round = 0
+        self.events: list[tuple[str, str]] = []
+        self.devices: dict[str, list[TelemetryDevice]] = {}
+        self.start()
+
+    def start(self) -> None:
+        """An operator that knows nothing but what the server has."""
+        self.cache, self.memory = Cache(), ReconcileState()
+        observer = Observer(self.cache, self.memory, clock=lambda: self.now_s, on_change=lambda *_: None)
+        recorder = EventRecorder(self.client, controller="c", instance="i")
+        recorder.event = lambda _, **event: self.events.append((event["reason"], event["note"]))  # type: ignore[method-assign, assignment]
+        self.observer = observer
+        self.mover = Mover(
+            self.client,
+            self.cache,
+            self.memory,
+            observer,
+            recorder,
+            wake=lambda *_: None,
+            clock=lambda: self.now_s,
+            now=lambda: START + timedelta(seconds=self.now_s),
+        )
+        for name in ("far", "near", "amr"):
+            self.cache.nodes[name] = make_node(name)
+
+    async def app(self, *, on_loss: str = "", reschedule: dict[str, Any] | None = None) -> None:
+        planner = component("planner")
+        if on_loss:
+            planner["devices"] = [CAMERA | {"onLoss": on_loss}]
+        self.body = app_body(
+            components=[planner, component("driver")],
+            edges=[EDGE],
+            placement={"reschedule": reschedule or {"when": "BudgetExceeded"}},
+        )
+        for name, node in (("planner", "far"), ("driver", "amr")):
+            labels = {Label.APP_UID.value: UID, Label.COMPONENT.value: name, Label.INSTANCE.value: ""}
+            owner = {"apiVersion": "v", "kind": "RobotApp", "name": "teleop", "uid": UID, "controller": True}
+            meta = {"name": name, "namespace": "default", "labels": labels, "ownerReferences": [owner]}
+            body = {"apiVersion": "apps/v1", "kind": "Deployment", "metadata": meta, "spec": {"replicas": 1}}
+            await self.client.create(DEPLOYMENTS, body)
+            await self.pod(name, node)
+        await self.mirror()
+
+    async def pod(self, name: str, node: str) -> None:
+        """A new one; its predecessor has ended."""
+        for item in (await self.client.list(PODS)).items:
+            if item["metadata"]["name"] == name:
+                self.api.store.delete(Key("/pods", "default", name), {}, graceful=False)
+        labels = {Label.APP_UID.value: UID, Label.COMPONENT.value: name, Label.INSTANCE.value: ""}
+        owner = {"apiVersion": "apps/v1", "kind": "ReplicaSet", "name": name, "uid": f"rs-{name}", "controller": True}
+        meta = {"name": name, "namespace": "default", "labels": labels, "ownerReferences": [owner]}
+        await self.client.create(
+            PODS, {"apiVersion": "v1", "kind": "Pod", "metadata": meta, "spec": {"nodeName": node}}
+        )
+
+    async def mirror(self) -> None:
+        """As the informers do."""
+        self.cache.update_app(self.body)
+        for item in (await self.client.list(DEPLOYMENTS, as_type=Deployment)).items:
+            self.cache.deployments.put(UID, item.metadata.name, item)
+            chain = {
+                "uid": f"rs-{item.metadata.name}",
+                "ownerReferences": [{"uid": item.metadata.uid, "controller": True}],
+            }
+            self.cache.put_replica_set(msgspec.convert({"metadata": chain}, ReplicaSet))
+        pods = {pod.metadata.name: pod for pod in (await self.client.list(PODS, as_type=Pod)).items}
+        for name in {*self.cache.pods.of(UID), *pods}:
+            if name in pods:
+                self.cache.pods.put(UID, name, pods[name])
+            else:
+                self.cache.pods.drop(UID, name)
+        self.round += 1
+        for node, ms in (("far", 60), ("near", 8)):
+            report = telemetry(node, self.round, amr=ms)
+            report.status.devices = self.devices.get(node, [])
+            self.cache.put_telemetry(report, now_s=self.now_s)
+        self.cache.touch(UID, "")
+
+    async def propose(self, node: str = "near") -> None:
+        better = BetterNode(node, 60_000, 8_000, START + timedelta(days=30))
+        patch = {"metadata": {"annotations": {Annotation.BETTER_NODE.value: better.text()}}}
+        await self.client.patch(PODS, "planner", patch, namespace="default")
+
+    async def look(self, *, later_s: float = 0.0) -> float | None:
+        self.now_s += later_s
+        await self.mirror()
+        return await self.mover.look(UID, "")
+
+    async def pods(self) -> list[str]:
+        """Those that are not on their way out."""
+        metas = [item["metadata"] for item in (await self.client.list(PODS)).items]
+        return sorted(meta["name"] for meta in metas if not meta.get("deletionTimestamp"))
+
+    async def annotation(self, key: Annotation) -> Any:
+        item = await self.client.get(DEPLOYMENTS, "planner", namespace="default")
+        text = (item["metadata"].get("annotations") or {}).get(key.value)
+        return json.loads(text) if text else None
+
+    def stays(self) -> str:
+        return self.memory.of(UID).instance("").stays
+
+    async def plug(self, *, present: bool, node: str = "far") -> None:
+        """The camera of a node; the planner's pod holds that of node far."""
+        self.devices[node] = [TelemetryDevice(id="usb-cam", type="usb", present=present)]
+        self.cache.reported_devices += 1
+        await self.mirror()
+        pod = self.cache.pods.of(UID).get("planner")
+        if node != "far" or pod is None:
+            return
+        holder = {
+            "apiVersion": "robotics.io/v1alpha1",
+            "kind": "RobotApp",
+            "namespace": "default",
+            "name": "teleop",
+            "uid": UID,
+            "component": "planner",
+        }
+        claim = {
+            "metadata": {"name": "dev.n.usb-cam"},
+            "spec": {"device": {"node": "far", "type": "usb", "id": "usb-cam"}, "holder": holder},
+            "status": {"pod": pod.metadata.uid},
+        }
+        self.cache.claims.put(UID, "dev.n.usb-cam", msgspec.convert(claim, Claim))
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    async with FakeApiServer() as api, client_for(api.endpoint, field_manager="robotapp-operator") as client:
+        yield World(api, client)
+
+
+async def test_a_move_is_recorded_first_then_the_pod_is_evicted_and_its_user_is_told(world: World) -> None:
+    await world.app()
+    await world.propose()
+    assert await world.look() == FOR_S, "the budget must have been exceeded for a while"
+    assert await world.pods() == ["driver", "planner"]
+    world.api.requests.clear()
+    await world.look(later_s=FOR_S)
+    writes = [f"{method} {path.rpartition('/')[2]}" for method, path in world.api.requests if method != "GET"]
+    assert [write.partition("?")[0] for write in writes] == ["PATCH planner", "POST eviction"]
+    assert await world.pods() == ["driver"]
+    assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
+    assert world.events == [
+        ("Rescheduled", "planner moved from far to near: /t planner -> driver 60ms of 30ms before, 8ms expected")
+    ]
+
+
+async def test_who_did_not_opt_in_stays_and_is_told_so(world: World) -> None:
+    await world.app(reschedule={"when": "Never"})
+    await world.propose()
+    await world.look()
+    await world.look(later_s=FOR_S)
+    assert await world.pods() == ["driver", "planner"]
+    assert "placement.reschedule.when is Never" in world.stays()
+    facts = world.observer.instance(*_first(world))
+    assert facts.stays == world.stays()
+
+
+async def test_an_operator_that_ended_after_the_record_evicts_the_same_pod_and_counts_once(world: World) -> None:
+    await world.app()
+    await world.propose()
+    await world.look()
+    world.now_s += FOR_S
+    await world.mirror()
+    post = world.client.post_raw
+
+    async def dies(*_: Any, **__: Any) -> bytes:
+        raise KeyboardInterrupt
+
+    world.client.post_raw = dies  # type: ignore[method-assign, assignment]
+    with pytest.raises(KeyboardInterrupt):
+        await world.mover.look(UID, "")
+    world.client.post_raw = post  # type: ignore[method-assign]
+    before = await world.annotation(Annotation.MOVES)
+    world.start()
+    await world.look()
+    await world.look(later_s=FOR_S)
+    assert await world.pods() == ["driver"]
+    assert await world.annotation(Annotation.MOVES) == before
+
+
+async def test_a_new_operator_keeps_the_cooldown_of_its_predecessor(world: World) -> None:
+    await world.app()
+    await world.propose()
+    await world.look()
+    await world.look(later_s=FOR_S)
+    await world.pod("planner", "far")  # the scheduler chose the same node again
+    await world.propose()
+    world.start()
+    await world.look()
+    await world.look(later_s=FOR_S)
+    assert await world.pods() == ["driver", "planner"]
+    assert "placement.reschedule.cooldown" in world.stays()
+    await world.look(later_s=120)
+    assert await world.pods() == ["driver"]
+    assert len((await world.annotation(Annotation.MOVES))["times"]) == 2
+
+
+async def test_a_pod_that_a_disruption_budget_keeps_is_counted_once_and_tried_again(world: World) -> None:
+    await world.app()
+    await world.propose()
+    await world.look()
+    world.now_s += FOR_S
+    for _ in range(3):
+        await world.mirror()
+        refused = _refuse_eviction(world)
+        assert await world.mover.look(UID, "") == REFUSED_S
+        refused()
+        assert "planner is not moved to near: Cannot evict pod" in world.stays()
+    assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
+    assert world.events == []
+    await world.look()
+    assert await world.pods() == ["driver"]
+    assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
+
+
+async def test_on_a_robot_that_is_out_of_reach_nothing_is_evicted(world: World) -> None:
+    await world.app()
+    await world.propose()
+    await world.look()
+    world.cache.nodes["far"] = make_node("far", ready=False)
+    await world.look(later_s=FOR_S)
+    assert await world.pods() == ["driver", "planner"]
+
+
+async def test_another_writer_of_the_deployment_makes_it_start_over(world: World) -> None:
+    await world.app(on_loss="Restart")
+    await world.plug(present=False)
+    await world.look()
+    world.now_s += LOST_S
+    await world.mirror()
+    await world.client.patch(DEPLOYMENTS, "planner", {"metadata": {"annotations": {"a": "b"}}}, namespace="default")
+    with pytest.raises(StartOver):
+        await world.mover.look(UID, "")
+
+
+async def test_a_pod_whose_device_is_kept_is_left_alone_and_the_loss_is_remembered_while_it_lasts(
+    world: World,
+) -> None:
+    await world.app(on_loss="Keep")
+    await world.plug(present=False)
+    assert await world.look() == LOST_S
+    await world.look(later_s=LOST_S)
+    assert list(await world.annotation(Annotation.LOST_DEVICES)) == ["dev.n.usb-cam"]
+    world.devices["far"] = []
+    await world.mirror()
+    assert [str(one) for one in world.observer.instance(*_first(world)).lost] == ["device usb-cam on far"]
+    await world.plug(present=True)
+    await world.look()
+    assert await world.annotation(Annotation.LOST_DEVICES) is None
+    assert await world.pods() == ["driver", "planner"]
+
+
+async def test_a_pod_is_restarted_when_its_device_is_back_also_by_another_operator_and_once(world: World) -> None:
+    await world.app(on_loss="Restart")
+    await world.plug(present=False)
+    await world.look()
+    await world.look(later_s=LOST_S)
+    assert await world.pods() == ["driver", "planner"], "without its device it could not start"
+    world.start()
+    await world.mirror()
+    await world.plug(present=True)
+    await world.look()
+    assert await world.pods() == ["driver"]
+    await world.pod("planner", "far")
+    await world.mirror()
+    await world.plug(present=True)
+    await world.look()
+    await world.look()
+    assert await world.pods() == ["driver", "planner"]
+    assert await world.annotation(Annotation.LOST_DEVICES) is None
+    assert await world.annotation(Annotation.MOVES) is None, "it went nowhere"
+
+
+async def test_a_cable_that_was_touched_restarts_nothing(world: World) -> None:
+    await world.app(on_loss="Restart")
+    await world.plug(present=False)
+    await world.look()
+    await world.plug(present=True)
+    await world.look(later_s=LOST_S)
+    assert await world.annotation(Annotation.LOST_DEVICES) is None
+    assert await world.pods() == ["driver", "planner"]
+
+
+async def test_a_pod_moves_to_another_device_where_there_is_one_that_is_free(world: World) -> None:
+    await world.app(on_loss="Reschedule")
+    await world.plug(present=False)
+    await world.look()
+    await world.look(later_s=LOST_S)
+    assert await world.pods() == ["driver", "planner"]
+    assert world.stays() == "no other node has such a device that is free"
+    await world.plug(present=True, node="near")
+    await world.look()
+    assert await world.pods() == ["driver"]
+    assert world.events == [("Rescheduled", "planner moved from far to near: device usb-cam on far is lost")]
+
+
+def _first(world: World) -> Any:
+    app = world.cache.apps[UID].app
+    assert app is not None
+    return app, instances_by_name(app, world.cache)[""]
+
+
+def _refuse_eviction(world: World) -> Any:
+    """Until the result is called."""
+    real = world.client.post_raw
+
+    async def refuse(path: str, _: bytes) -> bytes:
+        assert path.endswith("/eviction")
+        message = "Cannot evict pod as it would violate the pod's disruption budget."
+        raise world.client.refusal(_Answer(429, message))  # type: ignore[arg-type]
+
+    world.client.post_raw = refuse  # type: ignore[method-assign, assignment]
+
+    def restore() -> None:
+        world.client.post_raw = real  # type: ignore[method-assign]
+
+    return restore
+
+
+class _Answer:
+    def __init__(self, status: int, message: str) -> None:
+        self.status, self.headers = status, {"content-type": "application/json"}
+        self.body = json.dumps({"kind": "Status", "code": status, "message": message}).encode()

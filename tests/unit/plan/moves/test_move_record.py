@@ -1,0 +1,70 @@
+"""When a component was moved, and whether it may be moved again."""
+
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotapp_operator.plan.moves.move_record import MAX_TIMES, NO_MOVES, Limits, MoveRecord, parse_moves
+
+NOW = datetime(2026, 5, 1, 12, tzinfo=UTC)
+KEY = "robotics.io/moves"
+LIMITS = Limits(cooldown=timedelta(minutes=2), max_per_day=3)
+
+
+def moved(*ago_s: float) -> MoveRecord:
+    return MoveRecord(times=tuple(NOW - timedelta(seconds=one) for one in ago_s), pod="p")
+
+
+def test_a_move_follows_another_when_the_cooldown_is_over() -> None:
+    assert moved(120).why_not(LIMITS, NOW) == ""
+    assert moved(119).why_not(LIMITS, NOW) == (
+        "it was moved at 2026-05-01T11:58:01Z (placement.reschedule.cooldown, until 2026-05-01T12:00:01Z)"
+    )
+
+
+def test_of_one_day_there_are_no_more_moves_than_allowed() -> None:
+    assert moved(86_399, 40_000, 3600).why_not(LIMITS, NOW).startswith("it was moved 3 times within 24 hours")
+    assert moved(86_401, 40_000, 3600).why_not(LIMITS, NOW) == ""
+    assert NO_MOVES.why_not(Limits(cooldown=timedelta(0), max_per_day=0), NOW) == "placement.reschedule.maxPerDay is 0"
+
+
+def test_a_clock_that_was_ahead_counts_for_the_day_and_does_not_stop_moves_until_it_has_caught_up() -> None:
+    assert moved(-7200).why_not(LIMITS, NOW) == ""
+    assert moved(-7200, -7300, -7400).why_not(LIMITS, NOW) != ""
+    assert moved(-30).why_not(LIMITS, NOW) != "", "two clocks differ by seconds"
+    assert moved(-(10.0**8)).why_not(LIMITS, NOW) == ""
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["x", "[]", "{}", '{"times": 1, "pod": ""}', '{"times": ["2026-01-01"], "pod": "p"}', '{"times": [], "pod": 1}'],
+)
+def test_a_record_that_cannot_be_read_is_no_empty_one(text: str) -> None:
+    assert parse_moves({KEY: text}, KEY) is None
+    assert parse_moves({KEY: "[" * 60_000}, KEY) is None
+    assert parse_moves({}, KEY) == NO_MOVES
+
+
+@given(st.text(max_size=200))
+def test_no_text_is_a_crash(text: str) -> None:
+    parse_moves({KEY: text}, KEY)
+
+
+@given(st.lists(st.integers(0, 200_000), max_size=40), st.integers(1, 5), st.integers(0, 3600))
+def test_however_often_one_asks_the_limits_hold_and_the_record_survives_being_written(
+    gaps_s: list[int], most: int, cooldown_s: int
+) -> None:
+    limits = Limits(cooldown=timedelta(seconds=cooldown_s), max_per_day=most)
+    record, now, moves = NO_MOVES, NOW, list[datetime]()
+    for number, gap_s in enumerate(gaps_s):
+        now += timedelta(seconds=gap_s)
+        if not record.why_not(limits, now):
+            record = parse_moves({KEY: record.with_move(f"p{number}", now).text()}, KEY) or NO_MOVES
+            assert record.pod == f"p{number}"
+            moves.append(now)
+    assert len(record.times) <= MAX_TIMES
+    assert all(later - one >= limits.cooldown for one, later in pairwise(moves))
+    assert all(sum(one <= other < one + timedelta(days=1) for other in moves) <= most for one in moves)
