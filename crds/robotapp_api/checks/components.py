@@ -47,11 +47,6 @@ def component_notes(component: Component, at: str) -> Iterator[Note]:
     for field in ("durability", "queueSize", "tcpNodelay"):
         if getattr(component.policies, to_snake(field)) is not None:
             yield Note(f"{at}.policies.{field}", "has no effect: the program's own setting counts")
-    if component.on_disconnect == "Stop":
-        yield Note(
-            f"{at}.onDisconnect",
-            "Stop is not built yet: the pod is evicted after connectivity.grace, and its successor waits until it has ended",
-        )
 
 
 def _resource_problems(component: Component, at: str) -> Iterator[Problem]:

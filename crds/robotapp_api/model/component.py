@@ -183,6 +183,7 @@ class Component(Model):
     replicas: Annotated[int, Field(ge=1, le=32)] = 1
     """Identical copies; more than 1 only without exclusive devices."""
     on_disconnect: OnDisconnect | None = None
-    """What happens when the node is unreachable: Keep the pod, Failover to another node, or Stop. Absent means Keep where
+    """What happens when the node is unreachable for connectivity.grace: Keep the pod; Failover to another node; or Stop: the pod
+    ends, and its successor starts when the node is back and the pod there has ended. Absent means Keep where
     runsOn is [Robot], else Failover, but a pod on a robot is waited for, because it may still drive: only Failover that is
     written starts a second one beside it."""

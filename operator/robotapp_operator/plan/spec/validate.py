@@ -49,8 +49,25 @@ def domain_problems(app: App, pool: Pool | None, claims: Iterable[Claim]) -> tup
 
 def notes_of(app: App, pool: Pool | None = None) -> tuple[str, ...]:
     """What of an accepted spec and of its pool has no effect yet, a sentence each."""
-    found = tuple(map(str, spec_notes(app.spec)))
-    return (*found, limit_note(pool)) if pool is not None and limit_note(pool) else found
+    found = [*map(str, spec_notes(app.spec)), *_of_other_schedulers(app)]
+    if pool is not None and (note := limit_note(pool)):
+        found.append(note)
+    return tuple(found)
+
+
+def _of_other_schedulers(app: App) -> Iterator[str]:
+    """Wishes that our scheduler alone carries out."""
+    for index, component in enumerate(() if app.our_scheduler else app.spec.components):
+        if component.on_disconnect == "Stop":
+            yield (
+                f"spec.components[{index}].onDisconnect: Stop acts like Failover with scheduler {app.scheduler_name}, which "
+                "does not wait for a pod on a lost node to end; write Keep"
+            )
+        if any(device.on_loss != "Keep" for device in component.devices):
+            yield (
+                f"spec.components[{index}].devices: onLoss has no effect with scheduler {app.scheduler_name}, which claims no "
+                "devices"
+            )
 
 
 def limit_note(pool: Pool) -> str:

@@ -14,6 +14,7 @@ MAX_COMPONENT_CHARACTERS: Final = 1024
 MAX_RESTARTS: Final = 2**31 - 1
 SERVER_LEAD_S: Final = 60
 """Servers and components of one start are made together; a minute apart means that the servers are newer."""
+STOP: Final = "Stop"
 _PULLING = frozenset(
     {"ErrImagePull", "ImagePullBackOff", "InvalidImageName", "ErrImageNeverPull", "RegistryUnavailable"}
 )
@@ -74,6 +75,12 @@ def component_view(
     reason, message = (None, "") if ready else _failure(deployment, pods, live)
     if missing and not ready and reason is None:  # the kubelet waits for the file and reports that in an event only
         reason, message = Reason.FAILED_CREATE, f"{'; '.join(missing)}: create it, or write optional: true"
+    ending = [pod.spec.node_name for pod in pods if pod.metadata.deletion_timestamp and pod.spec.node_name in lost]
+    if ending and not ready and component.on_disconnect == STOP:
+        message = (
+            f"stopped, because node {ending[0]} is not Ready (onDisconnect: Stop): the component starts again when "
+            f"the node is back and its previous pod there has ended"
+        )
     away = [pod.spec.node_name for pod in live if pod.spec.node_name in lost]
     if away and not ready and not message:  # nothing starts there, and what runs there cannot report it
         message = f"node {away[0]} is not Ready"

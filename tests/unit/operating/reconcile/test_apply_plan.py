@@ -91,6 +91,19 @@ async def test_existing_children_are_applied_with_uid_and_the_fenced_version() -
     assert body["metadata"]["resourceVersion"] == "5"
 
 
+async def test_what_a_deployment_tells_of_the_past_of_its_component_survives_an_apply() -> None:
+    client = ScriptedClient().always("get", live()).always("apply", answer)
+    what = change_of_one()
+    (change,) = what.changes
+    assert change.over is not None
+    past = {"robotics.io/moves": "m", "robotics.io/lost-devices": "l"}
+    change.over.metadata.annotations.update(past | {"example.com/team": "t"})
+    await run(client, what)
+    written = client.calls[-1][2]["metadata"]["annotations"]
+    assert {key: written.get(key) for key in past} == past
+    assert "example.com/team" not in written
+
+
 async def test_a_child_that_changed_since_it_was_read_is_not_written() -> None:
     client = ScriptedClient().always("get", live("6"))
     with pytest.raises(StartOver):

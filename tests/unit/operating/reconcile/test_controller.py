@@ -66,6 +66,22 @@ async def test_an_object_is_looked_at_again_when_that_is_asked_for(world: World)
     assert world.due(0.2) == {key}
 
 
+async def test_moves_are_looked_at_after_every_change_of_an_app_that_can_move_and_of_no_other(world: World) -> None:
+    key, moves = Key(Work.INSTANCE, "uid-1", ""), Key(Work.MOVES, "uid-1", "")
+    world.cache.update_app(app_body())
+    await world.handle(key)
+    assert moves not in world.due(10)
+    edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}}
+    world.cache.update_app(app_body(generation=2, edges=[edge]))
+    await world.handle(key)
+    assert moves in world.due()
+    world.mover.answer = 7.0
+    await world.handle(moves)
+    assert world.mover.calls == [("uid-1", "")]
+    assert world.due(6.9) == set()
+    assert world.due(0.2) == {moves}
+
+
 async def test_a_status_is_looked_at_again_when_that_is_asked_for(world: World) -> None:
     world.cache.update_app(app_body())
     world.reporter.answer = 30.0

@@ -339,10 +339,19 @@ def test_equal_rates_in_other_words_are_no_contradiction() -> None:
     assert problems_of(make_app(*parts, edges=[edge(qos=one), edge(to="logger", qos=other)]), {}) == ()
 
 
+def test_who_names_another_scheduler_is_told_what_it_does_not_do() -> None:
+    device = {"name": "c", "type": "can", "onLoss": "Restart"}
+    parts = [component("a", onDisconnect="Stop"), component("b", devices=[device])]
+    assert notes_of(make_app(*parts)) == ()
+    stop, loss = notes_of(make_app(*parts, schedulerName="default-scheduler"))
+    assert stop.startswith("spec.components[0].onDisconnect: Stop acts like Failover with scheduler default-scheduler")
+    assert loss.startswith("spec.components[1].devices: onLoss has no effect with scheduler default-scheduler")
+
+
 def test_fields_without_effect_are_told_and_do_not_refuse_the_app() -> None:
     app = make_app(
         component("a", devices=[{"name": "c", "type": "can", "sharing": "Namespace", "onLoss": "Restart"}]),
-        component("b", onDisconnect="Stop"),
+        component("b"),
         placement={"objective": "Balance", "reschedule": {"when": "BudgetExceeded"}, "fallback": {"steps": ["Wait"]}},
         ros2={"transport": "SHM"},
         edges=[{"topic": "/t", "from": "a", "to": "b", "bandwidth": "40M"}],
@@ -356,6 +365,5 @@ def test_fields_without_effect_are_told_and_do_not_refuse_the_app() -> None:
         "spec.edges[0].bandwidth",
         "spec.components[0].devices[0].sharing",
         "spec.components[0].devices[0].onLoss",
-        "spec.components[1].onDisconnect",
     ]
     assert notes_of(make_app()) == ()

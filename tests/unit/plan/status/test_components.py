@@ -38,6 +38,16 @@ def test_nodes_are_those_of_live_pods() -> None:
     assert found.bound
 
 
+def test_a_component_that_stops_with_its_node_tells_what_it_waits_for() -> None:
+    stops = make_app(component("driver", onDisconnect="Stop")).spec.components[0]
+    gone = make_pod("old", node="edge-9", metadata={"deletionTimestamp": "2026-01-01T00:00:00Z"})
+    found = component_view(stops, make_deployment(), [gone, make_pod("new")], lost=["edge-9"])
+    assert found.message.startswith("stopped, because node edge-9 is not Ready (onDisconnect: Stop)")
+    assert (
+        component_view(stops, make_deployment(), [gone], lost=[]).message == "waiting until the previous pod has ended"
+    )
+
+
 def test_quota_refusals_are_told_apart_from_other_refusals() -> None:
     def refused(message: str) -> ComponentView:
         condition = {"type": "ReplicaFailure", "status": "True", "reason": "FailedCreate", "message": message}

@@ -50,6 +50,16 @@ def test_a_refusal_is_told_under_its_own_reason(reason: Reason) -> None:
     assert reasons({}, status(**{kind: ("False", reason.value, "why")})) == [reason.value]
 
 
+def test_a_device_that_is_lost_is_told_and_so_is_its_return_but_not_that_it_is_not_needed_any_more() -> None:
+    lost = status(Allocated=("False", "DeviceLost", "driver: device cam"))
+    back = status(Allocated=("True", "Allocated", "domain 7; 1 of 1 devices"))
+    assert reasons(back, lost) == ["DeviceLost"]
+    (item,) = news_of(lost, back, new_domains={})
+    assert (item.reason, item.warning) == (EventReason.DEVICE_RETURNED, False)
+    assert "it was gone: driver: device cam" in item.note
+    assert reasons(lost, status(Allocated=("Unknown", "Pending", ""))) == []
+
+
 def test_a_robot_out_of_reach_is_told() -> None:
     assert reasons({}, status(Ready=("False", "RobotOffline", "node n"))) == ["RobotOffline"]
 

@@ -11,6 +11,7 @@ from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
 from robotapp_operator.plan.spec.validate import Problem
 from robotapp_operator.plan.status.components import ComponentView
+from robotapp_operator.plan.status.device_loss import LostDevice
 from robotapp_operator.plan.status.facts import AppFacts, Grace, InstanceFacts
 from robotapp_operator.plan.status.latency import edge_views, worst_first
 from robotapp_operator.plan.status.troubled import MAX_TROUBLED, troubled
@@ -50,6 +51,7 @@ KINDS = [
     instance("ee", STARTING, robot_online=False, grace=Grace("then", "later", 300.0)),
     instance("f", failing(Reason.UNSCHEDULABLE)),
     instance("g", STARTING, busy="held by x"),
+    instance("gg", lost=(LostDevice("driver", "dev.x", "p", "cam", "n-gg"),)),
     instance("h", problem="label a node"),
     instance("i", cut_off=("driver-1",)),
     instance("j", edges=over_budget()),
@@ -63,6 +65,7 @@ ORDER = [
     ("ee", "RobotNotReady"),
     ("f", "Unschedulable"),
     ("g", "DeviceBusy"),
+    ("gg", "DeviceLost"),
     ("h", "RobotNodeUnclear"),
     ("i", "RestartNeeded"),
     ("j", "BudgetExceeded"),
