@@ -85,6 +85,9 @@ class Mover:
             return None
         facts = self._observer.instance(app, instance)
         own = self._memory.of(uid).instance(name)
+        if not self._is_about_anything(app, facts, own):
+            self._tell(app, name, own, "")
+            return None
         parts = self._parts(app, name)
         devices_again = await self._devices(app, facts, own, parts)
         decision, edges_again = self._decide(app, instance, facts, own, parts)
@@ -94,6 +97,13 @@ class Mover:
         self._tell(app, name, own, refused or (decision.why if isinstance(decision, Stays) else ""))
         due = [again for again in (devices_again, edges_again, REFUSED_S if refused else None) if again is not None]
         return min(due, default=None)
+
+    def _is_about_anything(self, app: App, facts: InstanceFacts, own: InstanceMemory) -> bool:
+        """Is a budget exceeded, a device lost, or was one?"""
+        if facts.lost or own.lost_s or any(view.met is False for view in own.measured):
+            return True
+        mine = self._cache.deployments.of_instance(app.uid, facts.name).values()
+        return app.wants_devices and any(Annotation.LOST_DEVICES in item.metadata.annotations for item in mine)
 
     def _decide(
         self, app: App, instance: Instance, facts: InstanceFacts, own: InstanceMemory, parts: Mapping[str, Part]
@@ -134,10 +144,11 @@ class Mover:
     def _parts(self, app: App, instance: str) -> dict[str, Part]:
         """Components with exactly one pod, bound to a node that is Ready, and not ending."""
         pods, found = self._cache.pods_by_deployment(app.uid, instance), {}
+        names = {component.name for component in app.spec.components}
         for deployment in owned_deployments(app, instance, self._cache):
             mine = [pod for pod in pods.get(deployment.metadata.uid, ()) if not pod.terminal]
             name = deployment.metadata.labels.get(Label.COMPONENT, "")
-            if name and len(mine) == 1 and self._settled(mine[0]):
+            if name in names and len(mine) == 1 and self._settled(mine[0]):
                 found[name] = Part(deployment, mine[0])
         return found
 
@@ -255,9 +266,9 @@ class Mover:
         record = parse_moves(live.metadata.annotations, Annotation.MOVES)
         if live.metadata.uid != meta.uid or record is None:
             return False
-        if record.pod == move.pod:
+        if record.counts(move.pod, now):
             return True  # by this process a moment ago: the cache does not have it yet
-        if record.why_not(limits_of(app), now):
+        if record.why_not(move.pod, limits_of(app), now):
             return False
         await self._annotate(live, Annotation.MOVES, record.with_move(move.pod, now).text())
         return True

@@ -57,10 +57,9 @@ def _of_component(
         return Stays(component.name, "no other node has such a device that is free")
     if pod.record is None:
         return Stays(component.name, "annotation robotics.io/moves of its Deployment cannot be read: remove it")
-    counted = pod.record.pod == pod.pod
-    if not counted and (problem := pod.record.why_not(limits_of(app), now)):
+    if problem := pod.record.why_not(pod.pod, limits_of(app), now):
         return Stays(component.name, problem)
-    return Move(component.name, pod.pod, pod.node, node, f"{device} is lost", counted)
+    return Move(component.name, pod.pod, pod.node, node, f"{device} is lost", pod.record.counts(pod.pod, now))
 
 
 def restarts(recorded: Mapping[str, str], *, there: Callable[[str], bool]) -> frozenset[str]:

@@ -14,6 +14,8 @@ from typing import Any, Final
 DAY: Final = timedelta(hours=24)
 AHEAD: Final = timedelta(minutes=1)
 """Clocks of two machines may differ by this much."""
+RECENT: Final = timedelta(minutes=10)
+"""A pod that a disruption budget has kept for longer is entered with the present time when it is tried again."""
 MAX_TIMES: Final = 1000
 """The schema's bound of maxPerDay."""
 MAX_BYTES: Final = 64 * 1024
@@ -36,23 +38,31 @@ class MoveRecord:
     times: tuple[datetime, ...] = ()
     pod: str = ""
 
-    def why_not(self, limits: Limits, now: datetime) -> str:
-        """Why no further move may begin now; "" when one may."""
-        today = [time for time in self.times if abs(now - time) < DAY]
+    def counts(self, pod: str, now: datetime) -> bool:
+        """Was the eviction of this pod recorded a short while ago, so that it needs no further record?"""
+        return self.pod == pod and bool(self.times) and now - self.times[-1] < RECENT
+
+    def why_not(self, pod: str, limits: Limits, now: datetime) -> str:
+        """Why the pod may not be moved now; "" when it may. A move of it that was recorded and never made does not count."""
+        times = self._without(pod)
+        today = [time for time in times if abs(now - time) < DAY]
         if len(today) >= limits.max_per_day:
             if not today:
                 return "placement.reschedule.maxPerDay is 0"
             free = whole_seconds(min(today) + DAY)
             return f"it was moved {len(today)} times within 24 hours (placement.reschedule.maxPerDay), the next move is possible at {free}"
-        past = [time for time in self.times if time <= now + AHEAD]
+        past = [time for time in times if time <= now + AHEAD]
         if past and now - max(past) < limits.cooldown:
             return f"it was moved at {whole_seconds(max(past))} (placement.reschedule.cooldown, until {whole_seconds(max(past) + limits.cooldown)})"
         return ""
 
     def with_move(self, pod: str, now: datetime) -> "MoveRecord":
         """With a move of this pod, and without those that no rule reads any more."""
-        kept = tuple(time for time in self.times if abs(now - time) < DAY)
+        kept = tuple(time for time in self._without(pod) if abs(now - time) < DAY)
         return MoveRecord(times=(*kept, now)[-MAX_TIMES:], pod=pod)
+
+    def _without(self, pod: str) -> tuple[datetime, ...]:
+        return self.times[:-1] if pod == self.pod else self.times
 
     def text(self) -> str:
         """As the annotation's value."""

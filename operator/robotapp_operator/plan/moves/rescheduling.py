@@ -120,11 +120,10 @@ def _of_component(
         return Stays(name, f"{place}, but {problem}")
     if pod.record is None:
         return Stays(name, f"{place}, but annotation robotics.io/moves of its Deployment cannot be read: remove it")
-    counted = pod.record.pod == pod.pod
-    if not counted and (problem := pod.record.why_not(limits_of(app), now)):
+    if problem := pod.record.why_not(pod.pod, limits_of(app), now):
         return Stays(name, f"{place}, but {problem}")
     why = f"{edge_name(edge)} {_time(edge)} of {shown_ms(edge.budget_us or 0)} before, {shown_ms(better.after_us)} expected"
-    return Move(name, pod.pod, pod.node, better.node, why, counted)
+    return Move(name, pod.pod, pod.node, better.node, why, pod.record.counts(pod.pod, now))
 
 
 def limits_of(app: App) -> Limits:

@@ -19,23 +19,35 @@ def moved(*ago_s: float) -> MoveRecord:
 
 
 def test_a_move_follows_another_when_the_cooldown_is_over() -> None:
-    assert moved(120).why_not(LIMITS, NOW) == ""
-    assert moved(119).why_not(LIMITS, NOW) == (
+    assert moved(120).why_not("new", LIMITS, NOW) == ""
+    assert moved(119).why_not("new", LIMITS, NOW) == (
         "it was moved at 2026-05-01T11:58:01Z (placement.reschedule.cooldown, until 2026-05-01T12:00:01Z)"
     )
 
 
 def test_of_one_day_there_are_no_more_moves_than_allowed() -> None:
-    assert moved(86_399, 40_000, 3600).why_not(LIMITS, NOW).startswith("it was moved 3 times within 24 hours")
-    assert moved(86_401, 40_000, 3600).why_not(LIMITS, NOW) == ""
-    assert NO_MOVES.why_not(Limits(cooldown=timedelta(0), max_per_day=0), NOW) == "placement.reschedule.maxPerDay is 0"
+    assert moved(86_399, 40_000, 3600).why_not("new", LIMITS, NOW).startswith("it was moved 3 times within 24 hours")
+    assert moved(86_401, 40_000, 3600).why_not("new", LIMITS, NOW) == ""
+    assert (
+        NO_MOVES.why_not("new", Limits(cooldown=timedelta(0), max_per_day=0), NOW)
+        == "placement.reschedule.maxPerDay is 0"
+    )
 
 
 def test_a_clock_that_was_ahead_counts_for_the_day_and_does_not_stop_moves_until_it_has_caught_up() -> None:
-    assert moved(-7200).why_not(LIMITS, NOW) == ""
-    assert moved(-7200, -7300, -7400).why_not(LIMITS, NOW) != ""
-    assert moved(-30).why_not(LIMITS, NOW) != "", "two clocks differ by seconds"
-    assert moved(-(10.0**8)).why_not(LIMITS, NOW) == ""
+    assert moved(-7200).why_not("new", LIMITS, NOW) == ""
+    assert moved(-7200, -7300, -7400).why_not("new", LIMITS, NOW) != ""
+    assert moved(-30).why_not("new", LIMITS, NOW) != "", "two clocks differ by seconds"
+    assert moved(-(10.0**8)).why_not("new", LIMITS, NOW) == ""
+
+
+def test_a_pod_that_is_kept_for_long_is_entered_once_with_the_time_at_which_it_is_tried_again() -> None:
+    kept = moved(86_000, 40_000, 3600)
+    assert kept.why_not("p", LIMITS, NOW) == "", "its own entry does not stand in its way"
+    assert kept.why_not("new", LIMITS, NOW) != ""
+    assert (kept.counts("p", NOW), moved(599).counts("p", NOW), moved(1).counts("new", NOW)) == (False, True, False)
+    again = kept.with_move("p", NOW)
+    assert again.times == (*kept.times[:-1], NOW)
 
 
 @pytest.mark.parametrize(
@@ -61,7 +73,7 @@ def test_however_often_one_asks_the_limits_hold_and_the_record_survives_being_wr
     record, now, moves = NO_MOVES, NOW, list[datetime]()
     for number, gap_s in enumerate(gaps_s):
         now += timedelta(seconds=gap_s)
-        if not record.why_not(limits, now):
+        if not record.why_not(f"p{number}", limits, now):
             record = parse_moves({KEY: record.with_move(f"p{number}", now).text()}, KEY) or NO_MOVES
             assert record.pod == f"p{number}"
             moves.append(now)
