@@ -48,7 +48,7 @@ class World:
         self.cache, self.memory = Cache(), ReconcileState()
         observer = Observer(self.cache, self.memory, clock=lambda: self.now_s, on_change=lambda *_: None)
         recorder = EventRecorder(self.client, controller="c", instance="i")
-        recorder.event = lambda _, **event: self.events.append((event["reason"], event["note"]))  # type: ignore[method-assign, assignment]
+        recorder.event = lambda _, **event: self.events.append((event["reason"], event["note"]))  # type: ignore[method-assign]
         self.observer = observer
         self.mover = Mover(
             self.client,
@@ -207,7 +207,7 @@ async def test_an_operator_that_ended_after_the_record_evicts_the_same_pod_and_c
     async def dies(*_: Any, **__: Any) -> bytes:
         raise KeyboardInterrupt
 
-    world.client.post_raw = dies  # type: ignore[method-assign, assignment]
+    world.client.post_raw = dies  # type: ignore[method-assign]
     with pytest.raises(KeyboardInterrupt):
         await world.mover.look(UID, "")
     world.client.post_raw = post  # type: ignore[method-assign]
