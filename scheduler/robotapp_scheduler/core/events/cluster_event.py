@@ -185,8 +185,9 @@ READS: Final[dict[str, Change]] = {
     "images": NODE | Change.IMAGES,
     "resource_claims": NODE | Change.RESOURCE_CLAIMS,
     "terms": NODE | Change.TERMS,
+    "facts": NODE | Change.FACTS,
 }
-"""`node_reads` of a plugin → the changes after which its result for that row must be computed again."""
+"""`node_reads` of a plugin → the changes after which its result for that row must be computed again. "facts" are those that plugins define."""
 
 
 class OwnFact(Protocol):

@@ -48,7 +48,8 @@ Class attributes and their defaults:
 
 `reads`       features of the pod that results depend on (core.pods.pod_info.FEATURES); default: everything (a result is never
               shared between pods)
-`node_reads`  facts of nodes that results depend on (core.events.cluster_event.READS); default: everything
+`node_reads`  facts of nodes that results depend on (core.events.cluster_event.READS, and NodeFacts of core.nodes.node_facts);
+              default: everything
 `row_local`   True: a node's result depends on that node alone, so only changed rows are computed again; default False
 `events`      changes that may help a pod this plugin rejected; default: every change
 `reason`      text for nodes that a bare mask rejects

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.api.core_v1 import Node
-from robotapp_scheduler.core.events.cluster_event import NODE, Change
+from robotapp_scheduler.core.events.cluster_event import READS
 from robotapp_scheduler.core.nodes.columns import START_ROWS, grown
 
 log = logging.getLogger(__name__)
@@ -28,7 +28,7 @@ class NodeFact:
 
     __slots__ = ("__weakref__", "absent", "derive", "name", "of", "warned")
 
-    changes = NODE | Change.FACTS
+    changes = READS["facts"]
     """Results for a row must be computed again after these."""
 
     def __init__(self, name: str, derive: Callable[[Node], float], *, absent: float) -> None:

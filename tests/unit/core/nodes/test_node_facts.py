@@ -13,7 +13,7 @@ from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.api.core_v1 import Node
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.events.cluster_event import Change, Event
+from robotapp_scheduler.core.events.cluster_event import READS, Change, Event
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
@@ -117,6 +117,20 @@ def test_a_node_that_leaves_takes_its_value_along_and_a_growing_table_keeps_all(
     assert table.facts.column(fact, table.objects)[3] == -1
     row, change = table.apply(make_node("other", labels={"number": "9"}))
     assert (row, Change.FACTS in change) == (3, True)
+
+
+def test_a_plugin_that_names_nothing_it_reads_is_called_again_when_its_fact_changes() -> None:
+    class Everything(LowNoise):
+        name = "Everything"
+        node_reads = tuple(READS)
+
+    for row_local in (True, False):
+        plugin = type("Plugin", (Everything,), {"row_local": row_local})
+        core = core_with(loud("n0", 80), loud("n1", 80), plugin=plugin)
+        assert core.schedule_one(make_info("p"), assume=False).feasible == 0
+        seen(core, loud("n1", 40))
+        assert core.schedule_one(make_info("p"), assume=False).node == "n1"
+    assert RegisteredPlugin(type("Plain", (), {"name": "Plain"})()).interest & Change.FACTS
 
 
 def test_a_function_that_raises_leaves_its_node_without_a_value_and_is_told_once(
