@@ -20,7 +20,7 @@ from robotapp_api.values.better_node import BetterNode, parse_better_node
 from robotapp_operator.plan.moves.device_moves import RESTART, move_for_device, on_loss_of, restarts
 from robotapp_operator.plan.moves.move_record import parse_moves
 from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, limits_of, reschedule
-from robotapp_operator.plan.spec.desired import App, wish_of
+from robotapp_operator.plan.spec.desired import App, desired_of
 from robotapp_operator.plan.spec.objects import Deployment, Node, Pod
 from robotapp_operator.plan.status.device_conflicts import free_elsewhere
 from robotapp_operator.plan.status.device_loss import is_there, parse_record, record_text
@@ -193,7 +193,7 @@ class Mover:
     def _elsewhere(self, app: App, instance: Instance, component: Component, here: str) -> str:
         return free_elsewhere(
             component,
-            wish_of(app, instance.robot),
+            desired_of(app, instance.robot),
             but=here,
             claims=self._cache.claims.by_name,
             telemetry=self._cache.telemetry,

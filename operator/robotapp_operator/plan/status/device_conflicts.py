@@ -69,7 +69,7 @@ def device_trouble(
 
 def free_elsewhere(
     component: Component,
-    wish: InstanceWish,
+    desired: Desired,
     *,
     but: str,
     claims: Mapping[str, Claim],
@@ -78,7 +78,7 @@ def free_elsewhere(
 ) -> str:
     """The first of `nodes`, other than `but`, with a device of its own for each that the component asks for; "" without one."""
     fitting = [
-        _fitting(component, device, wish, telemetry=telemetry, nodes=nodes)
+        _fitting(component, device, desired, telemetry=telemetry, nodes=nodes)
         for device in component.devices
         if claimed(device)
     ]

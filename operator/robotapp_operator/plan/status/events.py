@@ -71,7 +71,7 @@ def events_between(
     turned = _turned(_reasons(before), _reasons(after))
     was, (status, _, message) = _reasons(before).get(_ALLOCATED, ("", "", "")), turned.get(_ALLOCATED, ("", "", ""))
     if was[1] == Reason.DEVICE_LOST and status == "True":
-        news.append(PendingEvent(EventReason.DEVICE_RETURNED, f"{message}; it was gone: {was[2]}", warning=False))
+        events.append(PendingEvent(EventReason.DEVICE_RETURNED, f"{message}; it was gone: {was[2]}", warning=False))
     for turn in _TURNS:
         status, reason, message = turned.get(turn.kind.value, ("", "", ""))
         if status and (status == turn.status or reason in turn.reasons):

@@ -54,7 +54,7 @@ def test_a_device_that_is_lost_is_told_and_so_is_its_return_but_not_that_it_is_n
     lost = status(Allocated=("False", "DeviceLost", "driver: device cam"))
     back = status(Allocated=("True", "Allocated", "domain 7; 1 of 1 devices"))
     assert reasons(back, lost) == ["DeviceLost"]
-    (item,) = news_of(lost, back, new_domains={})
+    (item,) = events_between(lost, back, new_domains={})
     assert (item.reason, item.warning) == (EventReason.DEVICE_RETURNED, False)
     assert "it was gone: driver: device cam" in item.note
     assert reasons(lost, status(Allocated=("Unknown", "Pending", ""))) == []
