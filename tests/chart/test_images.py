@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOREIGN = {
     "operator": ("numpy", "typer", "uvloop"),
     "scheduler": ("kopf", "typer", "rich"),
-    "agent": ("aiohttp", "pydantic", "numpy", "kopf", "typer", "structlog"),
+    "agent": ("aiohttp", "pydantic", "numpy", "kopf", "typer"),
 }
 
 
