@@ -13,8 +13,7 @@ import msgspec
 from robotapp_scheduler.core.framework.incremental import PreFlight, Send
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
-from robotapp_scheduler.core.framework.shadow import silenced
-from robotapp_scheduler.core.framework.third_party import guarded, is_ours
+from robotapp_scheduler.core.framework.third_party import guarded, is_ours, silenced
 from robotapp_scheduler.core.pods.pod_info import ROS_FEATURES
 
 log = logging.getLogger(__name__)

@@ -2,6 +2,8 @@
 
 Ours are trusted and asked directly. A PluginError fails the one pod (SchedulerError); it must never end the loop, a watch
 or the command that was typed, and what a plugin answers must not be believed before its shape is known.
+
+`silenced` is for shadow plugins: called as any other, without effect on decisions, and harmless when they fail.
 """
 
 import logging
@@ -351,3 +353,31 @@ _CHECKS: Final[Mapping[str, _Check]] = {
     "plan": _instance_of(VolumePlan, "a VolumePlan"),
     "post_filter": _untouched,
 }
+
+
+_SILENT: Final[dict[str, Any]] = {"filter": None, "score": None, "score_among": None, "relevant": False}
+"""Hooks that are asked, and what stands for "no opinion"."""
+_UNUSED: Final = ("narrows", "score_row", "filter_row", "minds", "confined", "touched_by", "beside")
+"""Short cuts that would have to be guarded one by one; without them the vector form is asked."""
+
+
+def silenced(loaded: RegisteredPlugin) -> RegisteredPlugin:
+    """A `guarded` plugin whose PluginErrors become "no opinion": an experiment must not hold a pod back."""
+    for name, otherwise in _SILENT.items():
+        hook = getattr(loaded, name)
+        if hook is not None:
+            setattr(loaded, name, _silent(loaded.name, hook, otherwise))
+    for name in _UNUSED:
+        setattr(loaded, name, None)
+    return loaded
+
+
+def _silent(plugin: str, hook: Callable[..., Any], otherwise: Any) -> Callable[..., Any]:
+    def asked(*args: Any) -> Any:
+        try:
+            return hook(*args)
+        except PluginError as error:
+            log.warning("shadow plugin %s has no opinion: %s", plugin, error)
+            return otherwise
+
+    return asked
