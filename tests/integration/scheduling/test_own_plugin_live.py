@@ -2,6 +2,7 @@
 that does not come back holds up nobody else for long.
 """
 
+import os
 import secrets
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -145,7 +146,7 @@ def start(
 
     def started_with(source: str, plugin: str, *, wait: bool = True, plugins: Lists = everywhere) -> Process:
         (tmp_path / f"{module}.py").write_text(source)
-        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
         config = {
             "apiVersion": "kubescheduler.config.k8s.io/v1",
             "kind": "KubeSchedulerConfiguration",
