@@ -158,7 +158,7 @@ class Crowd:
 ZOO: tuple[Any, ...] = (Calm, Noted, Rising, Falling, Stepped, Wide, Even, Idle, Crowd)
 WITHOUT = ("LatencyFilter", "NodeResourcesBalancedAllocation", "TaintToleration", "LoadBalanceScore")
 OTHERS = st.lists(st.tuples(st.sampled_from(ZOO), st.sampled_from((1, 2, 5))), max_size=3, unique_by=lambda one: one[0])
-STEPS = ("end", "change", "node", "taint", "gone", "read", "late", "promise", "load", "load", "notice")
+STEPS = ("end", "change", "node", "taint", "gone", "read", "promise", "load", "load", "notice")
 HISTORY = st.lists(
     st.one_of(st.tuples(st.just("burst"), st.integers(1, 8)), *[st.tuples(st.just(name), NUMBER) for name in STEPS]),
     max_size=16,
