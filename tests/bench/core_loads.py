@@ -15,7 +15,6 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
-from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 
 LOW_PER_NODE: Final = 4
@@ -79,7 +78,7 @@ def preempting(nodes: int, kind: str, pods: int, *, gone: bool = True) -> dict[s
     spent, copies = [], []
     for i in range(pods):
         fields = {"cpu": "8", "memory": "100Mi", "priority": 1000, "labels": {"color": "blue"}, **PREEMPTORS[kind]}
-        info = PodInfo(make_pod(f"high-{i}", **fields))
+        info = core.cluster.pod_info(make_pod(f"high-{i}", **fields))
         started = time.process_time()
         decision = core.schedule_one(info)
         spent.append(1e3 * (time.process_time() - started))

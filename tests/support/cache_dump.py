@@ -22,6 +22,7 @@ LEFT_OUT: Final = {
     "Cache.minimum_free": "likewise",
     "Cache.by_priority": "compared below as it is read",
     "Cache._interner": "shares equal parts of objects",
+    "Cache._signatures": "shares what replicas have in common",
     "Cache._records": "shares equal parts of records",
     "Cache._clock": "is passed in",
     "Topology._compiler": "a memo of terms by their text",

@@ -1,7 +1,7 @@
 """Nodes, pods and apps for tests of the scheduler's core: JSON in, the product's structs out."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
@@ -13,6 +13,7 @@ from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import Profile, ProfileSpec, build_profiles
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.pods.pod_signature import PodSignatures
 from robotapp_scheduler.plugins.registry import catalogue
 
 Json = dict[str, Any]
@@ -80,8 +81,13 @@ def make_pod(name: str = "p", **fields: Any) -> Pod:
     return to_pod(pod_json(name, **fields))
 
 
+_SIGNATURES: Final = PodSignatures()
+"""Replicas share what they have in common, as those of one cache do."""
+
+
 def make_info(name: str = "p", **fields: Any) -> PodInfo:
-    return PodInfo(make_pod(name, **fields))
+    pod = make_pod(name, **fields)
+    return PodInfo(pod, _SIGNATURES.of(pod))
 
 
 def make_cluster(*nodes: Node, clock: Clock | None = None) -> Cache:

@@ -15,7 +15,6 @@ from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import POINTS, Catalogue, ProfileSpec, build_profiles
-from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 
 ROUNDS: Final = 3
@@ -141,7 +140,7 @@ def _round(setting: Setting, spec: ProfileSpec, catalogue: Catalogue, clock: Cal
     profiles = build_profiles([spec], catalogue)
     core = SchedulerCore(cluster, profiles, clock=lambda: 0.0)
     engine = ProfileRunner(profiles[spec.scheduler_name], cluster, caching=setting.reuse)
-    infos = [PodInfo(pod) for pod in setting.waiting]
+    infos = [cluster.pod_info(pod) for pod in setting.waiting]
     unplaced, error = 0, ""
     start_s = clock()
     for info in infos:

@@ -172,7 +172,7 @@ def test_an_explanation_read_later_is_the_one_of_its_moment(start: list[Any], hi
         apply(core, clock, step)
         clock.forward(1.5)
         for kind in (*ros_pods(), *ros_pods()[-2:]):
-            pod = PodInfo(replace(kind.pod, metadata=replace(kind.pod.metadata, uid=f"{moment}-{len(then)}")))
+            pod = cluster.pod_info(replace(kind.pod, metadata=replace(kind.pod.metadata, uid=f"{moment}-{len(then)}")))
             then[pod.uid] = told(core.consider(pod, fresh)[0])
             core.schedule_one(pod)
             found = core.explain.get(pod.uid)

@@ -9,7 +9,7 @@ from tests.support.scheduling import make_pod, owner
 
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.interning import Interner
-from robotapp_scheduler.core.pods.pod_signature import same_shape, shape_of
+from robotapp_scheduler.core.pods.pod_signature import PodSignatures, same_shape
 
 FIELDS: dict[str, st.SearchStrategy[Any]] = {
     "labels": st.sampled_from(({}, {"a": "x"}, {"a": "y"}, {"a": "x", "b": "x"})),  # sorted by name, as on the wire
@@ -53,8 +53,9 @@ def _pod(fields: dict[str, Any]) -> Pod:
 def test_a_pod_that_is_recognised_again_has_the_shape_it_had(pair: tuple[Pod, Pod]) -> None:
     before, after = pair
     resized = before.status.resizes or after.status.resizes
+    signatures = PodSignatures()
     assert same_shape(before, before.metadata.labels or {}, after) == (
-        not resized and shape_of(before) is shape_of(after)
+        not resized and signatures.of(before) is signatures.of(after)
     )
 
 

@@ -24,7 +24,7 @@ from robotapp_scheduler.core.nodes.resource_arrays import MinimumFree, ResourceA
 from robotapp_scheduler.core.pods.interning import Interner
 from robotapp_scheduler.core.pods.pod_group_index import PodGroups, in_group
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo, same_groups
-from robotapp_scheduler.core.pods.pod_signature import same_shape
+from robotapp_scheduler.core.pods.pod_signature import PodSignatures, same_shape
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaims
 from robotapp_scheduler.core.robotics.app_index import AppIndex
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant, DeviceIndex
@@ -61,6 +61,7 @@ class Cache:
         self.budgets = Budgets()
         self.by_priority = PriorityColumns()
         self._interner = Interner()
+        self._signatures = PodSignatures()
         self._records = Records(self.nodes.resources, self._interner, like=self.topology.label_sets.like)
         self._predicted_labels = PredictedLabels(self.nodes.labels)
         self._seen: dict[str, Pod] = {}
@@ -135,6 +136,10 @@ class Cache:
             self.take_off(uid)
             change |= Change.POD_REMOVED
         return change
+
+    def pod_info(self, pod: Pod) -> PodInfo:
+        """A pod prepared for scheduling, with what it has in common with other replicas."""
+        return PodInfo(pod, self._signatures.of(pod))
 
     def assume(self, pod: PodInfo, node: str, grants: Iterable[DeviceGrant] = ()) -> None:
         """Count a pod on a node before the watch confirms it. Raises ValueError when it is counted already."""
@@ -297,7 +302,7 @@ class Cache:
             self._touch(node)
             self._member(pod, node)
             return Change.POD_ADDED if confirmed else Change.NONE
-        record = self._records.of(PodInfo(pod), node, assumed=False)
+        record = self._records.of(self.pod_info(pod), node, assumed=False)
         if old is not None and old.assumed:
             self._predicted_labels.learn(self.nodes.row_of.get(node), pod)
         if old is None:

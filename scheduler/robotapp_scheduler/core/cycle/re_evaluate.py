@@ -63,7 +63,7 @@ class Reconsidered(msgspec.Struct, frozen=True):
 def reconsider(core: SchedulerCore, pod: Pod) -> Reconsidered:
     """Decide about a pod again without doing anything. Raises KeyError when no profile of ours serves it."""
     with _waiting(core.cluster, pod) as waiting:
-        info = PodInfo(waiting)
+        info = core.cluster.pod_info(waiting)
         engine = ProfileRunner(core.engine(info.scheduler_name).profile, core.cluster, caching=False)
         record, evaluation = core.consider(info, engine)
         return Reconsidered(record, None if evaluation is None else _table(info, engine, evaluation))

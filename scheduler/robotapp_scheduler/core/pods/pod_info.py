@@ -17,7 +17,7 @@ from robotapp_scheduler.core.api.core_v1 import Affinity, NodeAffinity, OwnerRef
 from robotapp_scheduler.core.api.ros import InvalidAnnotation, RosContext, RosRequest
 from robotapp_scheduler.core.pods.cached_property import CachedProperty
 from robotapp_scheduler.core.pods.pod_group_index import group_ref_of, in_group
-from robotapp_scheduler.core.pods.pod_signature import HostPort, controller_of, shape_of
+from robotapp_scheduler.core.pods.pod_signature import HostPort, PodSignature, controller_of
 from robotapp_scheduler.core.pods.pod_volumes import PodVolumes, volumes_of
 from robotapp_scheduler.core.pods.resource_claims import wanted
 from robotapp_scheduler.core.selectors.affinity_index import PlacedTerm
@@ -47,7 +47,8 @@ class Member(NamedTuple):
 class PodInfo:
     """One pod as rules see it. Everything is read-only; `ros` is set anew at the start of each attempt."""
 
-    def __init__(self, pod: Pod) -> None:
+    def __init__(self, pod: Pod, signature: PodSignature | None = None) -> None:
+        """`signature` is shared with other replicas (Cache.pod_info); without it the pod has its own."""
         meta = pod.metadata
         self.pod = pod
         self.uid = meta.uid
@@ -65,7 +66,7 @@ class PodInfo:
         """(QoS class, reliability, liveliness) for the queue; None for a pod without ROS fields."""
         self.volume_key: Hashable = None
         """What its volumes look like right now; None for a pod without volumes. Set like `ros`."""
-        self.shape = shape_of(pod)
+        self.shape = PodSignature(pod) if signature is None else signature
         """What it has in common with other replicas."""
 
     def __repr__(self) -> str:

@@ -54,7 +54,7 @@ class HostPort(NamedTuple):
 
 
 class PodSignature:
-    """Answers that follow from what `shape_of` compares. `pod` is any of the pods that have it."""
+    """Answers that follow from what `PodSignatures` compares. `pod` is any of the pods that have it."""
 
     def __init__(self, pod: Pod) -> None:
         self._pod = pod
@@ -117,29 +117,37 @@ class PodSignature:
         return found
 
 
-_shapes: dict[bytes, PodSignature] = {}
+class PodSignatures:
+    """The signatures of the pods of one cluster, so that replicas share theirs."""
 
+    __slots__ = ("_by_key",)
 
-def shape_of(pod: Pod) -> PodSignature:
-    """The shape of a pod. What tells replicas apart (name, uid, node, annotations, status) is not part of it."""
-    if pod.status.resizes:
-        return PodSignature(pod)  # it holds something else than its spec says
-    try:
-        key = _key(pod)
-    except OverflowError:  # a number no encoder takes: from no API server
-        return PodSignature(pod)
-    if len(key) > MOST_KEY_BYTES:
-        return PodSignature(pod)
-    shape = _shapes.get(key)
-    if shape is None:
-        if len(_shapes) >= MOST_SHAPES:
-            _shapes.clear()
-        shape = _shapes[key] = PodSignature(pod)
-    return shape
+    def __init__(self) -> None:
+        self._by_key: dict[bytes, PodSignature] = {}
+
+    def __repr__(self) -> str:
+        return f"PodSignatures({len(self._by_key)} kept)"
+
+    def of(self, pod: Pod) -> PodSignature:
+        """The signature of a pod. What tells replicas apart (name, uid, node, annotations, status) is not part of it."""
+        if pod.status.resizes:
+            return PodSignature(pod)  # it holds something else than its spec says
+        try:
+            key = _key(pod)
+        except OverflowError:  # a number no encoder takes: from no API server
+            return PodSignature(pod)
+        if len(key) > MOST_KEY_BYTES:
+            return PodSignature(pod)
+        found = self._by_key.get(key)
+        if found is None:
+            if len(self._by_key) >= MOST_SHAPES:
+                self._by_key.clear()
+            found = self._by_key[key] = PodSignature(pod)
+        return found
 
 
 def same_shape(old: Pod, labels: Mapping[str, str], new: Pod) -> bool:
-    """Has a pod still the shape it had with these labels? Compares what `shape_of` encodes, and says False in doubt."""
+    """Has a pod still the shape it had with these labels? Compares what `PodSignatures` encodes, and says False in doubt."""
     if old.status.resizes or new.status.resizes:
         return False
     before, now = old.metadata, new.metadata

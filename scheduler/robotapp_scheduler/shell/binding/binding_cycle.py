@@ -251,7 +251,7 @@ class BindingCycle:
             self._core.queue.done(uid)
             return
         if newest is not queued.info.pod:
-            queued.info = PodInfo(newest)
+            queued.info = self._core.cluster.pod_info(newest)
         self._core.cluster.apply_pod(newest)  # news of an assumed pod was left aside
         self._core.cluster.nominations.nominate(queued.info, "")
         self._core.queue.requeue(queued, rejection)

@@ -7,7 +7,6 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.pods.in_place_resize import held_per_container
-from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
 from robotapp_scheduler.shell.status.pod_status import Reporter
 
@@ -94,7 +93,7 @@ class PodHandler:
         # An assumed pod is on its way to a node: queued again, it would be placed twice.
         if self._cluster.is_assumed(uid):
             return
-        info = PodInfo(pod)
+        info = self._cluster.pod_info(pod)
         self._queue.add(info)
         if self._cluster.nominations.see(info):
             self._queue.move(Event("pods", Change.NOMINATED, old, pod), but=uid)

@@ -7,8 +7,8 @@ from tests.support.scheduling import make_info, make_pod, owner
 
 from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.pods import pod_signature
-from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE, OWN_FEATURES, PodInfo
-from robotapp_scheduler.core.pods.pod_signature import shape_of
+from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE, OWN_FEATURES
+from robotapp_scheduler.core.pods.pod_signature import PodSignatures
 
 ZONE = "topology.kubernetes.io/zone"
 TERM = {"topologyKey": ZONE, "labelSelector": {"matchLabels": {"app": "a"}}}
@@ -42,7 +42,8 @@ def test_replicas_that_differ_in_name_node_annotations_and_token_volume_are_one_
     token = [{"name": "kube-api-access-abcde"}]
     one = make_pod("one", volumes=token, annotations={"a": "1"})
     two = make_pod("two", volumes=[{"name": "kube-api-access-vwxyz"}], node="n1")
-    assert shape_of(one) is shape_of(two)
+    signatures = PodSignatures()
+    assert signatures.of(one) is signatures.of(two)
 
 
 @pytest.mark.parametrize("fields", OTHER.values(), ids=OTHER)
@@ -63,8 +64,9 @@ def test_features_of_one_replica_are_never_given_to_another(name: str) -> None:
 def test_a_pod_that_is_being_resized_shares_nothing() -> None:
     plain, resized = make_pod("one"), make_pod("two")
     resized.status.allocated_resources = {"cpu": "3"}
-    assert shape_of(plain) is not shape_of(resized)
-    assert shape_of(resized) is not shape_of(resized)
+    signatures = PodSignatures()
+    assert signatures.of(plain) is not signatures.of(resized)
+    assert signatures.of(resized) is not signatures.of(resized)
 
 
 def test_pods_with_an_ephemeral_volume_share_nothing_because_its_claim_is_named_after_the_pod() -> None:
@@ -73,8 +75,8 @@ def test_pods_with_an_ephemeral_volume_share_nothing_because_its_claim_is_named_
 
 
 def test_the_shapes_that_are_kept_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pod_signature, "_shapes", {})
+    signatures = PodSignatures()
     monkeypatch.setattr(pod_signature, "MOST_SHAPES", 3)
     for i in range(20):
-        PodInfo(make_pod(labels={"app": f"a{i}"}))
-    assert len(pod_signature._shapes) <= 3
+        signatures.of(make_pod(labels={"app": f"a{i}"}))
+    assert int(repr(signatures).removeprefix("PodSignatures(").split()[0]) <= 3

@@ -7,6 +7,7 @@ from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.pods.pod_signature import needs_of
 from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, is_new
 
 
@@ -40,4 +41,4 @@ class NodeDeclaredFeatures:
 
     def hint(self, pod: PodInfo, event: Event) -> bool:  # noqa: ARG002 - the contract's signature
         """A node declares something else; or the pod's own needs are different."""
-        return event.resource != "pods" or PodInfo(event.old).needs != PodInfo(event.new).needs
+        return event.resource != "pods" or needs_of(event.old.spec) != needs_of(event.new.spec)

@@ -58,6 +58,8 @@ class InterPodAffinity:
         args = args or AffinityArgs()
         self._hard_weight = args.hard_pod_affinity_weight
         self._ignore = args.ignore_preferred_terms_of_existing_pods
+        self._latest: tuple[Event, PodInfo | None, PodInfo | None] | None = None
+        """The event of the latest hint, and its pods."""
 
     def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """The pod's own affinity, its own anti-affinity, then the anti-affinity of placed pods."""
@@ -163,7 +165,14 @@ class InterPodAffinity:
             return _node_matters(event.old, event.new, pod, terms)
         if event.resource == "namespaces":
             return _namespace_matters(event.old, event.new, pod, terms)
-        return _company_matters(event, pod, terms)
+        return _company_matters(event, *self._pods_of(event), pod, terms)
+
+    def _pods_of(self, event: Event) -> tuple[PodInfo | None, PodInfo | None]:
+        """The pod before and after the event, prepared once for all pods that wait."""
+        if self._latest is None or self._latest[0] is not event:
+            old, new = (PodInfo(pod) if pod is not None else None for pod in (event.old, event.new))
+            self._latest = (event, old, new)
+        return self._latest[1:]
 
     def hint_of_each(self, event: Event) -> bool:
         """A pod went that may have kept others away by their labels."""
@@ -240,10 +249,8 @@ def _in_the_way(pod: PodInfo, terms: Terms, other: PodInfo) -> bool:
     return _may_be_first(pod) and _wanted(terms, other)
 
 
-def _company_matters(event: Event, pod: PodInfo, terms: Terms) -> bool:
+def _company_matters(event: Event, old: PodInfo | None, new: PodInfo | None, pod: PodInfo, terms: Terms) -> bool:
     """Did a pod go, come or change its labels so that it is not in the way any more, or wanted now?"""
-    old = PodInfo(event.old) if event.old is not None else None
-    new = PodInfo(event.new) if event.new is not None else None
     if event.change & (Change.POD_REMOVED | Change.NOMINATED) and old is not None and _in_the_way(pod, terms, old):
         return True
     if event.change & Change.POD_ADDED:
