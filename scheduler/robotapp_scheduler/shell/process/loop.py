@@ -74,6 +74,8 @@ class SchedulerLoop:
         self._pools_due_s = clock() + POOLS_S
         self.turned_s = clock()
         """When the loop last turned: liveness."""
+        self.deciding: Sequence[QueuedPodInfo] = ()
+        """The batch that is being decided right now: for the watchdog."""
 
     def __repr__(self) -> str:
         return f"<SchedulerLoop {self._sent + len(self._tasks)} batches in flight, {self._core!r}>"
@@ -127,11 +129,14 @@ class SchedulerLoop:
 
     def _posed(self, batch: Sequence[QueuedPodInfo]) -> JointProblem | None:
         """The problem a planner has to solve for these pods first, if any."""
+        self.deciding = batch
         try:
             return self._core.pose(batch)
         except Exception:  # a bug here must not hold the pods: they are placed one by one
             log.exception("posing the problem of %s failed", _names(batch))
             return None
+        finally:
+            self.deciding = ()
 
     async def _plan(self, batch: Sequence[QueuedPodInfo], posed: JointProblem) -> None:
         """Meanwhile others are placed: what the plan says is checked when it is followed. Some pods may be gone by then."""
@@ -153,6 +158,7 @@ class SchedulerLoop:
 
     def _decide(self, batch: Sequence[QueuedPodInfo], advice: GroupPlacement | None = None) -> None:
         started_s = self._clock()
+        self.deciding = batch
         try:
             decisions = self._core.schedule(batch, advice=advice)
         except Exception:  # a bug met with this batch must not stop the others; it is retried after back-off
@@ -163,6 +169,8 @@ class SchedulerLoop:
                 self._reporter.unscheduled(queued.info.pod, reason=PodReason.SCHEDULER_ERROR, message=BUG)
             self._free()
             return
+        finally:
+            self.deciding = ()
         self._metrics.algorithm_s.observe(self._clock() - started_s)
         self._groups.decided(decisions)
         placed = [decision for decision in decisions if decision.placed]

@@ -305,7 +305,10 @@ class Scheduler:
         self.loop.wake()
 
     def _watchdog(self) -> Watchdog:
-        return Watchdog(last_words=self._vigil.stuck if self._vigil is not None else None)
+        return Watchdog(
+            last_words=self._vigil.stuck if self._vigil is not None else None,
+            deciding=lambda: next((queued.info for queued in self.loop.deciding), None),
+        )
 
     def _watch_over(self, profiles: Mapping[str, Profile]) -> None:
         time_plugins(profiles, self.metrics)

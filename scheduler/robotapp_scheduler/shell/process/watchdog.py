@@ -52,12 +52,14 @@ class Watchdog:
         again_s: float = AGAIN_S,
         end: Callable[[int], object] = os._exit,
         last_words: LastWords | None = None,
+        deciding: Callable[[], PodInfo | None] = lambda: None,
     ) -> None:
-        """`last_words` is told why, before the process ends."""
+        """`last_words` is called before the process ends. `deciding` returns the pod that is being scheduled, if any."""
         self._patience_s = patience_s
         self._again_s = again_s
         self._end = end
         self._last_words = last_words
+        self._deciding = deciding
         self._raised = 0
         """How often in the call that `_held` is."""
         self._held: PluginCall | None = None
@@ -96,13 +98,22 @@ class Watchdog:
             return
         waited_s = self._patience_s + self._again_s * (self._rung - 1)
         if self._rung == 2:
-            log.error("%s\n%s", _told(call, frame, waited_s), "".join(traceback.format_stack(frame)))
+            log.error("%s\n%s", self._told(call, waited_s), "".join(traceback.format_stack(frame)))
         self._raised = self._raised if same else 0
         if same and call is not None:
             if self._raised == MOST_SWALLOWED:
                 self._give_up(call)
             self._raised += 1
             raise Overdue(f"did not answer within {waited_s:g} s and was broken off")
+
+    def _told(self, call: PluginCall | None, waited_s: float) -> str:
+        if call is not None:
+            return (
+                f"{call.hook} of plugin {call.plugin} has not answered for {waited_s:g} s{call.about}: it is broken off"
+            )
+        pod = self._deciding()
+        about = f" with pod {pod.key}" if pod is not None else ""
+        return f"nothing was decided for {waited_s:g} s{about}: the event loop is held here"
 
     def _give_up(self, call: PluginCall) -> None:
         """`sys.exit` would be swallowed too. The next leader meets the same pod; what `last_words` records may spare it that."""
@@ -124,24 +135,6 @@ def _running(frame: FrameType | None) -> PluginCall | None:
     while frame is not None and not _ours(frame):
         frame = frame.f_back
     return call if frame is not inner and frame is call.frame else None
-
-
-def _told(call: PluginCall | None, frame: FrameType, waited_s: float) -> str:
-    if call is not None:
-        return f"{call.hook} of plugin {call.plugin} has not answered for {waited_s:g} s{call.about}: it is broken off"
-    pod = _pod(frame)
-    about = f" with pod {pod}" if pod else ""
-    return f"nothing was decided for {waited_s:g} s{about}: the event loop is held here"
-
-
-def _pod(frame: FrameType | None) -> str:
-    """A pod that a function on the stack works with: a guess, for the log only."""
-    while frame is not None:
-        pod = frame.f_locals.get("pod")
-        if isinstance(pod, PodInfo):
-            return pod.key
-        frame = frame.f_back
-    return ""
 
 
 def _ours(frame: FrameType) -> bool:

@@ -315,6 +315,21 @@ async def test_a_pod_that_was_granted_something_is_read_again_after_its_volumes_
     assert [version for *_, version in rig.io.asked] == ["8"]
 
 
+async def test_the_loop_names_the_pods_that_it_decides_about_while_it_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig()
+    seen: list[list[str]] = []
+
+    def schedule(*_: Any, **__: Any) -> Any:
+        seen.append([queued.info.name for queued in rig.loop.deciding])
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(rig.core, "schedule", schedule)
+    rig.show("p")
+    rig.loop._decide(rig.core.queue.pop())
+    assert seen == [["p"]]
+    assert rig.loop.deciding == ()
+
+
 async def test_a_plain_pod_is_bound_without_a_task_that_waits_and_a_drain_waits_for_its_answer() -> None:
     rig = Rig()
     rig.show()
