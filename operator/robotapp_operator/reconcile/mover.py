@@ -205,6 +205,7 @@ class Mover:
     async def _devices(self, app: App, facts: InstanceFacts, own: InstanceMemory, parts: Mapping[str, Part]) -> Again:
         """Bring the records of lost devices up to date, and restart the pods whose devices are back."""
         now_s = self._clock()
+        waiting: list[float] = []
         own.lost_s = {device.claim: own.lost_s.get(device.claim, now_s) for device in facts.lost}
         for name, part in parts.items():
             recorded = parse_record(part.deployment.metadata.annotations.get(Annotation.LOST_DEVICES, ""))
@@ -221,10 +222,13 @@ class Mover:
                 await self._annotate(
                     part.deployment, Annotation.LOST_DEVICES, record_text(kept | mine) if kept | mine else None
                 )
-            elif pod in back and facts.robot_online and own.evicted != pod and not await self._evict(part.pod):
+            elif pod in back and facts.robot_online and own.evicted != pod:
+                if await self._evict(part.pod):
+                    waiting.append(REFUSED_S)
+                    continue
                 log.info("%s/%s lost a device that is back: it is restarted", app.namespace, part.pod.metadata.name)
                 own.evicted = pod
-        waiting = [LOST_S - (now_s - since_s) for since_s in own.lost_s.values() if now_s - since_s < LOST_S]
+        waiting += [LOST_S - (now_s - since_s) for since_s in own.lost_s.values() if now_s - since_s < LOST_S]
         return min(waiting, default=None)
 
     def _keeps(self, claim: str, component: Component) -> bool:
