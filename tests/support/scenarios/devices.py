@@ -28,7 +28,7 @@ def two_pods(place: Place) -> Verdict:
     """Two pods, one node with can0: the second waits, is told who holds it, and runs when the first is gone."""
     (home,) = place.cluster.labelled(*CAN.label)
     (first,) = place.create(place.pod("first", annotations=ON_CAN))
-    place.until_settled([first])
+    place.until_bound([first])
     (second,) = place.create(place.pod("second", annotations=ON_CAN))
     place.until_settled([second])
     promises = {NOT_HOME: place.node_of(first) == home, AT_ONCE: not place.node_of(second)}

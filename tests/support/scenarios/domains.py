@@ -15,7 +15,7 @@ def automatic(place: Place) -> Verdict:
     count = place.rng.randint(LEAST_TALKERS, MOST_TALKERS)
     talkers = [place.pod(f"talker-{index}", node=node, annotations=wants("auto")) for index in range(count)]
     names = place.create(*talkers)
-    place.until_settled(names)
+    place.until_bound(names)
     domains = [place.granted(name, Annotation.GRANTED_DOMAIN) for name in names]
     if any(domains):
         place.until(lambda: len(place.claims()) >= count, what=lambda: f"{len(place.claims())} claims for {count} pods")
@@ -31,7 +31,7 @@ def taken(place: Place) -> Verdict:
     """A domain by number: the second pod waits, is told who has it, and gets it when the first is gone."""
     number = str(place.rng.choice(IDS))
     (first,) = place.create(place.pod("first", annotations=wants(number)))
-    place.until_settled([first])
+    place.until_bound([first])
     got = place.granted(first, Annotation.GRANTED_DOMAIN) == number
     (second,) = place.create(place.pod("second", annotations=wants(number)))
     place.until_settled([second])
