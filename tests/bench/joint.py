@@ -34,11 +34,11 @@ async def through_the_worker(problems: list[Problem]) -> tuple[list[float], dict
     planner, spent, ends = Planner(small=0), list[float](), dict[str, int]()
     try:
         for problem in (problems[0], *problems):
-            posed = JointProblem(problem, tuple(map(str, range(problem.pods))), tuple(map(str, range(problem.rows))))
+            joint = JointProblem(problem, tuple(map(str, range(problem.pods))), tuple(map(str, range(problem.rows))))
             began_s = time.perf_counter()
-            advice = await planner.advise(posed)
+            placement = await planner.advise(joint)
             spent.append(time.perf_counter() - began_s)
-            ends[advice.result] = ends.get(advice.result, 0) + 1
+            ends[placement.result] = ends.get(placement.result, 0) + 1
     finally:
         await planner.close()
     return spent[1:], ends

@@ -17,7 +17,7 @@ from tests.support.scheduling import Clock, app_object, chain, make_core, make_n
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cycle.group_cycle import advice_of
+from robotapp_scheduler.core.cycle.group_cycle import placement_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.explain.record import as_json
@@ -113,9 +113,9 @@ def show(*parts: object) -> None:
 
 def decided(core: SchedulerCore) -> Iterator[ScheduleResult]:
     while batch := core.queue.pop():
-        posed = core.pose(batch)
-        advice = advice_of(posed, solve(posed.problem, UNHURRIED, lambda: 0.0)) if posed is not None else None
-        for decision in core.schedule(batch, advice=advice):
+        joint = core.joint_problem_of(batch)
+        placement = placement_of(joint, solve(joint.problem, UNHURRIED, lambda: 0.0)) if joint is not None else None
+        for decision in core.schedule(batch, placement=placement):
             if decision.placed:
                 core.queue.done(decision.pod.uid)
             elif decision.queued is not None:

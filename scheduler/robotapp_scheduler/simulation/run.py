@@ -13,7 +13,7 @@ import msgspec
 from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cache
-from robotapp_scheduler.core.cycle.group_cycle import advice_of
+from robotapp_scheduler.core.cycle.group_cycle import placement_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.pods.in_place_resize import held_per_container
@@ -142,11 +142,11 @@ class _World:
         while batch := self.core.queue.pop():
             self._decided += len(batch)
             self._progress(self._decided, waiting)
-            problem = self.core.pose(batch)
-            placement = (
-                advice_of(problem, solve(problem.problem, PLANNING, lambda: _NO_TIME)) if problem is not None else None
+            joint = self.core.joint_problem_of(batch)
+            planned = (
+                placement_of(joint, solve(joint.problem, PLANNING, lambda: _NO_TIME)) if joint is not None else None
             )
-            for decision in self.core.schedule(batch, advice=placement):
+            for decision in self.core.schedule(batch, placement=planned):
                 uid = decision.pod.uid
                 if decision.placed:
                     found = True

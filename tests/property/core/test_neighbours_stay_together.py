@@ -12,7 +12,7 @@ from tests.support.scheduling import app_object, chain, make_core, make_node, ma
 
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cycle.group_cycle import advice_of
+from robotapp_scheduler.core.cycle.group_cycle import placement_of
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.joint.solve import Limits, solve
@@ -91,9 +91,9 @@ def schedule(app: App, waiting: dict[str, Pod]) -> None:
         batch = core.queue.pop()
         if not batch:
             return
-        posed = core.pose(batch) if app.random.random() < 0.7 else None
-        advice = advice_of(posed, solve(posed.problem, Limits(), lambda: 0.0)) if posed else None
-        for decision in core.schedule(batch, advice=advice):
+        joint = core.joint_problem_of(batch) if app.random.random() < 0.7 else None
+        placement = placement_of(joint, solve(joint.problem, Limits(), lambda: 0.0)) if joint else None
+        for decision in core.schedule(batch, placement=placement):
             take(app, decision, waiting)
         holds(app)
 

@@ -80,7 +80,7 @@ class PlacementHint(NamedTuple):
     why: str = ""
 
 
-NO_WISH: Final = PlacementHint()
+NO_HINT: Final = PlacementHint()
 
 
 class GroupPlacement:
@@ -100,7 +100,7 @@ class GroupPlacement:
         return f"GroupPlacement({self.result}: {self.why})"
 
 
-def advice_of(posed: JointProblem, solution: Solution) -> GroupPlacement:
+def placement_of(joint: JointProblem, solution: Solution) -> GroupPlacement:
     """A solution in words and names."""
     rows = solution.rows
     if rows is None:
@@ -109,7 +109,7 @@ def advice_of(posed: JointProblem, solution: Solution) -> GroupPlacement:
                 {}, result="impossible", why="no plan keeps every rule of the group: placed one by one"
             )
         return GroupPlacement({}, result="none", why="no plan was found in time: placed one by one")
-    nodes = {uid: posed.names[row] for uid, row in zip(posed.uids, rows, strict=True)}
+    nodes = {uid: joint.names[row] for uid, row in zip(joint.uids, rows, strict=True)}
     gap = 100 * solution.gap
     proved = gap <= 100 * GAP
     if gap == INF:
@@ -126,20 +126,20 @@ class Placer(Protocol):
     cluster: Cache
     explain: ExplainRing
 
-    def schedule_one(self, pod: PodInfo, *, attempt: int = 1, wish: PlacementHint = ...) -> ScheduleResult: ...
+    def schedule_one(self, pod: PodInfo, *, attempt: int = 1, hint: PlacementHint = ...) -> ScheduleResult: ...
     def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
         """How many nodes would take the pod now, and their names when there are not too many."""
 
 
 def plan_together(
-    core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], advice: GroupPlacement | None = None
+    core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], placement: GroupPlacement | None = None
 ) -> list[ScheduleResult]:
     """Decisions for all pods, in the order in which they were tried last. A plan is followed as a whole, or not."""
-    if advice is not None and advice.nodes:
-        followed = _follow(core, pods, attempts, advice)
+    if placement is not None and placement.nodes:
+        followed = _follow(core, pods, attempts, placement)
         if followed is not None:
             return all_or_none(core, followed)
-        advice.result, advice.why = (
+        placement.result, placement.why = (
             "stale",
             "the plan could not be followed, the cluster had changed: placed one by one",
         )
@@ -149,20 +149,20 @@ def plan_together(
     # A peer that comes later counts by the best node it may still use.
     apps.expect({pod.member: room[pod.uid][1] for pod in pods if pod.member is not None and room[pod.uid][1]})
     try:
-        return _plan(core, order, attempts, PlacementHint(why=advice.why if advice is not None else ""))
+        return _plan(core, order, attempts, PlacementHint(why=placement.why if placement is not None else ""))
     finally:
         apps.expect({})
 
 
 def _follow(
-    core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], advice: GroupPlacement
+    core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], placement: GroupPlacement
 ) -> list[ScheduleResult] | None:
     """Put every planned pod on its node, each checked by all filters; None, and no pod placed, when one is refused."""
     decisions: list[ScheduleResult] = []
-    for pod in sorted(pods, key=lambda pod: pod.uid not in advice.nodes):
-        node = advice.nodes.get(pod.uid, "")
-        wish = PlacementHint(node, advice.why)
-        decision = core.schedule_one(pod, attempt=attempts.get(pod.uid, 1), wish=wish)
+    for pod in sorted(pods, key=lambda pod: pod.uid not in placement.nodes):
+        node = placement.nodes.get(pod.uid, "")
+        hint = PlacementHint(node, placement.why)
+        decision = core.schedule_one(pod, attempt=attempts.get(pod.uid, 1), hint=hint)
         decisions.append(decision)
         if node and decision.node != node:
             _take_back(core.cluster, decisions)
@@ -170,8 +170,8 @@ def _follow(
     return decisions
 
 
-def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int], wish: PlacementHint) -> list[ScheduleResult]:
-    decisions = _place(core, order, attempts, wish)
+def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int], hint: PlacementHint) -> list[ScheduleResult]:
+    decisions = _place(core, order, attempts, hint)
     for _ in range(min(MOST_RESTARTS, len(order), MOST_TRIES // len(order))):
         stuck = next((d for d in decisions if _refused(d) and order[0] is not d.pod), None)
         if stuck is None:
@@ -179,12 +179,12 @@ def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int], wish:
         _take_back(core.cluster, decisions)
         order.remove(stuck.pod)
         order.insert(0, stuck.pod)
-        again = _place(core, order, attempts, wish)
+        again = _place(core, order, attempts, hint)
         better = _placed(again) > _placed(decisions)
         if not better and _placed(again) < _placed(decisions):
             # The old order was better: go back to it and stop.
             _take_back(core.cluster, again)
-            return all_or_none(core, _place(core, [d.pod for d in decisions], attempts, wish))
+            return all_or_none(core, _place(core, [d.pod for d in decisions], attempts, hint))
         decisions = again
         if not better:
             break
@@ -192,9 +192,9 @@ def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int], wish:
 
 
 def _place(
-    core: Placer, order: Sequence[PodInfo], attempts: Mapping[str, int], wish: PlacementHint
+    core: Placer, order: Sequence[PodInfo], attempts: Mapping[str, int], hint: PlacementHint
 ) -> list[ScheduleResult]:
-    return [core.schedule_one(pod, attempt=attempts.get(pod.uid, 1), wish=wish) for pod in order]
+    return [core.schedule_one(pod, attempt=attempts.get(pod.uid, 1), hint=hint) for pod in order]
 
 
 def _placed(decisions: Sequence[ScheduleResult]) -> int:

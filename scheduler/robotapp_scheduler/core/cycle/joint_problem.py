@@ -75,7 +75,7 @@ class Scores(Protocol):
         """Filters and scores of a pod that can be tried now; None when it cannot, or fits nowhere."""
 
 
-def pose(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | None:
+def joint_problem_of(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | None:
     """The problem of these pods; None when there is nothing to plan together, or one of them fits nowhere."""
     member = pods[0].member
     app = core.cluster.apps.app(member.app_uid) if member is not None else None

@@ -8,7 +8,7 @@ from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.diagnosis import WAKERS, Diagnosis, closed, excessive, held, unfit, unreadable
 from robotapp_scheduler.core.cycle.explain_recorder import Recorder
 from robotapp_scheduler.core.cycle.group_cycle import (
-    NO_WISH,
+    NO_HINT,
     GroupPlacement,
     PlacementHint,
     only_one_plan,
@@ -18,7 +18,7 @@ from robotapp_scheduler.core.cycle.group_gates import (
     GangGates,
     group_key,
 )
-from robotapp_scheduler.core.cycle.joint_problem import JointProblem, pose
+from robotapp_scheduler.core.cycle.joint_problem import JointProblem, joint_problem_of
 from robotapp_scheduler.core.cycle.schedule_result import FAULTS, ScheduleResult, failed, skipped_deleting
 from robotapp_scheduler.core.cycle.tiers import earlier_feasible
 from robotapp_scheduler.core.events.cluster_event import Change
@@ -150,21 +150,21 @@ class SchedulerCore:
 
     # --- Attempts ------------------------------------------------------------------------------------------------
 
-    def pose(self, batch: Sequence[QueuedPodInfo]) -> JointProblem | None:
+    def joint_problem_of(self, batch: Sequence[QueuedPodInfo]) -> JointProblem | None:
         """What a planner has to solve before these are placed; None when they are placed without."""
-        return pose(self, [queued.info for queued in batch]) if len(batch) > 1 else None
+        return joint_problem_of(self, [queued.info for queued in batch]) if len(batch) > 1 else None
 
     def schedule(
         self,
         batch: Iterable[QueuedPodInfo],
         *,
         exclude: frozenset[str] = frozenset(),
-        advice: GroupPlacement | None = None,
+        placement: GroupPlacement | None = None,
     ) -> list[ScheduleResult]:
         """Place popped pods; those of one group against each other. Placed pods are assumed.
 
-        `exclude` names nodes that were refused at reserve: the next best is tried in the same cycle. `advice` is what
-        became of the problem that `pose` made of this batch.
+        `exclude` names nodes that were refused at reserve: the next best is tried in the same cycle. `placement` is what
+        became of the problem that `joint_problem_of` made of this batch.
         """
         pods = batch if isinstance(batch, list) else list(batch)
         if len(pods) == 1 and (exclude or pods[0].info.pod_group is None):
@@ -174,11 +174,11 @@ class SchedulerCore:
         attempts = {queued.info.uid: queued.attempts for queued in pods}
         self._together = frozenset(attempts)
         try:
-            decisions = only_one_plan(plan_together(self, [queued.info for queued in pods], attempts, advice))
+            decisions = only_one_plan(plan_together(self, [queued.info for queued in pods], attempts, placement))
         finally:
             self._together = frozenset()
-        if advice is not None:
-            self.plans[advice.result] = self.plans.get(advice.result, 0) + 1
+        if placement is not None:
+            self.plans[placement.result] = self.plans.get(placement.result, 0) + 1
         for decision in decisions:
             if not decision.placed:
                 self.explain.correct(decision.pod.uid, decision.message)
@@ -194,14 +194,14 @@ class SchedulerCore:
         exclude: frozenset[str] = frozenset(),
         assume: bool = True,
         attempt: int = 1,
-        wish: PlacementHint = NO_WISH,
+        hint: PlacementHint = NO_HINT,
     ) -> ScheduleResult:
-        """One pod, on the node of `wish` if it takes the pod. Never raises for what a pod or a plugin does wrong: that becomes a decision with code Error."""
+        """One pod, on the node of `hint` if it takes the pod. Never raises for what a pod or a plugin does wrong: that becomes a decision with code Error."""
         engine = self._engines.get(pod.scheduler_name)
         if engine is None:
             return failed(pod, f"no profile named {pod.scheduler_name}")
         recorder = Recorder(self.cluster, engine, at_s=self._clock(), seed=self._seed, attempt=attempt)
-        decision = self._attempt(pod, engine, exclude, recorder, wish)
+        decision = self._attempt(pod, engine, exclude, recorder, hint)
         if assume and decision.node is not None:
             self.cluster.assume(pod, decision.node, decision.grants)
             if decision.volumes is not None:
@@ -280,15 +280,15 @@ class SchedulerCore:
         engine: ProfileRunner,
         exclude: frozenset[str],
         recorder: Recorder,
-        wish: PlacementHint = NO_WISH,
+        hint: PlacementHint = NO_HINT,
     ) -> ScheduleResult:
         try:
-            return self._try(pod, engine, exclude, recorder, wish)
+            return self._try(pod, engine, exclude, recorder, hint)
         except FAULTS as error:
             return failed(pod, str(error), nodes=self.cluster.nodes.count)
 
     def _try(
-        self, pod: PodInfo, engine: ProfileRunner, exclude: frozenset[str], recorder: Recorder, wish: PlacementHint
+        self, pod: PodInfo, engine: ProfileRunner, exclude: frozenset[str], recorder: Recorder, hint: PlacementHint
     ) -> ScheduleResult:
         early = self.prepare(pod)
         if early is not None:
@@ -313,8 +313,8 @@ class SchedulerCore:
             evaluation = evaluation.without(blocked)
             if evaluation.feasible == 0:
                 return self._refusals(engine).lost_all(pod, evaluation, len(blocked))
-        recorder.planned = wish.why
-        return self._choose(pod, engine, evaluation, recorder, wish.node)
+        recorder.planned = hint.why
+        return self._choose(pod, engine, evaluation, recorder, hint.node)
 
     def _refusals(self, engine: ProfileRunner) -> Diagnosis:
         return Diagnosis(self.cluster, engine, seed=self._seed, spared=self._together)

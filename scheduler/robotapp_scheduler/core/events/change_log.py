@@ -58,7 +58,7 @@ class ChangeLog:
     A row of EVERY_ROW means that all rows changed (a new RTT model, for example).
     """
 
-    __slots__ = ("_base", "_changes", "_limit", "_news", "_rows", "position")
+    __slots__ = ("_base", "_changes", "_deltas", "_limit", "_rows", "position")
     _next_base = 0
 
     def __init__(self, limit: int = 8192) -> None:
@@ -69,7 +69,7 @@ class ChangeLog:
         # Plain ints: an IntFlag costs ten times as much per operation, and this is read for every pod.
         self._rows: list[int] = []
         self._changes: list[int] = []
-        self._news: dict[int, ChangeLogDelta] = {}
+        self._deltas: dict[int, ChangeLogDelta] = {}
 
     def __repr__(self) -> str:
         return f"ChangeLog({self.position=}, kept={len(self._rows)})"
@@ -79,7 +79,7 @@ class ChangeLog:
         self._rows.append(row)
         self._changes.append(int(change))
         self.position += 1
-        self._news.clear()
+        self._deltas.clear()
         if len(self._rows) > self._limit:
             drop = self._limit // 2
             del self._rows[:drop], self._changes[:drop]
@@ -92,27 +92,27 @@ class ChangeLog:
         other._base = other.position = ChangeLog._next_base
         return other
 
-    def news(self, position: int, *, most: int) -> ChangeLogDelta | None:
+    def delta(self, position: int, *, most: int) -> ChangeLogDelta | None:
         """What happened after `position`; None when the reader fell behind by more than `most` entries or read another log."""
-        found = self._news.get(position)
+        found = self._deltas.get(position)
         if found is None:
             start = position - self._base
             if start < 0 or not 0 <= len(self._rows) - start <= most:
                 return None
-            found = self._news[position] = ChangeLogDelta(self._rows[start:], self._changes[start:])
+            found = self._deltas[position] = ChangeLogDelta(self._rows[start:], self._changes[start:])
         return found if found.entries <= most else None
 
     def placed_since(self, position: int) -> list[int] | None:
         """Rows where pods came or went after `position`; None when nodes changed what they offer, or too much happened."""
-        if position + 1 == self.position and self._rows:  # the usual case, without any news object
+        if position + 1 == self.position and self._rows:  # the usual case, without any delta object
             row, change = self._rows[-1], self._changes[-1]
             if change & _PLACED and row != EVERY_ROW:
                 return [row]
             return None if change & (OFFERED | _PLACED) else []
-        news = self.news(position, most=MOST_PLACED)
-        return news.rows(_PLACED) if news is not None and not news.kinds & OFFERED else None
+        delta = self.delta(position, most=MOST_PLACED)
+        return delta.rows(_PLACED) if delta is not None and not delta.kinds & OFFERED else None
 
     def since(self, position: int, interest: int, *, most: int) -> list[int] | None:
         """Rows with a change of interest after `position`, each once; None: look at all rows."""
-        news = self.news(position, most=most)
-        return None if news is None else news.rows(interest)
+        delta = self.delta(position, most=most)
+        return None if delta is None else delta.rows(interest)

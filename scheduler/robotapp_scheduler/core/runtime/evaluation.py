@@ -73,16 +73,16 @@ class Evaluation:
         head = full.cluster.log.position
         if head == self._position:
             return
-        epochs, news = bring_up(self._live_filters, pod, full, self._position)
+        epochs, delta = bring_up(self._live_filters, pod, full, self._position)
         if self._position < 0:
             # A plugin has no opinion because of the pod alone, so it need not be asked again for this class.
             self._live_filters = [column for column in self.filters if not column.skipped]
             epochs = sum(column.epoch for column in self._live_filters)
         rows: Snapshot | None = None
         same_nodes = False
-        if epochs == self._epochs and len(self.reason) == full.n and news is not None:
-            rows = view_of(news, self._interest, full.cluster)
-            same_nodes = not news.kinds & _NODE
+        if epochs == self._epochs and len(self.reason) == full.n and delta is not None:
+            rows = view_of(delta, self._interest, full.cluster)
+            same_nodes = not delta.kinds & _NODE
             if not same_nodes:
                 self.refusals = None  # a row may stand for another node now
         if rows is None:

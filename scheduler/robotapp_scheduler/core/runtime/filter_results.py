@@ -77,12 +77,12 @@ class FilterColumn:
         """Look at rows after these changes only."""
         self.interest, self.watches = interest, interest | NODE_COMES_OR_GOES
 
-    def refresh(self, pod: PodInfo, full: Snapshot, news: ChangeLogDelta | None) -> None:
-        """Bring the column up to the head of the log. `news` are those after its position, None when too much happened."""
+    def refresh(self, pod: PodInfo, full: Snapshot, delta: ChangeLogDelta | None) -> None:
+        """Bring the column up to the head of the log. `delta` are those after its position, None when too much happened."""
         if self.skipped:
             return  # a plugin has no opinion because of the pod alone: that never changes
         fits = len(self.codes) == full.n
-        stale = stale_rows(self, pod, full, news) if fits else None
+        stale = stale_rows(self, pod, full, delta) if fits else None
         if stale is None:
             clean, skipped, codes = self.clean, self.skipped, self.codes
             self._store(full, pod)

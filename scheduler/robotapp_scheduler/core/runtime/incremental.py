@@ -31,18 +31,18 @@ class Column(Protocol):
     epoch: int
     """Grows when a combination of columns must be made anew."""
 
-    def refresh(self, pod: PodInfo, full: Snapshot, news: ChangeLogDelta | None) -> None:
-        """Bring the column up to the head of the log. `news` are those after its position, None when too much happened."""
+    def refresh(self, pod: PodInfo, full: Snapshot, delta: ChangeLogDelta | None) -> None:
+        """Bring the column up to the head of the log. `delta` are those after its position, None when too much happened."""
 
 
 def bring_up(columns: Iterable[Column], pod: PodInfo, full: Snapshot, since: int) -> tuple[int, ChangeLogDelta | None]:
     """Bring columns to the head of the log. `since` is where somebody who combines them last did so.
 
-    Answers the sum of their epochs, and the news since then (None when too much happened).
+    Answers the sum of their epochs, and the delta since then (None when too much happened).
     """
     log = full.cluster.log
-    head, news = log.position, log.news(since, most=MOST_REPAIRED)
-    kinds = news.kinds if news is not None else ANYTHING
+    head, delta = log.position, log.delta(since, most=MOST_REPAIRED)
+    kinds = delta.kinds if delta is not None else ANYTHING
     epochs = 0
     for column in columns:
         position = column.position
@@ -51,27 +51,27 @@ def bring_up(columns: Iterable[Column], pod: PodInfo, full: Snapshot, since: int
             if not kinds & column.watches and since <= position <= head:
                 column.position = head
             else:
-                column.refresh(pod, full, news if position == since else log.news(position, most=MOST_REPAIRED))
+                column.refresh(pod, full, delta if position == since else log.delta(position, most=MOST_REPAIRED))
         epochs += column.epoch
-    return epochs, news
+    return epochs, delta
 
 
-def stale_rows(column: Column, pod: PodInfo, full: Snapshot, news: ChangeLogDelta | None) -> Snapshot | None:
+def stale_rows(column: Column, pod: PodInfo, full: Snapshot, delta: ChangeLogDelta | None) -> Snapshot | None:
     """The rows of a cached column to compute again; None = all of them. Columns that stand together share the view."""
-    if column.position < 0 or news is None:
+    if column.position < 0 or delta is None:
         return None
-    rows, plugin = view_of(news, column.interest, full.cluster), column.plugin
+    rows, plugin = view_of(delta, column.interest, full.cluster), column.plugin
     if rows is None or not rows.n or plugin.row_local:
         return rows
-    if news.kinds & column.interest & ~SAID_OF_PODS:
+    if delta.kinds & column.interest & ~SAID_OF_PODS:
         return None
     return rows if plugin.confined is not None and plugin.confined(pod, full, column.position) else None
 
 
-def view_of(news: ChangeLogDelta, interest: int, cluster: Cache) -> Snapshot | None:
+def view_of(delta: ChangeLogDelta, interest: int, cluster: Cache) -> Snapshot | None:
     """The rows with a change of interest, None = all; one view for all who ask."""
-    kinds = news.kinds & interest
-    view: Snapshot | None = news.views.get(kinds)
-    if view is None and (rows := news.rows(kinds)) is not None:
-        view = news.views[kinds] = Snapshot(cluster, rows)
+    kinds = delta.kinds & interest
+    view: Snapshot | None = delta.views.get(kinds)
+    if view is None and (rows := delta.rows(kinds)) is not None:
+        view = delta.views[kinds] = Snapshot(cluster, rows)
     return view

@@ -72,12 +72,12 @@ class ScoreColumn:
         """Look at rows after these changes only."""
         self.interest, self.watches = interest, interest | NODE_COMES_OR_GOES
 
-    def refresh(self, pod: PodInfo, full: Snapshot, news: ChangeLogDelta | None) -> None:
-        """Bring the column up to the head of the log. `news` are those after its position, None when too much happened."""
+    def refresh(self, pod: PodInfo, full: Snapshot, delta: ChangeLogDelta | None) -> None:
+        """Bring the column up to the head of the log. `delta` are those after its position, None when too much happened."""
         if self.skipped:
             return
         fits = full.n == (len(self._raw) if self._domains is None else len(self._domains.label.codes))
-        stale = stale_rows(self, pod, full, news) if fits else None
+        stale = stale_rows(self, pod, full, delta) if fits else None
         if stale is None:
             before = (self.skipped, self.constant, self.normalize, self.position < 0, fits)
             self.compute(pod, full)
@@ -233,11 +233,11 @@ class RelativeColumn(ScoreColumn):
     While its plugin says it is not `relevant`, it is a constant 0.
     """
 
-    def refresh(self, pod: PodInfo, full: Snapshot, news: ChangeLogDelta | None) -> None:
+    def refresh(self, pod: PodInfo, full: Snapshot, delta: ChangeLogDelta | None) -> None:
         """Ask whether the plugin has something to say, when something changed that it reads."""
         if self.skipped:
             return
-        if self.position < 0 or news is None or news.kinds & self.watches:
+        if self.position < 0 or delta is None or delta.kinds & self.watches:
             before = (self.constant, self.position < 0)
             self.compute(pod, full)
             self.epoch += before != (self.constant, False)

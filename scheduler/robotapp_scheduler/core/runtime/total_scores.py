@@ -173,19 +173,19 @@ class TotalScores:
 
     def _bring_up(self, pod: PodInfo, full: Snapshot, since: int) -> Snapshot | None:
         """Bring the columns to the head of the log. The rows that must be added up again, None = all."""
-        epochs, news = bring_up(self._live, pod, full, since)
+        epochs, delta = bring_up(self._live, pod, full, since)
         if since < 0:
             # A plugin has no opinion because of the pod alone, so it need not be asked again for this class.
             self._live = [column for column in self._columns if not column.skipped]
             epochs = sum(column.epoch for column in self._live)
         same = epochs == self._epochs and len(self._local) == full.n
         self._epochs = epochs
-        return self._stale(full, news) if same and news is not None else None
+        return self._stale(full, delta) if same and delta is not None else None
 
-    def _stale(self, full: Snapshot, news: ChangeLogDelta) -> Snapshot | None:
-        if news.kinds & _NODE:
+    def _stale(self, full: Snapshot, delta: ChangeLogDelta) -> Snapshot | None:
+        if delta.kinds & _NODE:
             self._top = None  # rows may stand for other nodes now
-        return view_of(news, self._interest, full.cluster)
+        return view_of(delta, self._interest, full.cluster)
 
     def _add_all(self, rows: int) -> None:
         self._parts = ScoreParts.of(self._live)

@@ -15,7 +15,7 @@ from typing import Final
 
 import msgspec
 
-from robotapp_scheduler.core.cycle.group_cycle import GroupPlacement, advice_of
+from robotapp_scheduler.core.cycle.group_cycle import GroupPlacement, placement_of
 from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.joint.message import decode_solution, encode_problem
 from robotapp_scheduler.joint.problem import Problem
@@ -74,14 +74,14 @@ class Planner:
         """Where the pods should go. Never raises, never waits longer than its limits."""
         problem = joint.problem
         if problem.pods * problem.rows * len(problem.edges) <= self._small:
-            return advice_of(joint, solve(problem, AT_ONCE, self._clock))
+            return placement_of(joint, solve(problem, AT_ONCE, self._clock))
         try:
             async with asyncio.timeout(self._turn_s):
                 await self._turn.acquire()
         except TimeoutError:
             return _alone("busy", "the planner was busy")
         try:
-            return advice_of(joint, await self._solve(problem))
+            return placement_of(joint, await self._solve(problem))
         except WorkerError as error:
             log.warning("joint planning: %s; the group's pods are placed one by one", error)
             return _alone("failed", f"the planning worker failed ({error})")

@@ -112,11 +112,11 @@ class SchedulerLoop:
             return
         self._slots -= 1
         self._gathering.begin()
-        posed = self._posed(batch)
-        if posed is None:
+        joint = self._joint_problem(batch)
+        if joint is None:
             self._decide(batch)
         else:
-            self._follow(self._plan(batch, posed))
+            self._follow(self._plan(batch, joint))
 
     async def drain(self, timeout_s: float) -> None:
         """Wait for the binds in flight."""
@@ -127,27 +127,27 @@ class SchedulerLoop:
                     self._landed.clear()
                     await self._landed.wait()
 
-    def _posed(self, batch: Sequence[QueuedPodInfo]) -> JointProblem | None:
+    def _joint_problem(self, batch: Sequence[QueuedPodInfo]) -> JointProblem | None:
         """The problem a planner has to solve for these pods first, if any."""
         self.deciding = batch
         try:
-            return self._core.pose(batch)
+            return self._core.joint_problem_of(batch)
         except Exception:  # a bug here must not hold the pods: they are placed one by one
             log.exception("posing the problem of %s failed", _names(batch))
             return None
         finally:
             self.deciding = ()
 
-    async def _plan(self, batch: Sequence[QueuedPodInfo], posed: JointProblem) -> None:
+    async def _plan(self, batch: Sequence[QueuedPodInfo], joint: JointProblem) -> None:
         """Meanwhile others are placed: what the plan says is checked when it is followed. Some pods may be gone by then."""
         try:
-            advice = await self._planner.advise(posed)
+            placement = await self._planner.advise(joint)
         except Exception:  # a bug in the planner must not keep the pods in flight for ever
             log.exception("planning %s failed", _names(batch))
-            advice = None
+            placement = None
         left = [queued for queued in batch if self._core.queue.wanted(queued)]
         if left:
-            self._decide(left, advice)
+            self._decide(left, placement)
         else:
             self._free()
 
@@ -156,11 +156,11 @@ class SchedulerLoop:
         self._tasks.add(task)
         task.add_done_callback(self._ended)
 
-    def _decide(self, batch: Sequence[QueuedPodInfo], advice: GroupPlacement | None = None) -> None:
+    def _decide(self, batch: Sequence[QueuedPodInfo], placement: GroupPlacement | None = None) -> None:
         started_s = self._clock()
         self.deciding = batch
         try:
-            decisions = self._core.schedule(batch, advice=advice)
+            decisions = self._core.schedule(batch, placement=placement)
         except Exception:  # a bug met with this batch must not stop the others; it is retried after back-off
             log.exception("deciding about %s failed", _names(batch))
             for queued in batch:

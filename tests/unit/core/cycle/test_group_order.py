@@ -6,7 +6,7 @@ from tests.support.pod_groups import arrive
 from tests.support.scheduling import app_object, chain, make_core, make_info, make_node, member_pod, telemetry
 
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.cycle.group_cycle import advice_of, group_order
+from robotapp_scheduler.core.cycle.group_cycle import group_order, placement_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.app_index import AppIndex
@@ -80,8 +80,8 @@ def test_a_ring_of_sixty_four_is_placed_one_by_one() -> None:
 def test_the_largest_ring_an_app_may_have_is_planned_where_one_by_one_ends_in_the_cloud() -> None:
     core = ring(64, cloud_pods="40")
     batch = core.queue.pop()
-    posed = core.pose(batch)
-    assert posed is not None
-    advice = advice_of(posed, solve(posed.problem, Limits(seconds=1e9), lambda: 0.0))
-    decisions = core.schedule(batch, advice=advice)
+    joint = core.joint_problem_of(batch)
+    assert joint is not None
+    placement = placement_of(joint, solve(joint.problem, Limits(seconds=1e9), lambda: 0.0))
+    decisions = core.schedule(batch, placement=placement)
     assert {decision.node for decision in decisions} <= set(NEAR_MS)

@@ -1,4 +1,4 @@
-"""Apps planned whole: the problem posed, the plan followed with every filter asked, or left for placing one by one."""
+"""Apps planned whole: the problem joint, the plan followed with every filter asked, or left for placing one by one."""
 
 from itertools import product
 from typing import Any
@@ -18,7 +18,7 @@ from tests.support.scheduling import (
 )
 
 from robotapp_api.model.names import SCHEDULER_NAME, Label
-from robotapp_scheduler.core.cycle.group_cycle import GroupPlacement, advice_of
+from robotapp_scheduler.core.cycle.group_cycle import GroupPlacement, placement_of
 from robotapp_scheduler.core.cycle.joint_problem import JointProblem, LimitsConnections, ScoresConnections
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
@@ -72,9 +72,9 @@ def six(core: SchedulerCore) -> list[QueuedPodInfo]:
 
 
 def planned(core: SchedulerCore, batch: list[QueuedPodInfo]) -> tuple[JointProblem, GroupPlacement]:
-    posed = core.pose(batch)
-    assert posed is not None
-    return posed, advice_of(posed, solve(posed.problem, Limits(seconds=1e9, gap=0.0), lambda: 0.0))
+    joint = core.joint_problem_of(batch)
+    assert joint is not None
+    return joint, placement_of(joint, solve(joint.problem, Limits(seconds=1e9, gap=0.0), lambda: 0.0))
 
 
 def rtt_ms(a: str, b: str) -> float:
@@ -92,16 +92,16 @@ def least_wire_ms() -> float:
     return min(wire_ms(where) for where in every if all(list(where.values()).count(node) <= 2 for node in nodes))
 
 
-def placed(core: SchedulerCore, batch: list[QueuedPodInfo], advice: GroupPlacement | None) -> dict[str, str]:
-    decisions = core.schedule(batch, advice=advice)
+def placed(core: SchedulerCore, batch: list[QueuedPodInfo], placement: GroupPlacement | None) -> dict[str, str]:
+    decisions = core.schedule(batch, placement=placement)
     return {d.pod.labels[Label.COMPONENT]: d.node for d in decisions if d.node is not None}
 
 
 def test_a_teleoperated_robot_gets_the_plan_with_the_least_rtt_over_its_edges() -> None:
     core = field()
     batch = six(core)
-    _, advice = planned(core, batch)
-    where = placed(core, batch, advice)
+    _, placement = planned(core, batch)
+    where = placed(core, batch, placement)
     assert len(where) == 6
     assert wire_ms(where) == least_wire_ms()
     assert core.plans == {"optimal": 1}
@@ -113,11 +113,11 @@ def test_a_teleoperated_robot_gets_the_plan_with_the_least_rtt_over_its_edges() 
 def test_a_plan_that_a_filter_refuses_is_dropped_as_a_whole_and_the_pods_are_placed_one_by_one() -> None:
     core = field()
     batch = six(core)
-    _, advice = planned(core, batch)
-    taken = advice.nodes[next(q.info.uid for q in batch if q.info.labels[Label.COMPONENT] == "planner")]
+    _, placement = planned(core, batch)
+    taken = placement.nodes[next(q.info.uid for q in batch if q.info.labels[Label.COMPONENT] == "planner")]
     for i in range(2):
         core.cluster.apply_pod(make_pod(f"intruder-{i}", cpu="1", node=taken))
-    where = placed(core, batch, advice)
+    where = placed(core, batch, placement)
     assert set(where.values()) & {taken} <= {"robot"}
     assert core.plans == {"stale": 1}
     for name in core.cluster.nodes.row_of:
@@ -127,23 +127,23 @@ def test_a_plan_that_a_filter_refuses_is_dropped_as_a_whole_and_the_pods_are_pla
 def test_advice_without_nodes_is_told_in_the_explanation() -> None:
     core = field()
     batch = six(core)
-    advice = GroupPlacement({}, result="failed", why="the planning worker failed (it died): placed one by one")
-    core.schedule(batch, advice=advice)
+    placement = GroupPlacement({}, result="failed", why="the planning worker failed (it died): placed one by one")
+    core.schedule(batch, placement=placement)
     record = core.explain.get(batch[0].info.uid)
     assert record is not None
-    assert (record.planned, core.plans) == (advice.why, {"failed": 1})
+    assert (record.planned, core.plans) == (placement.why, {"failed": 1})
 
 
 def test_nothing_is_planned_for_one_pod_without_edges_or_where_one_fits_nowhere() -> None:
     core = field()
     batch = six(core)
-    assert core.pose(batch[:1]) is None
+    assert core.joint_problem_of(batch[:1]) is None
     core.cluster.remove_node("desk")
-    assert core.pose(batch) is None, "the operator's pod fits nowhere: placing one by one says why"
+    assert core.joint_problem_of(batch) is None, "the operator's pod fits nowhere: placing one by one says why"
     alone = field()
     teleop(alone, {"name": "a"}, {"name": "b"}, edges=[])
     arrive(alone, member_pod("a"), member_pod("b"))
-    assert alone.pose(alone.queue.pop()) is None
+    assert alone.joint_problem_of(alone.queue.pop()) is None
 
 
 def test_late_members_are_planned_against_those_that_run() -> None:
@@ -155,7 +155,9 @@ def test_late_members_are_planned_against_those_that_run() -> None:
         if node is not None:
             core.cluster.assume(queued.info, node)
     late = [queued for queued in batch if queued.info.uid not in core.cluster.placed]
-    assert core.pose(late) is None, "vision and map have no edge between them; each has one to a pod that runs"
+    assert core.joint_problem_of(late) is None, (
+        "vision and map have no edge between them; each has one to a pod that runs"
+    )
     where = placed(core, late, None)
     assert where["map"] == "e2" or rtt_ms(where["map"], "e2") <= 14.0
 
@@ -175,10 +177,10 @@ def test_the_problem_holds_what_binds_the_pods() -> None:
     port = [{"name": "main", "ports": [{"hostPort": 80, "containerPort": 80}]}]
     for name in "abcd":
         arrive(core, member_pod(name, **({"containers": port} if name in "bd" else {})))
-    posed = core.pose(core.queue.pop())
-    assert posed is not None
-    order = [uid[-1] for uid in posed.uids]
-    named = {("".join(sorted(order[e.left] + order[e.right])), e.relation): e for e in posed.problem.edges}
+    joint = core.joint_problem_of(core.queue.pop())
+    assert joint is not None
+    order = [uid[-1] for uid in joint.uids]
+    named = {("".join(sorted(order[e.left] + order[e.right])), e.relation): e for e in joint.problem.edges}
     assert {key for key in named if key[1] is not Relation.RTT} == {
         ("ab", Relation.TOGETHER), ("ac", Relation.APART), ("bd", Relation.APART),
     }  # fmt: skip
@@ -200,11 +202,11 @@ def test_the_problem_binds_a_whole_group_though_its_middle_runs_already() -> Non
     teleop(core, *components, edges=[edge("a", "d"), edge("c", "d")])
     for name in "abcd":
         arrive(core, member_pod(name, cpu="100m"))
-    posed = core.pose([each for each in core.queue.pop() if each.info.uid[-1] != "b"])
-    assert posed is not None
-    order = [uid[-1] for uid in posed.uids]
+    joint = core.joint_problem_of([each for each in core.queue.pop() if each.info.uid[-1] != "b"])
+    assert joint is not None
+    order = [uid[-1] for uid in joint.uids]
     bound = [
-        "".join(sorted(order[e.left] + order[e.right])) for e in posed.problem.edges if e.relation is Relation.TOGETHER
+        "".join(sorted(order[e.left] + order[e.right])) for e in joint.problem.edges if e.relation is Relation.TOGETHER
     ]
     assert bound == ["ac"]
 
@@ -230,8 +232,8 @@ def tiered(room: int) -> tuple[SchedulerCore, list[QueuedPodInfo]]:
 def test_in_a_plan_as_many_pods_as_fit_are_on_the_earlier_tier_and_the_others_fall_back_within_the_budgets() -> None:
     for room in (1, 2, 4, 5):
         core, batch = tiered(room)
-        _, advice = planned(core, batch)
-        where = placed(core, batch, advice)
+        _, placement = planned(core, batch)
+        where = placed(core, batch, placement)
         on = list(where.values())
         assert (on.count("e1"), on.count("far"), len(on)) == (min(room, 4), 0, 5)
         assert core.plans == {"optimal": 1}
@@ -248,8 +250,8 @@ def test_a_pod_that_falls_back_so_that_more_others_need_not_is_told_so() -> None
     teleop(core, *({"name": name, **order} for name in ("big", "a", "b")), edges=edges)
     arrive(core, member_pod("big", cpu="3500m", priority=1), member_pod("a", cpu="1"), member_pod("b", cpu="1"))
     batch = core.queue.pop()
-    _, advice = planned(core, batch)
-    assert placed(core, batch, advice) == {"big": "robot", "a": "e1", "b": "e1"}
+    _, placement = planned(core, batch)
+    assert placed(core, batch, placement) == {"big": "robot", "a": "e1", "b": "e1"}
     said = {}
     for queued in batch:
         record = core.explain.get(queued.info.uid)
@@ -289,9 +291,9 @@ def test_without_a_latency_filter_that_denies_unknown_rtts_cost_half() -> None:
         core = make_core(make_node("n0"), make_node("n1"), args=args)
         teleop(core, {"name": "a"}, {"name": "b"}, edges=[edge("a", "b")])
         arrive(core, member_pod("a"), member_pod("b"))
-        posed = core.pose(core.queue.pop())
-        assert posed is not None
-        assert np.isinf(posed.problem.edges[0].unknown) == cost
+        joint = core.joint_problem_of(core.queue.pop())
+        assert joint is not None
+        assert np.isinf(joint.problem.edges[0].unknown) == cost
 
 
 class Fussy(LatencyFilter):
@@ -314,26 +316,26 @@ def test_budgets_and_weights_come_from_whichever_plugins_limit_and_score_connect
         core = SchedulerCore(cluster, build_profiles([spec], catalogue({"Fussy": Fussy})), clock=clock)
         teleop(core, {"name": "a"}, {"name": "b"}, edges=[{"topic": "/a", "from": "a", "to": "b"}])
         arrive(core, member_pod("a"), member_pod("b"))
-        posed = core.pose(core.queue.pop())
-        assert posed is not None
-        (found,) = posed.problem.edges
+        joint = core.joint_problem_of(core.queue.pop())
+        assert joint is not None
+        (found,) = joint.problem.edges
         assert (found.budget_us, found.hard, found.penalty) == (ceiling_us, True, 2 * 100 * 7)
 
 
 def test_a_solution_is_put_in_words() -> None:
     core = field()
-    posed = core.pose(six(core))
-    assert posed is not None
+    joint = core.joint_problem_of(six(core))
+    assert joint is not None
     rows = [0] * 6
-    assert advice_of(posed, Solution(rows, 100.0, 100.0, 1)).result == "optimal"
-    bounded = advice_of(posed, Solution(rows, 100.0, 80.0, 1))
+    assert placement_of(joint, Solution(rows, 100.0, 100.0, 1)).result == "optimal"
+    bounded = placement_of(joint, Solution(rows, 100.0, 80.0, 1))
     assert (bounded.result, bounded.why[-32:]) == ("bounded", "; no plan is more than 20 % better"[-32:])
-    open_tiers = advice_of(posed, Solution(rows, 100.0, 20.0, 1, tiers=64.0))
+    open_tiers = placement_of(joint, Solution(rows, 100.0, 20.0, 1, tiers=64.0))
     assert (open_tiers.result, open_tiers.why.partition("; ")[2]) == (
         "bounded", "a plan with more of them on earlier tiers is not ruled out",
     )  # fmt: skip
-    assert advice_of(posed, Solution(None, float("inf"), 3.0, 1)).result == "none"
-    impossible = advice_of(posed, Solution(None, float("inf"), float("inf"), 1))
+    assert placement_of(joint, Solution(None, float("inf"), 3.0, 1)).result == "none"
+    impossible = placement_of(joint, Solution(None, float("inf"), float("inf"), 1))
     assert (impossible.result, dict(impossible.nodes)) == ("impossible", {})
     assert repr(impossible).startswith("GroupPlacement(impossible")
 

@@ -43,12 +43,12 @@ def test_the_log_is_bounded_and_forgotten_entries_mean_everything() -> None:
 def test_readers_that_stand_together_share_the_news_until_something_happens() -> None:
     log = ChangeLog()
     log.add(3, Change.POD_ADDED)
-    news = log.news(0, most=10)
-    assert news is log.news(0, most=10)
-    assert news is not None
-    assert (news.kinds, news.rows(POD)) == (int(Change.POD_ADDED), [3])
+    delta = log.delta(0, most=10)
+    assert delta is log.delta(0, most=10)
+    assert delta is not None
+    assert (delta.kinds, delta.rows(POD)) == (int(Change.POD_ADDED), [3])
     log.add(5, Change.LABELS)
-    later = log.news(0, most=10)
+    later = log.delta(0, most=10)
     assert later is not None
     assert (later.rows(POD), later.rows(int(Change.LABELS)), later.rows(int(Change.RTT))) == ([3], [5], [])
 
@@ -56,8 +56,8 @@ def test_readers_that_stand_together_share_the_news_until_something_happens() ->
 def test_a_reader_of_another_log_looks_at_everything() -> None:
     log = ChangeLog()
     log.add(3, Change.POD_ADDED)
-    assert log.apart().news(log.position, most=10) is None
-    assert log.news(log.apart().position, most=10) is None
+    assert log.apart().delta(log.position, most=10) is None
+    assert log.delta(log.apart().position, most=10) is None
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,7 @@ def test_pods_of_a_plan_that_failed_by_a_bug_are_spared_no_longer_than_others() 
     announce(core, pod_group(min_member=3))
     arrive(core, *team(3))
     with pytest.raises(AttributeError):
-        core.schedule(core.queue.pop(), advice=object())  # type: ignore[arg-type]  # the bug
+        core.schedule(core.queue.pop(), placement=object())  # type: ignore[arg-type]  # the bug
     for number in range(3):
         core.cluster.apply_pod(team_pod(f"p{number}", cpu="1", node=f"n{number}"))
     assert core.schedule_one(make_info("vip", cpu="1", priority=10)).plan is not None

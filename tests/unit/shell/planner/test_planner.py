@@ -38,7 +38,7 @@ class Seconds:
         return self.now_s
 
 
-def posed(pods: int = 6, *, seed: int = 3) -> JointProblem:
+def joint(pods: int = 6, *, seed: int = 3) -> JointProblem:
     problem = field_problem(Random(seed), pods=pods, edges=pods, rows=60)
     return JointProblem(problem, tuple(f"u{i}" for i in range(pods)), tuple(f"n{i}" for i in range(60)))
 
@@ -50,7 +50,7 @@ def planner(**settings: Any) -> Planner:
 async def test_a_worker_plans_and_is_kept_for_the_next_one() -> None:
     subject = planner()
     try:
-        first, second = await asyncio.gather(subject.advise(posed()), subject.advise(posed()))
+        first, second = await asyncio.gather(subject.advise(joint()), subject.advise(joint()))
         assert first.result in {"optimal", "bounded"}
         assert set(first.nodes) == {f"u{i}" for i in range(6)}
         assert first.nodes == second.nodes
@@ -63,7 +63,7 @@ async def test_a_worker_plans_and_is_kept_for_the_next_one() -> None:
 
 async def test_a_small_problem_needs_no_worker() -> None:
     subject = planner(small=1 << 30)
-    assert (await subject.advise(posed(3, seed=0))).nodes
+    assert (await subject.advise(joint(3, seed=0))).nodes
     assert subject.starts == 0
 
 
@@ -71,15 +71,15 @@ async def test_a_killed_worker_is_started_again_after_a_pause() -> None:
     clock = Seconds()
     subject = planner(clock=clock)
     try:
-        assert (await subject.advise(posed())).nodes
+        assert (await subject.advise(joint())).nodes
         assert subject._process is not None
         os.kill(subject._process.pid, signal.SIGKILL)
         clock.now_s += PAUSE_S
-        found = [await subject.advise(posed()) for _ in range(2)]
+        found = [await subject.advise(joint()) for _ in range(2)]
         # The death may be seen before the next problem is sent, or by its missing answer.
         assert found[0].nodes or found[0].result == "failed"
         clock.now_s += PAUSE_S
-        assert (await subject.advise(posed())).nodes
+        assert (await subject.advise(joint())).nodes
         assert subject.starts == 2
     finally:
         await subject.close()
@@ -96,26 +96,26 @@ async def test_whatever_a_worker_does_wrong_the_pods_are_placed_one_by_one_and_i
     ):
         hurried = {"answer_timeout_s": 0.2} if worker is SILENT else {"start_s": 0.5} if worker is NEVER_STARTS else {}
         subject = planner(worker=worker, **hurried)
-        found = await subject.advise(posed())
+        found = await subject.advise(joint())
         assert (found.result, dict(found.nodes)) == ("failed", {}), worker
         assert text in found.why
         assert found.why.startswith("the planning worker failed")
-        again = await subject.advise(posed())
+        again = await subject.advise(joint())
         assert "it died a moment ago" in again.why
         assert repr(subject) == "<Planner no worker, 1 starts>"
 
 
 async def test_who_waits_too_long_for_its_turn_goes_without() -> None:
     subject = planner(worker=SILENT, answer_timeout_s=1.0, turn_s=0.05)
-    first = asyncio.create_task(subject.advise(posed()))
+    first = asyncio.create_task(subject.advise(joint()))
     await asyncio.sleep(0)
-    assert (await subject.advise(posed())).result == "busy"
+    assert (await subject.advise(joint())).result == "busy"
     assert (await first).result == "failed"
 
 
 async def test_a_caller_that_is_cancelled_takes_the_worker_with_it() -> None:
     subject = planner(worker=SILENT)
-    asked = asyncio.create_task(subject.advise(posed()))
+    asked = asyncio.create_task(subject.advise(joint()))
     await until(lambda: subject._process is not None, what="the worker is started")
     asked.cancel()
     await asyncio.wait([asked])

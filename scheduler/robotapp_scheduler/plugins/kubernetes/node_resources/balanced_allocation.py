@@ -60,10 +60,10 @@ class NodeResourcesBalancedAllocation:
 
     def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """50…100, 75 where the pod changes nothing (1.37); no opinion when it asks for none of the resources."""
-        wish = self._wish(pod)
-        if wish is None:
+        state = self._state(pod)
+        if state is None:
             return None
-        balance = self._balances(wish, nodes)
+        balance = self._balances(state, nodes)
         after: IntArray = balance[-1]
         if self._change:
             after -= balance[0]
@@ -71,28 +71,28 @@ class NodeResourcesBalancedAllocation:
             after >>= _HALVED
         return after
 
-    def _balances(self, wish: "_PreScoreState", nodes: Snapshot) -> IntArray:
+    def _balances(self, state: "_PreScoreState", nodes: Snapshot) -> IntArray:
         """Without the pod (when that counts) and with it, shape (steps, rows)."""
         first = 0 if self._change else 1
-        plain = nodes.plain(wish.names) if len(wish.names) == 2 else None
+        plain = nodes.plain(state.names) if len(state.names) == 2 else None
         if plain is not None:
-            return _plain_pair(plain.requested + wish.floats[first:], plain.allocatable)
-        capacity = nodes.block("allocatable", wish.names)
-        used = nodes.block("requested", wish.names) + wish.steps[first:]
-        if len(wish.names) == 2 and all_positive(capacity):
+            return _plain_pair(plain.requested + state.floats[first:], plain.allocatable)
+        capacity = nodes.block("allocatable", state.names)
+        used = nodes.block("requested", state.names) + state.steps[first:]
+        if len(state.names) == 2 and all_positive(capacity):
             return _plain_pair(used, capacity)
         return np.array([_balance(each, capacity) for each in used])
 
     def score_row(self, pod: PodInfo, row: Row) -> int:
         """The score of one node."""
-        wish = self._wish(pod)
-        if wish is None:
+        state = self._state(pod)
+        if state is None:
             return 0
-        there = row.of(wish.names)
-        balance = _balance_row(there, wish.amounts)
-        return 50 + (50 + balance - _balance_row(there, wish.nothing)) // 2 if self._change else balance
+        there = row.of(state.names)
+        balance = _balance_row(there, state.amounts)
+        return 50 + (50 + balance - _balance_row(there, state.nothing)) // 2 if self._change else balance
 
-    def _wish(self, pod: PodInfo) -> "_PreScoreState | None":
+    def _state(self, pod: PodInfo) -> "_PreScoreState | None":
         """None when the pod asks for none of the resources."""
         notes = pod.shape.notes
         if self not in notes:

@@ -31,7 +31,7 @@ from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies imp
 TOO_MANY: Final = "Too many pods"
 RATIO: Final = "RequestedToCapacityRatio"
 NATIVE: Final = ("cpu", "memory", "ephemeral-storage")
-MOST_WISHES: Final = 61
+MAX_REASONS: Final = 61
 """Bits of an int64 that name the resources a node lacks."""
 
 
@@ -82,13 +82,13 @@ class NodeResourcesFit:
 
     def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
         """True where one more pod and all its requests fit; every lacking resource is reported."""
-        wish = self._wish(pod)
-        if nodes.surely_free(wish.free):
+        state = self._state(pod)
+        if nodes.surely_free(state.free):
             return True
-        short = nodes.block("free", wish.places) < wish.column
+        short = nodes.block("free", state.places) < state.column
         if not np.count_nonzero(short):
             return True
-        return _verdict(nodes, wish, short)
+        return _verdict(nodes, state, short)
 
     def room(self, pod: PodInfo) -> Mapping[str, int]:
         """Amounts that must be free, beside a place for one more pod."""
@@ -96,22 +96,22 @@ class NodeResourcesFit:
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
         """Room that could be enough: a node that grew in what is asked for, a pod gone, or one that asks for less."""
-        wishes = self.room(pod)
+        requested = self.room(pod)
         if event.resource == "nodes":
-            return event.new is not None and _roomier(event.old, event.new, wishes)
+            return event.new is not None and _roomier(event.old, event.new, requested)
         if event.change & (Change.POD_REMOVED | Change.NOMINATED) or event.old is None:
             return event.old is not None
         if event.change & Change.SELF:
             return _smaller(event.old, event.new, None)
-        return bool(event.new.spec.node_name) and _smaller(event.old, event.new, wishes)
+        return bool(event.new.spec.node_name) and _smaller(event.old, event.new, requested)
 
     def filter_row(self, pod: PodInfo, row: Row) -> bool:
         """Does one node surely have room?"""
         if row.pod_count >= row.allowed_pods:
             return False
-        wish = self._wish(pod)
-        there = row.of(wish.names)
-        for place, amount in wish.amounts:
+        state = self._state(pod)
+        there = row.of(state.names)
+        for place, amount in state.amounts:
             allocatable, requested, _ = there[place]
             if allocatable - requested < amount:
                 return False
@@ -119,19 +119,19 @@ class NodeResourcesFit:
 
     def score_row(self, pod: PodInfo, row: Row) -> int:
         """The score of one node."""
-        wish = self._wish(pod).scored
-        return self._strategy.row(row.of(wish.names), wish.amounts)
+        state = self._state(pod).scored
+        return self._strategy.row(row.of(state.names), state.amounts)
 
     def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """0…100 by the configured strategy, over the resources of the configuration."""
-        wish = self._wish(pod).scored
-        plain = nodes.plain(wish.names) if self._strategy.floats else None
+        state = self._state(pod).scored
+        plain = nodes.plain(state.names) if self._strategy.floats else None
         if plain is not None:
-            return self._strategy.columns(plain.allocatable, plain.scored + wish.floats, wish.weights)
-        used = nodes.block("scored", wish.names) + wish.column
-        return self._strategy.columns(nodes.block("allocatable", wish.names), used, wish.weights)
+            return self._strategy.columns(plain.allocatable, plain.scored + state.floats, state.weights)
+        used = nodes.block("scored", state.names) + state.column
+        return self._strategy.columns(nodes.block("allocatable", state.names), used, state.weights)
 
-    def _wish(self, pod: PodInfo) -> "_PreFilterState":
+    def _state(self, pod: PodInfo) -> "_PreFilterState":
         found: _PreFilterState | None = pod.shape.notes.get(self)
         if found is None:
             wanted = pod.requests.scored
@@ -153,19 +153,19 @@ class NodeResourcesFit:
         return name not in self._ignored and name.partition("/")[0] not in self._ignored_groups
 
 
-def _roomier(old: Node | None, new: Node, wishes: Mapping[str, int]) -> bool:
-    """Could the empty node hold the wishes, and does it offer more of one than it did?"""
+def _roomier(old: Node | None, new: Node, requested: Mapping[str, int]) -> bool:
+    """Could the empty node hold the request, and does it offer more of one resource than before?"""
     offered = amounts(new.status.allocatable)
-    if not offered.get("pods", 0) or any(value > offered.get(name, 0) for name, value in wishes.items()):
+    if not offered.get("pods", 0) or any(value > offered.get(name, 0) for name, value in requested.items()):
         return False
     before = amounts(old.status.allocatable) if old is not None else {}
-    return old is None or any(offered.get(name, 0) > before.get(name, 0) for name in ("pods", *wishes))
+    return old is None or any(offered.get(name, 0) > before.get(name, 0) for name in ("pods", *requested))
 
 
-def _smaller(old: Pod, new: Pod, wishes: Mapping[str, int] | None) -> bool:
-    """Does a pod ask for less than it did, of anything or of one of the wishes?"""
+def _smaller(old: Pod, new: Pod, requested: Mapping[str, int] | None) -> bool:
+    """Does a pod request less than before, of any resource or of one of `requested`?"""
     before, after = requests_of(old).exact, requests_of(new).exact
-    return any(after.get(name, 0) < value for name, value in before.items() if wishes is None or name in wishes)
+    return any(after.get(name, 0) < value for name, value in before.items() if requested is None or name in requested)
 
 
 def _strategy(args: ScoringStrategy) -> Strategy:
@@ -228,20 +228,20 @@ def _column(amounts: list[int]) -> IntArray:
     return np.array(amounts, dtype=np.int64).reshape(-1, 1)
 
 
-def _verdict(nodes: Snapshot, wish: _PreFilterState, short: BoolArray) -> Verdict:
+def _verdict(nodes: Snapshot, state: _PreFilterState, short: BoolArray) -> Verdict:
     """`short`: what each row lacks, shape (places, rows)."""
     bits = np.zeros(nodes.n, dtype=np.int64)
-    for i, lacks in enumerate(short[:MOST_WISHES]):
+    for i, lacks in enumerate(short[:MAX_REASONS]):
         bits |= lacks.astype(np.int64) << i
     # No node offers too few places for pods for ever: others may go.
-    beyond = wish.column[1:] > nodes.block("allocatable", wish.names)
+    beyond = state.column[1:] > nodes.block("allocatable", state.names)
     never: BoolArray = np.logical_or.reduce(short[1:] & beyond, axis=0)
-    free = nodes.block("free", wish.places)
+    free = nodes.block("free", state.places)
     detail = np.full(nodes.n, np.nan)
     for i in range(1, len(short)):
         np.copyto(detail, free[i], where=short[i] & np.isnan(detail))
     found, codes = np.unique(bits, return_inverse=True)
-    texts = (TOO_MANY, *(f"Insufficient {name}" for name in wish.names))
+    texts = (TOO_MANY, *(f"Insufficient {name}" for name in state.names))
     reasons = tuple(tuple(text for i, text in enumerate(texts) if value >> i & 1) for value in found.tolist())
     mask = ~np.logical_or.reduce(short, axis=0)
     return Verdict(mask, codes, reasons, detail=detail, detail_unit="free", resolvable=~never)
