@@ -9,7 +9,7 @@ from typing import Final, Self
 
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
-Asking = Callable[[str, str, PodInfo], AbstractContextManager[object]]
+CallJournal = Callable[[str, str, PodInfo], AbstractContextManager[object]]
 """(plugin, hook, pod): held during the call. Raises PluginError instead when the call must not be made."""
 
 
@@ -21,7 +21,7 @@ class PluginCall:
 
     __slots__ = ("_before", "_journal", "frame", "hook", "plugin", "pod")
 
-    def __init__(self, plugin: str, hook: str, pod: PodInfo | None, journal: Asking | None = None) -> None:
+    def __init__(self, plugin: str, hook: str, pod: PodInfo | None, journal: CallJournal | None = None) -> None:
         self.plugin = plugin
         self.hook = hook
         self.pod = pod

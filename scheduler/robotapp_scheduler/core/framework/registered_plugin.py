@@ -19,7 +19,7 @@ from robotapp_scheduler.core.framework.incremental import (
     TouchedBy,
 )
 from robotapp_scheduler.core.framework.interface import FilterResult, PluginError, PreFilter, ScoreResult, Status
-from robotapp_scheduler.core.framework.plugin_calls import Asking
+from robotapp_scheduler.core.framework.plugin_calls import CallJournal
 from robotapp_scheduler.core.framework.plugin_results import NORMALIZERS
 from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
 from robotapp_scheduler.core.framework.validation import problems_of
@@ -42,7 +42,7 @@ class RegisteredPlugin:
         self.weight = weight
         self.shadow = shadow
         """Scored and recorded, but the choice does not look at it."""
-        self.vigil: Asking | None = None
+        self.journal: CallJournal | None = None
         """Is called before every hook, where calls are recorded (shell.process.crash_journal)."""
         self.row_local: bool = getattr(plugin, "row_local", False)
         self.sound: bool = getattr(plugin, "sound", False)

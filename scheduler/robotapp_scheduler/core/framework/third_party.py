@@ -84,7 +84,7 @@ def _watched(loaded: RegisteredPlugin, hook: str, function: Callable[..., Any], 
 
     def asked(*args: Any) -> Any:
         try:
-            with PluginCall(plugin, hook, args[0], loaded.vigil):
+            with PluginCall(plugin, hook, args[0], loaded.journal):
                 return check(plugin, hook, function(*args), *args)
         except (PluginError, KeyboardInterrupt):
             raise

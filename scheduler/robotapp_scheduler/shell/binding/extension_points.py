@@ -216,7 +216,7 @@ class ExtensionPoints:
         """The answer of a third-party plugin, timed; what it raises is an Error."""
         started_s, pod = self._timer.clock(), self._pod
         try:
-            with PluginCall(loaded.name, hook, pod, loaded.vigil):
+            with PluginCall(loaded.name, hook, pod, loaded.journal):
                 answer: Any = getattr(loaded.plugin, hook)(pod, self._node, self.context)
             if inspect.isawaitable(answer):
                 await self._say_where(hook)

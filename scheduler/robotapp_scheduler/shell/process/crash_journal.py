@@ -1,8 +1,8 @@
 """Records in a folder that outlives the process which call of a third-party plugin it died of, and for which pod.
 
-What is being asked stands in a page of memory that is also a file: the kernel keeps it whatever the process dies of. A
-hook that cannot be broken off is known after one death. Where the process died for an unknown reason while a plugin was
-asked (a call that never returned, a crash in native code, out of memory), it takes two: one may have been chance.
+The running call is recorded in a page of memory that is also a file: the kernel keeps it whatever the process dies of. Of a
+hook that cannot be broken off one death is enough. Where the process died for an unknown reason during a call (one that
+never returned, a crash in native code, out of memory), it takes two: one may have been chance.
 """
 
 import fcntl
@@ -24,9 +24,9 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 log = logging.getLogger(__name__)
 
 CHANCES: Final = 2
-"""Deaths in the middle of the same question after which it is not asked again."""
+"""Ends of the process in the middle of the same call, after which it is not made again."""
 MOST: Final = 100
-"""Questions remembered; the oldest go."""
+"""Calls remembered; the oldest go."""
 PAGE_BYTES: Final = 4096
 NOTED: Final = 5
 """Lines of a note: digest, plugin, hook, pod, alike."""
@@ -35,7 +35,7 @@ DEATHS: Final = "deaths.json"
 
 
 class CrashRecord(msgspec.Struct, frozen=True):
-    """What was asked when the process died. `alike` is the uid of the pod's controller, else its own."""
+    """The call during which the process died. `alike` is the uid of the pod's controller, else its own."""
 
     plugin: str
     hook: str
@@ -47,7 +47,7 @@ class CrashRecord(msgspec.Struct, frozen=True):
 
     @property
     def counts(self) -> bool:
-        """Is the plugin to be asked no more about such pods?"""
+        """Is the plugin no longer called for such pods?"""
         return self.stuck or self.times >= CHANCES
 
     def __str__(self) -> str:
@@ -67,7 +67,7 @@ class _JournalFile(msgspec.Struct):
 
 
 class CrashJournal:
-    """Call it with (plugin, hook, pod) and hold it while the plugin is asked; one question at a time."""
+    """Called with (plugin, hook, pod), it is a context for that call of the plugin; one call at a time."""
 
     def __init__(self, folder: Path, digest: str) -> None:
         """`digest` is that of the configuration in use. Raises OSError when the folder cannot be used.
@@ -85,15 +85,15 @@ class CrashJournal:
             self._add(left)
 
     def __repr__(self) -> str:
-        return f"<Vigil in {self._file.parent}, {len(self._deaths)} deaths>"
+        return f"<CrashJournal in {self._file.parent}, {len(self._deaths)} deaths>"
 
     @property
     def barred(self) -> list[CrashRecord]:
-        """The questions that are not asked any more."""
+        """The calls that are not made any more."""
         return [death for death in self._deaths.values() if death.counts]
 
     def __call__(self, plugin: str, hook: str, pod: PodInfo) -> Self:
-        """Note what is about to be asked. Raises PluginError when it must not be."""
+        """Record a call that is about to be made. Raises PluginError when it must not be."""
         alike = _alike(pod)
         death = self._deaths.get((plugin, alike)) if self._deaths else None
         if death is not None and death.counts:
@@ -118,17 +118,17 @@ class CrashJournal:
         self._add(CrashRecord(plugin, hook, pod.key, _alike(pod), stuck=True))
 
     def start_anew(self, digest: str) -> None:
-        """Another configuration is in use: everything may be asked again."""
+        """Another configuration is in use: every plugin may be called again."""
         self._digest = digest
         if self._deaths:
             self._deaths = {}
             self._write()
 
     def watch_over(self, profiles: Mapping[str, Profile]) -> None:
-        """Be told of every question to a plugin of somebody else's; call once, before the profiles are used."""
+        """Record every call of a plugin of another author; to be called once, before the profiles are used."""
         for loaded in (each for profile in profiles.values() for each in profile.everywhere):
             if not is_ours(loaded.plugin):
-                loaded.vigil = self
+                loaded.journal = self
 
     def _add(self, death: CrashRecord) -> None:
         known = self._deaths.pop((death.plugin, death.alike), None)
@@ -143,7 +143,7 @@ class CrashJournal:
         self._page[0:2] = b"\0\0"
 
     def _left(self) -> CrashRecord | None:
-        """What was being asked when a process before us ended."""
+        """The call that was running when the process before this one ended."""
         length = int.from_bytes(self._page[0:2], "little")
         parts = self._page[2 : 2 + length].decode(errors="replace").split("\n") if length else []
         if len(parts) != NOTED or parts[0] != self._digest:
@@ -163,7 +163,7 @@ class CrashJournal:
         return memory.deaths if memory.digest == self._digest else ()
 
     def _write(self) -> None:
-        """May be called in the middle of a plugin that is stuck: quick, and failing is only told."""
+        """May run in the middle of a plugin that is stuck: it is quick, and its failure is only logged."""
         data = msgspec.json.encode(_JournalFile(self._digest, list(self._deaths.values())))
         new = self._file.with_suffix(".new")
         try:
@@ -175,23 +175,23 @@ class CrashJournal:
 
 
 def opened(folder: Path | None, digest: str) -> CrashJournal | None:
-    """A vigil in this folder; None without one, and (told) where it cannot be used: pods are placed all the same."""
+    """The journal of this folder; None without one. Where it cannot be used the log has the reason, and pods are placed all the same."""
     if folder is None:
         return None
     try:
-        vigil = CrashJournal(folder, digest)
+        journal = CrashJournal(folder, digest)
     except OSError as error:
         log.warning("--state-dir: plugins that end the process will not be remembered: %s", error)
         return None
-    for death in vigil.barred:
+    for death in journal.barred:
         log.error("plugin %s: %s", death.plugin, death)
-    return vigil
+    return journal
 
 
 def unwatched(profile: Profile) -> None:
-    """Nobody is told any more what its plugins are asked."""
+    """The calls of its plugins are no longer recorded."""
     for loaded in profile.everywhere:
-        loaded.vigil = None
+        loaded.journal = None
 
 
 def _alike(pod: PodInfo) -> str:

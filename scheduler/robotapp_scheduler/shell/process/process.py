@@ -88,7 +88,7 @@ class Scheduler:
         self.port = 0
         """Where we serve, once `run` has opened it."""
         self.metrics = Metrics()
-        self._vigil = crash_journal.opened(options.state_dir, running.config.digest)
+        self._crash_journal = crash_journal.opened(options.state_dir, running.config.digest)
         self.core = self._made_core()
         self._make_intake()
         self._make_loop()
@@ -306,21 +306,21 @@ class Scheduler:
 
     def _watchdog(self) -> Watchdog:
         return Watchdog(
-            last_words=self._vigil.stuck if self._vigil is not None else None,
+            last_words=self._crash_journal.stuck if self._crash_journal is not None else None,
             deciding=lambda: next((queued.info for queued in self.loop.deciding), None),
         )
 
     def _watch_over(self, profiles: Mapping[str, Profile]) -> None:
         time_plugins(profiles, self.metrics)
-        if self._vigil is not None:
-            self._vigil.watch_over(profiles)
+        if self._crash_journal is not None:
+            self._crash_journal.watch_over(profiles)
 
     # --- Configuration ---------------------------------------------------------------------------------------------
 
     def _swap(self, config: SchedulerConfig, profiles: Mapping[str, Profile]) -> None:
         """Between two cycles: deciding never awaits, so nothing is half decided here."""
-        if self._vigil is not None:
-            self._vigil.start_anew(config.digest)
+        if self._crash_journal is not None:
+            self._crash_journal.start_anew(config.digest)
         self._watch_over(profiles)
         self.core.swap(profiles, initial_backoff_s=config.initial_backoff_s, max_backoff_s=config.max_backoff_s)
         for event in self.intake.count_per_container(config.sums_per_container):
@@ -334,7 +334,7 @@ class Scheduler:
             self.events.about(regarding, reason=reason, note=note, warning=warning)
 
     def _tell_of_plugins(self) -> None:
-        for death in self._vigil.barred if self._vigil is not None else ():
+        for death in self._crash_journal.barred if self._crash_journal is not None else ():
             self._tell(EventReason.PLUGIN_NOT_ASKED, f"plugin {death.plugin}: {death}", True)
 
     def _own_pod(self) -> Json | None:

@@ -57,12 +57,12 @@ def die(folder: Path, pod: Any, digest: str = "d1") -> None:
     CrashJournal(folder, digest)("Dies", "filter", pod)
 
 
-def core_with(vigil: CrashJournal) -> SchedulerCore:
+def core_with(journal: CrashJournal) -> SchedulerCore:
     clock = Clock()
     cluster = make_cluster(make_node("n1"), make_node("n2"), clock=clock)
     plugins = {"multiPoint": PluginSet(enabled=(PluginRef("Dies"),))}
     profiles = build_profiles([ProfileSpec(SCHEDULER_NAME, plugins=plugins)], catalogue({"Dies": Dies}))
-    vigil.watch_over(profiles)
+    journal.watch_over(profiles)
     return SchedulerCore(cluster, profiles, clock=clock)
 
 
@@ -102,11 +102,11 @@ def test_a_process_that_ends_in_between_questions_leaves_no_mark(tmp_path: Path)
 
 
 def test_pods_of_the_same_controller_are_alike(tmp_path: Path) -> None:
-    vigil = CrashJournal(tmp_path, "d1")
-    vigil.stuck("Dies", "filter", make_info("web-1", owner=WEB))
+    journal = CrashJournal(tmp_path, "d1")
+    journal.stuck("Dies", "filter", make_info("web-1", owner=WEB))
     with pytest.raises(PluginError, match="pods like default/web-1"):
-        vigil("Dies", "score", make_info("web-2", owner=WEB))
-    with vigil("Other", "filter", make_info("web-2", owner=WEB)), vigil("Dies", "filter", make_info("web-3")):
+        journal("Dies", "score", make_info("web-2", owner=WEB))
+    with journal("Other", "filter", make_info("web-2", owner=WEB)), journal("Dies", "filter", make_info("web-3")):
         pass
 
 
@@ -114,19 +114,19 @@ def test_another_configuration_asks_again_at_a_start_and_while_running(tmp_path:
     pod = make_info("bad")
     CrashJournal(tmp_path, "d1").stuck("Dies", "filter", pod)
     assert CrashJournal(tmp_path, "d2").barred == []
-    vigil = CrashJournal(tmp_path, "d1")
-    vigil.start_anew("d2")
-    with vigil("Dies", "filter", pod):
+    journal = CrashJournal(tmp_path, "d1")
+    journal.start_anew("d2")
+    with journal("Dies", "filter", pod):
         pass
-    del vigil
+    del journal
     assert CrashJournal(tmp_path, "d2").barred == []
     assert CrashJournal(tmp_path, "d1").barred == []
 
 
 async def test_hooks_on_the_way_to_the_node_and_hints_are_not_asked_either(tmp_path: Path) -> None:
-    vigil, pod = CrashJournal(tmp_path, "d1"), make_info("bad")
-    vigil.stuck("Dies", "reserve", pod)
-    profile = core_with(vigil).engine(SCHEDULER_NAME).profile
+    journal, pod = CrashJournal(tmp_path, "d1"), make_info("bad")
+    journal.stuck("Dies", "reserve", pod)
+    profile = core_with(journal).engine(SCHEDULER_NAME).profile
 
     async def promised(*_: Any) -> None:
         raise AssertionError
@@ -142,10 +142,10 @@ async def test_hooks_on_the_way_to_the_node_and_hints_are_not_asked_either(tmp_p
 
 
 def test_only_so_many_are_remembered_the_newest(tmp_path: Path) -> None:
-    vigil = CrashJournal(tmp_path, "d1")
+    journal = CrashJournal(tmp_path, "d1")
     for number in range(MOST + 3):
-        vigil.stuck("Dies", "filter", make_info(f"p{number}"))
-    del vigil
+        journal.stuck("Dies", "filter", make_info(f"p{number}"))
+    del journal
     kept = [death.pod for death in CrashJournal(tmp_path, "d1").barred]
     assert kept == [f"default/p{number}" for number in range(3, MOST + 3)]
 
@@ -167,15 +167,15 @@ def test_a_file_that_cannot_be_read_is_told_once_and_nothing_is_remembered(
     tmp_path: Path, data: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / DEATHS).write_bytes(data)
-    vigil = opened(tmp_path, "d1")
-    assert vigil is not None
-    assert vigil.barred == []
+    journal = opened(tmp_path, "d1")
+    assert journal is not None
+    assert journal.barred == []
     assert caplog.text.count("nothing is remembered") == 1
-    vigil.stuck("Dies", "filter", make_info("bad"))
+    journal.stuck("Dies", "filter", make_info("bad"))
     assert b"default/bad" in (tmp_path / DEATHS).read_bytes()
 
 
-def test_a_full_disk_is_told_and_the_vigil_is_off(
+def test_a_full_disk_is_told_and_the_journal_is_off(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(_handle: int, _start: int, _length: int) -> None:
@@ -192,7 +192,7 @@ HOLDS = """
 import sys
 from pathlib import Path
 from robotapp_scheduler.shell.process.crash_journal import CrashJournal
-vigil = CrashJournal(Path(sys.argv[1]), "d1")
+journal = CrashJournal(Path(sys.argv[1]), "d1")
 print("held", flush=True)
 sys.stdin.read()
 """
@@ -221,11 +221,11 @@ def test_the_folder_is_ours_alone_and_links_in_it_are_not_followed(
     theirs.write_text("precious")
     for name in (DEATHS, Path(DEATHS).with_suffix(".new")):
         (folder / name).symlink_to(theirs)
-    vigil = CrashJournal(folder, "d1")
-    vigil.stuck("Dies", "filter", make_info("bad"))
+    journal = CrashJournal(folder, "d1")
+    journal.stuck("Dies", "filter", make_info("bad"))
     assert "cannot be read" in caplog.text
     assert "cannot be written" in caplog.text
-    del vigil
+    del journal
     (folder / MARK).unlink()
     (folder / MARK).symlink_to(theirs)
     assert opened(folder, "d1") is None
@@ -241,4 +241,4 @@ def test_a_folder_that_cannot_be_used_is_told_and_pods_are_placed_all_the_same(
     assert opened(None, "d1") is None
     found = opened(tmp_path / "new", "d1")
     assert found is not None
-    assert repr(found) == f"<Vigil in {tmp_path / 'new'}, 0 deaths>"
+    assert repr(found) == f"<CrashJournal in {tmp_path / 'new'}, 0 deaths>"
