@@ -131,5 +131,8 @@ def test_keep_leaves_the_pod_alone_until_its_node_is_back(fleet: Fleet) -> None:
             assert not any("tolerationSeconds" in one for one in lost), "for ever, not for the grace alone"
         finally:
             fleet.ready(node, "True")
+        runs = [{"type": kind, "status": "True"} for kind in ("Ready", "ContainersReady")]  # as its kubelet has it now
+        path = f"/api/v1/namespaces/{tenant.namespace}/pods/{pod['metadata']['name']}/status"
+        tenant.cp.api.patch(path, {"status": {"conditions": runs}})
         tenant.wait_ready("cut")
     assert (set(bound(tenant)), publishers.most) == ({first}, 1)
