@@ -26,7 +26,7 @@ def spill(place: Place) -> Verdict:
     """More replicas than fit into the first zone: it is filled, then the second one, then the rest of the cluster."""
     zones = {zone: place.cluster.places(place.cluster.in_zone(zone), LARGE_PLANNER) for zone in (FIRST, SECOND, OTHER)}
     replicas = zones[FIRST] + place.rng.randint(1, zones[SECOND] + min(3, zones[OTHER]))
-    wanted = {}
+    wanted: dict[str, int] = {}
     for zone, room in zones.items():
         wanted[zone] = min(room, replicas - sum(wanted.values()))
     return _judge(place, LARGE_PLANNER, wanted, scheduler=place.contender.zones_first)
