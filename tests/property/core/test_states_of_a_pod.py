@@ -9,7 +9,7 @@ from tests.support.scheduling import make_pod, owner
 
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.interning import Interner
-from robotapp_scheduler.core.pods.pod_signature import PodSignatures, same_shape
+from robotapp_scheduler.core.pods.pod_signature import PodSignatures, same_signature
 
 FIELDS: dict[str, st.SearchStrategy[Any]] = {
     "labels": st.sampled_from(({}, {"a": "x"}, {"a": "y"}, {"a": "x", "b": "x"})),  # sorted by name, as on the wire
@@ -50,11 +50,11 @@ def _pod(fields: dict[str, Any]) -> Pod:
 
 
 @given(states())
-def test_a_pod_that_is_recognised_again_has_the_shape_it_had(pair: tuple[Pod, Pod]) -> None:
+def test_a_pod_that_is_recognised_again_has_the_signature_it_had(pair: tuple[Pod, Pod]) -> None:
     before, after = pair
     resized = before.status.resizes or after.status.resizes
     signatures = PodSignatures()
-    assert same_shape(before, before.metadata.labels or {}, after) == (
+    assert same_signature(before, before.metadata.labels or {}, after) == (
         not resized and signatures.of(before) is signatures.of(after)
     )
 

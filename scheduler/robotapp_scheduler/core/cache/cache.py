@@ -24,7 +24,7 @@ from robotapp_scheduler.core.nodes.resource_arrays import MinimumFree, ResourceA
 from robotapp_scheduler.core.pods.interning import Interner
 from robotapp_scheduler.core.pods.pod_group_index import PodGroups, in_group
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo, same_groups
-from robotapp_scheduler.core.pods.pod_signature import PodSignatures, same_shape
+from robotapp_scheduler.core.pods.pod_signature import PodSignatures, same_signature
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaims
 from robotapp_scheduler.core.robotics.app_index import AppIndex
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant, DeviceIndex
@@ -292,7 +292,7 @@ class Cache:
         self._seen.pop(uid, None)
         old = self.placed.get(uid)
         # As long as they share parts: most are compared at once.
-        known = old is not None and same_shape(old.pod, old.labels, pod)
+        known = old is not None and same_signature(old.pod, old.labels, pod)
         self._interner.share(pod)
         node, deleting = pod.spec.node_name, pod.metadata.deletion_timestamp is not None
         if old is not None and known and (old.node, old.terminating) == (node, deleting):

@@ -72,21 +72,23 @@ class Records:
 
     def of(self, info: PodInfo, node: str, *, assumed: bool, predicted: PredictedPairs = ()) -> PlacedPod:
         """What this pod holds on a node, with the labels it will have there. Raises ValueError when a quantity cannot be read."""
-        shape = info.shape
+        signature = info.signature
         key = (self, predicted)
-        blank: PlacedPod | None = shape.notes.get(key)
+        blank: PlacedPod | None = signature.notes.get(key)
         if blank is None:
             blank = self._blank(info, predicted)
             shared = self._like(blank.namespace, blank.labels)
-            if shared is not None and self._resources in shape.notes:  # it has its like, and what it holds is settled
+            if (
+                shared is not None and self._resources in signature.notes
+            ):  # it has its like, and what it holds is settled
                 blank.labels = shared
-                shape.notes[key] = blank
+                signature.notes[key] = blank
         return replace(
             blank, uid=info.uid, name=info.name, node=node, terminating=info.deleting, assumed=assumed, pod=info.pod
         )
 
     def _blank(self, info: PodInfo, predicted: PredictedPairs) -> PlacedPod:
-        """The record of any pod of this shape: all but uid, name, node and state follows from the shape."""
+        """The record of any pod of this signature: all but uid, name, node and state follows from the signature."""
         requests = info.requests
         return PlacedPod(
             uid="",
@@ -95,7 +97,7 @@ class Records:
             node="",
             labels=dict(predicted) | info.labels if predicted else info.labels,
             priority=info.priority,
-            requested=self._interner.same(info.shape.held(self._resources)),
+            requested=self._interner.same(info.signature.held(self._resources)),
             scored_cpu_milli=sane(requests.placed.get("cpu", 0)),
             scored_memory_bytes=sane(requests.placed.get("memory", 0)),
             ports=info.host_ports,
@@ -105,7 +107,7 @@ class Records:
             volumes=info.volumes,
             pod=info.pod,
             affinity=self._interner.same(info.affinity_key),
-            shape=info.shape.number,
+            signature=info.signature.number,
         )
 
 

@@ -98,10 +98,10 @@ class Topology:
 
     def terms_of(self, pod: PodInfo) -> Terms:
         """The pod's own affinity terms."""
-        shape = pod.shape
-        found: Terms | None = shape.notes.get(Terms)
+        signature = pod.signature
+        found: Terms | None = signature.notes.get(Terms)
         if found is None:
-            found = shape.notes[Terms] = self._compiler.terms(pod.namespace, shape.affinity_key, pod.affinity)
+            found = signature.notes[Terms] = self._compiler.terms(pod.namespace, signature.affinity_key, pod.affinity)
         return found
 
     def counter(self, wanted: Wanted) -> Counter:

@@ -34,7 +34,7 @@ from robotapp_scheduler.core.runtime.profile_runner import PreFilterResult, Prof
 
 LOST_DEVICE = "node(s) lost a device to another pod"
 DEVICE_PLUGIN = "ROSReserve"
-EXCESS = "ExcessivePod"
+EXCESSIVE_POD = "ExcessivePod"
 """Stands for a plugin name: the pod asks for so much that nothing is looked up for it."""
 ANNOTATIONS = "InvalidAnnotation"
 """Stands for a plugin name: only a change of the pod itself helps."""
@@ -54,8 +54,8 @@ def excessive(pod: PodInfo, nodes: int) -> ScheduleResult:
     return ScheduleResult(
         pod=pod,
         code=Code.UNRESOLVABLE,
-        message=pre_filter_message(nodes, pod.excess),
-        rejected_by=frozenset({EXCESS}),
+        message=pre_filter_message(nodes, pod.exceeded_limit),
+        rejected_by=frozenset({EXCESSIVE_POD}),
         nodes=nodes,
     )
 
@@ -218,7 +218,7 @@ WAKERS: Final = {
     waker.plugin: waker
     for waker in (
         QueueingHint(ANNOTATIONS, Change.NONE),
-        QueueingHint(EXCESS, Change.NONE),
+        QueueingHint(EXCESSIVE_POD, Change.NONE),
         QueueingHint(UNFIT_PROFILE, Change.NONE),
         QueueingHint(GROUP_PLUGIN, GROUP_EVENTS),
         QueueingHint(PREDECESSOR_PLUGIN, GROUP_EVENTS),

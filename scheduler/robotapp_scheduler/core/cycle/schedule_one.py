@@ -256,7 +256,7 @@ class SchedulerCore:
         """Resolve the pod's ROS wishes; a decision when it cannot be tried at all."""
         if pod.deleting:
             return failed(pod, skipped_deleting(pod.key))
-        if pod.excess:
+        if pod.exceeded_limit:
             return excessive(pod, self.cluster.nodes.count)
         engine = self._engines[pod.scheduler_name]
         pod.ros = None

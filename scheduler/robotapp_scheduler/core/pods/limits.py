@@ -8,7 +8,7 @@ from typing import Any, Final
 from robotapp_scheduler.core.api.core_v1 import Container, NodeSelectorTerm, PodAffinity, PodAffinityTerm, PodSpec
 
 
-def excess(spec: PodSpec) -> str:
+def exceeded_limit(spec: PodSpec) -> str:
     """Why a pod with this spec is rejected; empty for every pod within the limits."""
     for what, most, count in _LIMITS:
         if (found := count(spec)) > most:

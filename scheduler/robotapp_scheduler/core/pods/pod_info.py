@@ -27,7 +27,7 @@ from robotapp_scheduler.core.selectors.label_sets import LabelSet
 ROS_FEATURES: Final = "ros"
 VOLUME_FEATURE: Final = "volumes"
 OWN_FEATURES: Final = frozenset({"uid", "name", "annotations", "annotated_hardware", "node_name"})
-"""Features in which replicas differ; the others follow from the pod's shape."""
+"""Features in which replicas differ; the others follow from the pod's signature."""
 LIVE: Final = (ROS_FEATURES, VOLUME_FEATURE)
 """Features that depend on more than the pod: found anew at each attempt, never kept."""
 NO_ROS: Final[tuple[Hashable, ...]] = (None,)
@@ -66,7 +66,7 @@ class PodInfo:
         """(QoS class, reliability, liveliness) for the queue; None for a pod without ROS fields."""
         self.volume_key: Hashable = None
         """What its volumes look like right now; None for a pod without volumes. Set like `ros`."""
-        self.shape = PodSignature(pod) if signature is None else signature
+        self.signature = PodSignature(pod) if signature is None else signature
         """What it has in common with other replicas."""
 
     def __repr__(self) -> str:
@@ -93,14 +93,14 @@ class PodInfo:
         return self.priority >= SYSTEM_CRITICAL
 
     @property
-    def excess(self) -> str:
+    def exceeded_limit(self) -> str:
         """Why it is refused before anything is looked up for it; empty for every sane pod."""
-        return self.shape.excess
+        return self.signature.exceeded_limit
 
     @property
     def requests(self) -> PodRequests:
         """Sums of resources; raises ValueError when a quantity cannot be read."""
-        return self.shape.requests
+        return self.signature.requests
 
     @property
     def tolerations(self) -> tuple[Toleration, ...]:
@@ -125,12 +125,12 @@ class PodInfo:
     @property
     def affinity_key(self) -> bytes:
         """Pod affinity and anti-affinity as a key, b"" without any."""
-        return self.shape.affinity_key
+        return self.signature.affinity_key
 
     @property
     def images(self) -> tuple[str, ...]:
         """Images of init containers, containers and image volumes, by the names nodes report them under."""
-        return self.shape.images
+        return self.signature.images
 
     @property
     def image_volumes(self) -> int:
@@ -140,7 +140,7 @@ class PodInfo:
     @property
     def host_ports(self) -> tuple[HostPort, ...]:
         """Ports the pod takes on its node, each once."""
-        return self.shape.host_ports
+        return self.signature.host_ports
 
     @property
     def volumes(self) -> PodVolumes | None:
@@ -154,7 +154,7 @@ class PodInfo:
     @property
     def needs(self) -> frozenset[str]:
         """Features the node must declare."""
-        return self.shape.needs
+        return self.signature.needs
 
     @property
     def controller(self) -> OwnerReference | None:
@@ -185,19 +185,19 @@ class PodInfo:
 
     def features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
         """The values of some features as a key: two pods with equal keys are equal to every rule that reads these."""
-        shape = self.shape
-        key = shape.keys.get(names)
+        signature = self.signature
+        key = signature.keys.get(names)
         if key is None:
-            facts = shape.facts
+            facts = signature.facts
             key = tuple([facts[name] if name in facts else self._feature(name) for name in names])
             if _shared(names):
-                shape.keys[names] = key
+                signature.keys[names] = key
         return key
 
     def _feature(self, name: str) -> Hashable:
         value = FEATURES[name](self)
         if name not in OWN_FEATURES:
-            self.shape.facts[name] = value
+            self.signature.facts[name] = value
         return value
 
     def live_features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
@@ -209,7 +209,7 @@ class PodInfo:
 
 @cache
 def _shared(names: tuple[str, ...]) -> bool:
-    """Do pods of one shape share these features?"""
+    """Do pods of one signature share these features?"""
     return OWN_FEATURES.isdisjoint(names)
 
 
@@ -289,8 +289,8 @@ class PlacedPod(msgspec.Struct, gc=False):
     """Where pods with these labels are; set while the pod is placed."""
     terms: tuple[PlacedTerm, ...] = ()
     """Its affinity terms as the cluster counts them; set while the pod is placed."""
-    shape: int = 0
-    """Number of the pod's shape."""
+    signature: int = 0
+    """Number of the pod's signature."""
 
     @property
     def footprint(self) -> tuple[object, ...]:

@@ -1,6 +1,6 @@
 """What pods with the same spec, labels and owner have in common, computed once: 2,000 replicas share one `PodSignature`.
 
-`needs_of` finds the kubelet features that a spec needs, by the names under which nodes declare them.
+`required_features_of` finds the kubelet features that a spec needs, by the names under which nodes declare them.
 """
 
 from collections.abc import Hashable, Mapping
@@ -13,7 +13,7 @@ from robotapp_api.values.requests import PodRequests, pod_requests
 from robotapp_scheduler.core.api.core_v1 import Container, OwnerReference, Pod, PodSpec
 from robotapp_scheduler.core.nodes.columns import ResourceColumns
 from robotapp_scheduler.core.pods.cached_property import CachedProperty
-from robotapp_scheduler.core.pods.limits import excess
+from robotapp_scheduler.core.pods.limits import exceeded_limit
 from robotapp_scheduler.core.selectors.affinity_terms import affinity_key
 from robotapp_scheduler.core.selectors.label_sets import LabelSetKey, label_key
 
@@ -23,7 +23,7 @@ MOUNT_OPTIONS: Final = "VolumeBindMountOptions"
 NOTHING: Final[frozenset[str]] = frozenset()
 
 
-def needs_of(spec: PodSpec) -> frozenset[str]:
+def required_features_of(spec: PodSpec) -> frozenset[str]:
     """Empty for nearly every pod."""
     containers = spec.containers if not spec.init_containers else [*spec.containers, *spec.init_containers]
     found: set[str] = set()
@@ -38,7 +38,7 @@ def needs_of(spec: PodSpec) -> frozenset[str]:
 
 
 ANY_IP: Final = "0.0.0.0"  # noqa: S104 - the wildcard a hostPort without hostIP stands for, nothing is bound here
-MOST_SHAPES: Final = 2048
+MAX_SIGNATURES: Final = 2048
 MOST_KEY_BYTES: Final = 16_384
 """Larger pods are not remembered: two thousand of 1.5 MB would fill the memory."""
 _numbers: Final = count(1)
@@ -54,12 +54,12 @@ class HostPort(NamedTuple):
 
 
 class PodSignature:
-    """Answers that follow from what `PodSignatures` compares. `pod` is any of the pods that have it."""
+    """Results that follow from what `PodSignatures` compares. `pod` is any of the pods that have it."""
 
     def __init__(self, pod: Pod) -> None:
         self._pod = pod
         self.number = next(_numbers)
-        """Tells shapes apart; a shape that was dropped and made again has another one."""
+        """Distinguishes signatures; a signature that was dropped and made again has another one."""
         self.keys: dict[tuple[str, ...], tuple[Hashable, ...]] = {}
         """Features of such pods by their names (core.pods.pod_info)."""
         self.facts: dict[str, Hashable] = {}
@@ -71,9 +71,9 @@ class PodSignature:
         return f"PodSignature(of {self._pod.key})"
 
     @CachedProperty
-    def excess(self) -> str:
+    def exceeded_limit(self) -> str:
         """Why nothing is looked up for such pods; empty for every sane one."""
-        return excess(self._pod.spec)
+        return exceeded_limit(self._pod.spec)
 
     @CachedProperty
     def requests(self) -> PodRequests:
@@ -104,7 +104,7 @@ class PodSignature:
     @CachedProperty
     def needs(self) -> frozenset[str]:
         """Features the node must declare."""
-        return needs_of(self._pod.spec)
+        return required_features_of(self._pod.spec)
 
     def held(self, columns: ResourceColumns) -> tuple[tuple[int, int], ...]:
         """Amounts such a pod holds, by index of their columns; found once, unless some are left out: that may change."""
@@ -129,7 +129,7 @@ class PodSignatures:
         return f"PodSignatures({len(self._by_key)} kept)"
 
     def of(self, pod: Pod) -> PodSignature:
-        """The signature of a pod. What tells replicas apart (name, uid, node, annotations, status) is not part of it."""
+        """The signature of a pod. What distinguishes replicas (name, uid, node, annotations, status) is not part of it."""
         if pod.status.resizes:
             return PodSignature(pod)  # it holds something else than its spec says
         try:
@@ -140,14 +140,14 @@ class PodSignatures:
             return PodSignature(pod)
         found = self._by_key.get(key)
         if found is None:
-            if len(self._by_key) >= MOST_SHAPES:
+            if len(self._by_key) >= MAX_SIGNATURES:
                 self._by_key.clear()
             found = self._by_key[key] = PodSignature(pod)
         return found
 
 
-def same_shape(old: Pod, labels: Mapping[str, str], new: Pod) -> bool:
-    """Has a pod still the shape it had with these labels? Compares what `PodSignatures` encodes, and says False in doubt."""
+def same_signature(old: Pod, labels: Mapping[str, str], new: Pod) -> bool:
+    """Has a pod still the signature it had with these labels? Compares what `PodSignatures` encodes; False in doubt."""
     if old.status.resizes or new.status.resizes:
         return False
     before, now = old.metadata, new.metadata

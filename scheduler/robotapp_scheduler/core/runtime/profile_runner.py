@@ -111,7 +111,7 @@ class ProfileRunner:
 
     def _asked(self, pod: PodInfo) -> list[RegisteredPlugin]:
         """The plugins whose pre_filter may have an opinion about such pods."""
-        notes, key = pod.shape.notes, self._plain if pod.ros is None else self._with_ros
+        notes, key = pod.signature.notes, self._plain if pod.ros is None else self._with_ros
         found: list[RegisteredPlugin] | None = notes.get(key)
         if found is None:
             found = notes[key] = [

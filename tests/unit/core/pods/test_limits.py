@@ -6,9 +6,9 @@ from tests.support.cluster_cases import FAMILIES, Case, cases
 from tests.support.poison import poison_pods
 from tests.support.scheduling import make_core, make_node, make_pod, to_pod
 
-from robotapp_scheduler.core.cycle.diagnosis import EXCESS
+from robotapp_scheduler.core.cycle.diagnosis import EXCESSIVE_POD
 from robotapp_scheduler.core.framework.interface import Code
-from robotapp_scheduler.core.pods.limits import excess
+from robotapp_scheduler.core.pods.limits import exceeded_limit
 
 EXCESSIVE = {
     "spread-keys-hard": "5000 topologySpreadConstraints, more than 64",
@@ -31,7 +31,7 @@ POISON = {each.name: each for each in poison_pods()}
 
 @pytest.mark.parametrize("name", EXCESSIVE)
 def test_too_much_of_anything_is_named_with_its_number_and_the_limit(name: str) -> None:
-    told = excess(to_pod(POISON[name].body).spec)
+    told = exceeded_limit(to_pod(POISON[name].body).spec)
     assert told == f"pod asks for {EXCESSIVE[name]} are not looked up"
 
 
@@ -41,19 +41,19 @@ def test_an_excessive_pod_is_told_so_and_only_its_own_change_brings_it_back() ->
     (queued,) = core.queue.pop()
     (decision,) = core.schedule([queued])
     assert decision.code is Code.UNRESOLVABLE
-    assert decision.rejected_by == {EXCESS}
+    assert decision.rejected_by == {EXCESSIVE_POD}
     assert decision.message == (
         "0/1 nodes are available: pod asks for 10000 nodeSelector labels, more than 512 are not looked up."
     )
 
 
 def test_ordinary_pods_ask_for_nothing_excessive() -> None:
-    assert excess(make_pod("p").spec) == ""
+    assert exceeded_limit(make_pod("p").spec) == ""
 
 
 @given(cases(list(FAMILIES)))
 def test_no_pod_of_the_comparisons_is_excessive(case: Case) -> None:
-    assert excess(to_pod(case.pod).spec) == ""
+    assert exceeded_limit(to_pod(case.pod).spec) == ""
 
 
 def test_every_poison_has_a_name_of_its_own() -> None:

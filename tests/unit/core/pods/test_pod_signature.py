@@ -49,7 +49,7 @@ def test_replicas_that_differ_in_name_node_annotations_and_token_volume_are_one_
 @pytest.mark.parametrize("fields", OTHER.values(), ids=OTHER)
 def test_a_pod_that_differs_in_something_a_rule_reads_is_another_shape(fields: dict[str, Any]) -> None:
     plain, other = make_info("plain"), make_info("other", **fields)
-    assert plain.shape is not other.shape
+    assert plain.signature is not other.signature
     features = tuple(sorted(FEATURES.keys() - OWN_FEATURES - {n for n in FEATURES if n.startswith(LIVE)}))
     assert plain.features(features) != other.features(features)
 
@@ -74,9 +74,9 @@ def test_pods_with_an_ephemeral_volume_share_nothing_because_its_claim_is_named_
     assert infos[0].features(("mounts",)) != infos[1].features(("mounts",))
 
 
-def test_the_shapes_that_are_kept_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_signatures_that_are_kept_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     signatures = PodSignatures()
-    monkeypatch.setattr(pod_signature, "MOST_SHAPES", 3)
+    monkeypatch.setattr(pod_signature, "MAX_SIGNATURES", 3)
     for i in range(20):
         signatures.of(make_pod(labels={"app": f"a{i}"}))
     assert int(repr(signatures).removeprefix("PodSignatures(").split()[0]) <= 3

@@ -7,7 +7,7 @@ from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.pods.pod_signature import needs_of
+from robotapp_scheduler.core.pods.pod_signature import required_features_of
 from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, is_new
 
 
@@ -41,4 +41,4 @@ class NodeDeclaredFeatures:
 
     def hint(self, pod: PodInfo, event: Event) -> bool:  # noqa: ARG002 - the contract's signature
         """A node declares something else; or the pod's own needs are different."""
-        return event.resource != "pods" or needs_of(event.old.spec) != needs_of(event.new.spec)
+        return event.resource != "pods" or required_features_of(event.old.spec) != required_features_of(event.new.spec)

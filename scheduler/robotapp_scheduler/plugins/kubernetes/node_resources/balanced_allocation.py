@@ -94,7 +94,7 @@ class NodeResourcesBalancedAllocation:
 
     def _state(self, pod: PodInfo) -> "_PreScoreState | None":
         """None when the pod asks for none of the resources."""
-        notes = pod.shape.notes
+        notes = pod.signature.notes
         if self not in notes:
             wanted = pod.requests.exact
             names = tuple(name for name in self._names if name in NATIVE or wanted.get(name, 0))

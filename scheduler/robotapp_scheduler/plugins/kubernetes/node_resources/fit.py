@@ -132,12 +132,14 @@ class NodeResourcesFit:
         return self._strategy.columns(nodes.block("allocatable", state.names), used, state.weights)
 
     def _state(self, pod: PodInfo) -> "_PreFilterState":
-        found: _PreFilterState | None = pod.shape.notes.get(self)
+        found: _PreFilterState | None = pod.signature.notes.get(self)
         if found is None:
             wanted = pod.requests.scored
             scored = [each for each in self._resources if each.name in NATIVE or wanted.get(each.name, 0)]
             amounts = {each.name: wanted.get(each.name, 0) for each in scored}
-            found = pod.shape.notes[self] = _PreFilterState(self.room(pod), _Scored(amounts, self._weights_of(scored)))
+            found = pod.signature.notes[self] = _PreFilterState(
+                self.room(pod), _Scored(amounts, self._weights_of(scored))
+            )
         return found
 
     def _weights_of(self, scored: Sequence[ResourceWeight]) -> Weights:

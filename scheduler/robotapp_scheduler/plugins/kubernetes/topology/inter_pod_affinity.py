@@ -183,7 +183,7 @@ class InterPodAffinity:
         terms = topology.terms_of(pod)
         if terms.broken:
             raise PluginError(self.name, f"the selector of {terms.broken} cannot be evaluated")
-        return terms, topology.affinity.pull(pod.shape.label_key)
+        return terms, topology.affinity.pull(pod.signature.label_key)
 
 
 def _values(nodes: Snapshot, key: str, *terms: Term) -> IntArray:
@@ -216,9 +216,9 @@ def _add(sums: dict[str, IntArray], key: str, values: IntArray) -> None:
 def _readable(pod: PodInfo) -> Terms:
     if pod.affinity is None:
         return NO_TERMS
-    found: Terms | None = pod.shape.notes.get(_readable)
+    found: Terms | None = pod.signature.notes.get(_readable)
     if found is None:
-        found = pod.shape.notes[_readable] = compiled(pod.namespace, pod.affinity)
+        found = pod.signature.notes[_readable] = compiled(pod.namespace, pod.affinity)
     return found
 
 

@@ -164,10 +164,10 @@ class PodTopologySpread:
         requirements = nodes.cluster.topology.selectors.of(pod)
         if not requirements:
             return ()
-        known = pod.shape.notes.get((self, when))
+        known = pod.signature.notes.get((self, when))
         if known is None or known[0] is not requirements:
             found = default_constraints(pod, when, self._defaults, requirements)
-            known = pod.shape.notes[self, when] = (requirements, found)
+            known = pod.signature.notes[self, when] = (requirements, found)
         constraints: tuple[Constraint, ...] = known[1]
         return constraints
 
