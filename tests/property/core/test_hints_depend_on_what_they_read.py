@@ -38,13 +38,13 @@ def event(random: Random) -> Event:
 @pytest.mark.parametrize("seed", range(30))
 @pytest.mark.parametrize("plugin", [PodTopologySpread(), InterPodAffinity()], ids=["spread", "affinity"])
 def test_pods_that_are_equal_in_them_get_the_same_answer(plugin: Any, seed: int) -> None:
-    random, waker, compared = Random(seed), RegisteredPlugin(plugin).waker, 0
+    random, queueing_hint, compared = Random(seed), RegisteredPlugin(plugin).queueing_hint, 0
     pods = [make_info(f"p{i}", labels=labels(random), **company(random)) for i in range(30)]
     for seen in [event(random) for _ in range(20)]:
-        if waker.of_each is not None and waker.of_each(seen):
+        if queueing_hint.of_each is not None and queueing_hint.of_each(seen):
             continue
         for left, right in combinations(pods, 2):
-            if waker.key(left) == waker.key(right):
+            if queueing_hint.key(left) == queueing_hint.key(right):
                 compared += 1
-                assert waker.wants(left, seen) == waker.wants(right, seen)
+                assert queueing_hint.wants(left, seen) == queueing_hint.wants(right, seen)
     assert compared

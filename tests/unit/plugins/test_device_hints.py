@@ -11,14 +11,14 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.api.ros import DeviceRequest, RosContext
-from robotapp_scheduler.core.cycle.diagnosis import BIND_CHECK, FULL_POOL, WAKERS
+from robotapp_scheduler.core.cycle.diagnosis import BIND_CHECK, FULL_POOL, HINTS
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.ros.hardware_affinity import HardwareAffinityFilter
 from robotapp_scheduler.plugins.ros.reserve import ROSReserve
 
-RESERVE = RegisteredPlugin(ROSReserve()).waker
+RESERVE = RegisteredPlugin(ROSReserve()).queueing_hint
 CAN = json.dumps({"hardware_requirements": [{"type": "can"}]})
 
 
@@ -97,39 +97,41 @@ def test_pods_that_want_other_devices_do_not_share_a_turn() -> None:
 
 
 def test_of_those_who_wait_for_a_domain_pods_that_want_devices_as_well_have_a_turn_of_their_own() -> None:
-    waker = WAKERS[FULL_POOL]
+    queueing_hint = HINTS[FULL_POOL]
     wishes = [json.dumps({"hardware_requirements": [{"type": kind}]}) for kind in ("can", "can", "serial")]
     can, too, serial = (
         make_info(f"p{i}", annotations={str(Annotation.AFFINITY): text}) for i, text in enumerate(wishes)
     )
-    assert waker.key(can) == waker.key(too)
-    assert len({waker.key(pod) for pod in (can, serial, make_info("plain"), make_info("other"))}) == 3
-    assert waker.key(make_info("broken", annotations={str(Annotation.AFFINITY): "{"})) == waker.key(make_info("plain"))
-    assert waker.most(can, changed(domain(7), None)) == 1
+    assert queueing_hint.key(can) == queueing_hint.key(too)
+    assert len({queueing_hint.key(pod) for pod in (can, serial, make_info("plain"), make_info("other"))}) == 3
+    assert queueing_hint.key(make_info("broken", annotations={str(Annotation.AFFINITY): "{"})) == queueing_hint.key(
+        make_info("plain")
+    )
+    assert queueing_hint.most(can, changed(domain(7), None)) == 1
 
 
 def test_an_app_that_changes_wakes_its_own_pods_alone_where_hardware_was_missing() -> None:
-    waker = RegisteredPlugin(HardwareAffinityFilter()).waker
+    queueing_hint = RegisteredPlugin(HardwareAffinityFilter()).queueing_hint
     event = Event("robotapps", Change.APPS, None, RobotApp(metadata=Metadata(uid="app")))
-    assert [waker.wants(pod, event) for pod in (bare(), member())] == [False, True]
-    assert waker.wants(bare(), Event("nodes", Change.LABELS, make_pod("n"), make_pod("n")))
+    assert [queueing_hint.wants(pod, event) for pod in (bare(), member())] == [False, True]
+    assert queueing_hint.wants(bare(), Event("nodes", Change.LABELS, make_pod("n"), make_pod("n")))
 
 
 def test_an_app_s_pod_without_its_claim_waits_for_that_claim_or_its_app() -> None:
-    waker = WAKERS[BIND_CHECK]
+    queueing_hint = HINTS[BIND_CHECK]
     named = member()
     named.annotations = {str(Annotation.DOMAIN_CLAIM): "dds.default.c.7"}
     events = [changed(None, domain(7)), changed(None, domain(8)), changed(None, claim())]
-    assert [waker.wants(named, event) for event in events] == [True, False, False]
-    assert [waker.wants(member(), event) for event in events] == [True, True, False]
-    assert not waker.wants(member(), changed(None, domain(8, uid="another")))
+    assert [queueing_hint.wants(named, event) for event in events] == [True, False, False]
+    assert [queueing_hint.wants(member(), event) for event in events] == [True, True, False]
+    assert not queueing_hint.wants(member(), changed(None, domain(8, uid="another")))
     apps = [Event("robotapps", Change.APPS, None, RobotApp(metadata=Metadata(uid=uid))) for uid in ("app", "b")]
-    assert [waker.wants(named, event) for event in apps] == [True, False]
-    assert not waker.wants(named, gone())
+    assert [queueing_hint.wants(named, event) for event in apps] == [True, False]
+    assert not queueing_hint.wants(named, gone())
 
 
 def test_a_pod_that_changed_itself_is_tried_again() -> None:
     event = Event("pods", Change.SELF, make_pod("bare"), make_pod("bare", annotations={"a": "b"}))
-    for waker in (RESERVE, WAKERS[BIND_CHECK], WAKERS[FULL_POOL]):
-        assert waker.wants(bare(), event)
-        assert waker.most(bare(), event) in {None, 1}
+    for queueing_hint in (RESERVE, HINTS[BIND_CHECK], HINTS[FULL_POOL]):
+        assert queueing_hint.wants(bare(), event)
+        assert queueing_hint.most(bare(), event) in {None, 1}

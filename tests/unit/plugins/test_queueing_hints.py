@@ -21,7 +21,7 @@ WEB = {"app": "web"}
 
 
 def wants(plugin: str, pod: PodInfo, event: Event) -> bool:
-    return RegisteredPlugin(catalogue().classes[plugin]()).waker.wants(pod, event)
+    return RegisteredPlugin(catalogue().classes[plugin]()).queueing_hint.wants(pod, event)
 
 
 def added(**fields: Any) -> Event:

@@ -50,7 +50,7 @@ def _quorum(core: Placer, decisions: list[ScheduleResult], ref: GroupRef) -> lis
     if there >= needed:
         return decisions
     failures = [decision for decision in decisions if not decision.placed]
-    _evict_in_vain_nobody(core, failures, needed - there)
+    _evict_nothing_in_vain(core, failures, needed - there)
     text = f"{UNSCHEDULABLE_GROUP}minCount ({needed}) cannot be satisfied: {there} scheduled, 0 remaining"
     if failures:
         text += f"; {failures[0].pod.name}: {failures[0].message}"
@@ -70,7 +70,7 @@ def _app(core: Placer, decisions: list[ScheduleResult]) -> list[ScheduleResult]:
     ]
     if not failures or not _wants_all(cluster, decisions[0].pod, {d.pod.uid for d in decisions}):
         return decisions
-    _evict_in_vain_nobody(core, failures, len(failures))
+    _evict_nothing_in_vain(core, failures, len(failures))
     stuck = failures[0]
     component = stuck.pod.member.component if stuck.pod.member else stuck.pod.name
     text = f"the app is placed whole or not at all, and component {component} cannot be placed: {stuck.message}"
@@ -99,7 +99,7 @@ def _wants_all(cluster: Cache, pod: PodInfo, planned: set[str]) -> bool:
 # --- Both ------------------------------------------------------------------------------------------------------------
 
 
-def _evict_in_vain_nobody(core: Placer, failures: Sequence[ScheduleResult], missing: int) -> None:
+def _evict_nothing_in_vain(core: Placer, failures: Sequence[ScheduleResult], missing: int) -> None:
     """Drop the plans to make room unless they would make the group whole, each thought through after the one before."""
     if all(failure.plan is None for failure in failures) or _rescued(core, failures, missing):
         return

@@ -1,6 +1,6 @@
 """The result for a pod that got no node: the reason in upstream's words, and what its profile does about it (PostFilter).
 
-`WAKERS` are the queueing hints of the names that stand for a plugin in such a result, such as a full pool.
+`HINTS` are the queueing hints of the names that stand for a plugin in such a result, such as a full pool.
 """
 
 from typing import Final
@@ -214,9 +214,9 @@ def about_its_domain(pod: PodInfo, event: Event) -> bool:
     return claim.name == named if named else pod.member is not None and pod.member.app_uid == claim.holder.uid
 
 
-WAKERS: Final = {
-    waker.plugin: waker
-    for waker in (
+HINTS: Final = {
+    queueing_hint.plugin: queueing_hint
+    for queueing_hint in (
         QueueingHint(ANNOTATIONS, Change.NONE),
         QueueingHint(EXCESSIVE_POD, Change.NONE),
         QueueingHint(UNFIT_PROFILE, Change.NONE),

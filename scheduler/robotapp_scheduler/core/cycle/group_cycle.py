@@ -131,7 +131,7 @@ class Placer(Protocol):
         """How many nodes would take the pod now, and their names when there are not too many."""
 
 
-def plan_together(
+def plan_group(
     core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], placement: GroupPlacement | None = None
 ) -> list[ScheduleResult]:
     """Decisions for all pods, in the order in which they were tried last. A plan is followed as a whole, or not."""

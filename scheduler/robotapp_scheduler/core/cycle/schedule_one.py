@@ -5,14 +5,14 @@ from typing import Any, Final
 
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
 from robotapp_scheduler.core.cache.cache import Cache
-from robotapp_scheduler.core.cycle.diagnosis import WAKERS, Diagnosis, closed, excessive, held, unfit, unreadable
+from robotapp_scheduler.core.cycle.diagnosis import HINTS, Diagnosis, closed, excessive, held, unfit, unreadable
 from robotapp_scheduler.core.cycle.explain_recorder import Recorder
 from robotapp_scheduler.core.cycle.group_cycle import (
     NO_HINT,
     GroupPlacement,
     PlacementHint,
     only_one_plan,
-    plan_together,
+    plan_group,
 )
 from robotapp_scheduler.core.cycle.group_gates import (
     GangGates,
@@ -81,7 +81,7 @@ class SchedulerCore:
             clock=clock,
             key=self._queue_key,
             gate=self._gate,
-            hint=self._waker,
+            hint=self._hint_of,
             group=group_key,
             initial_backoff_s=initial_backoff_s,
             max_backoff_s=max_backoff_s,
@@ -174,7 +174,7 @@ class SchedulerCore:
         attempts = {queued.info.uid: queued.attempts for queued in pods}
         self._together = frozenset(attempts)
         try:
-            decisions = only_one_plan(plan_together(self, [queued.info for queued in pods], attempts, placement))
+            decisions = only_one_plan(plan_group(self, [queued.info for queued in pods], attempts, placement))
         finally:
             self._together = frozenset()
         if placement is not None:
@@ -371,10 +371,10 @@ class SchedulerCore:
 
     # --- Wiring of the queue -------------------------------------------------------------------------------------
 
-    def _waker(self, pod: PodInfo, plugin: str) -> QueueingHint:
+    def _hint_of(self, pod: PodInfo, plugin: str) -> QueueingHint:
         engine = self._engines.get(pod.scheduler_name)
         loaded = engine.profile.all.get(plugin) if engine is not None else None
-        return loaded.waker if loaded is not None else WAKERS.get(plugin) or QueueingHint(plugin)
+        return loaded.queueing_hint if loaded is not None else HINTS.get(plugin) or QueueingHint(plugin)
 
     def _queue_key(self, pod: PodInfo, queued_s: float) -> tuple[Any, ...]:
         engine = self._engines.get(pod.scheduler_name)

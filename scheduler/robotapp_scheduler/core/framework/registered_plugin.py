@@ -76,11 +76,11 @@ class RegisteredPlugin:
         self.touched_by: TouchedBy | None = getattr(plugin, "touched_by", None)
         self.beside: BesideHook | None = getattr(plugin, "beside", None)
         self.room: Room | None = getattr(plugin, "room", None)
-        self.waker = self._waker_of(plugin)
+        self.queueing_hint = self._queueing_hint_of(plugin)
         self.pre_enqueue: Callable[[PodInfo], Status | None] | None = getattr(plugin, "pre_enqueue", None)
         self.queue_key: Callable[[PodInfo, float], tuple[Any, ...]] | None = getattr(plugin, "queue_key", None)
 
-    def _waker_of(self, plugin: Any) -> QueueingHint:
+    def _queueing_hint_of(self, plugin: Any) -> QueueingHint:
         return QueueingHint(
             self.name,
             self.events,

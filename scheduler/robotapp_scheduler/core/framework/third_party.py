@@ -74,8 +74,8 @@ def guarded(loaded: RegisteredPlugin) -> RegisteredPlugin:
         loaded.pre_enqueue = _held_when_broken(loaded, loaded.pre_enqueue)
     if loaded.queue_key is not None:
         loaded.queue_key = _ordered(loaded, loaded.queue_key)
-    if loaded.waker.hint is not None:
-        loaded.waker = loaded.waker._replace(hint=_yes_when_broken(loaded, loaded.waker.hint))
+    if loaded.queueing_hint.hint is not None:
+        loaded.queueing_hint = loaded.queueing_hint._replace(hint=_yes_when_broken(loaded, loaded.queueing_hint.hint))
     return loaded
 
 

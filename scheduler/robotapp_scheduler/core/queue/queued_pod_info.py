@@ -55,7 +55,7 @@ class QueuedPodInfo:
         return f"QueuedPodInfo({self.info.key}, attempts={self.attempts}, gate={self.gate and self.gate.plugin})"
 
     @property
-    def refused_by(self) -> frozenset[str]:
+    def rejected_by(self) -> frozenset[str]:
         """The plugins that keep it from being tried or placed; none for an error or before its first attempt."""
         if self.gate is not None:
             return frozenset((self.gate.plugin,))

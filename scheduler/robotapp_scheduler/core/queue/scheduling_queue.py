@@ -76,7 +76,7 @@ class SchedulingQueue:
         found: dict[tuple[str, str], int] = {}
         for uid, queued in self._pods.items():
             if uid not in self._active and uid not in self._flying:
-                for plugin in queued.refused_by:
+                for plugin in queued.rejected_by:
                     key = (plugin, queued.info.scheduler_name)
                     found[key] = found.get(key, 0) + 1
         return found

@@ -97,7 +97,7 @@ class ROSReserve:
             await ctx.handle.claims.bound(ctx.reserved)
 
 
-def domain_wish(pod: PodInfo) -> str:
+def requested_domain(pod: PodInfo) -> str:
     """What a bare pod's dds-domain annotation has: "auto", a number, or nothing. Apps get theirs from the operator."""
     request = pod.ros_request if pod.member is None else None
     return request.dds_domain if isinstance(request, RosRequest) else ""
@@ -105,7 +105,7 @@ def domain_wish(pod: PodInfo) -> str:
 
 def wants(pod: PodInfo, granted: Sequence[DeviceGrant]) -> bool:
     """Has anything to be claimed, or written into the Binding, before this pod may be bound?"""
-    return bool(granted) or bool(domain_wish(pod))
+    return bool(granted) or bool(requested_domain(pod))
 
 
 def _waiting(found: Reserved, name: str) -> Reserved:

@@ -31,7 +31,7 @@ from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
 from robotapp_scheduler.core.framework.handle import READY, Readiness, Reserved
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
-from robotapp_scheduler.plugins.ros.reserve import domain_wish, wants
+from robotapp_scheduler.plugins.ros.reserve import requested_domain, wants
 
 log = logging.getLogger(__name__)
 
@@ -94,7 +94,7 @@ class ClaimReserver:
         """
         if not wants(pod, wanted):
             return READY
-        domain = domain_wish(pod)
+        domain = requested_domain(pod)
         try:
             if not domain:
                 return await self._claim(pod, node, wanted, "")
@@ -153,7 +153,7 @@ class ClaimReserver:
 
         Of those who wait one in a second is asked all the same, so that somebody reads the pool again.
         """
-        domain, now_s = domain_wish(pod), self._client.clock()
+        domain, now_s = requested_domain(pod), self._client.clock()
         if not domain or self._pool is None or now_s - self._asked_s >= POOL_S:
             self._asked_s = now_s
             return None

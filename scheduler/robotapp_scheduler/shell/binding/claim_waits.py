@@ -39,9 +39,9 @@ class ClaimWaits:
         Hundreds of them may wait. Decided and refused at its claims, a pod would give back the room and the device it
         was promised, which wakes the next.
         """
-        refused_by = queued.refused_by
+        rejected_by = queued.rejected_by
         nominated = self._core.cluster.nominations.node_of(queued.info.uid)
-        wants_claims = (refused_by == NO_DOMAIN or DEVICE_PLUGIN in refused_by) and not nominated
+        wants_claims = (rejected_by == NO_DOMAIN or DEVICE_PLUGIN in rejected_by) and not nominated
         if not self._core.engine(queued.info.scheduler_name).profile.reserves_devices:
             return False  # another configuration came since
         full = self._reserver.known_full(queued.info) if wants_claims else None

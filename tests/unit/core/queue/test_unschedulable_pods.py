@@ -145,7 +145,7 @@ def test_a_hint_that_raises_counts_as_yes_and_is_logged(caplog: pytest.LogCaptur
     def broken(pod: PodInfo, event: Event) -> bool:
         raise ValueError(pod.name + event.resource)
 
-    waker = QueueingHint("Broken", Change.ALL, broken, ("uid",))
+    queueing_hint = QueueingHint("Broken", Change.ALL, broken, ("uid",))
     with caplog.at_level(logging.ERROR):
-        assert waker.wants(make_info("p"), GONE)
+        assert queueing_hint.wants(make_info("p"), GONE)
     assert "queueing hint of Broken failed for default/p on AssignedPodDelete" in caplog.text

@@ -20,7 +20,7 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.handle import Readiness, Reserved
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
-from robotapp_scheduler.plugins.ros.reserve import domain_wish
+from robotapp_scheduler.plugins.ros.reserve import requested_domain
 from robotapp_scheduler.shell.binding.claim_reserver import (
     ClaimReserver,
     granted_pods,
@@ -328,7 +328,7 @@ def test_a_device_id_that_is_no_dns_label_is_claimed_under_its_hash() -> None:
 
 @pytest.mark.parametrize(("annotation", "wish"), [("auto", "auto"), ("7", "7"), (json.dumps("x"), "")])
 def test_only_a_usable_dds_domain_annotation_is_a_wish(annotation: str, wish: str) -> None:
-    assert domain_wish(info(annotations={str(Annotation.DDS_DOMAIN): annotation})) == wish
+    assert requested_domain(info(annotations={str(Annotation.DDS_DOMAIN): annotation})) == wish
 
 
 def test_the_sweep_is_shown_running_bare_pods_with_grants_only() -> None:

@@ -120,4 +120,4 @@ async def test_a_pod_whose_device_is_free_again_is_not_decided_while_no_domain_i
     assert rig.said.lines == [(PodReason.WAITING_FOR_DOMAIN, "p1", TEXT)]
     waits = rig.core.queue.get("uid-p1")
     assert waits is not None
-    assert waits.refused_by == {FULL_POOL}
+    assert waits.rejected_by == {FULL_POOL}

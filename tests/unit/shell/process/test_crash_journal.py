@@ -137,7 +137,7 @@ async def test_hooks_on_the_way_to_the_node_and_hints_are_not_asked_either(tmp_p
     assert refused.message.startswith(
         'running Reserve plugin "Dies": plugin Dies: not asked about pods like default/bad'
     )
-    assert profile.all["Dies"].waker.wants(pod, Event("pods", Change.POD_REMOVED, pod.pod, None))
+    assert profile.all["Dies"].queueing_hint.wants(pod, Event("pods", Change.POD_REMOVED, pod.pod, None))
     assert Dies.asked == []
 
 

@@ -171,7 +171,9 @@ async def test_a_hint_without_end_counts_as_yes() -> None:
             return False
 
     (hint,) = [
-        each.waker for each in core_with(Wonders).engine(SCHEDULER_NAME).profile.filters if each.name == "Wonders"
+        each.queueing_hint
+        for each in core_with(Wonders).engine(SCHEDULER_NAME).profile.filters
+        if each.name == "Wonders"
     ]
     pod = make_info("p")
     async with watched():
