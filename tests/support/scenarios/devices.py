@@ -112,6 +112,8 @@ def _runs(pod: Mapping[str, Any] | None) -> bool:
 
 
 def _told(place: Place, name: str) -> str:
-    """What the app's status tells about its device."""
+    """What the app's status, its pod and the Events about that tell of the device."""
     stored = place.watch.get(ROBOTAPPS, f"{place.namespace}/{name}") or {}
-    return str(condition(stored, Condition.ALLOCATED).get("message", ""))
+    pod = _pod_of(place, name)
+    by_pod = place.told(pod["metadata"]["name"]) if pod else ""
+    return f"{condition(stored, Condition.ALLOCATED).get('message', '')}\n{by_pod}"

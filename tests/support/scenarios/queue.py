@@ -11,14 +11,13 @@ from robotapp_api.model.names import Annotation
 CLASSES = ("realtime", "", "best_effort")
 """First to last; a pod without the annotation is in the middle."""
 NODE = Room(1000, 128)
-MOST_MORE = 6
 
 
 def by_class(place: Place) -> Verdict:
     """A node has room for some of the pods that wait for it: it is given by class, in whatever order they were created."""
     node = max(place.cluster.nodes, key=lambda each: place.cluster.places([each.name], NODE)).name
     room = place.cluster.places([node], NODE)
-    count = max(len(CLASSES), room + place.rng.randint(1, MOST_MORE))
+    count = max(len(CLASSES), room + place.rng.randint(1, room + 1))
     chosen = [*CLASSES, *(place.rng.choice(CLASSES) for _ in range(count - len(CLASSES)))]
     place.rng.shuffle(chosen)
     with place.running.away():
