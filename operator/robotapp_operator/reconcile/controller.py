@@ -132,8 +132,8 @@ class Controller:
                 log.info("%s: %s", key, race)
             except ClientError as error:
                 result("error")
-                retry_after_s = error.retry_after_s if isinstance(error, ApiError) else None
-                delay_s = self._queue.retry(key, at_least_s=retry_after_s or 0.0)
+                least_s = error.pause_s if isinstance(error, ApiError) else 0.0
+                delay_s = self._queue.retry(key, at_least_s=least_s)
                 quiet = isinstance(error, TooManyRequests)
                 log.log(logging.INFO if quiet else logging.WARNING, "%s: %s; again in %.1f s", key, error, delay_s)
             except Exception as bug:  # the loop must survive whatever one object does to us

@@ -23,6 +23,7 @@ from robotapp_api.client.api.backoff import Backoff
 from robotapp_api.client.api.bodies import APPLY, JSON, MERGE
 from robotapp_api.client.api.resources import Resource
 from robotapp_api.client.transport.errors import (
+    MOST_PAUSE_S,
     ApiError,
     ClientError,
     Gone,
@@ -41,8 +42,6 @@ JsonPatch = list[Json]
 
 REQUEST_TIMEOUT_S: Final = 30.0
 READ_ATTEMPTS: Final = 4
-MAX_WAIT_S: Final = 30.0
-"""A read fails instead of hanging when the server demands a longer pause than this."""
 
 
 class ListMeta(msgspec.Struct, rename="camel"):
@@ -206,7 +205,7 @@ class ApiClient:
                     raise
             except (TooManyRequests, ServerError) as error:
                 retry_after_s = error.retry_after_s
-                if backoff.attempt >= READ_ATTEMPTS - 1 or (retry_after_s or 0) > MAX_WAIT_S:
+                if backoff.attempt >= READ_ATTEMPTS - 1 or (retry_after_s or 0) > MOST_PAUSE_S:
                     raise
             await self.sleep(backoff.next_s(at_least_s=retry_after_s))
 

@@ -53,7 +53,7 @@ SERVER_TIMEOUT_S: Final = (300.0, 600.0)
 STEADY_S: Final = 5.0
 """A watch that lived this long was a good one even if nothing happened in it."""
 MOST_DELAY_S: Final = 5.0
-"""Longest pause between two attempts: how long after the server is back we may still be blind."""
+"""Longest pause between two attempts without a Retry-After: how long after the server is back we may still be blind."""
 RESUMES: Final = 3
 """After so many fruitless attempts to resume, list again: perhaps no server has that version any more."""
 
@@ -149,7 +149,7 @@ class Reflector(Generic[T]):
         """One list (if needed) and one watch to its end. Returns the pause before the next, in seconds."""
         self._progress = self._answered = False
         self._opened = None
-        retry_after_s: float | None = None
+        least_s = 0.0
         at_once = False
         try:
             if not self.resource_version and not self._streaming:
@@ -168,7 +168,7 @@ class Reflector(Generic[T]):
             log.log(level, "%s: %s, asking again", self, error)
         except ClientError as error:
             self.stats.failures += 1
-            retry_after_s = error.retry_after_s if isinstance(error, ApiError) else None
+            least_s = error.pause_s if isinstance(error, ApiError) else 0.0
             log.warning("%s: %s", self, error, extra={"fields": describe(error)})
             self._answered = self._answered and not isinstance(error, TooManyRequests)
         finally:
@@ -180,7 +180,7 @@ class Reflector(Generic[T]):
             self._fruitless += 1
             if self._fruitless % RESUMES == 0:
                 self._list_again("no progress")
-        return 0.0 if at_once else self._backoff.next_s(at_least_s=retry_after_s)
+        return 0.0 if at_once else self._backoff.next_s(at_least_s=least_s)
 
     def _was_steady(self) -> bool:
         return self._opened is not None and self._client.clock() - self._opened >= STEADY_S

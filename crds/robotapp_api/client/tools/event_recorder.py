@@ -321,8 +321,8 @@ class EventRecorder:
             if not transient or backoff.attempt >= ATTEMPTS - 1:
                 self._give_up(series, error)
                 return
-            retry_after_s = error.retry_after_s if isinstance(error, ApiError) else None
-            await self._client.sleep(backoff.next_s(at_least_s=retry_after_s))
+            least_s = error.pause_s if isinstance(error, ApiError) else 0.0
+            await self._client.sleep(backoff.next_s(at_least_s=least_s))
             error = await self._again(series)
 
     def _give_up(self, series: _Series, error: ClientError) -> None:

@@ -33,6 +33,10 @@ class LoginError(ClientError):
     """No usable credentials; the text names the file or plug-in and the cure."""
 
 
+MOST_PAUSE_S: Final = 30.0
+"""A longer Retry-After is not followed: an overloaded server is tried again, and a day of blindness helps it as little."""
+
+
 class ApiError(ClientError):
     """An answer with status >= 400.
 
@@ -58,6 +62,11 @@ class ApiError(ClientError):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.status} {self.reason}: {self.message})"
+
+    @property
+    def pause_s(self) -> float:
+        """The shortest pause before the next try: the server's wish, at most `MOST_PAUSE_S`; 0 without one."""
+        return min(self.retry_after_s or 0.0, MOST_PAUSE_S)
 
 
 class BadRequest(ApiError):

@@ -101,7 +101,8 @@ class ScoreColumn:
             self._raw, self._domains = raw.values[:0], raw
             self.constant = self._constant(raw.values)
         elif raw is not None:
-            self._raw, self._domains = raw, None
+            # `_patch` writes into it later, and a plugin may return a column of the snapshot, which is read-only.
+            self._raw, self._domains = raw if raw.flags.writeable else raw.copy(), None
             self.constant = self._constant(raw if nodes.no_holes else raw[nodes.valid])
 
     def _store_equal(self, score: int, rows: int) -> None:

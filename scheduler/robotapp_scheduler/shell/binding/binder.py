@@ -115,7 +115,7 @@ class Binder:
                 return BindOutcome(BindResult.BOUND, node=node)
             problem = str(error)
             if isinstance(error, TooManyRequests):
-                await self._sleep(error.retry_after_s or 0.0)
+                await self._sleep(error.pause_s)
             elif isinstance(error, Conflict | NotFound):
                 return await self._look(pod, node, problem=problem, in_doubt=in_doubt)
             elif isinstance(error, ServerError):

@@ -158,8 +158,8 @@ class GroupReporter:
         if isinstance(error, NotFound) or (isinstance(error, ApiError) and means_another(error)):
             return
         if may_pass(error):
-            retry_after_s = error.retry_after_s if isinstance(error, ApiError) else None
-            record.due_s = self._client.clock() + record.pause.next_s(at_least_s=retry_after_s)
+            least_s = error.pause_s if isinstance(error, ApiError) else 0.0
+            record.due_s = self._client.clock() + record.pause.next_s(at_least_s=least_s)
         if not record.warned:
             record.warned = True
             # The conditions of the pods have it, too.

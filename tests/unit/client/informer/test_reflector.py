@@ -189,6 +189,12 @@ async def test_an_error_event_may_ask_for_patience() -> None:
     assert seen.paused == [6]
 
 
+async def test_a_server_that_asks_for_a_day_is_tried_again_after_half_a_minute() -> None:
+    async with mirror(listing(9), refusal(429, headers={"Retry-After": "86400"}), watch(then="hang")) as seen:
+        await seen.asked(3)
+    assert seen.paused == [30]
+
+
 @pytest.mark.parametrize("status", [429, 503])
 async def test_a_refused_watch_is_tried_again_when_the_server_says_so(status: int) -> None:
     refused = refusal(status, headers={"Retry-After": "5"})

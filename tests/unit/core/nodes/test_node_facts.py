@@ -149,6 +149,26 @@ def test_a_function_that_raises_leaves_its_node_without_a_value_and_is_told_once
     assert "plugin Quiet: the fact 'noise' raised KeyError" in caplog.text
 
 
+@pytest.mark.parametrize("normalize", ["none", "max", "minmax", "inverse"])
+def test_a_score_that_is_the_fact_itself_is_repaired_when_one_node_changes(normalize: str) -> None:
+    class Silent:
+        name = "Silent"
+        noise = NodeFact("noise", noise_db, absent=0.0)
+        reads = ()
+        node_reads = (noise,)
+        row_local = True
+
+        def score(self, _pod: PodInfo, nodes: Snapshot) -> Any:
+            return nodes.fact(self.noise)
+
+    Silent.normalize = normalize  # type: ignore[attr-defined]  # read when the plugin is loaded
+    core = core_with(loud("n0", 10), loud("n1", 40), loud("n2", 20), plugin=Silent)
+    best = "n0" if normalize == "inverse" else "n1"
+    assert core.schedule_one(make_info("p")).node == best
+    core.cluster.apply_node(loud("n2", 5 if normalize == "inverse" else 90))
+    assert core.schedule_one(make_info("q")).node == "n2"
+
+
 def test_a_function_that_ends_the_process_does_not() -> None:
     class Exits(LowNoise):
         name = "Exits"
