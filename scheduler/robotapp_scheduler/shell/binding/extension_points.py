@@ -238,7 +238,10 @@ class ExtensionPoints:
             Exception,
             SystemExit,
             Overdue,
+            asyncio.CancelledError,
         ) as error:  # a plugin of somebody else's: its pod is told, the others go on
+            if isinstance(error, asyncio.CancelledError) and _is_cancelled():
+                raise
             log.exception("%s of plugin %s failed for %s", hook, loaded.name, pod.key)
             status = Status(Code.ERROR, f"{type(error).__name__}: {error}")
         self._timer.plugin(loaded.name, point, status.code, started_s)
@@ -249,6 +252,12 @@ class ExtensionPoints:
         if hook in WAITING and self._promised != self._node:
             self._promised = self._node
             await self._promise(self._pod.pod, self._node)
+
+
+def _is_cancelled() -> bool:
+    """Is the attempt itself cancelled? If not, what a plugin awaited was: that is an error of the plugin."""
+    task = asyncio.current_task()
+    return task is not None and task.cancelling() > 0
 
 
 def _status(answer: object, context: BindContext) -> Status:

@@ -85,3 +85,13 @@ async def test_a_third_partys_bind_that_fails_frees_the_room_and_is_named(answer
     assert rig.said.lines == [(reason, "p", text)]
     assert (rig.io.asked, rig.core.cluster.placed) == ([], {})
     assert len(rig.core.queue) == 1
+
+
+async def test_a_bind_whose_own_task_was_cancelled_leaves_no_pod_assumed_or_in_flight() -> None:
+    async def cancelled(_pod: Any, _node: str, _ctx: Any) -> None:
+        inner = asyncio.ensure_future(asyncio.sleep(0))
+        inner.cancel()
+        await inner
+
+    rig = await placed(binding(cancelled))
+    assert (rig.core.cluster.placed, rig.core.queue.pending()["backoff"]) == ({}, 1)

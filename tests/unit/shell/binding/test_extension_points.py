@@ -144,6 +144,45 @@ async def test_an_attempt_that_is_cancelled_or_breaks_gives_back_and_one_that_is
     assert [line.split()[0] for line in told] == ["One.reserve", "One.post_bind"]
 
 
+async def test_a_plugin_that_awaits_something_cancelled_is_an_error_and_the_attempt_goes_on_to_its_end() -> None:
+    """Otherwise the attempt would end as if it were cancelled: its pod would stay assumed and in flight for ever."""
+    told: list[str] = []
+
+    async def on_what_is_cancelled() -> None:
+        inner = asyncio.ensure_future(asyncio.sleep(0))
+        inner.cancel()
+        await inner
+
+    subject, _ = steps(plugin("One", told, reserve=None, unreserve=None, permit=on_what_is_cancelled))
+    async with subject:
+        refused = await subject.run("n1")
+    assert refused is not None
+    assert refused.message == 'running Permit plugin "One": CancelledError: '
+    assert [line.split()[0] for line in told] == ["One.reserve", "One.permit", "One.unreserve"]
+
+
+async def test_an_attempt_that_is_cancelled_inside_a_hook_ends_as_cancelled() -> None:
+    told: list[str] = []
+    reached = asyncio.Event()
+
+    async def waits() -> None:
+        reached.set()
+        await asyncio.Event().wait()
+
+    subject, _ = steps(plugin("One", told, reserve=None, unreserve=None, permit=waits))
+
+    async def attempt() -> None:
+        async with subject:
+            await subject.run("n1")
+
+    task = asyncio.create_task(attempt())
+    await reached.wait()
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert [line.split()[0] for line in told] == ["One.reserve", "One.permit", "One.unreserve"]
+
+
 async def test_another_try_begins_with_nothing_reserved_and_nothing_annotated() -> None:
     told: list[str] = []
     one = plugin("One", told, reserve=None, unreserve=None)
