@@ -11,6 +11,8 @@ from collections.abc import Awaitable, Callable, Sequence
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
+import msgspec
+
 from robotapp_api.model.names import GRANTED_PREFIX, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.fit_error import histogram
@@ -178,6 +180,8 @@ class ExtensionPoints:
                 return BindOutcome(BindResult.BOUND, node=self._node)
             if answer.code is not Code.SKIP:
                 return self.bind_refused(answer)
+            if forged := _forged(self.context):  # the next one would send what this one wrote
+                return forged
         return self.bind_refused(Status(Code.ERROR, "every bind plugin of the profile skipped the pod"))
 
     def bind_refused(self, status: Status) -> Refused:
@@ -224,8 +228,7 @@ class ExtensionPoints:
                     with PluginCall(loaded.name, hook, pod):
                         answer = await answer
             if hook == "bind" and isinstance(answer, BindOutcome):
-                self._outcome = answer
-                answer = None if answer.result is BindResult.BOUND else Status(Code.ERROR, answer.message)
+                answer = self._bind_status(answer)
             status = _status(answer, self.context)
         except TimeoutError as error:
             log.warning("%s of plugin %s for %s: %r", hook, loaded.name, pod.key, error)
@@ -246,6 +249,16 @@ class ExtensionPoints:
             status = Status(Code.ERROR, f"{type(error).__name__}: {error}")
         self._timer.plugin(loaded.name, point, status.code, started_s)
         return status
+
+    def _bind_status(self, outcome: BindOutcome) -> Status | None:
+        """The Status of what a third-party plugin found out about its bind, which is kept unless it cannot be used."""
+        result: object = outcome.result
+        texts: tuple[object, ...] = (outcome.message, outcome.node)
+        if not isinstance(result, BindResult) or not all(isinstance(text, str) for text in texts):
+            return Status(Code.ERROR, f"answered {outcome!r:.200}, expected a BindResult and texts in it")
+        bound = result is BindResult.BOUND
+        self._outcome = msgspec.structs.replace(outcome, node=outcome.node or self._node) if bound else outcome
+        return None if bound else Status(Code.ERROR, outcome.message)
 
     async def _say_where(self, hook: str) -> None:
         """The pod will wait with its room in hand: whoever looks, or schedules next, must know for which node."""

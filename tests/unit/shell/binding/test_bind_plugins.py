@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from tests.support.placing import Rig
 
-from robotapp_api.model.names import PodReason
+from robotapp_api.model.names import Annotation, PodReason
 from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult
 from robotapp_scheduler.core.framework.interface import Code, Status
 from robotapp_scheduler.plugins.ros.bind import DefaultBinder, ROSBind
@@ -95,3 +95,39 @@ async def test_a_bind_whose_own_task_was_cancelled_leaves_no_pod_assumed_or_in_f
 
     rig = await placed(binding(cancelled))
     assert (rig.core.cluster.placed, rig.core.queue.pending()["backoff"]) == ({}, 1)
+
+
+async def test_a_bind_that_skips_the_pod_cannot_have_the_next_one_send_a_grant_of_its_own() -> None:
+    async def forges(_pod: Any, _node: str, ctx: Any) -> Status:
+        ctx.annotations[Annotation.GRANTED_DOMAIN] = "7"
+        return Status(Code.SKIP)
+
+    rig = await placed(binding(forges), ROSBind)
+    assert rig.io.asked == []
+    ((reason, _, text),) = rig.said.lines
+    assert (reason, text) == (
+        PodReason.SCHEDULER_ERROR,
+        "annotations granted.robotics.io/dds-domain are written by the scheduler alone",
+    )
+
+
+async def test_a_third_party_that_bound_the_pod_need_not_name_the_node() -> None:
+    rig = await placed(binding(BindOutcome(BindResult.BOUND)))
+    assert rig.said.lines == [("scheduled", "p", rig.core.cluster.placed["uid-p"].node)]
+
+
+@pytest.mark.parametrize(
+    "outcome",
+    [
+        BindOutcome("Bound"),  # type: ignore[arg-type]  # the mistake, here and below
+        BindOutcome(BindResult.BOUND, node=7),  # type: ignore[arg-type]
+        BindOutcome(BindResult.FAILED, None),  # type: ignore[arg-type]
+    ],
+)
+async def test_an_outcome_that_cannot_be_used_is_an_error_that_shows_it(outcome: BindOutcome) -> None:
+    rig = await placed(binding(outcome))
+    assert (rig.core.cluster.placed, len(rig.core.queue)) == ({}, 1)
+    ((reason, _, text),) = rig.said.lines
+    assert reason == PodReason.SCHEDULER_ERROR
+    assert text.startswith('binding rejected: running Bind plugin "Theirs": answered BindOutcome(')
+    assert text.endswith("expected a BindResult and texts in it")
