@@ -6,12 +6,16 @@ time of the component's worst edge with a budget here and there, and until when 
 """
 
 import json
+import re
 from datetime import datetime
 from typing import Any, Final, NamedTuple
 
+from robotapp_api.model.scalars import SUBDOMAIN_PATTERN
 from robotapp_api.values.duration import format_ms, parse_us
 
 MAX_BYTES: Final = 1024
+MAX_NODE: Final = 253
+_NODE: Final = re.compile(SUBDOMAIN_PATTERN)
 _FORM: Final = '{"node": "edge-2", "before": "61ms", "after": "8ms", "expires": "2026-01-02T03:04:05Z"}'
 
 
@@ -42,6 +46,11 @@ def parse_better_node(text: str) -> BetterNode:
         found = BetterNode(value["node"], float(parse_us(value["before"])), float(parse_us(value["after"])), expires)
     except (ValueError, KeyError, TypeError, RecursionError):
         raise ValueError(f"is not of the form {_FORM}") from None
-    if not isinstance(found.node, str) or not found.node or expires.tzinfo is None:
+    if not _is_node(found.node) or expires.tzinfo is None:
         raise ValueError(f"is not of the form {_FORM}")
     return found
+
+
+def _is_node(name: object) -> bool:
+    """Could a node have this name? It is shown in a status, and whoever may write pods writes it."""
+    return isinstance(name, str) and len(name) <= MAX_NODE and _NODE.fullmatch(name) is not None

@@ -22,6 +22,10 @@ def test_what_is_written_is_read_again() -> None:
     [
         ("node", ""),
         ("node", 7),
+        ("node", "\ud800"),
+        ("node", "edge-2\n"),
+        ("node", "edge 2, but it is forbidden"),
+        ("node", "a" * 254),
         ("before", "soon"),
         ("after", None),
         ("expires", "2026-01-02T03:04:05"),
