@@ -19,6 +19,8 @@ RECENT: Final = timedelta(minutes=10)
 MAX_TIMES: Final = 1000
 """The schema's bound of maxPerDay."""
 MAX_BYTES: Final = 64 * 1024
+FIRST: Final = datetime(1970, 1, 1, tzinfo=UTC)
+"""No clock of ours was before. Years of fewer than four digits are no RFC 3339, so a status that has one is refused."""
 SHOWN_MOVES: Final = 4
 """So many of a component's latest moves stand in a status."""
 
@@ -85,8 +87,11 @@ def parse_moves(annotations: Mapping[str, str], key: str) -> MoveRecord | None:
         return NO_MOVES
     try:
         value: Any = json.loads(text) if len(text) <= MAX_BYTES else None
-        times = sorted(datetime.fromisoformat(time) for time in value["times"])
-        if any(time.tzinfo is None for time in times) or not isinstance(value["pod"], str):
+        written = [datetime.fromisoformat(time) for time in value["times"]]
+        times = sorted(time.astimezone(UTC) for time in written)
+        if any(time.tzinfo is None for time in written) or not isinstance(value["pod"], str):
+            return None
+        if times and times[0] < FIRST:
             return None
     except (ValueError, KeyError, TypeError, RecursionError, OverflowError):
         return None

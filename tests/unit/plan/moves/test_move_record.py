@@ -1,13 +1,14 @@
 """When a component was moved, and whether it may be moved again."""
 
-from datetime import UTC, datetime, timedelta
+import json
+from datetime import UTC, datetime, timedelta, timezone
 from itertools import pairwise
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_operator.plan.moves.move_record import MAX_TIMES, NO_MOVES, Limits, MoveRecord, parse_moves
+from robotapp_operator.plan.moves.move_record import MAX_TIMES, NO_MOVES, Limits, MoveRecord, parse_moves, whole_seconds
 
 NOW = datetime(2026, 5, 1, 12, tzinfo=UTC)
 KEY = "robotics.io/moves"
@@ -52,7 +53,17 @@ def test_a_pod_that_is_kept_for_long_is_entered_once_with_the_time_at_which_it_i
 
 @pytest.mark.parametrize(
     "text",
-    ["x", "[]", "{}", '{"times": 1, "pod": ""}', '{"times": ["2026-01-01"], "pod": "p"}', '{"times": [], "pod": 1}'],
+    [
+        "x",
+        "[]",
+        "{}",
+        '{"times": 1, "pod": ""}',
+        '{"times": ["2026-01-01"], "pod": "p"}',
+        '{"times": [], "pod": 1}',
+        '{"times": ["0001-01-01T00:00:00+14:00"], "pod": "p"}',
+        '{"times": ["9999-12-31T23:59:59-14:00"], "pod": "p"}',
+        '{"times": ["0001-01-02T00:00:00Z"], "pod": "p"}',
+    ],
 )
 def test_a_record_that_cannot_be_read_is_no_empty_one(text: str) -> None:
     assert parse_moves({KEY: text}, KEY) is None
@@ -63,6 +74,18 @@ def test_a_record_that_cannot_be_read_is_no_empty_one(text: str) -> None:
 @given(st.text(max_size=200))
 def test_no_text_is_a_crash(text: str) -> None:
     parse_moves({KEY: text}, KEY)
+
+
+@given(st.datetimes(timezones=st.timezones()), st.integers(-1439, 1439))
+def test_every_time_of_a_record_that_can_be_read_can_be_shown_and_judged(moment: datetime, minutes: int) -> None:
+    """Otherwise one annotation would stop the status of the whole app."""
+    zone = timezone(timedelta(minutes=minutes))
+    text = json.dumps({"times": [moment.replace(tzinfo=zone).isoformat()], "pod": "p"})
+    record = parse_moves({KEY: text}, KEY)
+    if record is not None:
+        assert all(len(whole_seconds(time)) == len("2026-05-01T12:00:00Z") for time in record.times)
+        record.why_not("new", LIMITS, NOW)
+        assert parse_moves({KEY: record.text()}, KEY) == record
 
 
 @given(st.lists(st.integers(0, 200_000), max_size=40), st.integers(1, 5), st.integers(0, 3600))
