@@ -10,7 +10,7 @@ from datetime import datetime
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.claims.instances import Instance, closed_nodes
-from robotapp_api.client import ApiClient, Conflict, Forbidden, NotFound, TooManyRequests
+from robotapp_api.client import ApiClient, Conflict, Forbidden, NotFound, ServerError, TooManyRequests
 from robotapp_api.client.api.bodies import encode
 from robotapp_api.client.api.resources import DEPLOYMENTS, PODS
 from robotapp_api.client.tools.event_recorder import EventRecorder, reference
@@ -40,6 +40,8 @@ LOST_S: Final = 10.0
 """A device that is gone for less is one whose cable was touched: nothing is moved for it."""
 REFUSED_S: Final = 30.0
 """Pause after an eviction that a PodDisruptionBudget forbids."""
+SEVERAL_BUDGETS: Final = 500
+"""Status of the answer to an eviction of a pod that more than one PodDisruptionBudget covers: it will not pass by itself."""
 ACTION: Final = "Move"
 
 
@@ -303,6 +305,10 @@ class Mover:
         try:
             await self._client.post_raw(PODS.path(meta.namespace, meta.name, "eviction"), encode(body))
         except (TooManyRequests, Forbidden) as refusal:  # a disruption budget, or rights of an older chart
+            return refusal.message
+        except ServerError as refusal:
+            if refusal.status != SEVERAL_BUDGETS:
+                raise
             return refusal.message
         except (NotFound, Conflict) as gone:
             log.info("pod %s/%s is gone already: %s", meta.namespace, meta.name, gone)

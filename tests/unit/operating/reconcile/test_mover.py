@@ -13,7 +13,7 @@ from tests.support.clients import client_for
 from tests.support.factories import UID, app_body, component, make_node, telemetry
 
 from robotapp_api.claims.objects import Claim, TelemetryDevice
-from robotapp_api.client import ApiClient
+from robotapp_api.client import ApiClient, ServerError
 from robotapp_api.client.api.resources import DEPLOYMENTS, PODS
 from robotapp_api.client.tools.event_recorder import EventRecorder
 from robotapp_api.model.names import Annotation, Label
@@ -254,6 +254,24 @@ async def test_a_pod_that_a_disruption_budget_keeps_is_counted_once_and_tried_ag
     assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
 
 
+async def test_a_pod_that_several_disruption_budgets_cover_stays_and_its_user_is_told_so(world: World) -> None:
+    """The API server answers 500 then: not a server in trouble, which is tried again without a word."""
+    await world.app()
+    await world.propose()
+    await world.look()
+    world.now_s += FOR_S
+    await world.mirror()
+    text = "This pod has more than one PodDisruptionBudget, which the eviction subresource does not support."
+    refused = _refuse_eviction(world, 500, text)
+    assert await world.mover.look(UID, "") == REFUSED_S
+    assert world.stays() == f"planner is not moved to near: {text}"
+    refused()
+    refused = _refuse_eviction(world, 503, "etcd is away")
+    with pytest.raises(ServerError):
+        await world.mover.look(UID, "")
+    refused()
+
+
 async def test_on_a_robot_that_is_out_of_reach_nothing_is_evicted(world: World) -> None:
     await world.app()
     await world.propose()
@@ -341,14 +359,15 @@ def _first(world: World) -> Any:
     return app, instances_by_name(app, world.cache)[""]
 
 
-def _refuse_eviction(world: World) -> Any:
+def _refuse_eviction(
+    world: World, status: int = 429, message: str = "Cannot evict pod as it would violate the pod's disruption budget."
+) -> Any:
     """Until the result is called."""
     real = world.client.post_raw
 
     async def refuse(path: str, _: bytes) -> bytes:
         assert path.endswith("/eviction")
-        message = "Cannot evict pod as it would violate the pod's disruption budget."
-        raise world.client.refusal(_Answer(429, message))  # type: ignore[arg-type]
+        raise world.client.refusal(_Answer(status, message))  # type: ignore[arg-type]
 
     world.client.post_raw = refuse  # type: ignore[method-assign, assignment]
 
