@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from robotapp_api.claims.device import assign, busy_text, claimed, fits, is_device
+from robotapp_api.claims.device import GPU, assign, busy_text, claimed, fits, is_device
 from robotapp_api.claims.identity import claim_name_device, device_label
 from robotapp_api.claims.instances import Instance, closed_nodes
 from robotapp_api.claims.objects import Claim
@@ -76,19 +76,22 @@ def free_elsewhere(
     telemetry: Mapping[str, Telemetry],
     nodes: Mapping[str, Node],
 ) -> str:
-    """The first of `nodes`, other than `but`, with a device of its own for each that the component asks for; "" without one."""
-    fitting = [
-        _fitting(component, device, desired, telemetry=telemetry, nodes=nodes)
-        for device in component.devices
-        if claimed(device)
-    ]
-    free = [
-        frozenset(place for place in places if _claim_on(place, claims, telemetry[place.node]) is None)
-        for places in fitting
-    ]
-    for node in sorted({place.node for places in free for place in places} - {but}):
-        here = [frozenset(place for place in places if place.node == node) for places in free]
-        if _can_have(here, range(len(here))):
+    """The first of `nodes`, other than `but`, with every device that the component asks for, held by nobody; "" without one.
+
+    A device that is shared must be there, too. GPUs are left out: device plugins count them, and no agent reports which are free.
+    """
+    alone: list[frozenset[Place]] = []
+    shared: list[frozenset[str]] = []
+    for device in component.devices:
+        places = _fitting(component, device, desired, telemetry=telemetry, nodes=nodes)
+        free = frozenset(place for place in places if _claim_on(place, claims, telemetry[place.node]) is None)
+        if claimed(device):
+            alone += [free] * device.count
+        elif device.type != GPU:
+            shared.append(frozenset(place.node for place in free))
+    for node in sorted({place.node for places in alone for place in places} - {but}):
+        here = [frozenset(place for place in places if place.node == node) for places in alone]
+        if all(node in having for having in shared) and _can_have(here, range(len(here))):
             return node
     return ""
 

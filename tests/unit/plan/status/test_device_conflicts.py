@@ -13,7 +13,7 @@ from robotapp_api.claims.identity import claim_name_device
 from robotapp_api.claims.instances import Instance
 from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation
-from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.desired import App, desired_of
 from robotapp_operator.plan.spec.objects import Telemetry
 from robotapp_operator.plan.status import device_conflicts as devices
 from robotapp_operator.plan.status.device_conflicts import Place, rivals
@@ -175,3 +175,38 @@ def test_a_device_that_is_asked_for_by_a_further_name_is_the_one_that_is_held() 
     telemetry = {"amr-07": msgspec.convert({"metadata": {"name": "amr-07"}, "status": {"devices": listed}}, Telemetry)}
     text = device_trouble(WANTING, ON_ROBOT, claims=[claim_of("can-1d50-606f-1", uid="other")], telemetry=telemetry)
     assert text.startswith("device can-1d50-606f-1 on amr-07 is held by default/arm")
+
+
+def elsewhere(*wanted: dict[str, Any], telemetry: dict[str, Telemetry], claims: list[Claim] | None = None) -> str:
+    """The node to which a component with these devices may move from edge-1."""
+    app = make_app(component(runsOn=["Edge"], devices=list(wanted)))
+    return devices.free_elsewhere(
+        app.spec.components[0],
+        desired_of(app, ""),
+        but="edge-1",
+        claims={claim.name: claim for claim in claims or []},
+        telemetry=telemetry,
+        nodes=NODES,
+    )
+
+
+ANY_BUS: dict[str, Any] = {"name": "bus", "type": "can"}
+
+
+def test_a_pod_may_move_to_where_all_devices_are_that_it_asks_for() -> None:
+    """Evicted for fewer it would wait there, or nowhere, and had at least run before."""
+    one, two = node_with("can0", node="edge-2"), node_with("can0", "can1", node="edge-2")
+    assert elsewhere(ANY_BUS, telemetry=one) == "edge-2"
+    assert elsewhere(ANY_BUS | {"count": 2}, telemetry=one) == ""
+    assert elsewhere(ANY_BUS | {"count": 2}, telemetry=two) == "edge-2"
+    held = [claim_of("can-can1", uid="other", node="edge-2")]
+    assert elsewhere(ANY_BUS | {"count": 2}, telemetry=two, claims=held) == ""
+
+
+def test_a_pod_may_not_move_to_where_a_device_that_it_shares_is_missing_or_held_by_one_alone() -> None:
+    shared = {"name": "log", "type": "can", "interface": "can1", "sharing": "Cluster"}
+    bus = ANY_BUS | {"interface": "can0"}
+    both = node_with("can0", "can1", node="edge-2")
+    assert elsewhere(bus, shared, telemetry=both) == "edge-2"
+    assert elsewhere(bus, shared, telemetry=node_with("can0", node="edge-2")) == ""
+    assert elsewhere(bus, shared, telemetry=both, claims=[claim_of("can-can1", uid="o", node="edge-2")]) == ""
