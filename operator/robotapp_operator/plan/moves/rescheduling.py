@@ -141,18 +141,22 @@ def _time(edge: EdgeView) -> str:
 def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, better: BetterNode, between: Between) -> str:
     """Why the move is not worth it, or makes another edge of the app worse; "" when it is.
 
-    A pair that nobody has measured yet is left to the scheduler's estimate.
+    A pair that nobody has measured yet is left to the scheduler's estimate. No measured time is in the sentence: a status
+    that followed each measurement would be written for ever, and two operators would overwrite each other's.
     """
     after_us = _judged_there(edge, component, better.node, between)
     after_us = better.after_us if after_us is None else max(after_us, better.after_us)
     if after_us > MOST_USE * (edge.budget_us or 0) or after_us > (1 - LEAST_GAIN) * (edge.judged_us or 0):
-        return f"that is no gain: {shown_ms(after_us)} instead of {_time(edge)}"
+        most_us = MOST_USE * (edge.budget_us or 0)
+        return (
+            f"that is no gain as measured now: {shown_ms(most_us)} or less, and a fifth less than where it is, would be"
+        )
     for other in edges:
         there_us = _judged_there(other, component, better.node, between)
         if other.budget_us is None or there_us is None or there_us <= other.budget_us:
             continue
         if other.met is not False or there_us > (other.judged_us or 0):
-            return f"{edge_name(other)} would have {shown_ms(there_us)} of {shown_ms(other.budget_us)}"
+            return f"{edge_name(other)} would be over its budget of {shown_ms(other.budget_us)} there"
     return ""
 
 

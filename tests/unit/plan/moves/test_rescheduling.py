@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.support.factories import component, make_app, round_trips, telemetry
 
 from robotapp_api.values.better_node import BetterNode
@@ -94,10 +96,22 @@ def test_what_runs_on_its_robot_alone_or_in_several_copies_stays() -> None:
 
 def test_a_gain_that_is_too_small_is_none() -> None:
     slow = {"far": telemetry("far", amr=33)}
-    assert "no gain: 27ms instead of 33ms" in why(times=slow, better=GOOD._replace(after_us=27_000))
-    assert "no gain: 27.5ms instead of 60ms" in why(better=GOOD._replace(after_us=27_500))
+    no_gain = "that is no gain as measured now: 27ms or less, and a fifth less than where it is, would be"
+    too_near, too_long = GOOD._replace(after_us=27_000), GOOD._replace(after_us=27_500)
+    assert why(times=slow, better=too_near) == f"planner would have 27ms on near, but {no_gain}"
+    assert why(better=too_long) == f"planner would have 27.5ms on near, but {no_gain}"
     measured = TIMES | {"near": telemetry("near", amr=29)}
-    assert "no gain: 29ms" in why(times=measured), "what is measured now counts more than the proposal"
+    assert no_gain in why(times=measured), "what is measured now counts more than the proposal"
+
+
+@given(st.integers(31, 200), st.integers(31, 200))
+def test_why_a_pod_stays_is_the_same_sentence_whatever_is_measured(before_ms: int, later_ms: int) -> None:
+    """A status that followed every measurement would be written for ever."""
+    texts = {
+        why(times={"far": telemetry("far", amr=ms)}, better=GOOD._replace(after_us=29_000))
+        for ms in (before_ms, later_ms)
+    }
+    assert len(texts) == 1
 
 
 def test_a_move_that_would_put_another_edge_over_its_budget_is_not_made() -> None:
@@ -105,7 +119,9 @@ def test_a_move_that_would_put_another_edge_over_its_budget_is_not_made() -> Non
     away = TIMES | {"near": telemetry("near", amr=8), "far": telemetry("far", amr=60, shelf=1)}
     worse = away | {"shelf": telemetry("shelf", near=40)}
     assert isinstance(decide(edges=(EDGE, other)), Move)
-    assert "/map planner -> map would have 40ms of 10ms" in why(edges=(EDGE, other), times=worse, map_on="shelf")
+    assert "/map planner -> map would be over its budget of 10ms there" in why(
+        edges=(EDGE, other), times=worse, map_on="shelf"
+    )
 
 
 def test_a_node_that_takes_no_pods_is_none() -> None:
