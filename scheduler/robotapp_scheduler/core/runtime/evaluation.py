@@ -21,7 +21,7 @@ _NODE: Final = int(NODE)
 
 
 class Tally:
-    """How many pods an evaluation was used for: counted here, added up for the metrics later."""
+    """How many pods used an evaluation since its counts were last added to the metrics."""
 
     __slots__ = ("filtered", "scored")
 
@@ -45,11 +45,11 @@ class Evaluation:
         self.revision = 0
         """Grows whenever `reason` changes, so that what is derived from it can be kept."""
         self.refusals: tuple[int, tuple[Refusal, ...]] | None = None
-        """Explain's view of the refusals and the revision it was made of."""
+        """The refusals in the form of `/explain`, and the `revision` they were made from."""
         self._front = NO_NODES
-        """Explain's view of the best rows, as some decision saw them last."""
+        """The best rows in the form of `/explain`, as of the last call of `front`."""
         self._examples: dict[int, tuple[int, ...]] = {}
-        """Positions by reason code, as far as somebody asked for them."""
+        """The first positions by reason code, filled by `examples`."""
         self.rows: npt.NDArray[np.intp] | None = None
         """The table rows in view, None = all."""
         self._live_filters = [column for column in filters if not column.skipped]
@@ -75,7 +75,7 @@ class Evaluation:
             return
         epochs, delta = bring_up(self._live_filters, pod, full, self._position)
         if self._position < 0:
-            # A plugin has no opinion because of the pod alone, so it need not be asked again for this class.
+            # A plugin skips because of the pod alone, so it skips all pods of this class.
             self._live_filters = [column for column in self.filters if not column.skipped]
             epochs = sum(column.epoch for column in self._live_filters)
         rows: Snapshot | None = None
@@ -132,7 +132,7 @@ class Evaluation:
         for row, old, new in zip(rows.row_list, before, after, strict=True):
             if old != new:
                 self.reason[row] = new
-                self._unlearn(row, old, new)
+                self._drop_examples(row, old, new)
                 self._counts[old] = self._counts.get(old, 0) - 1
                 self._counts[new] = self._counts.get(new, 0) + 1
                 self.feasible += (new == 0) - (old == 0)
@@ -147,7 +147,8 @@ class Evaluation:
         self._counts = {code: count for code, count in enumerate(found, start=HOLE) if count and code > 0}
         self.feasible = found[-HOLE]
 
-    def _unlearn(self, position: int, old: int, new: int) -> None:
+    def _drop_examples(self, position: int, old: int, new: int) -> None:
+        """Forget the examples of a code when this position leaves or joins them."""
         for code in (old, new):
             known = self._examples.get(code)
             if known is not None and (len(known) < EXAMPLES or position <= known[-1]):
@@ -160,10 +161,10 @@ class Evaluation:
         self._totals.refresh(pod, full, self._verdicts)
 
     def compute_scores(self, pod: PodInfo, nodes: Snapshot) -> None:
-        """Make the totals of exactly these rows."""
+        """Compute the totals of exactly these rows, nothing kept."""
         self._totals.compute(pod, nodes, self._verdicts)
 
-    # All that follows is for after the scores were made.
+    # The rest of this section needs totals: `refresh_scores` or `compute_scores` comes first.
 
     @property
     def totals(self) -> IntArray:
@@ -188,7 +189,10 @@ class Evaluation:
         )
 
     def front(self, cluster: Cache, count: int) -> TopNodes:
-        """The best positions, better ones first; the same object while nothing about them changes. So many must be feasible."""
+        """The best `count` positions, better ones first; the same object while nothing about them changes.
+
+        At least `count` positions must be feasible.
+        """
         totals, known = self._totals, self._front
         positions, scorers = totals.top(self._hashes(cluster)).first(count), totals.scorers
         if known.positions is not positions or known.scorers is not scorers:
@@ -222,11 +226,11 @@ class Evaluation:
         return copy
 
     def has(self, row: int) -> bool:
-        """Is this table row in view?"""
+        """Whether the evaluation covers this row of the node table."""
         return self.rows is None or bool((self.rows == row).any())
 
     def positions(self, rows: npt.NDArray[np.intp] | slice) -> npt.NDArray[np.intp]:
-        """Where table rows that are in view are found in `reason`."""
+        """The positions in `reason` of rows of the node table, all of which must be in view."""
         wanted = np.arange(rows.start, rows.stop) if isinstance(rows, slice) else rows
         if self.rows is None:
             return wanted

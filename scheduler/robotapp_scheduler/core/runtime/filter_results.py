@@ -15,12 +15,12 @@ from robotapp_scheduler.core.framework.plugin_results import checked_mask
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime.incremental import FEW_TO_ASK, stale_rows
+from robotapp_scheduler.core.runtime.incremental import MOST_ROW_CALLS, stale_rows
 
 HOLE: Final = -1
 """Reason code of rows that are no node."""
 EVERYWHERE: Final = True
-"""Answer of a filter that rejects no node now."""
+"""Result of a filter that rejects no node now."""
 
 Codes = npt.NDArray[np.int32]
 
@@ -53,7 +53,7 @@ class Reasons:
 
 
 class FilterColumn:
-    """One filter plugin's verdict per row: reason code, 0 where it passes. `skipped` = the plugin has no opinion."""
+    """One filter plugin's result per row: reason code, 0 where the node passes. `skipped`: the plugin does not apply to such pods."""
 
     def __init__(self, plugin: RegisteredPlugin, reasons: Reasons) -> None:
         self.plugin = plugin
@@ -66,21 +66,21 @@ class FilterColumn:
         self.detail_unit = ""
         self.position = -1
         self.epoch = 0
-        """Grows when the column was computed anew, so that combinations of it are too."""
+        """Grows when the column was computed anew: combinations of columns must be computed anew, too."""
         self._reasons = reasons
         self._table: tuple[Sequence[tuple[str, ...]], tuple[bool, ...], Codes] | None = None
         """The reasons the plugin named last, and their codes."""
-        self._said: tuple[object, ...] | None = None
-        """When `codes` follow from a label: what the plugin said per code of it, its version and the number of rows."""
+        self._label_result: tuple[object, ...] | None = None
+        """When `codes` follow from a label: the plugin's result per code of it, its version and the number of rows."""
 
-    def mind(self, interest: int) -> None:
-        """Look at rows after these changes only."""
+    def set_interest(self, interest: int) -> None:
+        """Recompute rows after these kinds of change only."""
         self.interest, self.watches = interest, interest | NODE_COMES_OR_GOES
 
     def refresh(self, pod: PodInfo, full: Snapshot, delta: ChangeLogDelta | None) -> None:
         """Bring the column up to the head of the log. `delta` are those after its position, None when too much happened."""
         if self.skipped:
-            return  # a plugin has no opinion because of the pod alone: that never changes
+            return  # a plugin skips because of the pod alone: that never changes
         fits = len(self.codes) == full.n
         stale = stale_rows(self, pod, full, delta) if fits else None
         if stale is None:
@@ -100,14 +100,17 @@ class FilterColumn:
         self._store(nodes, pod)
 
     def number(self, position: int, code: int) -> float | None:
-        """What it measured where it refused with this code; None where others refused, or pods that are only promised there."""
+        """The `detail` of a row that this plugin rejected with this code.
+
+        None where the row has another code (another plugin rejected it, or room kept for nominated pods).
+        """
         if self.detail is None or self.codes.item(position) != code:
             return None
         found = self.detail.item(position)
         return None if isnan(found) else found
 
     def _store(self, nodes: Snapshot, pod: PodInfo) -> None:
-        found = self._ask(pod, nodes)
+        found = self._filter(pod, nodes)
         clean, self.clean = self.clean, found is None
         self.skipped = found is None
         if found is EVERYWHERE:
@@ -120,11 +123,11 @@ class FilterColumn:
             self.clean = clean if codes is self.codes else not codes.any()
             self.codes = codes
         if not isinstance(found, tuple):
-            self._said = None
+            self._label_result = None
 
     def _patch(self, stale: Snapshot, pod: PodInfo) -> None:
-        self._said = None
-        found = EVERYWHERE if self._passes(stale, pod) else self._ask(pod, stale)
+        self._label_result = None
+        found = EVERYWHERE if self._passes(stale, pod) else self._filter(pod, stale)
         if not isinstance(found, tuple):
             if not self.clean:
                 self.codes[stale.rows] = 0
@@ -139,16 +142,16 @@ class FilterColumn:
             self.detail[rows] = detail
 
     def _passes(self, stale: Snapshot, pod: PodInfo) -> bool:
-        """Do these few rows surely pass?"""
+        """True when `filter_row` passes all of these few rows; False: `filter` decides."""
         passes = self.plugin.filter_row
-        if passes is None or stale.n > FEW_TO_ASK:
+        if passes is None or stale.n > MOST_ROW_CALLS:
             return False
         for row in stale.each:  # noqa: SIM110 - a generator for one row costs more than the row
             if not passes(pod, row):
                 return False
         return True
 
-    def _ask(self, pod: PodInfo, nodes: Snapshot) -> tuple[Codes, FloatArray | None] | Literal[True] | None:
+    def _filter(self, pod: PodInfo, nodes: Snapshot) -> tuple[Codes, FloatArray | None] | Literal[True] | None:
         plugin = self.plugin
         if plugin.filter is None:
             return None
@@ -174,17 +177,17 @@ class FilterColumn:
     def _spread(
         self, verdict: Verdict, mask: BoolArray, label: LabelColumn, nodes: Snapshot
     ) -> tuple[Codes, None] | Literal[True]:
-        """Reason codes per row from an answer per code of a label; the array from before when the answer is the same."""
-        said: tuple[object, ...] | None = None
+        """Reason codes per row from a result per code of a label; the array from before when the result is the same."""
+        result: tuple[object, ...] | None = None
         if nodes.full and not isinstance(verdict.resolvable, np.ndarray):
             which = b"" if verdict.codes is None else verdict.codes.tobytes()
-            said = (label.version, nodes.n, mask.tobytes(), which, verdict.reasons, verdict.resolvable)
-            if said == self._said:
+            result = (label.version, nodes.n, mask.tobytes(), which, verdict.reasons, verdict.resolvable)
+            if result == self._label_result:
                 return self.codes, None
         if mask.all():
             return EVERYWHERE
         codes = self._coded(verdict, mask)[label.codes]
-        self._said = said
+        self._label_result = result
         return codes, None
 
     def _numbered(self, texts: Sequence[tuple[str, ...]], resolvable: tuple[bool, ...]) -> Codes:
@@ -215,7 +218,7 @@ class FilterColumn:
 
 
 class NodeToStatus(NamedTuple):
-    """What the filters say: first reason per row (0 = feasible), how many are feasible, and when that changed."""
+    """The filters' combined result: first reason per row (0 = feasible), how many rows are feasible, and when that changed."""
 
     reason: Codes
     feasible: int

@@ -13,32 +13,32 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 MOST_REPAIRED: Final = 256
 """With more log entries than this a column is computed anew."""
 FEW_ROWS: Final = 8
-"""Up to here plain integers beat arrays in a sum."""
-FEW_TO_ASK: Final = 6
-"""Up to here they beat them in the formula of a plugin."""
+"""Up to so many rows, a sum of plain integers is faster than one of arrays."""
+MOST_ROW_CALLS: Final = 6
+"""Up to so many rows, `filter_row` and `score_row` for each are faster than `filter` and `score` for all."""
 ANYTHING: Final = int(Change.ALL)
 
 
 class Column(Protocol):
-    """What a plugin said about every row, true up to a position of the change log."""
+    """A plugin's result for every row, valid up to a position of the change log."""
 
     plugin: RegisteredPlugin
     interest: int
-    """Changes after which a row of it must be looked at."""
+    """Kinds of change after which the changed rows must be computed again."""
     watches: int
-    """Changes after which the column must be."""
+    """Kinds of change after which `refresh` must be called."""
     position: int
     epoch: int
-    """Grows when a combination of columns must be made anew."""
+    """Grows when a combination of columns must be computed anew."""
 
     def refresh(self, pod: PodInfo, full: Snapshot, delta: ChangeLogDelta | None) -> None:
         """Bring the column up to the head of the log. `delta` are those after its position, None when too much happened."""
 
 
 def bring_up(columns: Iterable[Column], pod: PodInfo, full: Snapshot, since: int) -> tuple[int, ChangeLogDelta | None]:
-    """Bring columns to the head of the log. `since` is where somebody who combines them last did so.
+    """Bring columns to the head of the log. `since` is the position at which the caller last combined them.
 
-    Answers the sum of their epochs, and the delta since then (None when too much happened).
+    Returns the sum of their epochs, and the delta since that position (None when too much happened).
     """
     log = full.cluster.log
     head, delta = log.position, log.delta(since, most=MOST_REPAIRED)
@@ -47,7 +47,7 @@ def bring_up(columns: Iterable[Column], pod: PodInfo, full: Snapshot, since: int
     for column in columns:
         position = column.position
         if position != head:
-            # What did not change since then did not change since the column was looked at, either.
+            # The column is newer than `since`: what did not change after `since` did not change after the column.
             if not kinds & column.watches and since <= position <= head:
                 column.position = head
             else:
@@ -57,7 +57,7 @@ def bring_up(columns: Iterable[Column], pod: PodInfo, full: Snapshot, since: int
 
 
 def stale_rows(column: Column, pod: PodInfo, full: Snapshot, delta: ChangeLogDelta | None) -> Snapshot | None:
-    """The rows of a cached column to compute again; None = all of them. Columns that stand together share the view."""
+    """The rows of a cached column to compute again; None = all of them. Columns at the same position share the view."""
     if column.position < 0 or delta is None:
         return None
     rows, plugin = view_of(delta, column.interest, full.cluster), column.plugin
@@ -69,7 +69,7 @@ def stale_rows(column: Column, pod: PodInfo, full: Snapshot, delta: ChangeLogDel
 
 
 def view_of(delta: ChangeLogDelta, interest: int, cluster: Cache) -> Snapshot | None:
-    """The rows with a change of interest, None = all; one view for all who ask."""
+    """The rows with a change of these kinds, None = all. Callers with the same delta and kinds share one view."""
     kinds = delta.kinds & interest
     view: Snapshot | None = delta.views.get(kinds)
     if view is None and (rows := delta.rows(kinds)) is not None:

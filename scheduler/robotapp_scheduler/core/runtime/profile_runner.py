@@ -1,4 +1,4 @@
-"""One profile at work on the cluster: pod classes found or made, evaluated, and the best node chosen."""
+"""Runs the filters and scores of one profile: finds or makes the evaluation of a pod's class and brings it up to date."""
 
 import logging
 from collections.abc import Callable, Hashable
@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 
 MOST_OUTCOMES: Final = 16
-"""Combinations of reasons that are counted by class before they are added up."""
+"""Combinations of reasons that a `Tally` holds before its counts are added to the metrics."""
 POINTS: Final = ("PreFilter", "Filter", "Score")
 """Extension points that a stopwatch measures."""
 
@@ -44,7 +44,7 @@ class Stopwatch(Protocol):
     """Runs a part of a decision and measures how long it takes."""
 
     def due(self) -> Callable[[], bool]:
-        """Says of one call after the other whether it is to be measured."""
+        """A function that returns, for each call to come, whether it is to be measured."""
 
     def __call__(self, point: str, profile: str, work: Callable[[], _T]) -> _T: ...
 
@@ -61,10 +61,10 @@ class ProfileRunner:
         self._stopwatch = stopwatch
         self._due = {point: stopwatch.due() for point in POINTS} if stopwatch is not None else {}
         self._plain, self._with_ros = object(), object()
-        """Names of our notes about shapes of pods without and with ROS fields."""
+        """Keys of this runner in `PodSignature.notes`, for pods without and with ROS fields."""
         self._results = ResultCache(profile, cluster, self._flush)
         self._full: tuple[int, Snapshot] | None = None
-        """A view of all nodes, and where the log stood."""
+        """A view of all nodes, and the position of the change log when it was made."""
         self._counts: dict[tuple[str, str, str], int] = {}
 
     def __repr__(self) -> str:
@@ -85,14 +85,14 @@ class ProfileRunner:
         return self._stopwatch("PreFilter", self.profile.scheduler_name, lambda: self._pre_filter(pod))
 
     def _pre_filter(self, pod: PodInfo) -> PreFilterResult:
-        asked = self._asked(pod)
-        if not asked:
+        narrowing = self._narrowing(pod)
+        if not narrowing:
             return UNLIMITED
         names: frozenset[str] | None = None
         plugins: list[str] = []
         rejection: Status | None = None
         nodes = Snapshot(self._cluster)
-        for loaded in asked:
+        for loaded in narrowing:
             answer = loaded.pre_filter(pod, nodes) if loaded.pre_filter is not None else None
             if answer is None:
                 continue
@@ -109,8 +109,8 @@ class ProfileRunner:
                     return PreFilterResult(frozenset(), tuple(plugins), _nothing_left(plugins))
         return PreFilterResult(names, tuple(plugins), rejection)
 
-    def _asked(self, pod: PodInfo) -> list[RegisteredPlugin]:
-        """The plugins whose pre_filter may have an opinion about such pods."""
+    def _narrowing(self, pod: PodInfo) -> list[RegisteredPlugin]:
+        """The plugins whose pre_filter may narrow or reject such pods."""
         notes, key = pod.signature.notes, self._plain if pod.ros is None else self._with_ros
         found: list[RegisteredPlugin] | None = notes.get(key)
         if found is None:
@@ -149,7 +149,7 @@ class ProfileRunner:
             self._stopwatch("Score", self.profile.scheduler_name, lambda: self._score(pod, evaluation))
 
     def _all_nodes(self) -> Snapshot:
-        """The view of all nodes: filters and scores of one attempt share the columns that were asked for."""
+        """The view of all nodes: filters and scores of one attempt share the columns it has made."""
         position = self._cluster.log.position
         if self._full is None or self._full[0] != position:
             self._full = (position, Snapshot(self._cluster))
@@ -165,9 +165,9 @@ class ProfileRunner:
             self._flush(evaluation)
 
     def watch_shadows(self, pod: PodInfo, evaluation: Evaluation, chosen: int) -> tuple[str, ...]:
-        """Count how often each shadow plugin, had it counted, would have changed the choice; name those that would now.
+        """The shadow plugins that would have changed this choice; counts both outcomes per plugin for the metrics.
 
-        A filter would have when it refuses the chosen node, a score when another node would have won.
+        A filter would have changed it when it rejects the chosen node, a score when another node would have won.
         """
         if not self.profile.has_shadows:
             return ()
@@ -190,10 +190,10 @@ class ProfileRunner:
         return tuple(sorted(name for name, changed in verdicts.items() if changed))
 
     def _shadow_refuses(self, column: FilterColumn, pod: PodInfo, row: int) -> bool | None:
-        """Would this filter have refused the row? None when it has no opinion, or fails."""
+        """Whether this filter would have rejected the row. None when it skips the pod, or fails."""
         try:
             bring_up([column], pod, Snapshot(self._cluster), column.position)
-        except Exception:  # somebody's experiment must not hold a pod back; the log has the stack, the metric the count
+        except Exception:  # a shadow plugin must not hold a pod back; the log has the stack, the metric the count
             log.exception("shadow plugin %s failed for %s", column.plugin.name, pod.key)
             self._count(column.plugin.name, "shadow", "error")
             return None
@@ -227,7 +227,7 @@ class ProfileRunner:
         return None
 
     def remembered(self, pod: PodInfo, key: Hashable) -> dict[Any, Any]:
-        """A dictionary for what a post_filter found out about pods of this class; dropped when others are used more."""
+        """A dictionary in which a post_filter keeps results for pods of this class; the least recently used ones are dropped."""
         return self._results.remembered(pod, key) if self._caching else {}
 
     # --- Counting ------------------------------------------------------------------------------------------------

@@ -22,12 +22,12 @@ _WORD: Final = np.dtype(np.uint64)
 _FACTOR: Final = np.array(_ODD, dtype=_WORD)
 _BITS: Final = (1 << 64) - 1
 FEW: Final = 8
-"""Up to so many rows are looked at one by one beside an array."""
+"""Up to so many rows are kept in a set beside the array; more are merged into it."""
 GONE: Final = 8
-"""When more than one in so many have left an array, and one of them is met, it is made anew."""
+"""An array of which more than one in so many rows have left is made anew when one of these is met."""
 INFEASIBLE: Final = -1
 """Total of rows that cannot be chosen."""
-NOBODY: Final[Positions] = np.zeros(0, dtype=np.intp)
+NO_POSITIONS: Final[Positions] = np.zeros(0, dtype=np.intp)
 NO_NAMES: Final[Hashes] = np.zeros(0, dtype=np.uint64)
 
 
@@ -36,16 +36,16 @@ class TiedRows:
 
     __slots__ = ("_gone", "_hashes", "_late", "_names", "_positions", "_total", "value")
 
-    def __init__(self, value: int, total: IntArray, hashes: Hashes, positions: Positions = NOBODY) -> None:
+    def __init__(self, value: int, total: IntArray, hashes: Hashes, positions: Positions = NO_POSITIONS) -> None:
         self.value = value
         self._total, self._hashes = total, hashes
         self._positions = positions
-        """In order; with `_names` beside them, their hashes."""
+        """In ascending order; `_names` has their hashes."""
         self._names = hashes[positions] if len(positions) else NO_NAMES
         self._gone: set[int] = set()
-        """Of these, those that have left since."""
+        """Those of `_positions` that no longer have this total."""
         self._late: set[int] = set()
-        """Those that are here and not among these."""
+        """Positions that have this total and are not in `_positions`."""
 
     def __repr__(self) -> str:
         return f"TiedRows({len(self)} rows with {self.value})"
@@ -54,14 +54,14 @@ class TiedRows:
         return len(self._positions) - len(self._gone) + len(self._late)
 
     def join(self, position: int) -> None:
-        """A row has this total now."""
+        """Add a row, whose total is `value` now."""
         if position in self._gone:
             self._gone.discard(position)
         else:
             self._late.add(position)
 
     def leave(self, positions: Iterable[int]) -> bool:
-        """Rows had this total. Does any other have it?"""
+        """Remove rows, whose total is no longer `value`. True when others are left."""
         if self._late:
             positions = [*positions]
             self._gone.update(position for position in positions if position not in self._late)
@@ -73,7 +73,7 @@ class TiedRows:
     def least(self, pod: int) -> int:
         """The position with the least hash of node name and pod."""
         if len(self._late) > FEW:
-            self._take_in()
+            self._merge_late()
         late = [(mixed_one(self._hashes.item(each), pod), each) for each in self._late] if self._late else []
         if len(self._positions) == len(self._gone):
             return min(late)[1]
@@ -84,11 +84,11 @@ class TiedRows:
     def first(self, count: int) -> list[int]:
         """Up to `count` of the positions, lowest first."""
         if len(self._late) > FEW:
-            self._take_in()
-        few = self._here(count) if self._gone else self._positions[:count].tolist()
+            self._merge_late()
+        few = self._present(count) if self._gone else self._positions[:count].tolist()
         return sorted((*few, *self._late))[:count] if self._late else few
 
-    def _here(self, count: int) -> list[int]:
+    def _present(self, count: int) -> list[int]:
         """The first of the positions that have not left."""
         gone = self._gone
         found = [each for each in self._positions[: count + min(count, len(gone))].tolist() if each not in gone]
@@ -97,27 +97,27 @@ class TiedRows:
         return found[:count]
 
     def _place(self, pod: int) -> int:
-        """Where among the positions the least of those still here stands; there is one."""
+        """The index in `_positions` of the row with the least mixed hash that has not left; there must be one."""
         values = mixed(self._names, pod)
         place = int(values.argmin())
         while self._gone and self._positions.item(place) in self._gone:
-            # All ones: it was passed over before, and nobody else has less.
+            # All ones: the row was passed over before, and no other has a smaller hash.
             if GONE * len(self._gone) > len(self._positions) or values.item(place) == _BITS:
-                self._close_up()
+                self._remove_gone()
                 return int(mixed(self._names, pod).argmin())
             values[place] = _BITS
             place = int(values.argmin())
         return place
 
-    def _take_in(self) -> None:
-        """Put the late ones among the others."""
+    def _merge_late(self) -> None:
+        """Merge `_late` into `_positions`."""
         self._positions = np.concatenate([self._positions, np.array(sorted(self._late), dtype=np.intp)])
         self._positions.sort(kind="stable")  # which merges what is in order
         self._names = self._hashes[self._positions]
         self._late.clear()
 
-    def _close_up(self) -> None:
-        """Make the positions those that are here."""
+    def _remove_gone(self) -> None:
+        """Remove the rows that left from `_positions`."""
         here = self._total[self._positions] == self.value
         self._positions, self._names = self._positions[here], self._names[here]
         self._gone.clear()
@@ -131,7 +131,7 @@ def mixed(names: Hashes, pod: int) -> Hashes:
 
 
 def mixed_one(name: int, pod: int) -> int:
-    """The same of one name."""
+    """`mixed` of one name."""
     return (name ^ pod) * _ODD & _BITS
 
 
@@ -141,30 +141,30 @@ NOWHERE: Final = (1, 0)
 
 
 class TopRows:
-    """All positions from some total on, by total. True while it is told of every total that changes (`all_changed`).
+    """All positions from some total on, by total. The caller passes every total that changes to `all_changed`.
 
-    The highest total alone is looked for at first, the next ones when somebody asks for more rows than have it. A row
-    that changes moves from one total to another: a pod that makes its node better or worse than all others costs no
-    new look at all of them.
+    At first it holds the highest total alone; lower ones are added when `first` needs more rows. A row whose total
+    changes moves from one set to another, so that a pod which makes its node better or worse than all others costs no
+    search through all rows.
 
     `hashes` are those of the node names, by position; at least one total must be that of a feasible row.
     """
 
-    __slots__ = ("_asked", "_by_value", "_first", "_floor", "_hashes", "_last", "_levels", "_shown", "_total")
+    __slots__ = ("_by_value", "_first", "_first_count", "_floor", "_hashes", "_last", "_levels", "_shown", "_total")
 
     def __init__(self, total: IntArray, hashes: Hashes) -> None:
         self._total, self._hashes = total, hashes
         self._by_value: dict[int, TiedRows] = {}
         self._levels: list[TiedRows] = []
-        """None of them empty, the highest one last."""
+        """None of them empty, the one with the highest total last."""
         self._floor = int(total.max())
         """All positions with this total or more are in a level."""
         self._add(TiedRows(self._floor, total, hashes, (total == self._floor).nonzero()[0]))
         self._first: tuple[int, ...] = ()
-        """The last answer of `first`, true while it was asked for `_asked` positions."""
-        self._asked = -1
+        """The last result of `first`, valid for this count; -1: out of date."""
+        self._first_count = -1
         self._shown: frozenset[int] = frozenset()
-        """The same as a set: every change asks it."""
+        """The same as a set, for a quick look-up at every change."""
         self._last = NOWHERE
 
     def __repr__(self) -> str:
@@ -179,23 +179,23 @@ class TopRows:
         return self._levels[-1].value
 
     def all_changed(self, positions: Iterable[int], old: Iterable[int], new: Iterable[int]) -> bool:
-        """Rows were added up again, each position once. False when no row is known any more: then this must be made anew."""
+        """Move rows to their new totals, each position once. False when no row is left: then this must be made anew."""
         floor, top, fallen = self._floor, self._levels[-1], []
         for position, before, after in zip(positions, old, new, strict=True):
             if after < floor:
                 if before == top.value:
                     fallen.append(position)
                 elif before >= floor:
-                    self._unsure(position, after)
+                    self._invalidate_first(position, after)
                     self._move(position, before, after)
             else:
-                self._unsure(position, after)
+                self._invalidate_first(position, after)
                 if after != before:
                     self._move(position, before, after)
         if fallen:
-            # Where several classes take turns, every row that others took leaves the top: all of them go at once.
+            # Where several classes take turns, every row that the others used leaves the top: remove them together.
             if not self._shown.isdisjoint(fallen):
-                self._asked = -1
+                self._first_count = -1
             if not top.leave(fallen):
                 self._drop(top)
         return bool(self._levels)
@@ -205,20 +205,20 @@ class TopRows:
         return self._levels[-1].least(pod)
 
     def first(self, count: int) -> tuple[int, ...]:
-        """Up to `count` positions, better ones first, lowest first among equals; the same object while none of them was
-        added up again. So many rows must be feasible.
+        """Up to `count` positions, better ones first, lowest first among equals; the same object while none of their totals
+        was computed again. At least `count` rows must be feasible.
         """
-        if self._asked != count:
+        if self._first_count != count:
             while len(found := self._known(count)) < count and self._floor > 0:
                 self._look_below(count)
-            self._first, self._asked, self._shown = tuple(found), count, frozenset(found)
+            self._first, self._first_count, self._shown = tuple(found), count, frozenset(found)
             self._last = (-self._total.item(found[-1]), found[-1])
         return self._first
 
-    def _unsure(self, position: int, total: int) -> None:
-        """A row was added up again: is it one of those shown, or better than the last of them?"""
+    def _invalidate_first(self, position: int, total: int) -> None:
+        """Make `first` compute anew when a changed row is one of its result, or better than the last of it."""
         if position in self._shown or (-total, position) < self._last:
-            self._asked = -1
+            self._first_count = -1
 
     def _known(self, count: int) -> list[int]:
         found: list[int] = []
@@ -229,7 +229,7 @@ class TopRows:
         return found
 
     def _look_below(self, count: int) -> None:
-        """Take in rows with lower totals: twice as deep as before, or so deep that `count` are known."""
+        """Add rows with lower totals: twice as deep as before, or so deep that `count` rows are known."""
         total, floor = self._total, self._floor
         # Not np.partition: when nearly all totals are equal it takes forty times as long as sorting them.
         deep = np.sort(total).item(-count)

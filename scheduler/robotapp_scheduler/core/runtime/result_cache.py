@@ -1,4 +1,4 @@
-"""Which results are kept, by what key, and which are dropped: the least recently used ones."""
+"""Keeps evaluations and columns of plugins by what plugins read of a pod; drops the least recently used ones."""
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
@@ -47,17 +47,17 @@ class _Readers:
             {place: score_column(plugin) for place, plugin in self.scores.items()},
         )
         for verdicts in found.filters.values():
-            verdicts.mind(verdicts.plugin.interest_for(pod))
+            verdicts.set_interest(verdicts.plugin.interest_for(pod))
         for scores in found.scores.values():
-            scores.mind(scores.plugin.interest_for(pod))
-        self._columns[key] = found  # last: a plugin that cannot say what it minds is asked again
+            scores.set_interest(scores.plugin.interest_for(pod))
+        self._columns[key] = found  # last: when `minds` raises, it is called again for the next such pod
         if len(self._columns) > COLUMNS_PER_PLUGIN:
             self._columns.popitem(last=False)
         return found
 
 
 class ColumnCache:
-    """Columns of plugins, found by what these read of a pod: once for all that read the same."""
+    """Columns of plugins by what these read of a pod. Plugins with equal `reads` share one look-up."""
 
     def __init__(
         self, reasons: Reasons, filters: Sequence[RegisteredPlugin], scores: Sequence[RegisteredPlugin]
@@ -121,7 +121,7 @@ class ResultCache:
         return evaluation
 
     def uncached(self) -> Evaluation:
-        """An empty one with columns of its own, which is not kept."""
+        """An empty evaluation with columns of its own, which is not kept."""
         filters = [FilterColumn(plugin, self.reasons) for plugin in self._profile.filters]
         return Evaluation(filters, [score_column(plugin) for plugin in self._profile.scores], self.reasons)
 
@@ -130,7 +130,7 @@ class ResultCache:
         return self._shadows.of(pod)[0]
 
     def remembered(self, pod: PodInfo, key: Hashable) -> dict[Any, Any]:
-        """A dictionary for what a post_filter found out about pods of this class."""
+        """A dictionary in which a post_filter keeps results for pods of this class."""
         full = (self._key(pod), key)
         found = self._remembered.setdefault(full, {})
         self._remembered.move_to_end(full)

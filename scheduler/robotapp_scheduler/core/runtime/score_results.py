@@ -14,7 +14,7 @@ from robotapp_scheduler.core.framework.plugin_results import checked_scores, nor
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, FEW_TO_ASK, stale_rows
+from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, MOST_ROW_CALLS, stale_rows
 
 log = logging.getLogger(__name__)
 
@@ -37,9 +37,9 @@ class ScoreColumn:
         self.skipped = False
         self._raw: npt.NDArray[Any] = np.zeros(0, dtype=np.int64)
         self._domains: PerDomain | None = None
-        """The values when they follow from a label; `_raw` is made of them only when somebody asks."""
+        """The values when they follow from a label; `raw` spreads them over the rows when it is read."""
         self._present: tuple[Feasible, tuple[int, int], BoolArray] | None = None
-        """Codes of the label that occur in a feasible set, at a version of the label and with so many rows."""
+        """A feasible set, the label's version and the number of rows, and which codes of the label occur in the set."""
         self.constant: int | None = None
         """The normalised score, when it is the same for every row whatever the feasible set is."""
         self.normalize = plugin.normalize
@@ -47,29 +47,29 @@ class ScoreColumn:
         self.bad = False
         self.position = -1
         self.epoch = 0
-        """Grows when the column was computed anew, so that sums of it are too."""
+        """Grows when the column was computed anew: sums of columns must be computed anew, too."""
         self.changes = 0
         """Grows when any raw value may be different."""
 
     def fail(self) -> None:
-        """A shadow plugin that cannot be scored says nothing: it must not hold a pod back."""
+        """Leave out a shadow plugin whose scores cannot be used: it must not hold a pod back."""
         self.skipped = True
         log.warning("shadow plugin %s: %s; left out for pods of this kind", self.plugin.name, BAD_SCORE)
 
     @property
     def raw(self) -> npt.NDArray[Any]:
-        """What the plugin said about each row."""
+        """The plugin's score of each row, before normalising."""
         if self._domains is not None and len(self._raw) != len(self._domains.label.codes):
             self._raw = self._domains.values[self._domains.label.codes]
         return self._raw
 
     @property
     def local(self) -> bool:
-        """Does a row's normalised score depend on that row alone?"""
+        """Whether a row's normalised score depends on that row alone."""
         return self.constant is not None or self.normalize == "none"
 
-    def mind(self, interest: int) -> None:
-        """Look at rows after these changes only."""
+    def set_interest(self, interest: int) -> None:
+        """Recompute rows after these kinds of change only."""
         self.interest, self.watches = interest, interest | NODE_COMES_OR_GOES
 
     def refresh(self, pod: PodInfo, full: Snapshot, delta: ChangeLogDelta | None) -> None:
@@ -81,7 +81,7 @@ class ScoreColumn:
         if stale is None:
             before = (self.skipped, self.constant, self.normalize, self.position < 0, fits)
             self.compute(pod, full)
-            # Equal for every row before and after, or worked out for each feasible set anyway: no sum of rows changes.
+            # One score for every row before and after, or normalised for each feasible set anyway: no sum changes.
             same = before == (self.skipped, self.constant, self.normalize, False, True) and (
                 self.constant is not None or not self.local
             )
@@ -92,7 +92,7 @@ class ScoreColumn:
 
     def compute(self, pod: PodInfo, nodes: Snapshot) -> None:
         """Fill the column for exactly these rows."""
-        raw = self._ask(pod, nodes)
+        raw = self._score(pod, nodes)
         self.changes += 1
         self.skipped = raw is None
         if isinstance(raw, int):
@@ -126,7 +126,7 @@ class ScoreColumn:
         return normalized(self.plugin.name, self.normalize, raw)
 
     def _normalized_domains(self, domains: PerDomain, feasible: Feasible) -> IntArray:
-        """For all rows, though only the feasible ones have a say."""
+        """Scores for all rows; only the feasible ones count for the maximum and minimum."""
         values, (codes, _, version) = domains
         known = self._present
         stamp = (version, len(codes))
@@ -143,7 +143,7 @@ class ScoreColumn:
             raise PluginError(self.plugin.name, BAD_SCORE)
 
     def raw_at(self, row: int) -> float | None:
-        """What the plugin said about a row before normalising; None when that is no number."""
+        """The plugin's score of a row before normalising; None when it is not finite."""
         value = float(self.raw[row])
         return value if np.isfinite(value) else None
 
@@ -151,12 +151,12 @@ class ScoreColumn:
         score_row = self.plugin.score_row
         if self._domains is not None:
             self._raw, self._domains = self.raw, None
-        if score_row is not None and stale.n <= FEW_TO_ASK:
+        if score_row is not None and stale.n <= MOST_ROW_CALLS:
             for position, row in zip(stale.row_list, stale.each):  # noqa: B905 - the same rows
                 self._store_row(position, score_row(pod, row))
             return
         rows = stale.rows
-        raw = self._ask(pod, stale)
+        raw = self._score(pod, stale)
         if raw is None or isinstance(raw, int):
             if stale.n <= FEW_ROWS:
                 for position in stale.row_list:
@@ -180,7 +180,7 @@ class ScoreColumn:
             self.constant = None
             self.epoch += 1
 
-    def _ask(self, pod: PodInfo, nodes: Snapshot) -> npt.NDArray[Any] | PerDomain | int | None:
+    def _score(self, pod: PodInfo, nodes: Snapshot) -> npt.NDArray[Any] | PerDomain | int | None:
         plugin = self.plugin
         if plugin.score is None:
             return None
@@ -229,13 +229,13 @@ class ScoreColumn:
 
 
 class RelativeColumn(ScoreColumn):
-    """A score that depends on which nodes are feasible (`score_among`): worked out for each class, never kept.
+    """A score that depends on which nodes are feasible (`score_among`): computed for each class, never kept.
 
-    While its plugin says it is not `relevant`, it is a constant 0.
+    While the plugin's `relevant` returns False, it is a constant 0.
     """
 
     def refresh(self, pod: PodInfo, full: Snapshot, delta: ChangeLogDelta | None) -> None:
-        """Ask whether the plugin has something to say, when something changed that it reads."""
+        """Call `relevant` again when something changed that it reads."""
         if self.skipped:
             return
         if self.position < 0 or delta is None or delta.kinds & self.watches:
@@ -245,7 +245,7 @@ class RelativeColumn(ScoreColumn):
         self.position = full.cluster.log.position
 
     def compute(self, pod: PodInfo, nodes: Snapshot) -> None:
-        """Ask whether the plugin has something to say about these rows."""
+        """Call `relevant`; the scores are computed in `normalized`."""
         relevant = self.plugin.relevant
         self.changes += 1
         self.constant = None if relevant is None or relevant(pod, nodes) else 0
@@ -263,12 +263,12 @@ class RelativeColumn(ScoreColumn):
         return normalized(self.plugin.name, "none", checked_scores(self.plugin.name, answer, len(positions)))
 
     def raw_at(self, row: int) -> float | None:  # noqa: ARG002 - of a score that exists for feasible rows only
-        """Nothing is kept before normalising."""
+        """None: `score_among` returns normalised scores."""
         return None
 
     @property
     def local(self) -> bool:
-        """Only while it is constant."""
+        """True only while the score is constant."""
         return self.constant is not None
 
 

@@ -20,24 +20,24 @@ from robotapp_scheduler.core.runtime.score_results import Feasible, ScoreColumn
 
 EVERY: Final = slice(None)
 MANY_ROWS: Final = 256
-"""From here on the best rows are looked for anew, not moved one by one."""
+"""With more changed rows than this the best rows are searched anew, not moved one by one."""
 _NODE: Final = int(NODE)
 
 
 class ScoreParts(NamedTuple):
-    """The columns with an opinion, by how they go into the total. Another epoch of one of them makes this out of date."""
+    """The columns that do not skip, by how they enter the total. Out of date when the epoch of one of them changes."""
 
     scorers: Scorers
     flat: int
-    """What plugins add that score all rows alike."""
+    """Sum of the weighted scores that are equal for all rows."""
     flats: IntArray
-    """The same as an array: to turn a plain number into one takes NumPy longer than to add it to twenty rows."""
+    """`flat` as an array: NumPy takes longer to convert a plain number than to add it to twenty rows."""
     weighted: list[tuple[int, ScoreColumn]]
-    """Those that count, and score a row by that row alone, each with its weight."""
+    """Columns whose scores depend on the row alone, with their weights; no shadows."""
     checked: list[ScoreColumn]
-    """The same with the shadows."""
+    """The same columns with the shadows."""
     relative: list[ScoreColumn]
-    """Those that are normalised over all feasible rows, shadows included."""
+    """Columns that are normalised over all feasible rows, with the shadows."""
 
     @classmethod
     def of(cls, columns: list[ScoreColumn]) -> "ScoreParts":
@@ -65,14 +65,14 @@ class NormalizedScore(NamedTuple):
     """A score that was normalised over all feasible rows: per row, or one number for all."""
 
     stamp: tuple[int, int, int]
-    """Changes of the column, revision of the filters' results and number of rows that it was made of."""
+    """Changes of the column, revision of the filters' results, and number of rows when it was computed."""
     values: IntArray | int
 
 
 class TotalScores:
-    """True after `refresh` or `compute`.
+    """The weighted total per row; valid after `refresh` or `compute`.
 
-    `filter_interest` are the changes after which a row may have become feasible, or not any more.
+    `filter_interest` are the kinds of change after which a row may become feasible or infeasible.
     """
 
     def __init__(self, columns: list[ScoreColumn], filter_interest: int) -> None:
@@ -80,20 +80,20 @@ class TotalScores:
         """Per row; INFEASIBLE where the row is not feasible."""
         self._columns = columns
         self._live = [column for column in columns if not column.skipped]
-        """Those with an opinion about such pods."""
+        """The columns whose plugins do not skip such pods."""
         self._parts = ScoreParts.of([])
         self._local: IntArray = np.zeros(0, dtype=np.int64)
         """Per row, feasible or not: the sum of the scores that depend on that row alone."""
         self._normalized: dict[str, NormalizedScore] = {}
         """The other scores, by plugin."""
         self._feasible: tuple[int, Feasible] = (-1, EVERY)
-        """The feasible rows, and the revision of the filters' results they follow from."""
+        """The feasible rows, behind the revision of the filters' results they follow from."""
         self._top: TopRows | None = None
         self._position = -1
         self._epochs = -1
-        """The sum of the columns' epochs when `_parts` was made: another one makes everything out of date."""
+        """The sum of the columns' epochs when `_parts` was made; when it changes, everything is computed anew."""
         self._revision = self._combines = -1
-        """Of the filters' results that are in the totals."""
+        """Those of the filters' results that the totals were computed from."""
         self._interest = filter_interest
         for column in columns:
             self._interest |= column.plugin.interest
@@ -115,11 +115,11 @@ class TotalScores:
 
     @property
     def scorers(self) -> Scorers:
-        """The plugins with an opinion; the same object while they and what they have in common stay the same."""
+        """The plugins that do not skip; the same object while they and the scores that all rows share do not change."""
         return self._parts.scorers
 
     def top(self, hashes: Hashes) -> TopRows:
-        """The best rows, by `hashes` of the node names. One row at least must be feasible."""
+        """The best rows, by `hashes` of the node names. At least one row must be feasible."""
         if self._top is None:
             self._top = TopRows(self.total, hashes)
         return self._top
@@ -133,7 +133,7 @@ class TotalScores:
         return tuple(scores)
 
     def scores_of(self, rows: Sequence[int]) -> tuple[tuple[int, ...], ...]:
-        """The same of several rows: by plugin, then by row."""
+        """`scores_at` of several rows: by plugin, then by row."""
         index = np.array(rows, dtype=np.intp)
         parts = self._parts
         return tuple([tuple(self.score_of(column, index)) for column in (*parts.checked, *parts.relative)])
@@ -145,7 +145,7 @@ class TotalScores:
         since, head = self._position, full.cluster.log.position
         if head == since and verdicts.revision == self._revision:
             return
-        self._position = -1  # should a plugin fail here, everything is added up anew
+        self._position = -1  # when a plugin raises here, the next call computes everything anew
         rows = self._bring_up(pod, full, since)
         if rows is None:
             self._add_all(full.n)
@@ -163,7 +163,7 @@ class TotalScores:
         self._revision, self._combines = verdicts.revision, verdicts.combines
 
     def compute(self, pod: PodInfo, nodes: Snapshot, verdicts: NodeToStatus) -> None:
-        """Make the totals of exactly these rows, nothing kept. Raises PluginError as `refresh`."""
+        """Compute the totals of exactly these rows, nothing kept. Raises PluginError as `refresh`."""
         for column in self._columns:
             column.compute(pod, nodes)
         self._add_all(nodes.n)
@@ -172,10 +172,10 @@ class TotalScores:
         self._combine_all(verdicts)
 
     def _bring_up(self, pod: PodInfo, full: Snapshot, since: int) -> Snapshot | None:
-        """Bring the columns to the head of the log. The rows that must be added up again, None = all."""
+        """Bring the columns to the head of the log. Returns the rows whose totals must be computed again, None = all."""
         epochs, delta = bring_up(self._live, pod, full, since)
         if since < 0:
-            # A plugin has no opinion because of the pod alone, so it need not be asked again for this class.
+            # A plugin skips because of the pod alone, so it skips all pods of this class.
             self._live = [column for column in self._columns if not column.skipped]
             epochs = sum(column.epoch for column in self._live)
         same = epochs == self._epochs and len(self._local) == full.n
@@ -205,7 +205,7 @@ class TotalScores:
             self._local[row] = total
 
     def _sums(self, rows: npt.NDArray[np.intp] | slice) -> IntArray | None:
-        """A new array of what these rows score, None when every row scores `flat`."""
+        """A new array of these rows' weighted scores, None when every row has `flat`."""
         sums: IntArray | None = None
         for weight, column in self._parts.weighted:
             raw = column.raw[rows]
@@ -219,10 +219,10 @@ class TotalScores:
                 try:
                     column.check(verdicts.reason == 0)
                 except PluginError as error:
-                    self._forgive(column, error)
+                    self._failed(column, error)
 
-    def _forgive(self, column: ScoreColumn, error: PluginError) -> None:
-        """Raises the error unless the plugin is a shadow, which has no opinion from then on."""
+    def _failed(self, column: ScoreColumn, error: PluginError) -> None:
+        """Raise the error, unless the plugin is a shadow: that one is left out from now on."""
         if not column.plugin.shadow:
             raise error
         column.fail()
@@ -231,7 +231,7 @@ class TotalScores:
     # --- Normalising ---------------------------------------------------------------------------------------------
 
     def _normalize(self, pod: PodInfo, nodes: Snapshot, verdicts: NodeToStatus) -> bool:
-        """Normalise again what is out of date; was there any?"""
+        """Normalise again what is out of date. True when anything was."""
         relative, known = self._parts.relative, self._normalized
         if not relative and not known:
             return False
@@ -247,7 +247,7 @@ class TotalScores:
                     values = self._normalized_of(column, pod, nodes, verdicts)
                     known[column.plugin.name] = NormalizedScore(stamp, values)
                 except PluginError as error:
-                    self._forgive(column, error)
+                    self._failed(column, error)
         return found
 
     def _normalized_of(
@@ -281,7 +281,7 @@ class TotalScores:
         self._top = None
 
     def _combine_rows(self, stale: Snapshot, verdicts: NodeToStatus) -> None:
-        """Add these rows up again; as nothing is normalised, no other row has another total."""
+        """Compute the totals of these rows again; as nothing is normalised, no other total changes."""
         self._add_rows(stale)
         rows, reason, total = stale.row_list, verdicts.reason, self.total
         if stale.n > FEW_ROWS:
