@@ -1,7 +1,7 @@
-"""Handle: how the hooks of a plugin between the choice of a node and the bind reach the API server.
+"""Handle: how a plugin's hooks after the choice of a node (`reserve` to `post_bind`) write to the API server.
 
-`shell/binding` implements it; a hook finds it as `ctx.handle`. None of its calls raises for what the API server or the
-network may do: what happened is in the answer.
+`shell/binding` implements it; a hook finds it as `ctx.handle`. None of its calls raises for an error of the API server or the
+network: the result tells what happened.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +22,7 @@ class Readiness(StrEnum):
     """Outcome of a reservation."""
 
     READY = "Ready"
-    BUSY = "Busy"  # a device went to somebody else: another node may have one
+    BUSY = "Busy"  # another holder has a device: another node may have a free one
     WAIT = "Wait"  # the domain's claim does not stand: the pod stays pending, with the reason
     GONE = "Gone"
     ERROR = "Error"
@@ -30,10 +30,10 @@ class Readiness(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Reserved:
-    """`annotations` and `resource_version` go into the Binding; `reason` and `message` to the user otherwise.
+    """`annotations` and `resource_version` go into the Binding of a READY pod; `reason` and `message` explain any other outcome.
 
-    sharing: claims of shared devices, held for the moment of the binding (`Claims.bound`). waits_for: the plugins, or what
-    stands for one (core.cycle.diagnosis), whose events may help a pod that has to wait.
+    sharing: claims of shared devices, held until the pod is bound (`Claims.bound`). waits_for: the plugins, or the stand-ins for
+    plugins in core.cycle.diagnosis, whose events may help a pod that has to wait.
     """
 
     readiness: Readiness
@@ -49,18 +49,18 @@ READY: Final = Reserved(Readiness.READY)
 
 
 class BindResult(StrEnum):
-    """What is known after a bind."""
+    """Outcome of a bind."""
 
     BOUND = "Bound"
     GONE = "Gone"  # deleted, re-created or being deleted: nothing to retry
     TAKEN = "Taken"  # another scheduler bound it
-    CHANGED = "Changed"  # still pending, but not the version we decided on
-    DEPOSED = "Deposed"  # we lead no longer: nothing was sent, and nothing may be said about the pod
+    CHANGED = "Changed"  # still pending, but in another version than the one that was scheduled
+    DEPOSED = "Deposed"  # this process lost the lease: nothing was sent, and no event or condition may be written
     FAILED = "Failed"
 
 
 class BindOutcome(msgspec.Struct, frozen=True, gc=False):
-    """`message` says why it was not bound; `node` is where the pod is when somebody bound it."""
+    """`message`: why the pod was not bound. `node`: the node of a pod that is bound, by us or by another scheduler."""
 
     result: BindResult
     message: str = ""
@@ -70,10 +70,9 @@ class BindOutcome(msgspec.Struct, frozen=True, gc=False):
 class Pods(Protocol):
     """Binds pods."""
 
-    def send(self, pod: Pod, node: str, told: Callable[[Exception | None], None]) -> None:
-        """The first try of `bind` without a task that waits: `told` gets None when the pod is bound.
-
-        An error is the beginning of `bind`, to be given to it as `refused`.
+    def send(self, pod: Pod, node: str, done: Callable[[Exception | None], None]) -> None:
+        """The first try of `bind`, without a task that waits: `done` is called with None when the pod is bound, else with
+        the error. The caller passes that error to `bind` as `refused`.
         """
 
     async def bind(
@@ -85,10 +84,10 @@ class Pods(Protocol):
         resource_version: str = "",
         refused: Exception | None = None,
     ) -> BindOutcome:
-        """Send a Binding with the pod's uid as precondition and find out what became of it.
+        """Send a Binding with the pod's uid as precondition and find out whether it took effect.
 
         `annotations` are merged into the pod in the same write; `resource_version` is a precondition, too (both
-        optional). `refused` is what the first try came to where `send` has made it.
+        optional). `refused` is the error of the first try where `send` made it.
         """
 
 
@@ -96,9 +95,9 @@ class Domains(Protocol):
     """Checks domains of RobotApps."""
 
     async def check(self, pod: PodInfo, node: str) -> Reserved:
-        """Read with a quorum whether the claim of the domain that an app's pod names stands, and note the node in it.
+        """Read with a quorum whether the app still holds the claim of the domain that its pod names, and note the node in it.
 
-        Calls of one turn of the event loop share their reads: the pods of one app are checked together.
+        Calls in one turn of the event loop share their reads, because the pods of one app are scheduled together.
         """
 
 
@@ -106,7 +105,7 @@ class Claims(Protocol):
     """Claims what a pod is granted: devices and, for a bare pod, its domain."""
 
     async def reserve(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant]) -> Reserved:
-        """Claim these devices, all or none, and a bare pod's domain; what another attempt claimed is found again."""
+        """Claim these devices, all or none, and a bare pod's domain. Claims of an earlier attempt are used again."""
 
     async def bound(self, reserved: Reserved) -> None:
         """The pod is bound: the claims of devices that it shares are deleted."""

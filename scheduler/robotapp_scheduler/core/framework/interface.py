@@ -94,7 +94,7 @@ class Code(StrEnum):
 
 
 class Status(NamedTuple):
-    """What a hook says about the whole pod."""
+    """Result of a hook that concerns the whole pod."""
 
     code: Code
     reason: str = ""
@@ -102,14 +102,14 @@ class Status(NamedTuple):
 
 
 class PreFilter(NamedTuple):
-    """Answer of `pre_filter`: only these nodes (None = no limit), or a rejection of the pod."""
+    """Result of `pre_filter`: only these nodes (None = no limit), or a rejection of the pod."""
 
     names: frozenset[str] | None = None
     status: Status | None = None
 
 
 class Verdict(NamedTuple):
-    """Answer of `filter` with more to say than a mask.
+    """Result of `filter` with reasons and numbers beside the mask.
 
     `codes` index `reasons` per row (only rows with mask False are read); one entry of `reasons` may hold several texts,
     all of which are reported. `detail` is a number per row for explain (milliseconds, free devices …), named by
@@ -127,7 +127,7 @@ class Verdict(NamedTuple):
 
 
 class PerDomain(NamedTuple):
-    """Answer of `score` where all nodes with the same value of a label get the same.
+    """Result of `score` where all nodes with the same value of a label get the same score.
 
     `values` has one number per code of the label.
     """
@@ -137,7 +137,7 @@ class PerDomain(NamedTuple):
 
 
 class Scores(NamedTuple):
-    """Answer of `score` that is normalised in another way than the plugin's `normalize` says."""
+    """Result of `score` that is normalised in another way than the plugin's attribute `normalize`."""
 
     raw: npt.NDArray[Any]
     normalize: str
@@ -148,7 +148,7 @@ ScoreResult = npt.NDArray[Any] | PerDomain | Scores | int | None
 
 
 class PluginError(Exception):
-    """A plugin answered something that cannot be used; the pod gets SchedulerError with this text."""
+    """A plugin returned a value that cannot be used; the pod gets SchedulerError with this text."""
 
     def __init__(self, plugin: str, text: str) -> None:
         super().__init__(f"plugin {plugin}: {text}")
@@ -199,11 +199,11 @@ class NodeRow:
         return int(self._nodes.free(resource)[self._i])
 
     def allocatable(self, resource: str) -> int:
-        """What the node offers."""
+        """Allocatable of the node: cpu in milli, others in whole units."""
         return int(self._nodes.allocatable(resource)[self._i])
 
     def requested(self, resource: str) -> int:
-        """What its pods ask for."""
+        """Sum of the requests of its pods."""
         return int(self._nodes.requested(resource)[self._i])
 
 
@@ -225,11 +225,11 @@ class BindContext:
         self.annotations: dict[str, str] = {}
         self.kept: dict[str, object] = {}
         self.reserved = READY
-        """What was granted to the pod: its `resource_version` is a precondition of the Binding."""
+        """The result of ROSReserve: grants for the Binding, and the version of the pod that is its precondition."""
         self.sent = False
-        """Whether a Binding may have left. What the pod holds must stay then: a lost reply may mean that it is bound."""
+        """Whether a Binding may have been sent. The pod's claims must stay then: after a lost reply it may be bound."""
         self.refused: Exception | None = None
-        """What the first try of the bind came to where it was made without waiting (`Pods.send`)."""
+        """The error of the first try of the bind where that was made without waiting (`Pods.send`)."""
 
     def __repr__(self) -> str:
         return f"BindContext({self.annotations})"

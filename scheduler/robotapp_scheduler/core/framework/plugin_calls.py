@@ -26,7 +26,7 @@ class PluginCall:
         self.hook = hook
         self.pod = pod
         self.frame: FrameType | None = None
-        """That of the function that calls the hook."""
+        """The frame of the function that calls the hook."""
         self._journal = None if journal is None or pod is None else journal(plugin, hook, pod)
         self._before: Token[PluginCall | None] | None = None
 
@@ -50,7 +50,7 @@ class PluginCall:
     ) -> None:
         if self._before is not None:
             _RUNNING.reset(self._before)
-        self.frame = None  # it refers to us
+        self.frame = None  # its locals refer to this object
         if self._journal is not None:
             self._journal.__exit__(kind, error, trace)
 
@@ -65,4 +65,4 @@ def running_call() -> PluginCall | None:
 
 
 class Overdue(BaseException):
-    """Raised inside a hook that does not come back (shell.process.watchdog). No `except Exception` of the plugin's stops it."""
+    """Raised inside a hook that does not return (shell.process.watchdog). `except Exception` in the plugin does not catch it."""

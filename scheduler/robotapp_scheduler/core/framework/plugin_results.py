@@ -11,7 +11,7 @@ from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
 
 
 def checked_mask(plugin: str, mask: object, rows: int) -> BoolArray:
-    """The mask of a filter, or PluginError."""
+    """The mask of a filter. Raises PluginError when it is no bool array with one element per row."""
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (rows,):
         found = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else type(mask).__name__
         raise PluginError(plugin, f"filter must answer a bool array of shape ({rows},), got {found}")
@@ -19,7 +19,10 @@ def checked_mask(plugin: str, mask: object, rows: int) -> BoolArray:
 
 
 def checked_scores(plugin: str, scores: object, rows: int, *, hook: str = "score") -> npt.NDArray[Any]:
-    """The raw scores of a plugin, or PluginError: numbers, one per row. NaN only counts where a node is feasible."""
+    """The raw scores of a plugin. Raises PluginError when they are no array with one number per row.
+
+    NaN is allowed here: it is an error only where a node is feasible.
+    """
     if not isinstance(scores, np.ndarray) or scores.dtype.kind not in "iuf" or scores.shape != (rows,):
         found = f"{scores.dtype} {scores.shape}" if isinstance(scores, np.ndarray) else type(scores).__name__
         raise PluginError(plugin, f"{hook} must answer a number array of shape ({rows},), got {found}")

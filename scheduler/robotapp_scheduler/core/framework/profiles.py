@@ -70,7 +70,7 @@ class PluginSet(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ProfileSpec(msgspec.Struct, frozen=True):
-    """What the configuration says about one profile."""
+    """One profile as configured."""
 
     scheduler_name: str
     plugins: Mapping[str, PluginSet] = {}
@@ -85,20 +85,20 @@ class Catalogue(msgspec.Struct, frozen=True):
     classes: Mapping[str, type]
     defaults: tuple[PluginRef, ...]
     stand_ins: Mapping[str, str] = {}
-    """Defaults of ours and the upstream default each takes the place of, until a configuration names that one."""
+    """Our default plugin → the upstream default that it replaces, until a configuration names the upstream one."""
 
     upstream_points: Mapping[str, Collection[str]] = {}
     """Points at which upstream's plugin of a name takes part."""
 
     def is_idle(self, name: str, point: str) -> bool:
-        """May a file name this plugin at this point although ours does all it does at others?"""
+        """True when upstream's plugin of this name takes part at this point and ours does not: naming it there is no error."""
         return point in self.upstream_points.get(name, ()) and not _takes_part(self, name, point)
 
-    def meant_by(self, specs: Sequence[ProfileSpec]) -> "Catalogue":
-        """With the defaults of a file that holds these profiles.
+    def with_defaults_for(self, specs: Sequence[ProfileSpec]) -> "Catalogue":
+        """The catalogue with the default plugins that apply to a file with these profiles.
 
-        One written for kube-scheduler that names an upstream default, to enable or to disable it, finds it there; in all
-        its profiles, since they share one queue.
+        When a file written for kube-scheduler enables or disables an upstream default by name, that default replaces ours,
+        in all profiles of the file, since they share one queue.
         """
         sets = (found for spec in specs for found in spec.plugins.values())
         named = {ref.name for found in sets for ref in (*found.enabled, *found.disabled)}
@@ -121,13 +121,13 @@ class Profile:
         self.scheduler_name = scheduler_name
         self.config_hash = config_hash
         self.queue_sort_args = queue_sort_args
-        """A digest of them."""
+        """Digest of the queue sort plugin's arguments."""
         self.pre_enqueue = _deciding(plugins, "preEnqueue")
         self.queue_sort = plugins["queueSort"][0]
         self.pre_filters = _deciding(plugins, "preFilter")
         self.filters = _deciding(plugins, "filter")
         self.shadow_filters = tuple(loaded for loaded in plugins.get("filter", ()) if loaded.shadow)
-        """Asked about the chosen node only, after it was chosen."""
+        """Called for the chosen node only, after the choice."""
         self.post_filters = _deciding(plugins, "postFilter")
         self.scores = tuple(plugins.get("score", ()))
         """Shadow plugins among them are scored and left out of the totals."""
@@ -141,15 +141,15 @@ class Profile:
         around_the_bind = (self.reserves, self.permits, self.pre_binds, self.post_binds)
         self.pre_flights = tuple(_pre_flights(*around_the_bind))
         self.waits = any(pre_flight_of(loaded) is None for loaded in (*self.permits, *self.pre_binds))
-        """May plugins make any placed pod wait before its bind?"""
+        """Whether a permit or pre_bind without `pre_flight` may make any placed pod wait before its bind."""
         self.send = _send_of(self.binds[0]) if self.binds else None
-        """The bind for pods that no plugin has work for: nothing is awaited, a function is called with the result."""
+        """The bind for pods that no plugin has work for: nothing is awaited, a callback gets the result."""
         if any(pre_flight_of(loaded) is None for chain in around_the_bind for loaded in chain):
             self.send = None
         self.reserves_devices = any(loaded.name == FOR_APPS["reserve"] for loaded in self.reserves)
-        """Are devices chosen and claimed for pods that want some?"""
+        """Whether devices are chosen and claimed for pods that request some."""
         self.unfit_for_apps = _unfit_for_apps(scheduler_name, {"reserve": self.reserves, "bind": self.binds})
-        """Why no pod of a RobotApp can be placed by this profile; "" when it can."""
+        """Why this profile cannot place pods of RobotApps; "" when it can."""
         self.everywhere = tuple(loaded for chain in plugins.values() for loaded in chain)
         """One for each point that a plugin takes part in."""
         self.all = {loaded.name: loaded for loaded in self.everywhere}
@@ -167,7 +167,7 @@ def _deciding(plugins: Mapping[str, Sequence[RegisteredPlugin]], point: str) -> 
 
 
 def pre_flight_of(loaded: RegisteredPlugin) -> PreFlight | None:
-    """The plugin's `pre_flight`. One that is inherited from ours knows nothing of the hooks of somebody else's class."""
+    """The plugin's `pre_flight`; None for a third-party class, whose own hooks an inherited `pre_flight` does not cover."""
     return getattr(loaded.plugin, "pre_flight", None) if is_ours(loaded.plugin) else None
 
 
@@ -197,7 +197,7 @@ def _unfit_for_apps(scheduler_name: str, chains: Mapping[str, Sequence[Registere
 
 def build_profiles(specs: Sequence[ProfileSpec], catalogue: Catalogue) -> dict[str, Profile]:
     """All profiles by schedulerName. Raises ConfigError with every problem found."""
-    catalogue = catalogue.meant_by(specs)
+    catalogue = catalogue.with_defaults_for(specs)
     problems: list[str] = []
     profiles: dict[str, Profile] = {}
     for i, spec in enumerate(specs):
@@ -214,7 +214,7 @@ def build_profiles(specs: Sequence[ProfileSpec], catalogue: Catalogue) -> dict[s
 
 
 def _queue_sort_problems(profiles: Collection[Profile]) -> Iterator[str]:
-    """All pods wait in one queue: its order must not depend on who asks."""
+    """Problems with queueSort: all profiles share one queue, so they must order it the same way."""
     sorts = {profile.queue_sort.name for profile in profiles}
     if len(sorts) > 1:
         yield f"profiles: queueSort must be the same for all profiles, found {', '.join(sorted(sorts))}"
@@ -233,7 +233,7 @@ def _build(spec: ProfileSpec, catalogue: Catalogue, path: str, problems: list[st
     points = expand(spec.plugins, catalogue, path, problems)
     loaded: dict[str, Any] = {}
     enabled = (ref.name for refs in points.values() for ref in refs)
-    # Arguments of a plugin that is switched off are read too: it is switched on again some day.
+    # Arguments of a disabled plugin are checked too, so that enabling it brings no surprise.
     for name in dict.fromkeys([*enabled, *spec.plugin_config]):
         plugin = _instance(name, spec.plugin_config.get(name), catalogue, path, problems)
         if plugin is not None:
@@ -273,7 +273,7 @@ def _chains(
     path: str,
     problems: list[str],
 ) -> dict[str, list[RegisteredPlugin]]:
-    """The plugins of every point, their attributes checked; what is wrong with one is told once."""
+    """The plugins of every point, their attributes checked; each problem is reported once."""
     chains: dict[str, list[RegisteredPlugin]] = {}
     owner: dict[str, str] = {}
     found: list[str] = []
@@ -286,7 +286,7 @@ def _chains(
             except PluginError as error:
                 found.append(f"{path}.plugins: {error}")
                 continue
-            except Exception as error:  # a property of somebody else's class may raise anything
+            except Exception as error:  # a property of a third-party class may raise anything
                 log.warning("plugin %s cannot be looked at", ref.name, exc_info=True)
                 found.append(
                     f"{path}.plugins: plugin {ref.name!r} cannot be looked at: {type(error).__name__}: {error}"
@@ -307,7 +307,7 @@ def _made(plugin: Any, weight: int, *, shadow: bool) -> RegisteredPlugin:
 
 
 def _own_values(raw: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments without the two fields that say what they are."""
+    """Arguments without apiVersion and kind."""
     return {key: value for key, value in raw.items() if key not in ("apiVersion", "kind")}
 
 
@@ -318,7 +318,7 @@ def _digest(value: object) -> str:
 def _instance(
     name: str, raw: Mapping[str, Any] | None, catalogue: Catalogue, path: str, problems: list[str]
 ) -> tuple[Any, bool] | None:
-    """(plugin, shadow). `shadow: true` is an argument every plugin understands."""
+    """(plugin, shadow). `shadow` is an argument that every plugin may have; its class does not get it."""
     cls = catalogue.classes.get(name)
     if cls is None:
         return None  # reported with the place where it is named
@@ -333,7 +333,7 @@ def _instance(
         return (cls(args) if kind is not NoArgs else cls()), shadow
     except (msgspec.ValidationError, ValueError) as error:
         problems.append(f"{path}.pluginConfig[{name}].args: {error}")
-    except (Exception, SystemExit) as error:  # somebody else's code; a configuration must not end the process
+    except (Exception, SystemExit) as error:  # third-party code; a configuration must not end the process
         log.warning("plugin %s cannot be made", name, exc_info=True)
         problems.append(f"{path}.plugins: plugin {name!r} cannot be made: {type(error).__name__}: {error}")
     return None

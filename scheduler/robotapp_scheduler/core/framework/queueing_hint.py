@@ -14,27 +14,27 @@ _SELF: Final = int(Change.SELF)
 
 
 class QueueingHint(NamedTuple):
-    """What may help a pod that one plugin rejected: kinds of change, then the plugin's own opinion on each."""
+    """Which events may help a pod that one plugin rejected: first by kind of change, then by the plugin's `hint`."""
 
     plugin: str
     events: Change = Change.ALL
     hint: Callable[[PodInfo, Event], bool] | None = None
     reads: tuple[str, ...] = ()
-    """Pod features the hint's answer depends on."""
+    """Features of the pod that the result of `hint` depends on."""
     of_each: Callable[[Event], bool] | None = None
-    """Events for which it depends on more, so that every pod has to be asked about."""
+    """True for events for which it depends on more than `reads`: then `hint` is called for every pod."""
     serves: Callable[[PodInfo, Event], int | None] | None = None
-    """How many of the pods that are equal in `reads` such an event can help; None: any number."""
+    """How many of the pods that are equal in `reads` the event can help; None: any number."""
 
     def key(self, pod: PodInfo) -> Hashable:
-        """Pods with equal keys get equal answers."""
+        """Key of a pod: `hint` returns the same for pods with equal keys."""
         if self.hint is None:
             return ()
         live = any(name.startswith(LIVE) for name in self.reads)
         return pod.live_features(self.reads) if live else pod.features(self.reads)
 
     def wants(self, pod: PodInfo, event: Event) -> bool:
-        """May this event help the pod? A hint that raises counts as yes: it must not hold a pod back for ever."""
+        """Whether this event may help the pod. A hint that raises counts as yes: it must not hold a pod back for ever."""
         if not int(event.change) & (int(self.events) | _SELF):
             return False
         if self.hint is None or (event.old is None and event.new is None):
@@ -46,11 +46,11 @@ class QueueingHint(NamedTuple):
             return True
 
     def most(self, pod: PodInfo, event: Event) -> int | None:
-        """How many pods like this one the event, which it wants, can help; None: any number."""
+        """How many of the pods with this pod's key the event can help; None: any number. Only after `wants` returned True."""
         if self.serves is None or (event.old is None and event.new is None):
             return None
         try:
             return self.serves(pod, event)
-        except Exception:  # as above
+        except Exception:  # as in `wants`
             log.exception("%s cannot tell for %s how many %s serves", self.plugin, pod.key, event.label)
             return None

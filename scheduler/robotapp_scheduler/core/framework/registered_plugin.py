@@ -41,9 +41,9 @@ class RegisteredPlugin:
         self.name: str = plugin.name
         self.weight = weight
         self.shadow = shadow
-        """Scored and recorded, but the choice does not look at it."""
+        """Scored and recorded, but without effect on the choice."""
         self.journal: CallJournal | None = None
-        """Is called before every hook, where calls are recorded (shell.process.crash_journal)."""
+        """Entered around every call of a hook, where calls are recorded (shell.process.crash_journal)."""
         self.row_local: bool = getattr(plugin, "row_local", False)
         self.sound: bool = getattr(plugin, "sound", False)
         """See core.framework.incremental: results are not checked."""
@@ -54,13 +54,14 @@ class RegisteredPlugin:
         self.reads: tuple[str, ...] = tuple(sorted(getattr(plugin, "reads", ("uid",))))
         node_reads: tuple[str | NodeFact, ...] = tuple(getattr(plugin, "node_reads", READS))
         self.reads_live = any(name.startswith(LIVE) for name in self.reads)
-        """Reads parts of "ros", or "volumes": its columns are found by what these are at this attempt."""
-        self.interest = interest_of(node_reads) | (0 if self.row_local else int(NODE))  # which rows there are
-        """Changes after which a row must be looked at again, as a plain int."""
+        """Whether it reads parts of "ros", or "volumes", whose values may differ from attempt to attempt of one pod."""
+        # Without `row_local` a result may depend on which rows there are.
+        self.interest = interest_of(node_reads) | (0 if self.row_local else int(NODE))
+        """Kinds of change after which a changed row must be computed again, as a plain int."""
         self.watches = self.interest | int(NODE)
-        """Changes after which a column of results must be looked at."""
+        """Kinds of change after which a column of results must be refreshed."""
         self.relevance = interest_of(getattr(plugin, "relevant_reads", node_reads)) | int(NODE)
-        """Changes after which `relevant` must be asked again."""
+        """Kinds of change after which `relevant` must be called again."""
         self.filter: Callable[[PodInfo, Snapshot], FilterResult] | None = getattr(plugin, "filter", None)
         self.score: Callable[[PodInfo, Snapshot], ScoreResult] | None = getattr(plugin, "score", None)
         self.score_among: ScoreAmong | None = getattr(plugin, "score_among", None)
@@ -91,7 +92,7 @@ class RegisteredPlugin:
         )
 
     def interest_for(self, pod: PodInfo) -> int:
-        """Changes after which a row of what it says about such pods must be looked at again."""
+        """Kinds of change after which a changed row must be computed again for pods like this one."""
         return self.interest if self.minds is None else interest_of(self.minds(pod))
 
     def __repr__(self) -> str:

@@ -1,7 +1,7 @@
-"""Guards the hooks of third-party plugins: an exception or a wrong answer becomes a `PluginError` that names the plugin.
+"""Guards the hooks of third-party plugins: an exception or an unusable result becomes a `PluginError` that names the plugin.
 
-Ours are trusted and asked directly. A PluginError fails the one pod (SchedulerError); it must never end the loop, a watch
-or the command that was typed, and what a plugin answers must not be believed before its shape is known.
+Built-in plugins are trusted and called directly. A PluginError fails the one pod (SchedulerError); it must never end the
+event loop, a watch or a command of the user. The shape of every result is checked before it is used.
 
 `silenced` is for shadow plugins: called as any other, without effect on decisions, and harmless when they fail.
 """
@@ -40,21 +40,21 @@ OURS: Final = "robotapp_scheduler"
 EXACT: Final = 1 << 56
 """Integers beyond are scored as floats: a hundred times as much must not overflow."""
 _SHORT_CUTS: Final = ("filter_row", "score_row", "room")
-"""Of a plugin that inherits them from one of ours they are not asked: its own `filter` or `score` may say otherwise."""
+"""Not called when a third-party plugin inherits them from a built-in one: its own `filter` or `score` may decide otherwise."""
 
 
 def is_ours(plugin: object) -> bool:
-    """Is the class part of this program?"""
+    """Whether the plugin's class is part of this program."""
     return _made_here(type(plugin))
 
 
 def _made_here(made: object) -> bool:
-    """Of a class or a function."""
+    """`is_ours` of a class or a function."""
     return str(getattr(made, "__module__", "")).partition(".")[0] == OURS
 
 
 def guarded(loaded: RegisteredPlugin) -> RegisteredPlugin:
-    """The same plugin with every hook watched."""
+    """The same plugin, every hook of which is guarded."""
     problems = misread(loaded.plugin, _made_here)
     if problems:
         raise PluginError(loaded.name, "; ".join(problems))
@@ -82,23 +82,23 @@ def guarded(loaded: RegisteredPlugin) -> RegisteredPlugin:
 def _watched(loaded: RegisteredPlugin, hook: str, function: Callable[..., Any], check: "_Check") -> Callable[..., Any]:
     plugin = loaded.name
 
-    def asked(*args: Any) -> Any:
+    def guard(*args: Any) -> Any:
         try:
             with PluginCall(plugin, hook, args[0], loaded.journal):
                 return check(plugin, hook, function(*args), *args)
         except (PluginError, KeyboardInterrupt):
             raise
-        except Overdue as error:  # the watchdog has told where
+        except Overdue as error:  # the watchdog has logged the line
             raise PluginError(plugin, f"{hook} {error}") from error
-        except BaseException as error:  # somebody else's code, sys.exit included: its pod is told, the others go on
+        except BaseException as error:  # third-party code, sys.exit included: only its pod fails, with the reason
             log.exception("%s of plugin %s failed", hook, plugin)
             raise PluginError(plugin, f"{hook} raised {type(error).__name__}: {error}") from error
 
-    return asked
+    return guard
 
 
 def _derived(plugin: str, fact: NodeFact) -> Callable[[Node], float]:
-    """Its function, of which an exception or a call without return is a PluginError: then the node has the value `absent`."""
+    """The function of a third-party NodeFact. An exception or a call without return is a PluginError: the node gets `absent`."""
     hook = f"the fact {fact.name!r}"
 
     def derived(node: Node) -> float:
@@ -114,34 +114,34 @@ def _derived(plugin: str, fact: NodeFact) -> Callable[[Node], float]:
 
 
 def _held_when_broken(loaded: RegisteredPlugin, function: Callable[..., Any]) -> Callable[..., Status | None]:
-    """A gate that cannot be asked stays closed, with its text: an open one might let pods through it was to hold."""
+    """`pre_enqueue` that keeps a pod out of the queue when it fails: the pod may be one that it is there to hold."""
     watched = _watched(loaded, "pre_enqueue", function, _status)
 
-    def asked(*args: Any) -> Status | None:
+    def guard(*args: Any) -> Status | None:
         try:
             answer: Status | None = watched(*args)
         except PluginError as error:
             return Status(Code.ERROR, str(error))
         return answer
 
-    return asked
+    return guard
 
 
 def _yes_when_broken(loaded: RegisteredPlugin, function: Callable[..., Any]) -> Callable[..., bool]:
-    """A hint that cannot be asked must not hold its pod back for ever."""
+    """`hint` that returns True when it fails: the pod must not wait for ever."""
     watched = _watched(loaded, "hint", function, _truth)
 
-    def asked(*args: Any) -> bool:
+    def guard(*args: Any) -> bool:
         try:
             return bool(watched(*args))
         except PluginError:
             return True
 
-    return asked
+    return guard
 
 
 def _ordered(loaded: RegisteredPlugin, function: Callable[..., Any]) -> Callable[..., tuple[Any, ...]]:
-    """Keys that can be compared with each other whatever they hold; a pod without one comes last, by its time."""
+    """`queue_key` with keys that can always be compared; pods for which it fails come last, by priority and time."""
     plugin, watched = loaded.name, _watched(loaded, "queue_key", function, _untouched)
 
     def key(pod: Any, queued_s: float) -> tuple[Any, ...]:
@@ -163,7 +163,7 @@ def _comparable(plugin: str, part: object) -> tuple[int, Any]:
     raise PluginError(plugin, f"queue_key must answer a tuple of numbers and texts, got {part!r} in it")
 
 
-# --- Answers --------------------------------------------------------------------------------------------------------
+# --- Checks of results ------------------------------------------------------------------------------------------------
 
 _Check = Callable[..., Any]
 
@@ -185,7 +185,7 @@ def _facts(plugin: str, hook: str, answer: Any, *_args: Any) -> object:
 
 
 def odd_status(answer: object) -> str:
-    """What is wrong with something that is to be a Status; "" when nothing is."""
+    """Why a value cannot be used as a Status; "" when it can."""
     if not isinstance(answer, Status):
         return type(answer).__name__
     code: object = answer.code
@@ -219,7 +219,7 @@ def _pre_filter(plugin: str, hook: str, answer: object, *_args: Any) -> object:
 
 
 def _verdict(plugin: str, hook: str, answer: object, *_args: Any) -> object:
-    """Masks are looked at by the framework; here what stands beside them."""
+    """Checks all of a Verdict but its mask, which the framework checks for every filter."""
     if not isinstance(answer, Verdict):
         return answer
     mask: object = answer.mask
@@ -290,7 +290,7 @@ def _scores(plugin: str, hook: str, answer: object, _pod: Any, nodes: Any) -> ob
 
 
 def _wide(raw: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Small integers would overflow when they are normalised."""
+    """Integers as int64 or float64: smaller types would overflow when they are normalised."""
     if raw.dtype.kind not in "iu" or not raw.size:
         return raw
     large = int(raw.max()) > EXACT or int(raw.min()) < -EXACT
@@ -311,7 +311,7 @@ def _row_percent(plugin: str, hook: str, answer: object, *_args: Any) -> int:
 
 
 def _among(plugin: str, hook: str, answer: object, _pod: Any, _nodes: Any, feasible: Any) -> object:
-    """Its range is looked at where it is used, but for a plain number."""
+    """The range is checked here for a plain number only, for arrays where they are used."""
     if answer is None:
         return None
     if isinstance(answer, int):
@@ -356,13 +356,13 @@ _CHECKS: Final[Mapping[str, _Check]] = {
 
 
 _SILENT: Final[dict[str, Any]] = {"filter": None, "score": None, "score_among": None, "relevant": False}
-"""Hooks that are asked, and what stands for "no opinion"."""
+"""Hooks that are called, and the result that stands for Skip."""
 _UNUSED: Final = ("narrows", "score_row", "filter_row", "minds", "confined", "touched_by", "beside")
-"""Short cuts that would have to be guarded one by one; without them the vector form is asked."""
+"""Optional hooks that would have to be silenced one by one; without them the forms above are called."""
 
 
 def silenced(loaded: RegisteredPlugin) -> RegisteredPlugin:
-    """A `guarded` plugin whose PluginErrors become "no opinion": an experiment must not hold a pod back."""
+    """A `guarded` plugin whose PluginErrors become Skip: a shadow plugin must not hold a pod back."""
     for name, otherwise in _SILENT.items():
         hook = getattr(loaded, name)
         if hook is not None:
@@ -373,11 +373,11 @@ def silenced(loaded: RegisteredPlugin) -> RegisteredPlugin:
 
 
 def _silent(plugin: str, hook: Callable[..., Any], otherwise: Any) -> Callable[..., Any]:
-    def asked(*args: Any) -> Any:
+    def guard(*args: Any) -> Any:
         try:
             return hook(*args)
         except PluginError as error:
             log.warning("shadow plugin %s has no opinion: %s", plugin, error)
             return otherwise
 
-    return asked
+    return guard

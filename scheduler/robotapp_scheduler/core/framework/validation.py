@@ -53,7 +53,10 @@ _SPELT: Final = {hook.replace("_", ""): hook for hook in HOOKS}
 
 
 def misread(plugin: object, made_here: Callable[[object], bool]) -> list[str]:
-    """Texts about functions of somebody else's that look like hooks and would never be asked. `made_here` says which are ours."""
+    """Problems: functions of a third-party plugin that look like hooks and would never be called.
+
+    `made_here` is True for functions of built-in classes.
+    """
     found = []
     for name in dir(type(plugin)):
         value = getattr(type(plugin), name, None)
@@ -69,7 +72,7 @@ def misread(plugin: object, made_here: Callable[[object], bool]) -> list[str]:
 
 
 def problems_of(plugin: object, normalizers: Collection[str]) -> list[str]:
-    """Texts about its attributes; empty when it may be used."""
+    """Problems with the attributes of a plugin; empty when it may be used."""
     name = getattr(plugin, "name", None)
     if not isinstance(name, str) or not name:
         return [f"`name` must be a text, got {name!r}"]

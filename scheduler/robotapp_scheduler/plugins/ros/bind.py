@@ -14,9 +14,9 @@ class ROSBind:
 
     name = "ROSBind"
 
-    def send(self, pod: PodInfo, node: str, ctx: BindContext, told: Callable[[Exception | None], None]) -> None:
-        """The first try of `bind` for a pod that was granted nothing; `told` is called with its result."""
-        ctx.handle.pods.send(pod.pod, node, told)
+    def send(self, pod: PodInfo, node: str, ctx: BindContext, done: Callable[[Exception | None], None]) -> None:
+        """The first try of `bind` for a pod that was granted nothing; `done` is called with its result."""
+        ctx.handle.pods.send(pod.pod, node, done)
 
     async def bind(self, pod: PodInfo, node: str, ctx: BindContext) -> BindOutcome:
         """Send the Binding with every grant and annotation, and find out what became of it."""

@@ -1,9 +1,9 @@
-"""Binds one pod to one node: a single write, carried out at most once, its outcome known or said to be unknown.
+"""Binds one pod to one node with a Binding that takes effect at most once, and finds out whether it did.
 
 The Binding carries the pod's uid, so that a pod re-created under the same name is never bound by mistake, and the
 grants as annotations: the API server merges them into the pod in the same write that sets nodeName. A bind that hands
 out grants also carries the resourceVersion read before the claims were made (claims.md).
-Nothing here ever deletes a claim: a lost reply may mean "bound".
+Nothing here deletes a claim: after a lost reply the pod may be bound.
 """
 
 import asyncio
@@ -32,9 +32,9 @@ TRIES = 4
 FIRST_DELAY_S = 0.01
 DELAY_FACTOR = 5.0
 JITTER = 0.1
-MOST_DOUBT_DELAY_S = 2.0
-"""Longest pause between two looks at a pod whose bind may have been applied."""
 """Retry policy of kube-scheduler 1.37: 4 tries, 10 ms, each delay five times the last, 10 % jitter."""
+MOST_DOUBT_DELAY_S = 2.0
+"""Longest pause between two reads of a pod whose bind may have been applied."""
 
 
 class _Reference(msgspec.Struct, rename="camel"):
@@ -69,7 +69,7 @@ class Binder:
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
         uniform: Callable[[], float] = random.random,
     ) -> None:
-        """`permitted` is asked before every Binding leaves: whether we still lead."""
+        """`permitted` is called before every request: whether this process still holds the lease."""
         self._client = client
         self._permitted = permitted
         self._sleep = sleep
@@ -80,17 +80,14 @@ class Binder:
         self,
         pod: Pod,
         node: str,
-        told: Callable[[ClientError | None], None],
+        done: Callable[[ClientError | None], None],
         *,
         annotations: Mapping[str, str] | None = None,
         resource_version: str = "",
     ) -> None:
-        """The first try of `bind` without a task that waits: `told` gets None when the pod is bound.
-
-        An error is the beginning of `bind`, to be given to it as `refused`.
-        """
+        """As `core.framework.handle.Pods` has it, with grants, too."""
         path, body = self._binding(pod, node, annotations, resource_version)
-        self._client.post_soon(path, body, told, permitted=self._permitted)
+        self._client.post_soon(path, body, done, permitted=self._permitted)
 
     async def bind(
         self,
@@ -117,16 +114,16 @@ class Binder:
             if isinstance(error, TooManyRequests):
                 await self._sleep(error.pause_s)
             elif isinstance(error, Conflict | NotFound):
-                return await self._look(pod, node, problem=problem, in_doubt=in_doubt)
+                return await self._read_back(pod, node, problem=problem, in_doubt=in_doubt)
             elif isinstance(error, ServerError):
                 in_doubt = True
                 if error.status not in {500, 503}:
-                    return await self._look(pod, node, problem=problem, in_doubt=True)
+                    return await self._read_back(pod, node, problem=problem, in_doubt=True)
             elif isinstance(error, ApiError):
                 return BindOutcome(BindResult.FAILED, problem)
             elif error.maybe_applied:
-                return await self._look(pod, node, problem=problem, in_doubt=True)
-        return await self._look(pod, node, problem=problem, in_doubt=in_doubt)
+                return await self._read_back(pod, node, problem=problem, in_doubt=True)
+        return await self._read_back(pod, node, problem=problem, in_doubt=in_doubt)
 
     async def _post(self, path: str, body: bytes) -> ClientError | None:
         try:
@@ -138,7 +135,7 @@ class Binder:
     def _binding(
         self, pod: Pod, node: str, annotations: Mapping[str, str] | None, resource_version: str
     ) -> tuple[str, bytes]:
-        """Path and body."""
+        """Path and body of the request."""
         meta = pod.metadata
         metadata = _Metadata(
             name=meta.name,
@@ -150,11 +147,11 @@ class Binder:
         body = self._encoder.encode(_Binding(metadata=metadata, target=_Reference(name=node)))
         return PODS.path(meta.namespace, meta.name, "binding"), body
 
-    async def _look(self, pod: Pod, node: str, *, problem: str, in_doubt: bool = False) -> BindOutcome:
-        """Read the pod after an unclear answer: the only way to know whether the bind took effect.
+    async def _read_back(self, pod: Pod, node: str, *, problem: str, in_doubt: bool) -> BindOutcome:
+        """Read the pod after an unclear reply: the only way to know whether the bind took effect.
 
-        While it may have (`in_doubt`) we go on looking until there is an answer, however long the API server is away:
-        who gave the room on the node to another pod meanwhile would fill the node twice.
+        While it may have (`in_doubt`) the pod is read until the API server replies, however long that takes: if the room on
+        the node were given to another pod meanwhile, the node could be filled twice.
         """
         for attempt in itertools.count():
             if attempt:
@@ -179,7 +176,7 @@ class Binder:
 
 
 def judge(found: Pod, wanted: Pod, node: str, *, problem: str) -> BindOutcome:
-    """What the pod as stored says about our bind of `wanted` to `node`."""
+    """The outcome of our bind of `wanted` to `node`, judged by the pod as stored now."""
     if found.metadata.uid != wanted.metadata.uid:
         return BindOutcome(BindResult.GONE, problem)
     if found.spec.node_name == node:

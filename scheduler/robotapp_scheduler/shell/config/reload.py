@@ -197,7 +197,7 @@ async def first(source: Source, catalogue: Catalogue, last_good: LastGood | None
 
 def document(config: SchedulerConfig) -> dict[str, Any]:
     """A configuration as `/configz` shows it: a file that leaves nothing to defaults and can be used again."""
-    catalogue = config.catalogue.meant_by(config.profiles)
+    catalogue = config.catalogue.with_defaults_for(config.profiles)
     return {
         "apiVersion": API_VERSION,
         "kind": KIND,
