@@ -150,7 +150,7 @@ class Said:
 
     def tick(self) -> None: ...
 
-    async def promise(self, pod: Pod, node: str) -> None:
+    async def write_nomination(self, pod: Pod, node: str) -> None:
         self.nominated[pod.metadata.name] = node
 
     def note(self, pod: Pod, *, reason: str, text: str) -> None:
@@ -158,7 +158,7 @@ class Said:
 
 
 class Rig:
-    """The loop and placer around the real core, with scripted writes."""
+    """The loop and binding cycle around the real core, with scripted writes."""
 
     def __init__(
         self, nodes: int = 2, *, plugins: Mapping[str, type] = BINDING, points: Mapping[str, Sequence[str]] = POINTS
@@ -178,7 +178,7 @@ class Rig:
         self.metrics = Metrics(CollectorRegistry())
         self.waiting: dict[str, Pod] = {}
         self.evicted: list[tuple[Plan, PodInfo]] = []
-        placer = BindingCycle(
+        binding_cycle = BindingCycle(
             self.core,
             handle=handle_of(self.io, volumes=self.volumes, metrics=self.metrics),
             claim_waits=ClaimWaits(self.core, self.io, self.said, waiting=self.waiting),  # type: ignore[arg-type]
@@ -191,7 +191,7 @@ class Rig:
         self.leads = True
         self.loop = SchedulerLoop(
             self.core,
-            placer,
+            binding_cycle,
             self.said,  # type: ignore[arg-type]
             self.metrics,
             planner=Planner(),

@@ -1,7 +1,7 @@
-"""Carries decisions out: the extension points from Reserve to PostBind, and what follows from each possible outcome.
+"""The binding cycle: runs the extension points from Reserve to PostBind for a decided pod, and acts on the outcome.
 
-Until the Binding is sent the pod stays "in flight" in the queue, so that every change seen meanwhile counts if it comes
-back. From then on the pod is out of the queue; a bind that failed returns it, with its newest version, after back-off.
+Until the pod is bound it stays "in flight" in the queue, so that events that arrive meanwhile count if it goes back there.
+A pod whose bind failed is queued again in its newest version, after back-off.
 """
 
 import logging
@@ -31,13 +31,16 @@ from robotapp_scheduler.shell.status.pod_status import Reporter
 log = logging.getLogger(__name__)
 
 VERSION_TRIES = 3
-"""A pod whose version moved while its devices were claimed is read and bound again at once, this often."""
+"""Tries to bind a pod with grants that changed after it was read: each try reads it again, without back-off."""
 
 CHANGING = "the pod, or the node chosen for it, changed at every try"
 
 
 class BindingCycle:
-    """One instance per process; `place` is awaited once per decided pod, but for a plain one: `send`."""
+    """One instance per process. `place` is awaited once per placed pod; a plain one (`is_plain`) is bound by `send` instead.
+
+    `waiting`: the pods without a node, by uid, in their newest version.
+    """
 
     def __init__(
         self,
@@ -65,7 +68,10 @@ class BindingCycle:
         return f"<BindingCycle of {self._core!r}>"
 
     def refuse(self, decision: ScheduleResult, *, started_s: float) -> None:
-        """The pod got no node: tell why, and let it wait for what may help. The attempt began at `started_s`."""
+        """Handle a pod that got no node: queue it until an event may help, write condition and Event, start its preemption.
+
+        The attempt began at `started_s`.
+        """
         queued = _queued(decision)
         pod, known = decision.pod.pod, decision.pod.uid in self._waiting
         if known and decision.nominate is not None:
@@ -83,26 +89,26 @@ class BindingCycle:
         self._attempted(result, decision.pod, started_s)
 
     def waits_on(self, queued: QueuedPodInfo) -> bool:
-        """Back with a pod whose domain is known not to be free: no node is looked for."""
+        """True when the pod was queued again because no domain is free: it needs no scheduling cycle now."""
         return self._claim_waits.holds_back(queued)
 
     def tick(self) -> None:
-        """Once a second."""
+        """To be called once a second."""
         self._claim_waits.tick()
 
     def abandon(self, decision: ScheduleResult) -> None:
-        """Something unforeseen happened on the way: back into the queue as an error, nothing stays counted."""
+        """Queue a pod again after an unexpected exception, and free its room on the node."""
         self._forget(decision.pod)
         text = "internal error while binding; the scheduler's log has the stack"
         self._return(_queued(decision), Rejection(), reason=PodReason.SCHEDULER_ERROR, message=text)
 
     def may_take_long(self, decision: ScheduleResult) -> bool:
-        """Does the way to the node wait for more than the API server's next answers?"""
+        """Whether the binding cycle may wait for more than the API server's replies (volumes, a third-party permit)."""
         profile = self._profile(decision.pod)
         return profile.waits or Code.WAIT in self._pre_flights(profile, decision)
 
     def is_plain(self, decision: ScheduleResult) -> bool:
-        """No plugin has anything to do before this pod's Binding may leave, or after it."""
+        """Whether no plugin has work for this pod before or after its Binding."""
         profile = self._profile(decision.pod)
         return profile.send is not None and all(code is Code.SKIP for code in self._pre_flights(profile, decision))
 
@@ -113,23 +119,25 @@ class BindingCycle:
     def _profile(self, pod: PodInfo) -> Profile:
         return self._core.engine(pod.scheduler_name).profile
 
-    def send(self, decision: ScheduleResult, told: Callable[[float | None, Exception | None], None]) -> None:
-        """The Binding of a plain decision leaves. `told` hands what it gets over to `sent`, or to `insist` with an error."""
+    def send(self, decision: ScheduleResult, done: Callable[[float | None, Exception | None], None]) -> None:
+        """Send the Binding of a plain decision. `done` gets the time at which it began, and the error or None; the caller
+        then calls `sent`, or awaits `retry` with the error.
+        """
         send = self._profile(decision.pod).send
         if send is None:  # pragma: no cover - only plain decisions are sent
             raise ValueError(f"{decision!r} is not plain")
         began_s = self._timer.begin("Bind")
-        send(decision.pod, str(decision.node), BindContext(self._handle), partial(told, began_s))
+        send(decision.pod, str(decision.node), BindContext(self._handle), partial(done, began_s))
 
     def sent(self, decision: ScheduleResult, *, started_s: float, began_s: float | None) -> None:
-        """That Binding was accepted."""
+        """The Binding of `send` was accepted."""
         self._timer.end("Bind", decision.pod.scheduler_name, began_s)
         self._bound(decision, str(decision.node), started_s)
 
-    async def insist(
+    async def retry(
         self, decision: ScheduleResult, refused: Exception, *, started_s: float, began_s: float | None
     ) -> None:
-        """It was not, or nobody knows: go on as after the first try of any other."""
+        """The Binding of `send` failed, or its outcome is unknown: go on as after the first try of `place`."""
         steps = self._steps(decision)
         steps.context.refused = refused
         outcome = await steps.bind(str(decision.node), began_s=began_s)
@@ -137,17 +145,17 @@ class BindingCycle:
 
     def _steps(self, decision: ScheduleResult) -> ExtensionPoints:
         profile = self._profile(decision.pod)
-        return ExtensionPoints(profile, decision.pod, self._timer, self._reporter.promise, handle=self._handle)
+        return ExtensionPoints(profile, decision.pod, self._timer, self._reporter.write_nomination, handle=self._handle)
 
     async def place(self, decision: ScheduleResult, *, started_s: float) -> None:
-        """Bring one assumed pod to its node, or back into the queue. The attempt began at `started_s`."""
+        """Bind one assumed pod to its node, or queue it again. The attempt began at `started_s`."""
         unfit = self._profile(decision.pod).unfit_for_apps if decision.pod.member is not None else ""
         if unfit:  # another configuration came after the decision
             rejection = Rejection(frozenset({UNFIT_PROFILE}))
             self._reject(decision, Refused(rejection, PodReason.UNSCHEDULABLE, unfit), started_s)
             return
         async with self._steps(decision) as steps:
-            found = await self._brought(decision, steps, started_s)
+            found = await self._run_and_bind(decision, steps, started_s)
             if found is None:
                 return
             decision, outcome = found
@@ -157,10 +165,10 @@ class BindingCycle:
             if _is_bound(outcome):
                 await steps.finish()
 
-    async def _brought(
+    async def _run_and_bind(
         self, decision: ScheduleResult, steps: ExtensionPoints, started_s: float
     ) -> tuple[ScheduleResult, BindOutcome | Refused] | None:
-        """Everything up to the bind's answer; None = the pod went back on the way."""
+        """The decision that was followed in the end and the outcome of its bind; None = the pod was queued again before."""
         lost: set[str] = set()
         outcome: BindOutcome | Refused = BindOutcome(BindResult.CHANGED, CHANGING)
         for _ in range(VERSION_TRIES):
@@ -170,7 +178,7 @@ class BindingCycle:
                 return None
             decision = ready
             if steps.stale:
-                continue  # that took its time: the pod is read and reserves again, and is bound in its newest version
+                continue  # pre_bind took long: reserve anew, for the newest version of the pod
             outcome = await steps.bind(str(decision.node))
             granted = bool(steps.context.reserved.annotations)
             if isinstance(outcome, Refused) or outcome.result is not BindResult.CHANGED or not granted:
@@ -180,7 +188,7 @@ class BindingCycle:
     async def _run(
         self, decision: ScheduleResult, steps: ExtensionPoints, lost: set[str], started_s: float
     ) -> ScheduleResult | None:
-        """All points before the bind, on another node if a device was lost to another pod; None = it went back."""
+        """Run all points before the bind, on another node when another holder got a device. None = the pod was queued again."""
         while True:
             refused = await steps.run(str(decision.node), grants=decision.grants, volumes=decision.volumes)
             if refused is None:
@@ -200,6 +208,7 @@ class BindingCycle:
     def _settle(
         self, decision: ScheduleResult, steps: ExtensionPoints, outcome: BindOutcome | Refused, started_s: float
     ) -> None:
+        """Update queue, cache, status and metrics for the outcome of the bind."""
         if isinstance(outcome, Refused):
             self._reject(decision, outcome, started_s)
             return
@@ -209,7 +218,7 @@ class BindingCycle:
         queued, pod = _queued(decision), decision.pod
         if outcome.result is BindResult.DEPOSED:
             self._forget(pod)
-            self._core.queue.requeue(queued, Rejection())  # whoever leads now places it and speaks about it
+            self._core.queue.requeue(queued, Rejection())  # the new leader schedules it and writes its condition
             return
         if outcome.result is not BindResult.FAILED:
             self._metrics.bind_conflicts.inc()
@@ -223,12 +232,12 @@ class BindingCycle:
         pod = decision.pod
         self._core.queue.done(pod.uid)
         if decision.volumes is not None:
-            self._core.cluster.volumes.forget(pod.uid)  # the claims themselves say it now
+            self._core.cluster.volumes.forget(pod.uid)  # the claims now name their volumes themselves
         self._reporter.scheduled(pod.pod, node, more=budget_without_end() if pod.budget_without_end else "")
         self._metrics.bound(_queued(decision), pod.scheduler_name, started_s=started_s, now_s=self._clock())
 
     def _reject(self, decision: ScheduleResult, refused: Refused, started_s: float) -> None:
-        """Not to this node after all: the room is free again, and the pod waits for what its refusal names."""
+        """Queue a pod that was not bound until an event may help the plugins that rejected it, and free its room."""
         if refused.readiness is Readiness.GONE:
             self._forget(decision.pod)
             self._core.queue.done(decision.pod.uid)
@@ -244,7 +253,7 @@ class BindingCycle:
         self._metrics.attempted(result, pod.scheduler_name, self._clock() - started_s)
 
     def _return(self, queued: QueuedPodInfo, rejection: Rejection, *, reason: str, message: str) -> None:
-        """Back into the queue in the newest version, unless the pod is gone or bound meanwhile."""
+        """Queue the pod again in its newest version, unless it is gone or bound meanwhile."""
         uid = queued.info.uid
         newest = self._waiting.get(uid)
         if newest is None:
@@ -252,7 +261,7 @@ class BindingCycle:
             return
         if newest is not queued.info.pod:
             queued.info = self._core.cluster.pod_info(newest)
-        self._core.cluster.apply_pod(newest)  # news of an assumed pod was left aside
+        self._core.cluster.apply_pod(newest)  # the cache ignores updates of an assumed pod
         self._core.cluster.nominations.nominate(queued.info, "")
         self._core.queue.requeue(queued, rejection)
         self._reporter.unscheduled(newest, reason=reason, message=message, nominate="")
@@ -260,8 +269,8 @@ class BindingCycle:
     def _forget(self, pod: PodInfo) -> None:
         change = self._core.cluster.forget(pod.uid)
         if change:
-            # Freed room is news for every other waiting pod, exactly as if the pod had been deleted. Not for this one:
-            # it would wake itself by its own failure, for ever.
+            # Freed room may help every other waiting pod, exactly as if the pod had been deleted. Not this one: its own
+            # failure would move it to the active queue again and again.
             event = Event("pods", change, old=pod.pod)
             self._core.queue.move(event, groups=groups_around(pod), but=pod.uid)
 

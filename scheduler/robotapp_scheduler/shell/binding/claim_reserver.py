@@ -1,7 +1,7 @@
-"""What has to be ours before a pod may be bound: its domain's claim must stand, its devices must be claimed.
+"""Claims domain and devices of a pod before it is bound, and checks that the domain claim of an app's pod still stands.
 
-The filter read a cache; here the API server decides. What a failed attempt has claimed is found again by the next one,
-and the sweep frees it when the pod is gone; only what is of no use without a device that another holder has is given back.
+The filters read a cache; here the API server decides. The next attempt of a pod finds the claims of a failed one, and the sweep
+frees them when the pod is gone. Claims are given back at once only when another holder has something else that the pod needs.
 """
 
 import asyncio
@@ -36,11 +36,11 @@ from robotapp_scheduler.plugins.ros.reserve import requested_domain, wants
 log = logging.getLogger(__name__)
 
 POOL_S: Final = 1.0
-"""How old the pool may be by which a pod is told that all ids are taken. Before an id is taken it is read anew."""
+"""Greatest age of the pool that is read to reject a pod because all ids are taken. To take an id, the pool is read anew."""
 
 
 class ClaimReserver:
-    """Bind checks and device claims through one client. `known_claims`: from the cache, so that nobody tries a taken domain."""
+    """Bind checks and device claims through one client. `known_claims`: those in the cache, so that no taken domain is tried."""
 
     def __init__(self, client: ApiClient, *, known_claims: Callable[[], Collection[Claim]] = tuple) -> None:
         self._client = client
@@ -48,22 +48,23 @@ class ClaimReserver:
         self._pool: Pool | None = None
         self._reading = asyncio.Lock()
         self._trying: set[str] = set()
-        """Pods that are taking a domain just now: of those who wait as many try as ids are free."""
-        self._pool_read_s = self._asked_s = float("-inf")
+        """Uids of the pods that are taking a domain now: at most as many try as ids are free."""
+        self._pool_read_s = self._let_through_s = float("-inf")
+        """When the pool was read last, and when `known_full` last let a pod through."""
         self._room: tuple[Pool, tuple[Claim, ...], PoolCapacity] | None = None
-        """What was counted last, and from what."""
+        """The last count of free ids, with the pool and claims it was counted from."""
 
     def __repr__(self) -> str:
         return "<Reserver>"
 
     async def check_domains(self, placed: Sequence[tuple[PodInfo, str]]) -> dict[str, Reserved]:
-        """Claims.md rule 1 for the pods of one decision, by pod uid: each claim is read once, with a quorum.
+        """Check rule 1 of claims.md for several pods; results by pod uid. Each claim is read once, with a quorum.
 
-        placed: each pod with the node it is to be bound to, which is written into its claim before. Every pod was seen
-        pending before this call. A pod without a literal domain is ready.
+        placed: each pod with the node it is to be bound to, which is written into its claim first. Every pod must have been
+        pending before this call. A pod without a literal domain is READY.
         """
         verdicts = {pod.uid: READY for pod, _ in placed}
-        asked: list[ClaimPod] = []
+        to_check: list[ClaimPod] = []
         nodes: list[str] = []
         members = [(pod, node) for pod, node in placed if pod.member is not None]
         found = await at_once(self._stored_or_error, [pod for pod, _ in members])
@@ -73,13 +74,13 @@ class ClaimReserver:
             elif stored is None:
                 verdicts[pod.uid] = Reserved(Readiness.GONE)
             elif needs_check(stored):
-                asked.append(stored)
+                to_check.append(stored)
                 nodes.append(node)
         try:
-            answers = await check_bind_all(self._client, asked, nodes=nodes)
+            answers = await check_bind_all(self._client, to_check, nodes=nodes)
         except ClientError as error:
-            return verdicts | {pod.metadata.uid: _error(error) for pod in asked}
-        for stored, answer in zip(asked, answers, strict=True):
+            return verdicts | {pod.metadata.uid: _error(error) for pod in to_check}
+        for stored, answer in zip(to_check, answers, strict=True):
             if not answer.allowed:
                 verdicts[stored.metadata.uid] = Reserved(
                     Readiness.WAIT, reason=PodReason.WAITING_FOR_DOMAIN, message=answer.message
@@ -122,7 +123,7 @@ class ClaimReserver:
             request = domain_request(pod, domain)
             outcome = await ensure_pod_domain(self._client, request, node=node, known_claims=self._known_claims)
             if not outcome.held:
-                # Others may use them meanwhile, even who holds the domain and waits for one of these devices.
+                # Free the devices while this pod waits: the holder of the domain may itself wait for one of them.
                 held = {claim.name: claim for claim in (*sharing.claims, *found.claims)}
                 await give_back(self._client, stored, held.values())
                 return Reserved(Readiness.WAIT, reason=_no_domain(outcome), message=outcome.message)
@@ -133,14 +134,14 @@ class ClaimReserver:
         return Reserved(Readiness.READY, annotations=given, resource_version=version, sharing=sharing.claims)
 
     async def bound(self, reserved: Reserved) -> None:
-        """The pod is bound: what stood for the way there goes. Where that fails, the sweep sees a pod without the grant."""
+        """The pod is bound: delete the claims of devices that it shares. Where that fails, the sweep frees them."""
         try:
             await end_sharing(self._client, Reservation(True, claims=reserved.sharing))
         except ClientError as error:
             log.info("claims of a shared device are left to the sweep: %s", error)
 
     async def not_bound(self, pod: PodInfo, reserved: Reserved) -> None:
-        """The binding is not tried, or not before the pod's volumes are there: others may share the devices meanwhile."""
+        """No Binding was sent, or the pod waits for its volumes first: let others use the devices that it shares."""
         try:
             stored = await self._stored(pod)
             if stored is not None:
@@ -149,32 +150,32 @@ class ClaimReserver:
             log.info("claims of a shared device are left to the sweep: %s", error)
 
     def known_full(self, pod: PodInfo) -> Reserved | None:
-        """What `reserve` would tell a pod that waits for a domain, from memory alone; None when it has to be asked.
+        """The rejection that `reserve` would return for a pod that needs a domain, by the last pool read; None = call `reserve`.
 
-        Of those who wait one in a second is asked all the same, so that somebody reads the pool again.
+        Once a second one pod is let through, so that its `reserve` reads the pool again.
         """
         domain, now_s = requested_domain(pod), self._client.clock()
-        if not domain or self._pool is None or now_s - self._asked_s >= POOL_S:
-            self._asked_s = now_s
+        if not domain or self._pool is None or now_s - self._let_through_s >= POOL_S:
+            self._let_through_s = now_s
             return None
         return self._refusal(pod, domain, self._pool)
 
-    async def _full(self, pod: PodInfo, wish: str) -> Reserved | None:
-        """Why trying is no use: the cache shows every id in other hands. Pods that wait for a full pool cost the server nothing."""
+    async def _full(self, pod: PodInfo, domain: str) -> Reserved | None:
+        """The rejection when other pods hold every id by the cache, else None. No id is tried then, which saves requests."""
         if not self._known_claims():
             return None
-        pool = await self._pool_for_refusals(domain_request(pod, wish).pool)
-        return None if pool is None else self._refusal(pod, wish, pool)
+        pool = await self._recent_pool(domain_request(pod, domain).pool)
+        return None if pool is None else self._refusal(pod, domain, pool)
 
-    def _refusal(self, pod: PodInfo, wish: str, pool: Pool) -> Reserved | None:
-        request, claims = domain_request(pod, wish), tuple(self._known_claims())
+    def _refusal(self, pod: PodInfo, domain: str, pool: Pool) -> Reserved | None:
+        request, claims = domain_request(pod, domain), tuple(self._known_claims())
         if self._room is None or self._room[0] is not pool or self._room[1] != claims:
             self._room = (pool, claims, room_of(request, pool, claims))
         full = full_pool(request, pool, self._room[2], trying=self._trying)
         return None if full is None else Reserved(Readiness.WAIT, reason=_no_domain(full), message=full.message)
 
-    async def _pool_for_refusals(self, name: str) -> Pool | None:
-        """The pool of bare pods, read once for all who ask at the same time."""
+    async def _recent_pool(self, name: str) -> Pool | None:
+        """The pool of bare pods, at most POOL_S old; calls at the same time share one read."""
         async with self._reading:
             now_s = self._client.clock()
             if now_s - self._pool_read_s >= POOL_S:
@@ -183,7 +184,7 @@ class ClaimReserver:
             return self._pool
 
     async def _devices(self, pod: PodInfo, node: str, wanted: Sequence[DeviceGrant]) -> tuple[Reservation, Reservation]:
-        """What is held for the moment of the binding, and the grant. What is taken although the rest is not to be had is `in_vain`."""
+        """The claims that are held until the pod is bound, and the grant. When not all devices are free, `in_vain` are those taken."""
         client, holder = self._client, holder_of(pod)
         shared, exclusive = [[thing(grant) for grant in wanted if grant.exclusive is alone] for alone in (False, True)]
         sharing = await begin_sharing(
@@ -204,7 +205,7 @@ class ClaimReserver:
             return error
 
     async def _stored(self, pod: PodInfo) -> ClaimPod | None:
-        """The pod as etcd has it; None when it is gone, replaced, on its way out or ended."""
+        """The pod as stored; None when it is gone, re-created, being deleted or ended."""
         stored = await find(self._client, PODS, pod.name, pod.namespace, ClaimPod)
         if stored is None or stored.metadata.uid != pod.uid or stored.metadata.deletion_timestamp or stored.terminal:
             return None
@@ -212,7 +213,7 @@ class ClaimReserver:
 
 
 def granted_pods(placed: Iterable[PlacedPod]) -> Iterator[ClaimPod]:
-    """Running bare pods that were granted something: the sweep re-creates a claim of theirs that was deleted by hand."""
+    """Running bare pods with grants: the sweep creates their claims again when these were deleted by hand."""
     for record in placed:
         meta = record.pod.metadata
         annotations = meta.annotations
@@ -245,8 +246,8 @@ def holder_of(pod: PodInfo) -> Holder:
     )
 
 
-def domain_request(pod: PodInfo, wish: str) -> DomainRequest:
-    requested = None if wish == "auto" else int(wish)
+def domain_request(pod: PodInfo, domain: str) -> DomainRequest:
+    requested = None if domain == "auto" else int(domain)
     return DomainRequest(holder=holder_of(pod), requested_id=requested)
 
 
@@ -256,7 +257,7 @@ def thing(grant: DeviceGrant) -> Chosen:
 
 
 def _no_domain(outcome: DomainOutcome) -> PodReason:
-    """Waiting helps where another holder may leave; where the number itself is refused, the annotation has to change."""
+    """The reason of a pod without a domain: it waits for another holder, or its annotation asks for an id that is not allowed."""
     return PodReason.INVALID_ANNOTATION if outcome.reason is Reason.INVALID_SPEC else PodReason.WAITING_FOR_DOMAIN
 
 

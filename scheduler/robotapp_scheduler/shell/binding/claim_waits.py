@@ -1,4 +1,4 @@
-"""Pods that wait for a domain or a device of another holder: no node is looked for in vain, and the holder is named to them."""
+"""Pods that wait for a domain or device of another holder: skips attempts that must fail, and names the holder in an Event."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -28,16 +28,16 @@ class ClaimWaits:
         self._reporter = reporter
         self._waiting = waiting
         self._unnamed: dict[str, PodInfo] = {}
-        """Pods that were refused while the claim of the device they want was on the way: by uid."""
+        """Pods that were rejected for a device that is granted to another pod but has no claim yet: by uid."""
 
     def __repr__(self) -> str:
         return f"<ClaimWaits, {len(self._unnamed)} pods are to be told a holder>"
 
     def holds_back(self, queued: QueuedPodInfo) -> bool:
-        """Back with a pod that was refused for a domain or a device while no domain is free; no node is looked for.
+        """Queue a pod again, without looking for a node, when it was rejected for a domain or device and no domain is free.
 
-        Hundreds of them may wait. Decided and refused at its claims, a pod would give back the room and the device it
-        was promised, which wakes the next.
+        Hundreds of them may wait. If such a pod were assumed on a node and then rejected for its domain, it would free its
+        room and device again, and that event would move the next one to the active queue.
         """
         rejected_by = queued.rejected_by
         nominated = self._core.cluster.nominations.node_of(queued.info.uid)
@@ -52,29 +52,29 @@ class ClaimWaits:
         return True
 
     def refused(self, decision: ScheduleResult) -> None:
-        """The pod got no node: if for a device, name its holder."""
+        """Name the holder to a pod that got no node for want of a device."""
         if DEVICE_PLUGIN in decision.rejected_by:
             self._name_holders(decision.pod)
 
     def tick(self) -> None:
-        """Once a second: name the holders to those pods whose holders had no claim yet."""
+        """To be called once a second: names the holders that had no claim before."""
         unnamed, self._unnamed = self._unnamed, {}
         for uid, pod in unnamed.items():
             if uid in self._waiting:
                 self._name_holders(pod)
 
     def _name_holders(self, pod: PodInfo) -> None:
-        """Who has the devices this pod wants, in one event."""
+        """Write an Event with the first holder of a device that this pod requests."""
         ros = pod.ros
         if ros is None or ros.holder is None:
             return
         cluster = self._core.cluster
         index, closed = cluster.devices, cluster.nodes.tenants.closed_to(ros.tenant)
-        nodes = sorted(set().union(*(index.capable(wish) for wish in ros.devices)) - closed)
+        nodes = sorted(set().union(*(index.capable(request) for request in ros.devices)) - closed)
         for node in nodes:
             for busy in index.blockers(ros.devices, node, ros.holder):
                 if not busy.namespace:
-                    self._unnamed[pod.uid] = pod  # its claim is on the way
+                    self._unnamed[pod.uid] = pod  # the holder's claim is not in the cache yet
                     continue
                 text = device_busy(
                     busy.device.id,

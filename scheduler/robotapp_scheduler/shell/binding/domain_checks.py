@@ -1,4 +1,4 @@
-"""The bind check of RobotApps' pods (claims.md rule 1): those that ask in the same turn of the event loop share their reads."""
+"""The bind check of RobotApps' pods (claims.md rule 1): checks in the same turn of the event loop share their reads."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -15,53 +15,54 @@ WAITED: Final = {
     Readiness.GONE: Code.UNSCHEDULABLE,
     Readiness.ERROR: Code.ERROR,
 }
-"""The bind check in upstream's words for a permission."""
+"""Result of the bind check → label of the metric of Permit waits."""
 CheckAll = Callable[[Sequence[tuple[PodInfo, str]]], Awaitable[Mapping[str, Reserved]]]
 
 
 class DomainChecks:
-    """One per process. `check_all` answers for several pods, each with its node, by uid."""
+    """One per process. `check_all` checks several pods, each with its node; its results are by pod uid."""
 
     def __init__(self, check_all: CheckAll, metrics: Metrics, *, clock: Callable[[], float]) -> None:
         self._check_all = check_all
         self._metrics = metrics
         self._clock = clock
-        self._asked: list[tuple[PodInfo, str, asyncio.Future[Reserved]]] = []
+        self._pending: list[tuple[PodInfo, str, asyncio.Future[Reserved]]] = []
         self._reads: set[asyncio.Task[None]] = set()
 
     def __repr__(self) -> str:
         return f"<DomainChecks, {len(self._reads)} under way>"
 
     async def check(self, pod: PodInfo, node: str) -> Reserved:
-        """Whether the claim of the pod's domain stands; the pod was seen pending before."""
+        """Whether the claim of the pod's domain stands. The pod must have been pending before."""
         answer: asyncio.Future[Reserved] = asyncio.get_running_loop().create_future()
-        self._asked.append((pod, node, answer))
-        if len(self._asked) == 1:  # it begins when all who are about to ask have asked
+        self._pending.append((pod, node, answer))
+        if len(self._pending) == 1:  # the task starts in the next turn of the loop, with all checks of this one
             read = asyncio.create_task(self._read())
             self._reads.add(read)
             read.add_done_callback(self._reads.discard)
         return await answer
 
     async def _read(self) -> None:
-        asked, self._asked = self._asked, []
+        pending, self._pending = self._pending, []
         started_s = self._clock()
         try:
-            found = await self._check_all([(pod, node) for pod, node, _ in asked])
-        except Exception as error:  # noqa: BLE001 - whatever it is, it is raised where the answer is awaited
-            _fail(asked, error)
+            found = await self._check_all([(pod, node) for pod, node, _ in pending])
+        except Exception as error:  # noqa: BLE001 - every error is raised where the result is awaited
+            _fail(pending, error)
             return
         except asyncio.CancelledError:
-            _fail(asked, None)
+            _fail(pending, None)
             raise
-        for pod, _, answer in asked:
+        for pod, _, answer in pending:
             checked = found[pod.uid]
             self._metrics.permit_wait_s.labels(WAITED[checked.readiness]).observe(self._clock() - started_s)
             if not answer.done():
                 answer.set_result(checked)
 
 
-def _fail(asked: Sequence[tuple[PodInfo, str, asyncio.Future[Reserved]]], error: Exception | None) -> None:
-    for _, _, answer in asked:
+def _fail(pending: Sequence[tuple[PodInfo, str, asyncio.Future[Reserved]]], error: Exception | None) -> None:
+    """Raise the error where these results are awaited; None = cancel them."""
+    for _, _, answer in pending:
         if answer.done():
             continue
         if error is None:

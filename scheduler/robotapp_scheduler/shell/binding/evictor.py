@@ -1,7 +1,7 @@
-"""Carries out what preemption decided: tells the victims why, deletes them, and takes their places from lesser waiters.
+"""Carries out a preemption: marks and deletes the victims, and clears nominations of lower priority to that node.
 
-Everything here may be cut off at any await: what was done is in the API server (condition, deletion, the preemptor's
-nominatedNodeName), and the next attempt of the preemptor goes on from there.
+Everything here may be cancelled at any await: what was done is stored in the API server (condition, deletion, the preemptor's
+nominatedNodeName), and the next attempt of the preemptor continues from there.
 """
 
 import asyncio
@@ -43,7 +43,7 @@ class Evictor:
         now: Callable[[], str] = utc_now,
         wake: Callable[[], None] = lambda: None,
     ) -> None:
-        """`permitted` is asked before every write: whether we still lead."""
+        """`permitted` is called before every write: whether this process still holds the lease."""
         self._core = core
         self._client = client
         self._events = events
@@ -78,8 +78,8 @@ class Evictor:
         started_s, failed = self._clock(), True
         try:
             lesser = self._core.cluster.nominations.below(preemptor.priority, plan.node)
-            await asyncio.gather(*(self._take_promise(pod) for pod in lesser))
-            # The last one goes after the others succeeded: its deletion is the event that brings the preemptor back.
+            await asyncio.gather(*(self._clear_nomination(pod) for pod in lesser))
+            # The last victim is deleted when the others are: its deletion is the event that lets the preemptor try again.
             results = await asyncio.gather(*(self._evict(pod, plan.node, preemptor) for pod in victims[:-1]))
             failed = not (all(results) and await self._evict(victims[-1], plan.node, preemptor))
         except Exception:  # a bug must not hold the preemptor for ever: it is tried again below
@@ -90,7 +90,7 @@ class Evictor:
             self._wake()
 
     async def _evict(self, victim: Pod, node: str, preemptor: PodInfo) -> bool:
-        """False: it is still there, and nobody deletes it."""
+        """Mark and delete one victim; False when that failed."""
         meta = victim.metadata
         condition = messages.disruption_patch(victim, by=preemptor.scheduler_name, now=self._now())
 
@@ -119,10 +119,10 @@ class Evictor:
         )
         return True
 
-    async def _take_promise(self, pod: PodInfo) -> None:
-        """A waiter of lower priority no longer has its place on the node; a failure here is not critical."""
+    async def _clear_nomination(self, pod: PodInfo) -> None:
+        """Remove the nomination of a waiting pod of lower priority. A failed write does no harm: the cache has it already."""
         self._core.cluster.nominations.nominate(pod, "")
-        patch = messages.nomination_patch(pod.pod, "")
+        patch = messages.clear_nomination_patch(pod.pod)
         async with self._slots:
             await self._tried(lambda: self._patch(pod.pod, patch), pod.pod)
 
@@ -133,7 +133,7 @@ class Evictor:
         )
 
     async def _tried(self, step: Callable[[], Awaitable[None]], pod: Pod) -> bool | None:
-        """One write, repeated while that can help. True: the pod is gone. False: written. None: given up."""
+        """Try one write until it succeeds or cannot. True: the pod is gone. False: written. None: it failed."""
         problem: ClientError | None = None
         for attempt in range(TRIES):
             if attempt:

@@ -32,17 +32,17 @@ from robotapp_scheduler.shell.metrics.timing import PointTimer
 log = logging.getLogger(__name__)
 
 WAITING: Final = frozenset({"permit", "pre_bind"})
-Promise = Callable[[Pod, str], Awaitable[None]]
+Nominate = Callable[[Pod, str], Awaitable[None]]
 HOOK_S: Final = 600.0
-"""A hook that never comes back would hold the room of its pod for ever."""
+"""Limit of an `async` hook of a third-party plugin: one that never returned would hold its pod's room for ever."""
 REJECTED: Final = frozenset({Code.UNSCHEDULABLE, Code.UNRESOLVABLE, Code.PENDING})
 FINE: Final = frozenset({Code.SUCCESS, Code.SKIP})
 
 
 class Refused(NamedTuple):
-    """Why a pod is not bound after all: what the queue, the user and the metrics are told.
+    """Why a pod is not bound: the rejection for the queue, reason and message for the user.
 
-    readiness: BUSY = another node may do, GONE = nothing is left to be bound.
+    readiness: BUSY = another node may do, GONE = the pod no longer exists.
     """
 
     rejection: Rejection
@@ -52,31 +52,33 @@ class Refused(NamedTuple):
 
 
 class ExtensionPoints:
-    """The steps of one attempt: `async with` them, `run` on the chosen node, `bind`, and `finish` once the pod is bound.
+    """The steps of one attempt: `async with` it, `run` on the chosen node, `bind`, and `finish` once the pod is bound.
 
-    Our plugins are trusted and called directly. Those whose `pre_flight` is Skip are not called.
+    Built-in plugins are trusted and called directly. Those whose `pre_flight` is Skip are not called.
     """
 
-    def __init__(self, profile: Profile, pod: PodInfo, timer: PointTimer, promise: Promise, *, handle: Handle) -> None:
-        """`promise` is told the node before the pod waits for an `async` permit or pre_bind."""
+    def __init__(
+        self, profile: Profile, pod: PodInfo, timer: PointTimer, nominate: Nominate, *, handle: Handle
+    ) -> None:
+        """`nominate` is called with the node before the pod waits for an `async` permit or pre_bind."""
         self._profile = profile
         self._pod = pod
         self._handle = handle
         self._timer = timer
-        self._promise = promise
-        self._promised = ""
+        self._nominate = nominate
+        self._nominated = ""
         self._node = ""
         self._bound = False
         self._reserved: list[RegisteredPlugin] = []
         self._waited_on: set[tuple[str, str]] = set()
-        """Plugins whose pre_bind has waited, with the node it was for."""
+        """Plugins whose pre_bind has waited, with the node."""
         self._outcome: BindOutcome | None = None
-        """What a third-party plugin found out about its bind."""
+        """The BindOutcome that a third-party bind plugin returned, if any."""
         self.context = BindContext(handle)
         self.binder = profile.binds[0].name
-        """The plugin that was last asked to bind."""
+        """The bind plugin that was called last."""
         self.stale = False
-        """Pre_bind took its time, and what was granted had to be given back before: `run` has to come again."""
+        """True when the grants were given back before a slow pre_bind: `run` has to be called again."""
 
     def __repr__(self) -> str:
         return f"<ExtensionPoints of {self._pod.key} on {self._node or 'no node yet'}>"
@@ -88,9 +90,8 @@ class ExtensionPoints:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if not self._bound:
-            self.context.sent |= (
-                kind is not None
-            )  # how far an attempt came that was cancelled or met a bug is not known
+            # After a cancellation or a bug it is unknown whether a Binding was sent.
+            self.context.sent |= kind is not None
             await self.give_back()
 
     # --- Before the bind -----------------------------------------------------------------------------------------
@@ -98,9 +99,9 @@ class ExtensionPoints:
     async def run(
         self, node: str, *, grants: Sequence[DeviceGrant] = (), volumes: VolumePlan | None = None
     ) -> Refused | None:
-        """Everything before the bind; None when the pod may be bound to this node, or `stale`.
+        """Call all hooks before the bind; None when the pod may be bound to this node, or `stale`.
 
-        May be run again after `give_back`.
+        May be called again after `give_back`.
         """
         self._node, self.stale = node, False
         self.context = BindContext(self._handle, grants=grants, volumes=volumes)
@@ -112,8 +113,9 @@ class ExtensionPoints:
         )
 
     async def _pre_bind(self) -> Refused | None:
-        """A grant is bound to one version of the pod, and others may want what it holds: with one, what may take minutes
-        comes first, while nothing is reserved, and then everything anew.
+        """Call pre_bind. When it may take minutes and the pod has a grant, the grant is given back before, and `stale` is set.
+
+        A grant is valid for one version of the pod only, and other pods may be able to use the device meanwhile.
         """
         todo = [loaded for loaded in self._profile.pre_binds if (loaded.name, self._node) not in self._waited_on]
         slow = [loaded for loaded in todo if self._pre_flight(loaded) is Code.WAIT]
@@ -125,7 +127,7 @@ class ExtensionPoints:
         return await self._run_point("PreBind", "pre_bind", todo)
 
     def _pre_flight(self, loaded: RegisteredPlugin) -> Code | None:
-        """None: the plugin is to be called, and nothing is known about it."""
+        """None for a plugin without `pre_flight`: it is called for every pod."""
         pre_flight = pre_flight_of(loaded)
         return None if pre_flight is None else pre_flight(self._pod, self.context)
 
@@ -134,14 +136,14 @@ class ExtensionPoints:
             if self._pre_flight(loaded) is Code.SKIP:
                 continue
             if hook == "reserve":
-                self._reserved.append(loaded)  # a hook that failed half-way is asked to clean up too
+                self._reserved.append(loaded)  # before the call: `unreserve` also cleans up after a failed `reserve`
             refused = self._refused(point, loaded, await self._call(loaded, point, hook))
             if refused is not None:
                 return refused
         return None
 
     def _refused(self, point: str, loaded: RegisteredPlugin, answer: Status | Reserved | None) -> Refused | None:
-        """What an answer before the bind means; the grants of ours are kept."""
+        """The refusal that a hook's result stands for, None to go on. Grants are kept in the context."""
         if isinstance(answer, Reserved):
             if answer.readiness is not Readiness.READY:
                 return Refused(Rejection(answer.waits_for), answer.reason, answer.message, answer.readiness)
@@ -150,7 +152,7 @@ class ExtensionPoints:
         return None if answer is None or answer.code in FINE else _refusal(point, loaded.name, answer)
 
     async def give_back(self) -> None:
-        """Unreserve what was reserved, last first."""
+        """Call `unreserve` of the plugins whose `reserve` was called, in reverse order."""
         while self._reserved:
             loaded = self._reserved.pop()
             if hasattr(loaded.plugin, "unreserve"):
@@ -159,7 +161,7 @@ class ExtensionPoints:
     # --- The bind, and after it ------------------------------------------------------------------------------------
 
     async def bind(self, node: str, *, began_s: float | None = None) -> BindOutcome | Refused:
-        """Have the pod bound by the first plugin that does not skip it. The point may have begun at `began_s`."""
+        """Call the bind plugins until one does not skip the pod. `began_s`: when the first try without waiting began."""
         self._node, self.context.sent = node, True
         if self.context.refused is None:
             began_s = self._timer.begin("Bind")
@@ -185,14 +187,14 @@ class ExtensionPoints:
         return self.bind_refused(Status(Code.ERROR, "every bind plugin of the profile skipped the pod"))
 
     def bind_refused(self, status: Status) -> Refused:
-        """Why the plugin that was asked last did not bind the pod."""
+        """The refusal for a pod that the last bind plugin did not bind."""
         refused = _refusal("Bind", self.binder, status)
         if refused.rejection.plugins:
             return refused
         return refused._replace(message=f"binding rejected: {refused.message}")
 
     async def finish(self) -> None:
-        """The pod is bound: tell the plugins. What they do wrong now is only logged."""
+        """Call the post_bind hooks. The pod is bound, so their errors are only logged."""
         self._bound = True
         for loaded in self._profile.post_binds:
             try:
@@ -204,26 +206,26 @@ class ExtensionPoints:
     # --- Calls -----------------------------------------------------------------------------------------------------
 
     async def _call(self, loaded: RegisteredPlugin, point: str, hook: str) -> Any:
-        """The answer of a plugin. What ours raise is a bug, and as such the caller's."""
+        """The result of a hook. An exception of a built-in plugin is a bug and passes to the caller."""
         if not is_ours(loaded.plugin):
-            return await self._ask(loaded, point, hook)
+            return await self._call_third_party(loaded, point, hook)
         if hook not in WAITING or self._pre_flight(loaded) is not Code.WAIT:
             return await getattr(loaded.plugin, hook)(self._pod, self._node, self.context)
-        await self._say_where(hook)
+        await self._show_node(hook)
         began_s = self._timer.begin(point)
         answer: Status | None = await getattr(loaded.plugin, hook)(self._pod, self._node, self.context)
         code = Code.SUCCESS if answer is None else answer.code
         self._timer.end(point, self._pod.scheduler_name, began_s, code=code)
         return answer
 
-    async def _ask(self, loaded: RegisteredPlugin, point: str, hook: str) -> Status:
-        """The answer of a third-party plugin, timed; what it raises is an Error."""
+    async def _call_third_party(self, loaded: RegisteredPlugin, point: str, hook: str) -> Status:
+        """The result of a third-party plugin's hook, timed; an exception becomes an Error."""
         started_s, pod = self._timer.clock(), self._pod
         try:
             with PluginCall(loaded.name, hook, pod, loaded.journal):
                 answer: Any = getattr(loaded.plugin, hook)(pod, self._node, self.context)
             if inspect.isawaitable(answer):
-                await self._say_where(hook)
+                await self._show_node(hook)
                 async with asyncio.timeout(HOOK_S):
                     with PluginCall(loaded.name, hook, pod):
                         answer = await answer
@@ -242,7 +244,7 @@ class ExtensionPoints:
             SystemExit,
             Overdue,
             asyncio.CancelledError,
-        ) as error:  # a plugin of somebody else's: its pod is told, the others go on
+        ) as error:  # third-party code: only its pod fails, with the reason
             if isinstance(error, asyncio.CancelledError) and _is_cancelled():
                 raise
             log.exception("%s of plugin %s failed for %s", hook, loaded.name, pod.key)
@@ -260,11 +262,11 @@ class ExtensionPoints:
         self._outcome = msgspec.structs.replace(outcome, node=outcome.node or self._node) if bound else outcome
         return None if bound else Status(Code.ERROR, outcome.message)
 
-    async def _say_where(self, hook: str) -> None:
-        """The pod will wait with its room in hand: whoever looks, or schedules next, must know for which node."""
-        if hook in WAITING and self._promised != self._node:
-            self._promised = self._node
-            await self._promise(self._pod.pod, self._node)
+    async def _show_node(self, hook: str) -> None:
+        """Write the pod's nominatedNodeName before it waits with room on the node: users and other schedulers look there."""
+        if hook in WAITING and self._nominated != self._node:
+            self._nominated = self._node
+            await self._nominate(self._pod.pod, self._node)
 
 
 def _is_cancelled() -> bool:
@@ -274,7 +276,7 @@ def _is_cancelled() -> bool:
 
 
 def _status(answer: object, context: BindContext) -> Status:
-    """Success for None; an Error, with what was wrong, for an answer or annotations that cannot be used."""
+    """The Status of a hook's result: Success for None, an Error for a result or annotations that cannot be used."""
     odd = odd_status(answer) if answer is not None else ""
     if odd:
         return Status(Code.ERROR, f"answered {odd}, expected a Status or None")
@@ -291,7 +293,7 @@ def _status(answer: object, context: BindContext) -> Status:
 
 
 def _refusal(point: str, plugin: str, status: Status) -> Refused:
-    """In upstream's words: a refusal is about the one node, an error names point and plugin."""
+    """The refusal in upstream's words: a rejection reads like one node of one, an error names point and plugin."""
     if status.code in REJECTED:
         pending = frozenset({plugin}) if status.code is Code.PENDING else frozenset[str]()
         text = histogram(1, {status.reason or f"node(s) were rejected by {plugin}": 1})
@@ -301,7 +303,7 @@ def _refusal(point: str, plugin: str, status: Status) -> Refused:
 
 
 def _forged(context: BindContext) -> Refused | None:
-    """Grants are the claims' word, not a plugin's."""
+    """A refusal when a plugin wrote annotations of grants, which only the scheduler may write from claims."""
     named = sorted(key for key in context.annotations if key.startswith(GRANTED_PREFIX))
     if not named:
         return None

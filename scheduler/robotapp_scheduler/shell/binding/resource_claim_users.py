@@ -1,7 +1,7 @@
-"""Enters a pod as a user of its ResourceClaims before it is bound: its kubelet prepares devices for their users only.
+"""Adds a pod to `reservedFor` of its ResourceClaims before it is bound: the kubelet prepares devices for these pods only.
 
-An entry is never taken back here: the claim controller removes those of pods that ended, and the next attempt of a pod
-finds its own.
+An entry is never removed here: the claim controller removes those of pods that ended, and the next attempt of a pod finds
+its own.
 """
 
 import msgspec
@@ -13,7 +13,7 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaim, trouble, wanted
 
 TRIES = 5
-"""Pods that share a claim enter at the same moment: each write is for the version that was read."""
+"""Each write is for the version that was read, so pods that share a claim and are bound together meet conflicts."""
 
 
 class ClaimUsers:
@@ -26,9 +26,7 @@ class ClaimUsers:
         return "<ClaimUsers>"
 
     async def enter(self, pod: PodInfo) -> str:
-        """Make the pod a user of all its claims. The reason why it cannot be, "" when it is. Never raises for what the
-        API server may do.
-        """
+        """Make the pod a user of all its claims. Returns why it cannot be, "" when it is; raises no error of the API server."""
         for each in wanted(pod.pod):
             if each.claim is None:
                 continue

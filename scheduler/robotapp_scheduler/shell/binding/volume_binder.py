@@ -1,7 +1,7 @@
-"""Makes a pod's volume decisions true before the bind: gives volumes to claims, asks for new ones, waits until all are bound.
+"""Writes a pod's volume decisions before the bind: sets volumes aside for claims, requests new ones, waits until all are bound.
 
-The volume controller and the provisioners do the rest. Nothing written here is ever taken back: the next attempt, also
-of another process, finds the volume set aside for the claim, or the claim tied to the node, and goes on from there.
+The volume controller and the provisioners do the rest. Nothing written here is undone: the next attempt, also of another
+process, finds the volume set aside for the claim, or the claim with its selected node, and continues from there.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ from robotapp_scheduler.core.volumes.volume_users import ClaimKey
 log = logging.getLogger(__name__)
 
 LOOK_S = 1.0
-"""Without any news the state is looked at this often, as upstream does."""
+"""Longest pause between two checks while no event comes, as upstream."""
 INTERESTING = int(Change.PV | Change.PVC)
 TIMED_OUT = "binding volumes: context deadline exceeded"
 Versions = dict[ClaimKey | str, int]
@@ -35,7 +35,7 @@ class UnbindableError(Exception):
 
 
 class VolumeWriter:
-    """One per process. `wake` on every change of a claim or volume; `alive(uid)` tells whether a pod still waits."""
+    """One per process. `wake` is to be called on every change of a claim or volume; `alive(uid)`: does the pod still wait?"""
 
     def __init__(
         self, client: ApiClient, cluster: Cache, *, alive: Callable[[str], bool], clock: Callable[[], float]
@@ -55,9 +55,8 @@ class VolumeWriter:
             event.set()
 
     async def bind(self, pod: PodInfo, plan: VolumePlan) -> str:
-        """Write the plan and wait until every claim is bound. The reason why it cannot be, "" when it is.
-
-        Never raises for anything the API server may do.
+        """Write the plan and wait until every claim is bound. Returns why it cannot be, "" when it is; raises no error of the
+        API server.
         """
         try:
             versions = await self._write(plan)
@@ -130,7 +129,7 @@ class VolumeWriter:
         if _old(claim.metadata.resource_version, versions.get(key)):
             return False
         if (claim.metadata.annotations or {}).get(SELECTED_NODE) != plan.node:
-            # How a provisioner says that it cannot: another node may do.
+            # A provisioner that cannot make the volume removes the annotation: another node may do.
             raise UnbindableError(f'binding volumes: provisioning failed for PVC "{key[1]}"')
         if claim.spec.volume_name:
             volume = self._cluster.volumes.volumes.get(claim.spec.volume_name)
@@ -181,7 +180,7 @@ def volume_patch(volume: PersistentVolume, claim: Claim) -> dict[str, Any] | Non
         "resourceVersion": volume.metadata.resource_version,
     }
     if not given:
-        # A volume a user set aside keeps showing that it was the user.
+        # Without the annotation it stays visible that a user set the volume aside.
         metadata["annotations"] = {BOUND_BY_CONTROLLER: "yes"}
     reference = {
         "apiVersion": "v1",
@@ -195,7 +194,7 @@ def volume_patch(volume: PersistentVolume, claim: Claim) -> dict[str, Any] | Non
 
 
 def claim_patch(claim: Claim, node: str) -> dict[str, Any] | None:
-    """Merge patch that has a claim provisioned for a node; None when it says so already."""
+    """Merge patch that requests a volume for the claim on this node; None when the claim has the annotation already."""
     if (claim.metadata.annotations or {}).get(SELECTED_NODE) == node:
         return None
     meta = claim.metadata

@@ -1,7 +1,7 @@
 """The scheduling loop: pop a pod, decide, hand over to the binding cycle; one event loop, no threads.
 
 Deciding is synchronous and takes microseconds; binding is concurrent and bounded. After a slice of decisions the loop
-yields, so that watch events and answers are taken in between.
+yields, so that watch events and replies are processed in between.
 """
 
 import asyncio
@@ -27,14 +27,14 @@ from robotapp_scheduler.shell.status.pod_status import Reporter
 log = logging.getLogger(__name__)
 
 IN_FLIGHT = 128
-"""Pods between decision and answered bind: enough that the API server is busy while answers gather."""
+"""Pods between decision and the reply to their bind: enough that the API server stays busy while replies are batched."""
 SLICE = 32
 SLICE_S = 0.002
-"""Decisions before what has arrived meanwhile is taken: so many, or as many as take so long."""
+"""The loop yields to other tasks after this many decisions, or after this time."""
 BUG = "internal error while looking for a node; the scheduler's log has the stack"
 TICK_S = 1.0
 POOLS_S = 10.0
-"""How often pods that wait for a domain look whether their pool has more."""
+"""Interval at which pods that wait for a domain are tried again, because their pool may have grown."""
 
 
 class SchedulerLoop:
@@ -43,7 +43,7 @@ class SchedulerLoop:
     def __init__(
         self,
         core: SchedulerCore,
-        placer: BindingCycle,
+        binding_cycle: BindingCycle,
         reporter: Reporter,
         metrics: Metrics,
         *,
@@ -53,9 +53,9 @@ class SchedulerLoop:
         permitted: Callable[[], bool] = lambda: True,
         in_flight: int = IN_FLIGHT,
     ) -> None:
-        """`permitted` is asked before every decision: whether we still lead."""
+        """`permitted` is called before every decision: whether this process still holds the lease."""
         self._core = core
-        self._placer = placer
+        self._binding_cycle = binding_cycle
         self._reporter = reporter
         self._metrics = metrics
         self._planner = planner
@@ -64,9 +64,9 @@ class SchedulerLoop:
         self._permitted = permitted
         self._woken = asyncio.Event()
         self._slots = in_flight
-        """Free ones: each batch takes one, until it is bound or waits for something that may take long."""
+        """Free slots: each batch takes one until it is bound, or waits for something that may take long."""
         self._freed = 0
-        self._gathering = ResponseBatching(lambda: self._slots < in_flight // 2, lambda: self._freed)
+        self._batching = ResponseBatching(lambda: self._slots < in_flight // 2, lambda: self._freed)
         self._tasks: set[asyncio.Task[None]] = set()
         self._sent = 0
         self._landed = asyncio.Event()
@@ -75,7 +75,7 @@ class SchedulerLoop:
         self.turned_s = clock()
         """When the loop last turned: liveness."""
         self.deciding: Sequence[QueuedPodInfo] = ()
-        """The batch that is being decided right now: for the watchdog."""
+        """The batch that is being decided now, for the watchdog."""
 
     def __repr__(self) -> str:
         return f"<SchedulerLoop {self._sent + len(self._tasks)} batches in flight, {self._core!r}>"
@@ -108,10 +108,10 @@ class SchedulerLoop:
             ticker.cancel()
 
     def _begin(self, batch: Sequence[QueuedPodInfo]) -> None:
-        if len(batch) == 1 and self._placer.waits_on(batch[0]):
+        if len(batch) == 1 and self._binding_cycle.waits_on(batch[0]):
             return
         self._slots -= 1
-        self._gathering.begin()
+        self._batching.begin()
         joint = self._joint_problem(batch)
         if joint is None:
             self._decide(batch)
@@ -122,13 +122,13 @@ class SchedulerLoop:
         """Wait for the binds in flight."""
         with suppress(TimeoutError):
             async with asyncio.timeout(timeout_s):
-                # A plan that comes in while we wait is carried out by a task of its own.
+                # A plan that arrives meanwhile adds a task.
                 while self._tasks or self._sent:
                     self._landed.clear()
                     await self._landed.wait()
 
     def _joint_problem(self, batch: Sequence[QueuedPodInfo]) -> JointProblem | None:
-        """The problem a planner has to solve for these pods first, if any."""
+        """The problem that the planner has to solve before these pods are scheduled, if any."""
         self.deciding = batch
         try:
             return self._core.joint_problem_of(batch)
@@ -139,7 +139,9 @@ class SchedulerLoop:
             self.deciding = ()
 
     async def _plan(self, batch: Sequence[QueuedPodInfo], joint: JointProblem) -> None:
-        """Meanwhile others are placed: what the plan says is checked when it is followed. Some pods may be gone by then."""
+        """Await the plan and schedule the batch by it. Others are placed meanwhile: the cycle checks the plan again, and pods of
+        the batch may be gone.
+        """
         try:
             placement = await self._planner.advise(joint)
         except Exception:  # a bug in the planner must not keep the pods in flight for ever
@@ -176,54 +178,54 @@ class SchedulerLoop:
         placed = [decision for decision in decisions if decision.placed]
         for decision in decisions:
             if not decision.placed:
-                self._placer.refuse(decision, started_s=started_s)
+                self._binding_cycle.refuse(decision, started_s=started_s)
         if not placed:
             self._free()
             return
-        if len(placed) == 1 and self._placer.is_plain(placed[0]):
+        if len(placed) == 1 and self._binding_cycle.is_plain(placed[0]):
             self._send(placed[0], started_s)
             return
         task = asyncio.create_task(self._carry_out(placed, started_s))
         self._tasks.add(task)
-        # Volumes may take minutes to be made, a permission as well; nobody else waits for that.
-        slow = any(self._placer.may_take_long(decision) for decision in placed)
+        # Making volumes or a permit may take minutes: the slot is given free for other pods.
+        slow = any(self._binding_cycle.may_take_long(decision) for decision in placed)
         if slow:
             self._free()
         task.add_done_callback(self._ended if slow else self._finished)
 
     def _send(self, decision: ScheduleResult, started_s: float) -> None:
-        """The usual way: no task waits for the bind's answer."""
+        """Send a plain Binding without a task that waits for the reply."""
         self._sent += 1
         try:
-            self._placer.send(decision, partial(self._told, decision, started_s))
+            self._binding_cycle.send(decision, partial(self._sent_done, decision, started_s))
         except Exception:  # a pod must never stay assumed and forgotten because of a bug
             log.exception("placing %s failed", decision.pod.key)
             self._abandon(decision)
-            self._over()
+            self._send_ended()
 
-    def _told(self, decision: ScheduleResult, started_s: float, began_s: float | None, error: Exception | None) -> None:
+    def _sent_done(
+        self, decision: ScheduleResult, started_s: float, began_s: float | None, error: Exception | None
+    ) -> None:
         if error is not None:
-            self._follow(self._insist(decision, error, started_s, began_s))
+            self._follow(self._retry(decision, error, started_s, began_s))
             return
         try:
-            self._placer.sent(decision, started_s=started_s, began_s=began_s)
+            self._binding_cycle.sent(decision, started_s=started_s, began_s=began_s)
         except Exception:  # as above
             log.exception("placing %s failed", decision.pod.key)
             self._abandon(decision)
-        self._over()
+        self._send_ended()
 
-    async def _insist(
-        self, decision: ScheduleResult, error: Exception, started_s: float, began_s: float | None
-    ) -> None:
+    async def _retry(self, decision: ScheduleResult, error: Exception, started_s: float, began_s: float | None) -> None:
         try:
-            await self._placer.insist(decision, error, started_s=started_s, began_s=began_s)
+            await self._binding_cycle.retry(decision, error, started_s=started_s, began_s=began_s)
         except Exception:  # as above
             log.exception("placing %s failed", decision.pod.key)
             self._abandon(decision)
         finally:
-            self._over()
+            self._send_ended()
 
-    def _over(self) -> None:
+    def _send_ended(self) -> None:
         self._sent -= 1
         self._free()
         self._landed.set()
@@ -243,14 +245,14 @@ class SchedulerLoop:
 
     async def _place(self, decision: ScheduleResult, started_s: float) -> None:
         try:
-            await self._placer.place(decision, started_s=started_s)
+            await self._binding_cycle.place(decision, started_s=started_s)
         except Exception:  # a pod must never stay assumed and forgotten because of a bug
             log.exception("placing %s failed", decision.pod.key)
             self._abandon(decision)
 
     def _abandon(self, decision: ScheduleResult) -> None:
         try:
-            self._placer.abandon(decision)
+            self._binding_cycle.abandon(decision)
         except Exception:  # the other pods of the batch go on: raising here would cancel their binds half-way
             log.exception("abandoning %s failed", decision.pod.key)
 
@@ -264,7 +266,7 @@ class SchedulerLoop:
         self._woken.set()
 
     async def _idle(self) -> None:
-        """Sleep until something happens; the ticker wakes us once a second."""
+        """Sleep until `wake`, a finished task or the tick of each second."""
         self.turned_s = self._clock()
         await self._woken.wait()
         self._woken.clear()
@@ -275,7 +277,7 @@ class SchedulerLoop:
             self.tick()
 
     def tick(self) -> None:
-        """Once a second: back-offs end, telemetry ages, and long waits are told to the user."""
+        """To be called once a second: ends back-offs, ages telemetry, and writes conditions of pods that wait long."""
         self.turned_s = self._clock()
         core = self._core
         core.queue.tick()
@@ -286,7 +288,7 @@ class SchedulerLoop:
         for queued, gate in core.held():
             self._reporter.unscheduled(queued.info.pod, reason=gate.code, message=gate.reason)
         self._groups.tick()
-        self._placer.tick()
+        self._binding_cycle.tick()
         self._reporter.tick()
         self._woken.set()
 

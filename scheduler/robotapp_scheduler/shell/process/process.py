@@ -167,7 +167,7 @@ class Scheduler:
             volumes=self.volumes,
             resource_claims=ClaimUsers(client),
         )
-        placer = BindingCycle(
+        binding_cycle = BindingCycle(
             self.core,
             handle=handle,
             claim_waits=ClaimWaits(self.core, claims, self.reporter, waiting=self.intake.waiting),
@@ -181,7 +181,7 @@ class Scheduler:
         self.group_reporter = GroupReporter(client, self.core.cluster.pod_groups, permitted=self._may_act)
         self.loop = SchedulerLoop(
             self.core,
-            placer,
+            binding_cycle,
             self.reporter,
             self.metrics,
             planner=self.planner,

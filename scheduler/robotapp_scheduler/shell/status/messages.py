@@ -67,9 +67,9 @@ def is_disrupted(pod: Pod) -> bool:
     )
 
 
-def nomination_patch(pod: Pod, node: str) -> dict[str, Any]:
-    """Strategic merge patch of `pods/status` that sets or, with "", clears the nominated node."""
-    return {"metadata": {"uid": pod.metadata.uid}, "status": {"nominatedNodeName": node or None}}
+def clear_nomination_patch(pod: Pod) -> dict[str, Any]:
+    """Strategic merge patch of `pods/status` that clears the nominated node."""
+    return {"metadata": {"uid": pod.metadata.uid}, "status": {"nominatedNodeName": None}}
 
 
 def unscheduled_patch(pod: Pod, *, reason: str, message: str, now: str, nominate: str | None = None) -> dict[str, Any]:

@@ -157,10 +157,10 @@ class Reporter:
                 del self._held[uid]
                 make()
 
-    async def promise(self, pod: Pod, node: str) -> None:
-        """Write the node to the pod before something is made there for it: the next scheduler keeps to it.
+    async def write_nomination(self, pod: Pod, node: str) -> None:
+        """Write nominatedNodeName before volumes or other things are made on the node: after a restart the pod goes there again.
 
-        One try: a nomination that is not written changes nothing. The bind removes it, a failed attempt as well.
+        One try, because nothing depends on it. The bind and a failed attempt remove it.
         """
         meta = pod.metadata
         if pod.status.nominated_node_name == node or not self._permitted():

@@ -353,7 +353,7 @@ async def test_only_a_pod_that_needs_nothing_before_its_bind_is_plain(spec: dict
     rig = Rig()
     rig.show(**spec)
     (decision,) = rig.core.schedule(rig.core.queue.pop())
-    assert rig.loop._placer.is_plain(decision) is plain
+    assert rig.loop._binding_cycle.is_plain(decision) is plain
 
 
 @pytest.mark.parametrize("breaks", ["send", "scheduled"])

@@ -14,7 +14,7 @@ from robotapp_api.model.names import Annotation, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.interface import Code, Status
 from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef, Profile, ProfileSpec, build_profiles
-from robotapp_scheduler.shell.binding.extension_points import ExtensionPoints, Promise, Refused
+from robotapp_scheduler.shell.binding.extension_points import ExtensionPoints, Nominate, Refused
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import PointTimer
 
@@ -47,12 +47,14 @@ def plugin(name: str, told: list[str], **answers: Any) -> type:
 async def nobody_hears(_pod: Pod, _node: str) -> None: ...
 
 
-def steps(*plugins: type, promise: Promise = nobody_hears) -> tuple[ExtensionPoints, Metrics]:
+def steps(*plugins: type, nominate: Nominate = nobody_hears) -> tuple[ExtensionPoints, Metrics]:
     classes = {cls.__name__: cls for cls in (Fifo, *plugins)}
     catalogue = Catalogue(classes=classes, defaults=tuple(PluginRef(name) for name in classes))
     profile: Profile = build_profiles([ProfileSpec("ours")], catalogue)["ours"]
     metrics = Metrics(CollectorRegistry())
-    return ExtensionPoints(profile, make_info("p"), PointTimer(metrics), promise, handle=handle_of(Scripted())), metrics
+    return ExtensionPoints(
+        profile, make_info("p"), PointTimer(metrics), nominate, handle=handle_of(Scripted())
+    ), metrics
 
 
 async def test_points_come_in_order_and_what_they_annotate_is_kept_for_the_binding() -> None:
@@ -260,7 +262,7 @@ async def test_a_pod_that_will_wait_is_promised_to_its_node_once_before_it_does(
         told.append("waited")
 
     waits = plugin("Waits", told, reserve=later, permit=later, pre_bind=later)
-    subject, _ = steps(waits, promise=heard)
+    subject, _ = steps(waits, nominate=heard)
     async with subject:
         await subject.run("n1")
         assert told == ["Waits.reserve p n1", "waited", "Waits.permit p n1", "promised p n1", "waited",
@@ -277,7 +279,7 @@ async def test_a_hook_that_answers_at_once_promises_nothing() -> None:
     async def heard(_pod: Pod, _node: str) -> None:
         told.append("promised")
 
-    subject, _ = steps(plugin("Quick", told, permit=None, pre_bind=None), promise=heard)
+    subject, _ = steps(plugin("Quick", told, permit=None, pre_bind=None), nominate=heard)
     async with subject:
         await subject.run("n1")
         await subject.finish()

@@ -63,8 +63,8 @@ async def test_no_pod_is_plain_while_a_third_party_has_a_hook_on_its_way(point: 
         rig = Rig(plugins=plugins)
         rig.show()
         (decision,) = rig.core.schedule(rig.core.queue.pop())
-        assert rig.loop._placer.is_plain(decision) is plain
-        assert rig.loop._placer.may_take_long(decision) is (not plain and point in {"permit", "pre_bind"})
+        assert rig.loop._binding_cycle.is_plain(decision) is plain
+        assert rig.loop._binding_cycle.may_take_long(decision) is (not plain and point in {"permit", "pre_bind"})
 
 
 async def test_the_pods_of_an_app_are_checked_with_one_read_and_a_lost_device_has_the_next_node_checked() -> None:

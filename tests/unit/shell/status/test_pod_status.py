@@ -76,25 +76,25 @@ def test_a_note_with_another_text_waits_a_while_so_that_a_device_that_changes_ha
 
 async def test_a_promise_is_written_once_by_the_leader_and_one_that_cannot_be_is_let_go() -> None:
     desk = Desk()
-    await desk.reporter.promise(pod(), "edge-1")
+    await desk.reporter.write_nomination(pod(), "edge-1")
     ((_, path, (_, patch)),) = desk.client.calls
     assert path.endswith("/pods/drv-0/status")
     assert patch == {"metadata": {"uid": "u1"}, "status": {"nominatedNodeName": "edge-1"}}
     promised = pod()
     promised.status.nominated_node_name = "edge-1"
-    await desk.reporter.promise(promised, "edge-1")
+    await desk.reporter.write_nomination(promised, "edge-1")
     desk.leads = False
-    await desk.reporter.promise(pod(), "edge-1")
+    await desk.reporter.write_nomination(pod(), "edge-1")
     assert len(desk.client.calls) == 1
     desk.leads = True
     desk.client.always("patch", Conflict("changed", status=409))
-    await desk.reporter.promise(pod(), "edge-2")
+    await desk.reporter.write_nomination(pod(), "edge-2")
     assert len(desk.client.calls) == 2
 
 
 async def test_a_promise_that_came_to_nothing_is_taken_back_though_the_watch_has_not_told_it_yet() -> None:
     desk = Desk()
-    await desk.reporter.promise(pod(), "edge-1")
+    await desk.reporter.write_nomination(pod(), "edge-1")
     desk.client.calls.clear()
     desk.reporter.unscheduled(pod(), reason="Unschedulable", message="no dock is free", nominate="")
     ((_, patch),) = await desk.settle()
