@@ -99,7 +99,6 @@ class RosContext(msgspec.Struct, frozen=True, gc=False):
     qos_class: str = DEFAULT_QOS_CLASS
     endpoints: tuple[Endpoint, ...] = ()
     deadline_us: int | None = None
-    has_budget: bool = False
     zones: tuple[str, ...] = ()
     master_node: str = ""
     hardware: tuple[Hardware, ...] = ()

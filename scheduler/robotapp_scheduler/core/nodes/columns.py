@@ -20,7 +20,6 @@ PodAmounts = tuple[tuple[int, int], ...]
 """(index of a resource, amount) pairs."""
 
 START_ROWS: Final = 64
-CPU: Final = 0
 BASE_RESOURCES: Final = ("cpu", "memory", "ephemeral-storage")
 LARGEST: Final = 2**53
 """Amounts are cut here: sums and products with 100 stay inside int64, and no real node offers more."""

@@ -60,7 +60,6 @@ def test_an_edge_reaches_its_placed_peer_with_its_own_budget_and_percentile() ->
     assert context(cluster, "a").endpoints == ()
     cluster.apply_pod(member_pod("b", instance="amr", node="edge"))
     assert context(cluster, "a").endpoints == (Endpoint("/t to b", ("edge",), 30_000, 50),)
-    assert context(cluster, "a").has_budget
     assert context(cluster, "a", instance="other-robot").endpoints == ()
 
 
@@ -259,7 +258,6 @@ def test_a_bare_pods_budget_reaches_master_then_placed_peers_then_its_robot() ->
     found = annotated(cluster, policies=policies)
     assert found is not None
     assert found.endpoints == ()
-    assert found.has_budget
 
 
 def test_peers_of_another_namespace_are_strangers() -> None:

@@ -24,8 +24,6 @@ _TOP: Final = float(MAX_SCORE)
 _ALL: Final = np.array(1.0)
 _TWICE: Final = np.array(2.0)
 _HALF_TOP: Final = np.array(MAX_SCORE / 2)
-_ROUNDING: Final = np.array(1e-6)
-"""More than what floats lose."""
 _RISE: Final = np.array(150, dtype=np.int64)
 _HALVED: Final = np.array(1, dtype=np.int64)
 

@@ -35,8 +35,8 @@ SYSTEM: Final = ("System", "")
 UNEVEN: Final = "node(s) didn't match pod topology spread constraints"
 REASONS: Final = ((UNEVEN,), (UNEVEN,), (f"{UNEVEN} (missing required label)",))
 RESOLVABLE: Final = (True, True, False)
-_UNEVEN: Final = 1
 _MISSING: Final = 2
+"""Index of REASONS for a node without the label. Index 1 is True of the comparison with the allowed skew."""
 MOST_KNOWN: Final = 4096
 MOST_SUMS: Final = 4096
 COME_OR_GONE: Final = Change.POD_ADDED | Change.POD_REMOVED | Change.NOMINATED
@@ -250,12 +250,12 @@ def _keys(constraints: Sequence[Constraint]) -> tuple[str, ...]:
 
 
 def _verdicts(constraint: Constraint, pod: PodInfo, nodes: Snapshot, keys: tuple[str, ...]) -> npt.NDArray[np.int8]:
-    """What to say about a node, per code of its label: 0 fine, else an index of REASONS."""
+    """Index of REASONS per code of the label, 0 where the node passes."""
     domains = constraint.counter(nodes).domains(constraint.key, scope_of(pod, nodes, constraint, keys))
     present = domains.present
     lowest = int(np.minimum.reduce(domains.values[present])) if 0 < len(present) >= constraint.min_domains else 0
     uneven = domains.values > constraint.max_skew - constraint.self_match + lowest
-    found = uneven.view(np.int8)  # _UNEVEN where True
+    found = uneven.view(np.int8)
     found[0] = _MISSING
     return found
 
