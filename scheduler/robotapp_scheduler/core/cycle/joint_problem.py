@@ -21,7 +21,6 @@ from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.nodes.columns import FloatArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.app_index import App, on_one_node
-from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation, with_tiers
@@ -68,7 +67,6 @@ class Scores(Protocol):
     """The part of SchedulerCore that posing needs."""
 
     cluster: Cache
-    latencies: LatencyExport
 
     def engine(self, scheduler_name: str) -> ProfileRunner: ...
     def appraise(self, pod: PodInfo) -> Evaluation | None:
@@ -94,7 +92,7 @@ def joint_problem_of(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | No
         tiers = pod.ros.tiers if pod.ros is not None else ()
         ranks.append(tier_ranks(table, tiers) if tiers else np.zeros(table.size, dtype=np.int32))
     demand, free = _capacity(core.cluster, pods)
-    problem = Problem(np.stack(costs), demand, free, tuple(edges), core.latencies.latencies())
+    problem = Problem(np.stack(costs), demand, free, tuple(edges), core.cluster.rtt.latencies())
     problem = with_tiers(problem, np.stack(ranks))
     return JointProblem(problem, tuple(pod.uid for pod in pods), tuple(table.names))
 

@@ -33,7 +33,6 @@ from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus, Queu
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.robotics.resolve import qos_fields, resolve
-from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner, Stopwatch, pod_hash
 
@@ -64,7 +63,6 @@ class SchedulerCore:
         self.cluster = cluster
         self.groups = GangGates(cluster)
         self.explain = ExplainRing()
-        self.latencies = LatencyExport(cluster.rtt)
         self.plans: dict[str, int] = {}
         """Joint plans by what became of them, for scheduler_joint_plans_total."""
         self._clock = clock

@@ -17,7 +17,7 @@ from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.robotics.measured_pairs import MeasuredPairs
 from robotapp_scheduler.core.robotics.rtt_estimates import LatencyEstimates, Terms
-from robotapp_scheduler.joint.latencies import Measured
+from robotapp_scheduler.joint.latencies import Latencies
 
 CACHED_ROWS: Final = 512
 UNKNOWN, ESTIMATED, MEASURED = 0, 1, 2
@@ -56,6 +56,7 @@ class RttModel:
         self._rows: dict[tuple[str, int], tuple[tuple[int, int, int], RttRow]] = {}
         self._measured = MeasuredPairs(table)
         self._estimates = LatencyEstimates(table, self._measured, clock)
+        self._latencies: tuple[Terms, int, Latencies] | None = None
         self.version = 0
 
     def __repr__(self) -> str:
@@ -132,13 +133,15 @@ class RttModel:
         rtt_ms = None if rtt_us is None or is_unreachable(rtt_us) else rtt_us / 1000
         return PairView(rtt_ms, source, self._trips.age_s(left, right, now_s=self._clock()), zones)
 
-    def measured(self) -> Measured:
-        """All measured pairs."""
-        return self._measured.arrays()
-
-    def terms(self) -> Terms:
-        """What estimates are made of."""
-        return self._estimates.terms()
+    def latencies(self) -> Latencies:
+        """The model as arrays over all rows of the table, for the planner; made anew when something changed."""
+        terms = self._estimates.terms()
+        known = self._latencies
+        if known is None or known[0] is not terms or known[1] != self.version:
+            fit, measured = terms.fit, self._measured.arrays()
+            found = Latencies(terms.zone, _path_us(terms), measured, access_us=fit.access_us, minimum_us=fit.minimum_us)
+            known = self._latencies = (terms, self.version, found)
+        return known[2]
 
     def _zone(self, name: str) -> str:
         row = self._table.row_of.get(name)
@@ -166,3 +169,11 @@ class RttModel:
                 rtt[row], source[row] = figures[which], MEASURED
         rtt.flags.writeable = source.flags.writeable = False
         return RttRow(rtt, source)
+
+
+def _path_us(terms: Terms) -> FloatArray:
+    """The time of the path between any two zones, p50 and p95, NaN where nothing is measured."""
+    table = np.full((2, terms.zones, terms.zones), np.nan)
+    near, far = terms.fit.zones
+    table[:, near, far] = table[:, far, near] = terms.fit.path_us
+    return table

@@ -23,7 +23,6 @@ from robotapp_scheduler.core.cycle.joint_problem import JointProblem, LimitsConn
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo
-from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 from robotapp_scheduler.joint.problem import Relation
 from robotapp_scheduler.joint.solve import Limits, Solution, solve
 from robotapp_scheduler.plugins.registry import catalogue
@@ -346,20 +345,19 @@ def test_exported_latencies_equal_the_model() -> None:
     zones = {"a": "z1", "b": "z1", "c": "z2", "d": "z2", "e": ""}
     for name, zone in zones.items():
         core.cluster.apply_node(make_node(name, labels={str(Label.ZONE): zone} if zone else {}))
-    export = LatencyExport(core.cluster.rtt)
     said: list[tuple[str, dict[str, float]]] = [
         ("a", {"c": 20.0, "b": 1.0, "e": 7.0}), ("c", {"a": 22.0, "d": 2.0, "gone": 1.0}), ("d", {"b": 30.0}),
     ]  # fmt: skip
     for name, peers in said:
         core.cluster.apply_telemetry(telemetry(name, rtt_ms=peers, p95_ms={peer: 2 * ms for peer, ms in peers.items()}))
         clock.forward(1)
-        found = export.latencies()
+        found = core.cluster.rtt.latencies()
         for node, row in core.cluster.nodes.row_of.items():
             for which, percentile in ((0, 50), (1, 95)):
                 expected = core.cluster.rtt.from_node(node, percentile).rtt_us
                 np.testing.assert_array_equal(found.row(row, which), expected, err_msg=f"{node} p{percentile}")
-    assert export.latencies() is export.latencies()
+    assert core.cluster.rtt.latencies() is core.cluster.rtt.latencies()
     core.cluster.remove_node("c")
     np.testing.assert_array_equal(
-        export.latencies().row(core.cluster.nodes.row_of["a"], 1), core.cluster.rtt.from_node("a", 95).rtt_us
+        core.cluster.rtt.latencies().row(core.cluster.nodes.row_of["a"], 1), core.cluster.rtt.from_node("a", 95).rtt_us
     )

@@ -10,7 +10,6 @@ from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.robotics.rtt import PairView
-from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 
 
 def zoned(clock: Clock | None = None, **zones: str) -> Cache:
@@ -19,7 +18,7 @@ def zoned(clock: Clock | None = None, **zones: str) -> Cache:
 
 def measured_by_planner(cluster: Cache) -> dict[tuple[str, str], float]:
     """p95 in microseconds per measured pair, as the joint planner gets it."""
-    measured = LatencyExport(cluster.rtt).latencies().measured
+    measured = cluster.rtt.latencies().measured
     names = cluster.nodes.names
     rows = zip(measured.left, measured.right, measured.us[1], strict=True)
     return {(names[left], names[right]): float(us) for left, right, us in rows}

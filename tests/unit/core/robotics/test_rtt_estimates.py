@@ -9,7 +9,6 @@ from tests.support.scheduling import Clock, make_cluster, make_node, telemetry
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.robotics.rtt_matrix import LatencyExport
 
 RACK = [f"rack-{i}" for i in range(6)]
 FLOOR = [f"floor-{i}" for i in range(6)]
@@ -134,7 +133,7 @@ def test_nodes_that_come_and_go_in_a_large_cluster_keep_the_terms_of_the_others(
     assert cluster.rtt.between(names[1], names[2], 95) == known
     assert cluster.rtt.between(names[2], "b-new", 95)[1] == "estimated"
     assert cluster.rtt.between(names[2], "c-new", 95) == (None, "unknown")
-    exported = LatencyExport(cluster.rtt).latencies()
+    exported = cluster.rtt.latencies()
     for name in (names[1], "b-new", "c-new"):
         row = cluster.nodes.row_of[name]
         for which, percentile in ((0, 50), (1, 95)):
