@@ -13,7 +13,7 @@ from prometheus_client.exposition import generate_latest
 
 from robotapp_scheduler.port.request_handler import Page
 from robotapp_scheduler.shell.config.reload import Running
-from robotapp_scheduler.simulation.kinds import resources
+from robotapp_scheduler.watch.routes import resources
 
 
 @dataclass(slots=True)

@@ -15,7 +15,7 @@ from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.transport.errors import ClientError, NotFound
 from robotapp_api.client.transport.kubeconfig import default_kubeconfigs, load
 from robotapp_scheduler.simulation.dump import encode
-from robotapp_scheduler.simulation.kinds import resources
+from robotapp_scheduler.watch.routes import resources
 
 
 def main(argv: Sequence[str]) -> int:

@@ -20,7 +20,7 @@ from robotapp_scheduler.core.pods.in_place_resize import held_per_container
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 from robotapp_scheduler.joint.solve import Limits, solve
 from robotapp_scheduler.simulation.dump import MOST_PROBLEMS, Dump
-from robotapp_scheduler.simulation.kinds import routes
+from robotapp_scheduler.watch.routes import routes
 
 ROUNDS: Final = 10
 """Refused pods are tried again while others found a node: a pod may wait for one that comes later."""

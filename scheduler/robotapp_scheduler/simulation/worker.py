@@ -17,9 +17,9 @@ from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation.dump import DumpError, Reader
-from robotapp_scheduler.simulation.kinds import kinds
 from robotapp_scheduler.simulation.report import as_json
 from robotapp_scheduler.simulation.run import simulate
+from robotapp_scheduler.watch.routes import kinds
 
 MOST_MEMORY: Final = 768 << 20
 MOST_CPU_S: Final = 60

@@ -21,6 +21,7 @@ from robotapp_api.client.api.resources import (
     PERSISTENTVOLUMECLAIMS,
     PERSISTENTVOLUMES,
     PODDISRUPTIONBUDGETS,
+    PODS,
     REPLICASETS,
     REPLICATIONCONTROLLERS,
     RESOURCECLAIMS,
@@ -34,7 +35,7 @@ from robotapp_api.client.api.resources import (
     Resource,
 )
 from robotapp_api.model.names import Label
-from robotapp_scheduler.core.api.core_v1 import Namespace, Node, Owned, Selecting
+from robotapp_scheduler.core.api.core_v1 import Namespace, Node, Owned, Pod, Selecting
 from robotapp_scheduler.core.api.pod_group import GivenPodGroup
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.api.storage_v1 import (
@@ -106,6 +107,17 @@ def routes(cluster: Cache) -> tuple[Route, ...]:
         *group_routes(cluster.pod_groups),
         *robotics_routes(cluster),
     )
+
+
+def resources() -> dict[Resource, type[Any]]:
+    """All watched resources, with the structs their objects are decoded into; pods come last, since they refer to all others."""
+    watched: dict[Resource, type[Any]] = {each.resource: each.as_type for each in routes(Cache(clock=float))}
+    return watched | {PODS: Pod}
+
+
+def kinds() -> dict[str, type[Any]]:
+    """`resources` by kind."""
+    return {resource.kind: as_type for resource, as_type in resources().items()}
 
 
 def plain_routes(cluster: Cache) -> tuple[Route, ...]:

@@ -10,8 +10,8 @@ from tests.support.scheduling import node_json, pod_json
 from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation.dump import DumpError, Reader, encode
-from robotapp_scheduler.simulation.kinds import kinds, resources
 from robotapp_scheduler.simulation.run import Outcome, simulate
+from robotapp_scheduler.watch.routes import kinds, resources
 
 CONFIG = configuration.built_in(catalogue())
 VERSIONS = {resource.kind: resource.api_version for resource in resources()}

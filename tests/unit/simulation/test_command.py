@@ -12,7 +12,7 @@ import pytest
 from tests.support import broken_plugin
 from tests.support.scheduling import node_json, pod_json
 
-from robotapp_scheduler import tools
+from robotapp_scheduler import main as program
 from robotapp_scheduler.simulation import bench_command, command
 
 
@@ -90,8 +90,8 @@ def test_more_than_allowed_is_not_read(dump: Path, capsys: pytest.CaptureFixture
 
 
 def test_words_that_are_no_tool_start_the_scheduler() -> None:
-    assert tools.run([]) is None
-    assert tools.run(["--config", "x"]) is None
+    assert program.run_tool([]) is None
+    assert program.run_tool(["--config", "x"]) is None
 
 
 @pytest.mark.parametrize(
@@ -115,8 +115,8 @@ def test_an_interrupted_tool_ends_without_a_stack(monkeypatch: pytest.MonkeyPatc
         raise KeyboardInterrupt
 
     monkeypatch.setattr(command, "main", interrupted)
-    monkeypatch.setattr(tools, "_say_no_more", lambda status: status)
-    assert tools.run(["simulate", "-"]) == 130
+    monkeypatch.setattr(program, "_discard_output", lambda status: status)
+    assert program.run_tool(["simulate", "-"]) == 130
 
 
 def test_the_program_itself_simulates(dump: Path) -> None:

@@ -8,7 +8,7 @@ from tests.support.scheduling import node_json, pod_json
 
 from robotapp_scheduler.simulation import dump as dumps
 from robotapp_scheduler.simulation.dump import MOST_PROBLEMS, Dump, DumpError, Reader, encode
-from robotapp_scheduler.simulation.kinds import kinds, resources
+from robotapp_scheduler.watch.routes import kinds, resources
 
 
 def read(*documents: Any) -> Dump:

@@ -9,9 +9,9 @@ from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation.dump import Reader
-from robotapp_scheduler.simulation.kinds import kinds
 from robotapp_scheduler.simulation.report import as_json, as_table
 from robotapp_scheduler.simulation.run import Outcome, simulate
+from robotapp_scheduler.watch.routes import kinds
 
 
 def config(**fields: Any) -> SchedulerConfig:
