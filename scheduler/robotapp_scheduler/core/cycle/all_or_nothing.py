@@ -12,7 +12,7 @@ from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.dry_run import DryRun
 from robotapp_scheduler.core.cycle.group_gates import POD_GROUP_PLUGIN, WHOLE_PLUGIN
-from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
+from robotapp_scheduler.core.cycle.schedule_result import PlacementHint, ScheduleResult
 from robotapp_scheduler.core.explain.record import ExplainRing
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.pods.pod_group_index import GroupRef
@@ -23,17 +23,20 @@ MOST_RESCUED: Final = 64
 """Room for more pods than this is not made: it would have to be thought through pod by pod first."""
 
 
-class Placer(Protocol):
-    """The part of SchedulerCore that is needed here."""
+class GroupScheduler(Protocol):
+    """The part of SchedulerCore that groups are scheduled with."""
 
     cluster: Cache
     explain: ExplainRing
 
-    def schedule_one(self, pod: PodInfo, *, attempt: int = 1) -> ScheduleResult:
-        """Decide and assume."""
+    def schedule_one(self, pod: PodInfo, *, attempt: int = 1, hint: PlacementHint = ...) -> ScheduleResult:
+        """Choose a node for the pod and assume it there."""
+
+    def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
+        """How many nodes would take the pod now, and their names when there are not too many."""
 
 
-def all_or_none(core: Placer, decisions: list[ScheduleResult]) -> list[ScheduleResult]:
+def all_or_none(core: GroupScheduler, decisions: list[ScheduleResult]) -> list[ScheduleResult]:
     """The decisions about one group as they stand, or with every placement that must not stay alone taken back."""
     pod = decisions[0].pod
     if pod.member is None and pod.pod_group is not None:
@@ -44,7 +47,7 @@ def all_or_none(core: Placer, decisions: list[ScheduleResult]) -> list[ScheduleR
 # --- PodGroup --------------------------------------------------------------------------------------------------------
 
 
-def _quorum(core: Placer, decisions: list[ScheduleResult], ref: GroupRef) -> list[ScheduleResult]:
+def _quorum(core: GroupScheduler, decisions: list[ScheduleResult], ref: GroupRef) -> list[ScheduleResult]:
     cluster = core.cluster
     needed, there = cluster.pod_groups.quorum(ref), cluster.pod_groups.placed(ref)
     if there >= needed:
@@ -60,7 +63,7 @@ def _quorum(core: Placer, decisions: list[ScheduleResult], ref: GroupRef) -> lis
 # --- RobotApp --------------------------------------------------------------------------------------------------------
 
 
-def _app(core: Placer, decisions: list[ScheduleResult]) -> list[ScheduleResult]:
+def _app(core: GroupScheduler, decisions: list[ScheduleResult]) -> list[ScheduleResult]:
     cluster = core.cluster
     # A pod that waits for its predecessor is late, not impossible: it does not hold the others.
     failures = [
@@ -99,7 +102,7 @@ def _wants_all(cluster: Cache, pod: PodInfo, planned: set[str]) -> bool:
 # --- Both ------------------------------------------------------------------------------------------------------------
 
 
-def _evict_nothing_in_vain(core: Placer, failures: Sequence[ScheduleResult], missing: int) -> None:
+def _evict_nothing_in_vain(core: GroupScheduler, failures: Sequence[ScheduleResult], missing: int) -> None:
     """Drop the plans to make room unless they would make the group whole, each thought through after the one before."""
     if all(failure.plan is None for failure in failures) or _rescued(core, failures, missing):
         return
@@ -107,7 +110,7 @@ def _evict_nothing_in_vain(core: Placer, failures: Sequence[ScheduleResult], mis
         failure.plan = failure.nominate = None
 
 
-def _rescued(core: Placer, failures: Sequence[ScheduleResult], missing: int) -> bool:
+def _rescued(core: GroupScheduler, failures: Sequence[ScheduleResult], missing: int) -> bool:
     """Would `missing` of these pods find a place by evictions? Tried in a dry run."""
     if not 0 < missing <= min(len(failures), MOST_RESCUED):
         return False

@@ -7,13 +7,12 @@ is left between two neighbours that are far apart.
 
 import heapq
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Final, NamedTuple, Protocol
+from typing import Final
 
 from robotapp_scheduler.core.cache.cache import Cache
-from robotapp_scheduler.core.cycle.all_or_nothing import all_or_none
+from robotapp_scheduler.core.cycle.all_or_nothing import GroupScheduler, all_or_none
 from robotapp_scheduler.core.cycle.joint_problem import JointProblem
-from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
-from robotapp_scheduler.core.explain.record import ExplainRing
+from robotapp_scheduler.core.cycle.schedule_result import PlacementHint, ScheduleResult
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
 from robotapp_scheduler.core.robotics.app_index import AppIndex
@@ -73,16 +72,6 @@ FEW_CANDIDATES: Final = 16
 """A peer with more places to go than this determines little about where its partners should be."""
 
 
-class PlacementHint(NamedTuple):
-    """Where a pod should go, if it still may, and why; no node = wherever it is best."""
-
-    node: str = ""
-    why: str = ""
-
-
-NO_HINT: Final = PlacementHint()
-
-
 class GroupPlacement:
     """The result of a planner: `nodes` by pod uid, empty when it found nothing; `result` and `why` grade it.
 
@@ -120,19 +109,8 @@ def placement_of(joint: JointProblem, solution: Solution) -> GroupPlacement:
     return GroupPlacement(nodes, result="optimal" if proved else "bounded", why=why)
 
 
-class Placer(Protocol):
-    """The part of SchedulerCore that planning needs."""
-
-    cluster: Cache
-    explain: ExplainRing
-
-    def schedule_one(self, pod: PodInfo, *, attempt: int = 1, hint: PlacementHint = ...) -> ScheduleResult: ...
-    def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
-        """How many nodes would take the pod now, and their names when there are not too many."""
-
-
 def plan_group(
-    core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], placement: GroupPlacement | None = None
+    core: GroupScheduler, pods: Sequence[PodInfo], attempts: Mapping[str, int], placement: GroupPlacement | None = None
 ) -> list[ScheduleResult]:
     """Decisions for all pods, in the order in which they were tried last. A plan is followed as a whole, or not."""
     if placement is not None and placement.nodes:
@@ -155,7 +133,7 @@ def plan_group(
 
 
 def _follow(
-    core: Placer, pods: Sequence[PodInfo], attempts: Mapping[str, int], placement: GroupPlacement
+    core: GroupScheduler, pods: Sequence[PodInfo], attempts: Mapping[str, int], placement: GroupPlacement
 ) -> list[ScheduleResult] | None:
     """Put every planned pod on its node, each checked by all filters; None, and no pod placed, when one is refused."""
     decisions: list[ScheduleResult] = []
@@ -170,7 +148,9 @@ def _follow(
     return decisions
 
 
-def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int], hint: PlacementHint) -> list[ScheduleResult]:
+def _plan(
+    core: GroupScheduler, order: list[PodInfo], attempts: Mapping[str, int], hint: PlacementHint
+) -> list[ScheduleResult]:
     decisions = _place(core, order, attempts, hint)
     for _ in range(min(MOST_RESTARTS, len(order), MOST_TRIES // len(order))):
         stuck = next((d for d in decisions if _refused(d) and order[0] is not d.pod), None)
@@ -192,7 +172,7 @@ def _plan(core: Placer, order: list[PodInfo], attempts: Mapping[str, int], hint:
 
 
 def _place(
-    core: Placer, order: Sequence[PodInfo], attempts: Mapping[str, int], hint: PlacementHint
+    core: GroupScheduler, order: Sequence[PodInfo], attempts: Mapping[str, int], hint: PlacementHint
 ) -> list[ScheduleResult]:
     return [core.schedule_one(pod, attempt=attempts.get(pod.uid, 1), hint=hint) for pod in order]
 

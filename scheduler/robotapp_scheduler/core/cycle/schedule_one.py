@@ -8,9 +8,7 @@ from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.diagnosis import HINTS, Diagnosis, closed, excessive, held, unfit, unreadable
 from robotapp_scheduler.core.cycle.explain_recorder import Recorder
 from robotapp_scheduler.core.cycle.group_cycle import (
-    NO_HINT,
     GroupPlacement,
-    PlacementHint,
     only_one_plan,
     plan_group,
 )
@@ -19,7 +17,14 @@ from robotapp_scheduler.core.cycle.group_gates import (
     group_key,
 )
 from robotapp_scheduler.core.cycle.joint_problem import JointProblem, joint_problem_of
-from robotapp_scheduler.core.cycle.schedule_result import FAULTS, ScheduleResult, failed, skipped_deleting
+from robotapp_scheduler.core.cycle.schedule_result import (
+    FAULTS,
+    NO_HINT,
+    PlacementHint,
+    ScheduleResult,
+    failed,
+    skipped_deleting,
+)
 from robotapp_scheduler.core.cycle.tiers import earlier_feasible
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.explain.record import ExplainRing, Record, finished

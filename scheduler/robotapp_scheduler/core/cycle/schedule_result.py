@@ -1,6 +1,6 @@
 """The outcome of one attempt to place one pod."""
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import msgspec
 
@@ -16,6 +16,16 @@ if TYPE_CHECKING:
 
 FAULTS: Final = (PluginError, ValueError, OverflowError)
 """What an attempt raises for a pod that cannot be read or a plugin's answer that cannot be used: it failed, no more."""
+
+
+class PlacementHint(NamedTuple):
+    """The node a pod should go to if it still fits there, and why; without a node the best one is chosen."""
+
+    node: str = ""
+    why: str = ""
+
+
+NO_HINT: Final = PlacementHint()
 
 
 class ScheduleResult(msgspec.Struct, kw_only=True, eq=False):
