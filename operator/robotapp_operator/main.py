@@ -22,9 +22,10 @@ from robotapp_api.client.tools.event_recorder import EventRecorder
 from robotapp_api.client.tools.leader_election import LeaderElection, candidate_identity
 from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE
 from robotapp_api.serving.access import Gatekeeper
+from robotapp_api.serving.logs import set_up as set_up_logs
 from robotapp_api.serving.port import PortError
 from robotapp_api.serving.tls import TlsPort, loaded
-from robotapp_operator import __version__, logs
+from robotapp_operator import __version__
 from robotapp_operator.health import Health
 from robotapp_operator.queue.work import BACKGROUND
 from robotapp_operator.queue.workqueue import Queue
@@ -318,7 +319,8 @@ def _on_signals(stop: Callable[[], None]) -> None:
 
 def main(argv: list[str] | None = None) -> int:
     settings = parse(sys.argv[1:] if argv is None else argv, os.environ)
-    logs.configure(settings.log_format)
+    set_up_logs(settings.log_format, "INFO")
+    logging.getLogger("kopf").setLevel(logging.WARNING)
     try:
         return asyncio.run(run(settings, load(settings.kubeconfig)))
     except (LoginError, PortError) as error:

@@ -33,7 +33,7 @@ def test_a_port_that_is_taken_ends_the_process_with_a_sentence(
     config = {"clusters": [cluster], "contexts": [context], "users": [{"name": "u"}], "current-context": "c"}
     kubeconfig = tmp_path / "kubeconfig"
     kubeconfig.write_text(json.dumps(config))
-    monkeypatch.setattr("robotapp_operator.logs.configure", lambda _: None)
+    monkeypatch.setattr("robotapp_operator.main.set_up_logs", lambda *_: None)
     with socket.create_server(("0.0.0.0", 0)) as taken:  # noqa: S104 - where the operator listens
         port = str(taken.getsockname()[1])
         assert main(["--kubeconfig", str(kubeconfig), "--health-port", port]) == 2

@@ -7,9 +7,8 @@ from typing import Any
 from robotapp_api.claims.identity import domain_literal
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import Annotation, Label
-from robotapp_operator.plan.diff.newer import Held, amend, written_by_newer
+from robotapp_operator.plan.diff.newer import Held, amend, is_newer, written_by_newer
 from robotapp_operator.plan.diff.unowned import unowned_pointers
-from robotapp_operator.plan.diff.versions import is_newer
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.deployments import component_deployments
 from robotapp_operator.plan.render.infrastructure import infrastructure

@@ -7,16 +7,29 @@ is the protocol's. Everything else waits, and the status names it.
 
 import copy
 import dataclasses
+import re
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from robotapp_api.claims.identity import domain_literal
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import WAITING_STEP, Annotation
-from robotapp_operator.plan.diff.versions import is_newer
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Service
+
+_NUMBERS: Final = re.compile(r"\d+")
+
+
+def is_newer(one: str, other: str) -> bool:
+    """Is version `one` newer than `other`? An empty or unreadable version is older than every other."""
+    return version_key(one) > version_key(other)
+
+
+def version_key(version: str) -> tuple[tuple[int, ...], bool]:
+    """Release numbers, then whether it is a release rather than a pre-release of it."""
+    release, _, rest = version.partition("-")
+    return tuple(int(number) for number in _NUMBERS.findall(release)), not rest
 
 
 class Held(NamedTuple):

@@ -7,7 +7,7 @@ from robotapp_api.claims.device import GPU, claimed
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Condition, Reason
 from robotapp_api.values.round_trips import is_unreachable
-from robotapp_operator.plan.diff.versions import version_key
+from robotapp_operator.plan.diff.newer import version_key
 from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from robotapp_operator.plan.diff.versions import is_newer
+from robotapp_operator.plan.diff.newer import is_newer
 from robotapp_operator.plan.spec.covers import content_hash, covers
 
 
