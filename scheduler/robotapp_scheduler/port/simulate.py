@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_scheduler.shell.planner.subprocesses import started, stdin_of
+from robotapp_scheduler.shell.planner.subprocesses import end, started, stdin_of
 
 log = logging.getLogger(__name__)
 
@@ -72,10 +72,7 @@ class Simulator:
                 )
             return await self._answer(process)
         finally:
-            if process.returncode is None:
-                with suppress(ProcessLookupError):
-                    process.kill()
-            await process.wait()
+            await end(process)
 
     async def _send(self, process: asyncio.subprocess.Process, chunks: AsyncIterator[bytes], replay: int) -> bool:
         """False when the body is too long."""

@@ -1,6 +1,7 @@
 """POST /simulate: streamed to a worker within limits, one at a time."""
 
 import asyncio
+import gc
 import json
 import sys
 from collections.abc import AsyncIterator, Mapping
@@ -76,3 +77,12 @@ def test_the_kinds_a_dump_is_made_of_can_be_asked_for() -> None:
         "kind": "Node",
         "namespaced": False,
     } in kinds()
+
+
+async def test_a_worker_that_ends_while_it_is_written_to_leaves_no_error_behind() -> None:
+    left: list[str] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: left.append(context["message"]))
+    found = await simulator(worker=BREAKS).simulate(chunks(*[b"x" * (1 << 20)] * 64))
+    assert found.status == 500
+    gc.collect()
+    assert left == []

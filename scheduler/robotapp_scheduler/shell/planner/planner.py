@@ -10,7 +10,6 @@ import logging
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Final
 
 import msgspec
@@ -20,7 +19,7 @@ from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.joint.message import decode_solution, encode_problem
 from robotapp_scheduler.joint.problem import Problem
 from robotapp_scheduler.joint.solve import Limits, Solution, solve
-from robotapp_scheduler.shell.planner.subprocesses import started, stdin_of
+from robotapp_scheduler.shell.planner.subprocesses import end, started, stdin_of
 from robotapp_scheduler.shell.planner.worker import LENGTH
 
 log = logging.getLogger(__name__)
@@ -92,9 +91,7 @@ class Planner:
         """End the worker."""
         process, self._process = self._process, None
         if process is not None:
-            with suppress(ProcessLookupError):
-                process.kill()
-            await process.wait()
+            await end(process)
 
     async def _solve(self, problem: Problem) -> Solution:
         """Raises `WorkerError`; the worker is gone then."""

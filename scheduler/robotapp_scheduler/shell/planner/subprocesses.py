@@ -3,6 +3,7 @@
 import asyncio
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 
 
 async def started(command: Sequence[str], *, stderr: int | None = None) -> asyncio.subprocess.Process:
@@ -15,3 +16,18 @@ def stdin_of(process: asyncio.subprocess.Process) -> asyncio.StreamWriter:
     if process.stdin is None:  # pragma: no cover - requested with a pipe
         raise RuntimeError("a worker without standard input")
     return process.stdin
+
+
+async def end(process: asyncio.subprocess.Process) -> None:
+    """Kill the process if it runs, and wait for it and its pipe.
+
+    A process that ends while it is written to leaves the pipe's error in a future, which Python 3.11 logs when it is collected,
+    in the middle of whatever runs then, unless the future was awaited.
+    """
+    with suppress(ProcessLookupError):
+        if process.returncode is None:
+            process.kill()
+    await process.wait()
+    stdin_of(process).close()
+    with suppress(OSError):
+        await stdin_of(process).wait_closed()
