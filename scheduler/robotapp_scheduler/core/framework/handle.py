@@ -97,7 +97,7 @@ class Domains(Protocol):
     async def check(self, pod: PodInfo, node: str) -> Reserved:
         """Read with a quorum whether the app still holds the claim of the domain that its pod names, and note the node in it.
 
-        Calls in one turn of the event loop share their reads, because the pods of one app are scheduled together.
+        Calls for one namespace in one turn of the event loop share their reads: the pods of one app are checked together.
         """
 
 

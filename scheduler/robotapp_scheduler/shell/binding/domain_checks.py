@@ -1,4 +1,7 @@
-"""The bind check of RobotApps' pods (claims.md rule 1): checks in the same turn of the event loop share their reads."""
+"""The bind check of RobotApps' pods (claims.md rule 1): checks for one namespace in the same turn of the event loop share their reads.
+
+Pods of other namespaces do not: an error of one read is the error of all pods that share it.
+"""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -16,6 +19,7 @@ WAITED: Final = {
     Readiness.ERROR: Code.ERROR,
 }
 """Result of the bind check → label of the metric of Permit waits."""
+_Pending = tuple[PodInfo, str, asyncio.Future[Reserved]]
 CheckAll = Callable[[Sequence[tuple[PodInfo, str]]], Awaitable[Mapping[str, Reserved]]]
 
 
@@ -26,7 +30,8 @@ class DomainChecks:
         self._check_all = check_all
         self._metrics = metrics
         self._clock = clock
-        self._pending: list[tuple[PodInfo, str, asyncio.Future[Reserved]]] = []
+        self._pending: dict[str, list[_Pending]] = {}
+        """By namespace."""
         self._reads: set[asyncio.Task[None]] = set()
 
     def __repr__(self) -> str:
@@ -35,15 +40,16 @@ class DomainChecks:
     async def check(self, pod: PodInfo, node: str) -> Reserved:
         """Whether the claim of the pod's domain stands. The pod must have been pending before."""
         answer: asyncio.Future[Reserved] = asyncio.get_running_loop().create_future()
-        self._pending.append((pod, node, answer))
-        if len(self._pending) == 1:  # the task starts in the next turn of the loop, with all checks of this one
-            read = asyncio.create_task(self._read())
+        pending = self._pending.setdefault(pod.namespace, [])
+        pending.append((pod, node, answer))
+        if len(pending) == 1:  # the task starts in the next turn of the loop, with all checks of this one
+            read = asyncio.create_task(self._read(pod.namespace))
             self._reads.add(read)
             read.add_done_callback(self._reads.discard)
         return await answer
 
-    async def _read(self) -> None:
-        pending, self._pending = self._pending, []
+    async def _read(self, namespace: str) -> None:
+        pending = self._pending.pop(namespace)
         started_s = self._clock()
         try:
             found = await self._check_all([(pod, node) for pod, node, _ in pending])
@@ -60,7 +66,7 @@ class DomainChecks:
                 answer.set_result(checked)
 
 
-def _fail(pending: Sequence[tuple[PodInfo, str, asyncio.Future[Reserved]]], error: Exception | None) -> None:
+def _fail(pending: Sequence[_Pending], error: Exception | None) -> None:
     """Raise the error where these results are awaited; None = cancel them."""
     for _, _, answer in pending:
         if answer.done():

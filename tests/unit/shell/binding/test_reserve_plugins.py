@@ -141,6 +141,23 @@ async def test_checks_that_begin_later_have_a_read_of_their_own() -> None:
     assert io.checked == [[("p", "n0")], [("q", "n0"), ("r", "n1")]]
 
 
+async def test_what_is_wrong_with_the_pods_of_a_namespace_does_not_spoil_the_check_of_others() -> None:
+    """One claim that cannot be written would otherwise keep pods of all tenants from being bound."""
+
+    async def refused(placed: Sequence[tuple[Any, str]]) -> Mapping[str, Reserved]:
+        if any(pod.namespace == "evil" for pod, _ in placed):
+            raise RuntimeError("status.nodes: Too many: 1001")
+        return {pod.uid: READY for pod, _ in placed}
+
+    checks = DomainChecks(refused, Metrics(CollectorRegistry()), clock=lambda: 0.0)
+    evil, good = await asyncio.gather(
+        checks.check(make_info("p", namespace="evil"), "n0"),
+        checks.check(make_info("q"), "n0"),
+        return_exceptions=True,
+    )
+    assert (str(evil), good) == ("status.nodes: Too many: 1001", READY)
+
+
 async def test_a_pod_that_gives_up_does_not_spoil_the_check_of_the_others() -> None:
     begun, go = asyncio.Event(), asyncio.Event()
 
