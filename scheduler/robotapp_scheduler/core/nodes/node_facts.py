@@ -15,6 +15,7 @@ from robotapp_scheduler.core.nodes.columns import START_ROWS, grown
 log = logging.getLogger(__name__)
 
 KINDS: Final = (bool, int, float)
+INT64_MAX: Final = 2**63 - 1
 
 
 class NodeFact:
@@ -35,6 +36,8 @@ class NodeFact:
         """`absent` is the value of nodes for which `derive` raises; its type (bool, int or float) is that of all values."""
         if type(absent) not in KINDS:
             raise TypeError(f"NodeFact {name!r}: `absent` must be a bool, an int or a float, got {absent!r}")
+        if abs(absent) > INT64_MAX and type(absent) is int:
+            raise ValueError(f"NodeFact {name!r}: `absent` must fit 64 bits, got {absent!r:.40}; write it as a float")
         self.name = name
         self.derive = derive
         self.of = derive
@@ -92,7 +95,10 @@ def _set(fact: NodeFact, column: npt.NDArray[Any], row: int, node: Node) -> bool
     before = column.item(row)
     try:
         column[row] = fact.of(node)
-    except Exception:  # a mistake in one plugin's function must not lose the node; the log has the stack once
+    except (
+        Exception,
+        SystemExit,
+    ):  # a mistake in one plugin's function must not lose the node; the log has the stack once
         column[row] = fact.absent
         if not fact.warned:
             fact.warned = True

@@ -198,3 +198,25 @@ def test_what_is_no_fact_is_refused_when_the_plugin_is_loaded() -> None:
         RegisteredPlugin(Wrong())
     with pytest.raises(TypeError, match="`absent` must be a bool, an int or a float"):
         NodeFact("text", lambda _: 0, absent="")  # type: ignore[arg-type]  # the mistake
+
+
+def test_a_function_that_ends_the_process_is_a_mistake_as_any_other_also_where_no_guard_stands_around_it() -> None:
+    """A fact that a plugin reads and does not name in `node_reads` is not guarded."""
+
+    def ends(node: Node) -> int:
+        if node.metadata.annotations:
+            raise SystemExit(3)
+        return 7
+
+    fact, table = NodeFact("end", ends, absent=0), NodeTable()
+    table.apply(make_node("n0"))
+    assert table.facts.column(fact, table.objects)[0] == 7
+    table.apply(loud("n0", 1))
+    assert table.facts.column(fact, table.objects)[0] == 0
+
+
+def test_an_absent_value_that_no_column_can_hold_is_refused_with_the_cure() -> None:
+    """Before, the column held Python objects, and the first NaN check of such a number lost the news of its node."""
+    with pytest.raises(ValueError, match=r"must fit 64 bits, got 1000.*; write it as a float"):
+        NodeFact("big", len, absent=10**30)  # type: ignore[arg-type]  # never called
+    assert NodeFact("edge", len, absent=2**63 - 1).absent == 2**63 - 1  # type: ignore[arg-type]
