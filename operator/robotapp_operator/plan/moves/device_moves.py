@@ -41,13 +41,18 @@ def move_for_device(
     for device in lost:
         component = next((one for one in app.spec.components if one.name == device.component), None)
         pod = running.get(device.component)
-        if component is None or pod is None or pod.pod != device.pod or on_loss_of(component) != RESCHEDULE:
+        if component is None or pod is None or pod.pod != device.pod or not _may_move(component):
             continue
         found = _of_component(app, component, device, pod, node=elsewhere(component), now=now)
         if isinstance(found, Move):
             return found
         first = first or found
     return first
+
+
+def _may_move(component: Component) -> bool:
+    """Of several replicas none is moved, also while only one of them runs."""
+    return on_loss_of(component) == RESCHEDULE and component.replicas == 1
 
 
 def _of_component(
