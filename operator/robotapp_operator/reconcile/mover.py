@@ -253,6 +253,8 @@ class Mover:
         if refused:
             return f"{move.component} is not moved to {move.after}: {refused}"
         own.evicted = move.pod
+        if refused is None:
+            return ""
         note = f"{move.component} moved from {move.before} to {move.after}: {move.why}"
         log.info("%s/%s: %s", app.namespace, app.name, note)
         about = reference(api_version=API_VERSION, kind="RobotApp", name=app.name, namespace=app.namespace, uid=app.uid)
@@ -293,8 +295,8 @@ class Mover:
         except (Conflict, NotFound) as race:
             raise StartOver(f"Deployment {meta.name} changed while {key} was written") from race
 
-    async def _evict(self, pod: Pod) -> str:
-        """Why the API server keeps the pod; "" when it is on its way out."""
+    async def _evict(self, pod: Pod) -> str | None:
+        """Why the API server keeps the pod; "" when it is on its way out, None when it was gone before."""
         meta = pod.metadata
         body = {
             "apiVersion": "policy/v1",
@@ -312,6 +314,7 @@ class Mover:
             return refusal.message
         except (NotFound, Conflict) as gone:
             log.info("pod %s/%s is gone already: %s", meta.namespace, meta.name, gone)
+            return None
         return ""
 
     def _tell(self, app: App, instance: str, own: InstanceMemory, text: str) -> None:

@@ -272,6 +272,18 @@ async def test_a_pod_that_several_disruption_budgets_cover_stays_and_its_user_is
     refused()
 
 
+async def test_of_a_pod_that_was_replaced_meanwhile_nobody_is_told_that_it_moved(world: World) -> None:
+    await world.app()
+    await world.propose()
+    await world.look()
+    world.now_s += FOR_S
+    await world.mirror()
+    await world.pod("planner", "far")
+    await world.mover.look(UID, "")
+    assert await world.pods() == ["driver", "planner"], "the eviction was meant for its predecessor"
+    assert world.events == []
+
+
 async def test_on_a_robot_that_is_out_of_reach_nothing_is_evicted(world: World) -> None:
     await world.app()
     await world.propose()
