@@ -20,6 +20,7 @@ from robotapp_api.values.better_node import BetterNode, parse_better_node
 from robotapp_operator.plan.moves.device_moves import RESTART, move_for_device, on_loss_of, restarts
 from robotapp_operator.plan.moves.move_record import parse_moves
 from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, limits_of, reschedule
+from robotapp_operator.plan.render.node_affinity import tolerates_all
 from robotapp_operator.plan.spec.desired import App, desired_of
 from robotapp_operator.plan.spec.objects import Deployment, Node, Pod
 from robotapp_operator.plan.status.device_conflicts import free_elsewhere
@@ -193,13 +194,18 @@ class Mover:
         }
 
     def _elsewhere(self, app: App, instance: Instance, component: Component, here: str) -> str:
+        desired = desired_of(app, instance.robot)
         return free_elsewhere(
             component,
-            desired_of(app, instance.robot),
+            desired,
             but=here,
             claims=self._cache.claims.by_name,
             telemetry=self._cache.telemetry,
-            nodes=self._usable(app),
+            nodes={
+                name: node
+                for name, node in self._usable(app).items()
+                if tolerates_all(component, desired, node.spec.taints)
+            },
         )
 
     # Devices

@@ -9,9 +9,13 @@ from robotapp_api.model.names import HARDWARE_PREFIX, Label
 from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_api.values.selector import matches_labels
 from robotapp_api.values.tiers import KEEP, ROBOT, on_disconnect
+from robotapp_api.values.toleration import tolerates
 from robotapp_operator.plan.render.child import component_labels, selector
 from robotapp_operator.plan.spec.desired import Desired
+from robotapp_operator.plan.spec.objects import Taint, Toleration
 
+CLOSING: Final = frozenset({"NoSchedule", "NoExecute"})
+"""Effects of taints that keep new pods away."""
 DISCONNECTED: Final = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
 
 
@@ -98,6 +102,17 @@ def may_run_on(component: Component, desired: Desired, labels: Mapping[str, str]
     terms = _node_terms(component, desired) or [[]]
     chosen = component.template.spec.node_selector.items()
     return chosen <= labels.items() and any(matches_labels({"matchExpressions": term}, labels) for term in terms)
+
+
+def tolerates_all(component: Component, desired: Desired, taints: Iterable[Taint]) -> bool:
+    """Whether the pods are let onto a node with these taints."""
+    own = [_toleration(each) for each in tolerations(component, desired)]
+    return all(any(tolerates(each, taint) for each in own) for taint in taints if taint.effect in CLOSING)
+
+
+def _toleration(written: Mapping[str, Any]) -> Toleration:
+    """Core's fields, of which the schema of a RobotApp checks nothing."""
+    return Toleration(*(str(written.get(name) or "") for name in ("key", "operator", "value", "effect")))
 
 
 def required_nodes(terms: list[list[dict[str, Any]]]) -> dict[str, Any]:

@@ -111,8 +111,22 @@ class Pod(Struct):
         return self.status.phase in ("Succeeded", "Failed")
 
 
+class Taint(Struct):
+    key: str = ""
+    value: str = ""
+    effect: str = ""
+
+
+class Toleration(Struct):
+    key: str = ""
+    operator: str = ""
+    value: str = ""
+    effect: str = ""
+
+
 class NodeSpec(Struct):
     unschedulable: bool = False
+    taints: list[Taint] = []
 
 
 class NodeStatus(Struct):

@@ -18,7 +18,7 @@ from robotapp_api.client.api.resources import DEPLOYMENTS, PODS
 from robotapp_api.client.tools.event_recorder import EventRecorder
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.better_node import BetterNode
-from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet
+from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet, Taint
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.mover import LOST_S, REFUSED_S, Mover
 from robotapp_operator.reconcile.observer import Observer
@@ -363,6 +363,20 @@ async def test_a_pod_moves_to_another_device_where_there_is_one_that_is_free(wor
     await world.look()
     assert await world.pods() == ["driver"]
     assert world.events == [("Rescheduled", "planner moved from far to near: device usb-cam on far is lost")]
+
+
+async def test_no_pod_is_evicted_for_a_node_whose_taints_it_does_not_tolerate(world: World) -> None:
+    await world.app(on_loss="Reschedule")
+    await world.plug(present=False)
+    await world.plug(present=True, node="near")
+    world.cache.nodes["near"].spec.taints = [Taint(key="lab.example/only", effect="NoSchedule")]
+    await world.look()
+    await world.look(later_s=LOST_S)
+    assert await world.pods() == ["driver", "planner"], "its successor would find no place"
+    assert world.stays() == "no other node has such a device that is free"
+    world.cache.nodes["near"].spec.taints = [Taint(key="lab.example/soft", effect="PreferNoSchedule")]
+    await world.look()
+    assert await world.pods() == ["driver"]
 
 
 def _first(world: World) -> Any:
