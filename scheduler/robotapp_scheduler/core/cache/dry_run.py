@@ -47,16 +47,21 @@ class DryRun:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        try:
+            self._restore()
+        finally:  # with the log of a question every later change would be hidden from what reads the live one
+            if self._preemption:
+                self._cluster.log = self._log
+                self._cluster.topology.end_dry_run()
+                self._cluster.volumes.users.end_dry_run()
+
+    def _restore(self) -> None:
         self.back(0)
         for node, uids in self._order.items():
             if uids:
                 self._cluster.reorder(node, uids)
         if self._assumed:
             self._cluster.nominations.restore(self._nominations)
-        if self._preemption:
-            self._cluster.log = self._log
-            self._cluster.topology.end_dry_run()
-            self._cluster.volumes.users.end_dry_run()
 
     @property
     def depth(self) -> int:
