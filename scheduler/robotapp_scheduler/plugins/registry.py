@@ -63,7 +63,7 @@ KUBERNETES: Final = (
     PluginRef("ImageLocality", 1),
     PluginRef("NodeDeclaredFeatures"),
 )
-"""Upstream's order, which decides the reason that is reported per node, and upstream's weights."""
+"""The defaults of kube-scheduler with its weights, in its order: the first filter that rejects a node gives the reason."""
 ROS: Final = (
     PluginRef("ROSQueueSort"),
     PluginRef("AllowedNamespaces"),
@@ -98,7 +98,7 @@ UPSTREAM_POINTS: Final = {
     "NodeResourcesBalancedAllocation": _SCORES,
     "NodeDeclaredFeatures": _FILTERS,
 }
-"""Points of kube-scheduler 1.37's plugins: a file may name them there, also where ours have nothing to do."""
+"""Points of kube-scheduler 1.37's plugins: a configuration may name them there, also where ours do not take part."""
 
 
 def catalogue(extra: Mapping[str, type] | None = None) -> Catalogue:

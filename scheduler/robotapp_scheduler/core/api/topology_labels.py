@@ -1,4 +1,4 @@
-"""Labels with the zone and region of nodes and volumes: those of today and the old ones."""
+"""Names of the labels with the zone and region of nodes and volumes, today's and the deprecated ones."""
 
 from typing import Final
 
@@ -9,6 +9,6 @@ REGION: Final = "topology.kubernetes.io/region"
 OLD_ZONE: Final = "failure-domain.beta.kubernetes.io/zone"
 OLD_REGION: Final = "failure-domain.beta.kubernetes.io/region"
 TODAY: Final = {OLD_ZONE: ZONE, OLD_REGION: REGION, ZONE: ZONE, REGION: REGION}
-"""The name of today by each of them."""
+"""Each label → today's name of it."""
 SEPARATOR: Final = "__"
-"""Between the zones of a volume that is in several."""
+"""Separates the zones in the label of a volume that is in several."""

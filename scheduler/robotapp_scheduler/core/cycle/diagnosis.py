@@ -17,7 +17,7 @@ from robotapp_scheduler.core.cycle.group_gates import (
     PREDECESSOR_PLUGIN,
     WHOLE_PLUGIN,
     WHOLE_READS,
-    asks_otherwise,
+    changes_requirements,
 )
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Change, Event
@@ -223,7 +223,7 @@ HINTS: Final = {
         QueueingHint(GROUP_PLUGIN, GROUP_EVENTS),
         QueueingHint(PREDECESSOR_PLUGIN, GROUP_EVENTS),
         QueueingHint(POD_GROUP_PLUGIN, POD_GROUP_EVENTS),
-        QueueingHint(WHOLE_PLUGIN, Change.APPS | Change.POD_GROUPS, asks_otherwise, WHOLE_READS),
+        QueueingHint(WHOLE_PLUGIN, Change.APPS | Change.POD_GROUPS, changes_requirements, WHOLE_READS),
         QueueingHint(
             BIND_CHECK, Change.CLAIMS | Change.APPS | Change.POOLS, about_its_domain, ("annotations", "group")
         ),

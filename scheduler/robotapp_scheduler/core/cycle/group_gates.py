@@ -1,4 +1,6 @@
-"""When may the pods of a group be tried: enough of them there and, for a RobotApp, the app understood, the predecessor gone."""
+"""PreEnqueue for pods of groups: enough of the group's pods must exist and, for a RobotApp, its spec must be readable and the
+predecessor of a single-replica component gone.
+"""
 
 from collections.abc import Hashable
 from typing import Final
@@ -19,7 +21,7 @@ GROUP_PLUGIN: Final = "RobotAppGroup"
 POD_GROUP_PLUGIN: Final = "PodGroup"
 PREDECESSOR_PLUGIN: Final = "RobotAppPredecessor"
 WHOLE_PLUGIN: Final = "PlacedWhole"
-"""Beside the plugins that refused a part of a group: the group itself may require less."""
+"""Stands beside the plugins that rejected a pod of a group: a change of the group's requirements may help, too."""
 WHOLE_READS: Final = ("group",)
 GROUP_EVENTS: Final = Change.APPS | Change.OWNERS | Change.POD_SEEN | PLACED
 POD_GROUP_EVENTS: Final = Change.POD_GROUPS | Change.POD_SEEN | PLACED
@@ -34,7 +36,7 @@ def group_key(pod: PodInfo) -> Hashable | None:
 
 
 def groups_of(seen: Event) -> tuple[str, ...]:
-    """The groups an event is about, as gates name them: pods, owners and claims carry a RobotApp's uid as a label."""
+    """The groups an event concerns, by `PreEnqueueStatus.group`: pods, owners and claims have a RobotApp's uid as a label."""
     found = seen.new if seen.new is not None else seen.old
     if found is None:
         return ()
@@ -53,14 +55,14 @@ def groups_of(seen: Event) -> tuple[str, ...]:
 
 
 def groups_around(pod: PodInfo) -> tuple[str, ...]:
-    """The group of one pod, as gates name it."""
+    """The group of one pod, by `PreEnqueueStatus.group`; empty for a pod without a group."""
     if pod.member is not None:
         return (pod.member.app_uid,)
     return (pod.pod_group.key,) if pod.pod_group is not None else ()
 
 
-def asks_otherwise(pod: PodInfo, seen: Event) -> bool:
-    """Queueing hint of WHOLE_PLUGIN: did the pod's own RobotApp or PodGroup change its requirements?"""
+def changes_requirements(pod: PodInfo, seen: Event) -> bool:
+    """Queueing hint of WHOLE_PLUGIN: True when the pod's own RobotApp or PodGroup changed its requirements."""
     same = seen.old is not None and seen.new is not None and seen.old.spec == seen.new.spec
     return not same and not set(groups_around(pod)).isdisjoint(groups_of(seen))
 
@@ -118,10 +120,10 @@ class GangGates:
         return found
 
     def predecessor(self, pod: PodInfo, member: Member, component: Component) -> Replica | None:
-        """The pod that still does this single-replica component's work, None when there is none.
+        """The other pod of this single-replica component that is on a node, None when there is none.
 
         A component that fails over does not wait for a pod on an unreachable node, unless that node is a robot's: its
-        driver may still drive, so there a second pod starts beside it only where `Failover` is written.
+        driver may still move the robot, so there a second pod starts beside it only where `Failover` is written.
         """
         if component.replicas != 1:
             return None
@@ -169,9 +171,9 @@ class GangGates:
         return any(taint.key in UNREACHABLE for taint in taints.values[taints.column[row]])
 
     def _may_drive(self, component: Component, node: str) -> bool:
-        """May a pod of this component on that lost node be one that moves a robot, and no spec allows a second one?
+        """Whether a pod of this component on a lost node may still move a robot, and the spec does not allow a second one.
 
-        Of a node that is gone it is unknown whether it was a robot's: then what the component is allowed decides.
+        Whether a node that is gone was a robot's is unknown: then it counts as one if the component may run on robots.
         """
         if component.on_disconnect == FAILOVER:
             return False
@@ -185,7 +187,7 @@ def fails_over(component: Component) -> bool:
 
 
 def _still_driving(before: Replica, *, gone: bool) -> str:
-    """Why a lost predecessor is waited for, and what to do."""
+    """Why the pod waits for a predecessor on a lost node, and what the user can do."""
     where = "its node is gone and may be" if gone else "its node cannot be reached and is"
     return (
         f"{where} a robot's computer, where the pod may still drive; if it surely stopped, delete pod "

@@ -1,4 +1,4 @@
-"""Why a pod went where it went: one bounded record per pod, kept in a ring."""
+"""One record per pod of its last decision, with reasons and scores, for `/explain`; bounded, the oldest are dropped."""
 
 from collections import OrderedDict
 from itertools import islice
@@ -9,20 +9,20 @@ import msgspec
 KEPT: Final = 2000
 KEPT_BYTES: Final = 20_000_000
 MOST_REFUSALS: Final = 50
-"""Reasons kept per record, the commonest: a cluster with a taint of its own on every node has thousands."""
+"""Reasons kept per record, the most frequent ones: with a different taint on every node there are thousands."""
 TOP: Final = 10
 EXAMPLES: Final = 3
 
 
 class Example(msgspec.Struct, frozen=True, gc=False, rename="camel"):
-    """One node a reason applied to; `number` is what the plugin measured there."""
+    """One node that was rejected for a reason; `number` is the plugin's `detail` of it."""
 
     node: str
     number: float | None = None
 
 
 class Refusal(msgspec.Struct, frozen=True, gc=False, rename="camel"):
-    """One reason: which plugin, how many nodes, three of them."""
+    """One reason: its plugin, the number of nodes, and up to three of them."""
 
     plugin: str
     reason: str
@@ -77,27 +77,27 @@ class Record(msgspec.Struct, gc=False, rename="camel"):
     shadow_changes: tuple[str, ...] = ()
     """Shadow plugins that would have changed the choice."""
     planned: str = ""
-    """How its place was found together with those of its group; empty for a pod that was placed alone."""
+    """How the plan of its group was made and followed; empty for a pod that was placed alone."""
     tier: str = ""
-    """Why a node of this tier was taken; empty where `runsOn` leaves no choice."""
+    """Why a node of this tier was chosen; empty where `runsOn` leaves no choice."""
     seed: int = 0
     """Tie-break seed: with pod uid and node names it reproduces the choice among equal totals."""
 
 
 class Scorers(NamedTuple):
-    """The plugins that score such pods. The same object as long as the same plugins do."""
+    """The plugins that score pods of one class. The same object as long as these do not change."""
 
     weights: dict[str, int]
     """By plugin, in the order of the profile."""
     shadows: tuple[str, ...]
-    alike: dict[str, int]
-    """Scores of the plugins that score all rows alike."""
-    apart: tuple[str, ...]
+    same: dict[str, int]
+    """Scores of the plugins that give all rows the same score."""
+    differing: tuple[str, ...]
     """The other plugins."""
 
 
 class NodePluginScores(msgspec.Struct, frozen=True, gc=False):
-    """One row: its node, its total, and the normalised scores of `Scorers.apart`, in that order."""
+    """One row: its node, its total, and the normalised scores of `Scorers.differing`, in that order."""
 
     position: int
     node: str
@@ -106,13 +106,13 @@ class NodePluginScores(msgspec.Struct, frozen=True, gc=False):
 
 
 class TopNodes(NamedTuple):
-    """Up to TOP rows, none better than the first, at the time of a decision. Decisions that saw the same rows share it."""
+    """The best rows at the time of a decision, at most TOP, best first. Decisions with the same best rows share the object."""
 
     positions: tuple[int, ...]
     nodes: tuple[str, ...]
     totals: tuple[int, ...]
     scores: tuple[tuple[int, ...], ...]
-    """Per plugin of `Scorers.apart` those of each row."""
+    """By plugin of `Scorers.differing`, then by row."""
     scorers: Scorers
 
 
@@ -120,31 +120,31 @@ NO_NODES: Final = TopNodes((), (), (), (), Scorers({}, (), {}, ()))
 
 
 class ChosenNode(msgspec.Struct, frozen=True, gc=False):
-    """The row that won, beside the best ones of that moment; put in order only when a record is read."""
+    """The chosen row and the best rows at that moment; `top` sorts them only when a record is read."""
 
     front: TopNodes
     chosen: NodePluginScores
 
     @property
     def weight_bytes(self) -> int:
-        """What its `top` takes in memory, estimated from above."""
+        """Upper estimate of the memory that its `top` takes."""
         return top_bytes(len(self.front.scorers.weights), len(self.front.positions))
 
     def top(self) -> Top:
-        """The winner first, then as many of the others as were at the front."""
+        """The chosen row first, then the best of the others."""
         chosen, front, scorers = self.chosen, self.front, self.front.scorers
         others = [place for place, position in enumerate(front.positions) if position != chosen.position]
         others = others[: max(len(front.positions) - 1, 0)]
-        apart = {
+        differing = {
             plugin: (own, *map(scores.__getitem__, others))
-            for plugin, own, scores in zip(scorers.apart, chosen.scores, front.scores, strict=True)
+            for plugin, own, scores in zip(scorers.differing, chosen.scores, front.scores, strict=True)
         }
         return Top(
             nodes=(chosen.node, *map(front.nodes.__getitem__, others)),
             totals=(chosen.total, *map(front.totals.__getitem__, others)),
             weights=scorers.weights,
             scores={
-                plugin: apart[plugin] if plugin in apart else (scorers.alike[plugin],) * (1 + len(others))
+                plugin: differing[plugin] if plugin in differing else (scorers.same[plugin],) * (1 + len(others))
                 for plugin in scorers.weights
             },
             shadow=scorers.shadows,

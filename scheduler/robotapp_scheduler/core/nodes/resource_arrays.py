@@ -15,14 +15,14 @@ from robotapp_scheduler.core.nodes.columns import FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 
 MOST_PLACES: Final = 64
-"""Rows of a ledger that is mirrored: a larger one is seldom read as a whole."""
+"""Greatest number of resources (rows of the ledger) for which arrays are kept; more are seldom read as a whole."""
 EXACT_IN_FLOAT: Final = 2**46
-"""Below this a float64 quotient up to a few hundred, cut to an integer, equals the integer quotient."""
+"""For amounts below this, a float64 quotient up to a few hundred, truncated, equals the integer quotient."""
 
 
 class Plain(NamedTuple):
-    """Amounts of some resources in float64, shape (resources, rows). All are offered on every row, and little enough for
-    float64; a row that is no node offers 1 of each.
+    """Amounts of some resources in float64, shape (resources, rows). Every row offers all of them, in amounts that float64
+    holds exactly; a row that is no node offers 1 of each.
     """
 
     allocatable: FloatArray
@@ -45,7 +45,7 @@ class ResourceArrays:
         return f"ResourceArrays({self._floats.shape[1]} rows)"
 
     def refresh(self, log: ChangeLog) -> bool:
-        """Bring it to the head of the log. False: there are too many resources, nothing is mirrored."""
+        """Bring the arrays to the head of the log. False: there are too many resources, the arrays are not kept."""
         resources = self._table.resources
         same = self._ledger is resources.ledger and self._floats.shape[1] == self._table.size
         if same and log.position == self._position:
@@ -61,13 +61,13 @@ class ResourceArrays:
         return True
 
     def plain(self, names: tuple[str, ...]) -> Plain | None:
-        """These resources; None where integers are needed."""
+        """The amounts of these resources; None where float64 would not be exact, so that integers are needed."""
         if names not in self._plain:
             self._plain[names] = self._found(names)
         return self._plain[names]
 
     def free(self, names: tuple[str, ...]) -> IntArray | None:
-        """Allocatable - requested, shape (resources, rows); None when these do not stand side by side."""
+        """Allocatable - requested, shape (resources, rows); None when these resources are no contiguous rows of the ledger."""
         resources = self._table.resources
         span = resources.span("requested", names)
         if span is None:
@@ -105,11 +105,11 @@ class ResourceArrays:
 
 
 MOST_MISSES: Final = 256
-"""Pods that need more than is known to be free, until it is looked at anew: it only falls while pods come and go."""
+"""After so many `False` of `suffices` the minimum is computed anew: the change log alone only lowers it."""
 
 
 class MinimumFree:
-    """Never more than any node has free, of each resource and of places for pods; kept from the change log."""
+    """A lower bound on what every node has free, per resource and of places for pods; updated from the change log."""
 
     def __init__(self, table: NodeTable) -> None:
         self._table = table
@@ -123,7 +123,7 @@ class MinimumFree:
         return f"MinimumFree({self._free})"
 
     def suffices(self, log: ChangeLog, wanted: tuple[tuple[str, int], ...]) -> bool:
-        """Is so much of these free on every node? False: perhaps not."""
+        """True when every node has these amounts free; False: perhaps not."""
         if log.position != self._position or self._ledger is not self._table.resources.ledger:
             self._refresh(log)
         free = self._free
@@ -144,10 +144,11 @@ class MinimumFree:
             self._free = dict(zip(("pods", *resources.names), least, strict=False))
             self._ledger, self._misses = resources.ledger, 0
         for row in rows or ():
-            self._look_at(resources.offered[:, row].tolist(), resources.taken[:, row].tolist())
+            self._lower(resources.offered[:, row].tolist(), resources.taken[:, row].tolist())
         self._position = log.position
 
-    def _look_at(self, offered: list[int], taken: list[int]) -> None:
+    def _lower(self, offered: list[int], taken: list[int]) -> None:
+        """Lower the minimum to what one row has free."""
         least = self._free
         left = map(sub, offered, taken)
         for name in least:

@@ -1,4 +1,4 @@
-"""What pods with the same spec, labels and owner have in common, computed once: 2,000 replicas share one `PodSignature`.
+"""Results shared by all pods with the same spec, labels and owner: 2,000 replicas have one `PodSignature`.
 
 `required_features_of` finds the kubelet features that a spec needs, by the names under which nodes declare them.
 """
@@ -24,7 +24,7 @@ NOTHING: Final[frozenset[str]] = frozenset()
 
 
 def required_features_of(spec: PodSpec) -> frozenset[str]:
-    """Empty for nearly every pod."""
+    """The kubelet features that the node must have declared; none for nearly every pod."""
     containers = spec.containers if not spec.init_containers else [*spec.containers, *spec.init_containers]
     found: set[str] = set()
     if spec.host_network and not spec.host_users:
@@ -40,7 +40,7 @@ def required_features_of(spec: PodSpec) -> frozenset[str]:
 ANY_IP: Final = "0.0.0.0"  # noqa: S104 - the wildcard a hostPort without hostIP stands for, nothing is bound here
 MAX_SIGNATURES: Final = 2048
 MOST_KEY_BYTES: Final = 16_384
-"""Larger pods are not remembered: two thousand of 1.5 MB would fill the memory."""
+"""Pods with a longer key share no signature: two thousand keys of 1.5 MB would fill the memory."""
 _numbers: Final = count(1)
 _encode: Final = msgspec.msgpack.Encoder().encode
 
@@ -63,16 +63,16 @@ class PodSignature:
         self.keys: dict[tuple[str, ...], tuple[Hashable, ...]] = {}
         """Features of such pods by their names (core.pods.pod_info)."""
         self.facts: dict[str, Hashable] = {}
-        """The same, one by one."""
+        """Single features by name."""
         self.notes: dict[object, Any] = {}
-        """What plugins worked out about such pods, by plugin."""
+        """What plugins and runners compute once for such pods, by plugin or key."""
 
     def __repr__(self) -> str:
         return f"PodSignature(of {self._pod.key})"
 
     @CachedProperty
     def exceeded_limit(self) -> str:
-        """Why nothing is looked up for such pods; empty for every sane one."""
+        """Which limit of core.pods.limits such pods exceed, so that they are not tried; "" for nearly every pod."""
         return exceeded_limit(self._pod.spec)
 
     @CachedProperty
@@ -107,7 +107,7 @@ class PodSignature:
         return required_features_of(self._pod.spec)
 
     def held(self, columns: ResourceColumns) -> tuple[tuple[int, int], ...]:
-        """Amounts such a pod holds, by index of their columns; found once, unless some are left out: that may change."""
+        """Amounts such a pod holds, by index of their columns; kept unless the columns lack some of its resources."""
         found: tuple[tuple[int, int], ...] | None = self.notes.get(columns)
         if found is None:
             exact = self.requests.exact
@@ -131,7 +131,7 @@ class PodSignatures:
     def of(self, pod: Pod) -> PodSignature:
         """The signature of a pod. What distinguishes replicas (name, uid, node, annotations, status) is not part of it."""
         if pod.status.resizes:
-            return PodSignature(pod)  # it holds something else than its spec says
+            return PodSignature(pod)  # its container statuses count, too
         try:
             key = _key(pod)
         except OverflowError:  # a number no encoder takes: from no API server
@@ -147,7 +147,7 @@ class PodSignatures:
 
 
 def same_signature(old: Pod, labels: Mapping[str, str], new: Pod) -> bool:
-    """Has a pod still the signature it had with these labels? Compares what `PodSignatures` encodes; False in doubt."""
+    """Whether a pod still has the signature it had with these labels. Compares what `PodSignatures` encodes; False in doubt."""
     if old.status.resizes or new.status.resizes:
         return False
     before, now = old.metadata, new.metadata
@@ -183,7 +183,7 @@ def controller_of(owners: list[OwnerReference] | None) -> OwnerReference | None:
 
 
 def requests_of(pod: Pod) -> PodRequests:
-    """What a pod asks for, or holds while it is resized in place. Raises ValueError for what is no quantity."""
+    """The pod's requests, or what it holds while it is resized in place. Raises ValueError for what is no quantity."""
     return pod_requests(pod.spec, pod.status if pod.status.resizes else None)
 
 

@@ -15,9 +15,9 @@ from robotapp_scheduler.core.runtime.filter_results import Codes
 
 
 def with_nominated(cluster: Cache, pod: PodInfo, evaluation: Evaluation, *, node: str = "") -> Evaluation:
-    """The evaluation with the double pass done where pods of this priority or higher are nominated; else itself.
+    """The evaluation, with the filters run a second time for nodes on which pods of this priority or higher are nominated.
 
-    `node`: the only one the evaluation is about, when it is about one.
+    Returns `evaluation` itself when there are none. `node`: the name of the node when the evaluation covers only one.
     """
     if not len(cluster.nominations):
         return evaluation
@@ -30,7 +30,7 @@ def with_nominated(cluster: Cache, pod: PodInfo, evaluation: Evaluation, *, node
         return evaluation
     rows = sorted(nominated)
     positions = evaluation.positions(np.array(rows, dtype=np.intp))
-    # The pass with the nominated pods comes first: its reason is the one that is reported.
+    # The reason of the pass with the nominated pods is reported, as in kube-scheduler, where it comes first.
     first = _reasons(cluster, Influence(pod, evaluation), evaluation, rows, nominated)
     return evaluation.replaced(positions, np.where(first != 0, first, evaluation.reason[positions]))
 
@@ -62,7 +62,7 @@ def _reasons(
 
 
 def amounts(cluster: Cache, per_row: Sequence[Sequence[PlacedPod]]) -> IntArray:
-    """What pods hold, one column per list of pods, in the shape of core.cache.placed_pods.PriorityColumns."""
+    """Sums of what pods hold, one column per list of pods: their number, then each resource (as PriorityColumns has it)."""
     total = np.zeros((len(cluster.nodes.resources.names) + 1, len(per_row)), dtype=np.int64)
     for i, records in enumerate(per_row):
         total[0, i] = len(records)

@@ -1,4 +1,4 @@
-"""Pods in flight between pop and their return, and the changes seen meanwhile."""
+"""Pods that were popped and are neither bound nor back in the queue, and the events that arrive meanwhile."""
 
 from collections.abc import Iterator
 from typing import Any, Final
@@ -7,23 +7,24 @@ from robotapp_scheduler.core.events.cluster_event import Change, Event
 
 MOST_LOGGED: Final = 4096
 OFTEN: Final = 256
-"""From so many changes on the log is shortened, so that few objects are kept alive only by it."""
+"""With more events than this the log is shortened, so that it keeps few objects alive."""
 
 
 class InFlightPod:
-    """One pod in flight; `seen` is complete once it has landed."""
+    """One pod in flight; `seen` is filled by `InFlightPods.land`."""
 
     __slots__ = ("activated", "deleted", "folded", "own", "pod", "seen", "since")
 
     def __init__(self, pod: Any, since: int) -> None:
         self.pod = pod
         self.since = since
-        """Where in the log of changes the flight began."""
+        """Index in the log of the first event after its pop."""
         self.folded = 0
-        """Kinds of change of entries that are no longer in the log, without their objects."""
+        """Kinds of change of the events that were dropped from the log, as a plain int."""
         self.own: list[Event] = []
-        """Changes of the pod itself."""
+        """Events about the pod itself."""
         self.seen: list[Event] = []
+        """All events since its pop."""
         self.activated = False
         self.deleted = False
 
@@ -36,7 +37,7 @@ class InFlightPods:
         self._log: list[tuple[Event, str]] = []
         """(event, uid of the pod it does not concern) since the first pod now in flight was popped."""
         self._most = min(OFTEN, MOST_LOGGED)
-        """With more changes it is time to look again."""
+        """With more events than this `note` shortens the log."""
 
     def __repr__(self) -> str:
         return f"InFlightPods({len(self._flying)} in flight)"
@@ -48,7 +49,7 @@ class InFlightPods:
         return iter(self._flying)
 
     def get(self, uid: str) -> InFlightPod | None:
-        """The flight of this pod."""
+        """The entry of a pod in flight, None for any other pod."""
         return self._flying.get(uid)
 
     def start(self, uid: str, pod: Any) -> None:
@@ -56,7 +57,7 @@ class InFlightPods:
         self._flying[uid] = InFlightPod(pod, len(self._log))
 
     def note(self, event: Event, *, but: str) -> None:
-        """Something changed; the pod `but` takes no notice."""
+        """Add an event for all pods in flight but the one with the uid `but`."""
         if self._flying:
             self._log.append((event, but))
             if len(self._log) > self._most:
@@ -68,14 +69,14 @@ class InFlightPods:
         self._flying[uid].own.append(event)
 
     def end(self, uid: str) -> InFlightPod | None:
-        """The pod got a node; what changed meanwhile does not matter any more."""
+        """The pod got a node: its events are no longer needed."""
         flight = self._flying.pop(uid, None)
         if not self._flying:
             self._log.clear()
         return flight
 
     def land(self, uid: str) -> InFlightPod | None:
-        """The pod comes back: its flight with all changes that were noted meanwhile."""
+        """The pod goes back into the queue: returns it with all events since its pop."""
         flight = self._flying.get(uid)
         if flight is not None:
             folded = [Event("", Change(flight.folded))] if flight.folded else []
@@ -87,7 +88,7 @@ class InFlightPods:
         return [event for event, but in self._log[flight.since :] if but != uid]
 
     def _shorten(self) -> None:
-        """Drop changes from before all pods now in flight; those of a pod that is in flight for long are folded into one."""
+        """Drop events from before all pods now in flight; if that is not enough, keep only kinds of change (`folded`)."""
         past = next(iter(self._flying.values())).since  # they are in the order of their start
         if past > len(self._log) // 2:
             del self._log[:past]
@@ -97,10 +98,10 @@ class InFlightPods:
             self._fold()
 
     def _fold(self) -> None:
-        """From the newest change back: each is looked at once, not once for each of those that fly."""
+        """Replace the log by kinds of change per pod; from the newest event back, so that each event is visited once."""
         at, common = len(self._log), 0
         others: dict[str, int] = {}
-        """Uid → kinds that concern all but this pod."""
+        """Uid → kinds of change that concern all pods but this one."""
         for uid, flight in sorted(self._flying.items(), key=lambda item: item[1].since, reverse=True):
             for event, but in reversed(self._log[flight.since : at]):
                 if but:

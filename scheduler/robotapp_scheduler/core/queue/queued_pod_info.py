@@ -1,4 +1,4 @@
-"""What the queue keeps of a pod: its attempts, why it waits, and what may move it."""
+"""What the queue keeps per pod: its attempts, why it waits, and which events may move it."""
 
 from collections.abc import Hashable
 
@@ -9,23 +9,23 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 
 class PreEnqueueStatus(msgspec.Struct, frozen=True):
-    """Why a pod may not be tried at all, and which changes may end that."""
+    """Why a pod is gated, and which kinds of change may end that."""
 
     plugin: str
     reason: str
     events: Change = Change.ALL
     group: str = ""
-    """Only changes around this group (RobotApp uid, or key of a PodGroup) matter, when set."""
+    """When set, only events about this group count (uid of a RobotApp, or key of a PodGroup)."""
     code: str = ""
     """Reason for the pod's condition; empty: no condition is written."""
     whole_group: bool = False
-    """While one pod of `group` is held, all others of the group are."""
+    """While one pod of `group` is gated, all others of the group are."""
     report_after_s: float = 30.0
-    """A pod that is held for longer gets a condition with the reason."""
+    """A pod that is gated for longer gets a condition with the reason."""
 
 
 class Rejection(msgspec.Struct, frozen=True):
-    """Outcome of a failed attempt. No plugins = an error, which is retried after back-off by itself."""
+    """Outcome of a failed attempt. Without plugins it is an error, which is retried after back-off without an event."""
 
     plugins: frozenset[str] = frozenset()
     pending: frozenset[str] = frozenset()

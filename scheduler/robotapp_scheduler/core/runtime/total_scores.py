@@ -50,8 +50,8 @@ class ScoreParts(NamedTuple):
             scorers=Scorers(
                 weights={column.plugin.name: column.plugin.weight for column in live},
                 shadows=tuple(column.plugin.name for column in live if column.plugin.shadow),
-                alike={column.plugin.name: column.constant for column in live if column.constant is not None},
-                apart=tuple(column.plugin.name for column in (*checked, *relative)),
+                same={column.plugin.name: column.constant for column in live if column.constant is not None},
+                differing=tuple(column.plugin.name for column in (*checked, *relative)),
             ),
             flat=flat,
             flats=np.array(flat, dtype=np.int64),
@@ -125,7 +125,7 @@ class TotalScores:
         return self._top
 
     def scores_at(self, row: int) -> tuple[int, ...]:
-        """The normalised scores of `scorers.apart` at a feasible row, in that order."""
+        """The normalised scores of `scorers.differing` at a feasible row, in that order."""
         scores = [column.raw.item(row) for column in self._parts.checked]
         for column in self._parts.relative:
             values = self._normalized[column.plugin.name].values

@@ -9,7 +9,7 @@ LabelSetKey = tuple[str, frozenset[tuple[str, str]]]
 
 
 def label_key(namespace: str, labels: Mapping[str, str]) -> LabelSetKey:
-    """What pods of one namespace with the same labels have in common."""
+    """Key of a label set: equal for pods of one namespace with the same labels."""
     return namespace, frozenset(labels.items())
 
 
@@ -52,7 +52,7 @@ class LabelSets:
     def __init__(self) -> None:
         self._by_key: dict[LabelSetKey, LabelSet] = {}
         self._by_dict: dict[int, LabelSet] = {}
-        """By the identity of the labels all its pods share."""
+        """By id() of the labels, which all its pods share."""
         self._latest = LabelSet("", {})
         self._by_label: dict[str, dict[str, dict[LabelSet, None]]] = {}
         """Label key → value → label sets, for keys that a selector has named."""
@@ -70,9 +70,8 @@ class LabelSets:
             shared.pods += 1
             return shared, False
         latest = self._latest
-        if (
-            latest.pods and latest.namespace == namespace and latest.labels == labels
-        ):  # replicas come one after the other
+        # Replicas come one after the other.
+        if latest.pods and latest.namespace == namespace and latest.labels == labels:
             latest.pods += 1
             return latest, False
         key = label_key(namespace, labels)
@@ -107,7 +106,7 @@ class LabelSets:
                     del by_value[value]
 
     def matching(self, matcher: PodMatcher) -> Iterator[LabelSet]:
-        """Label sets whose pods a matcher means."""
+        """Label sets whose pods match."""
         if matcher.requirements is None:
             return
         found = handle(matcher.requirements)

@@ -16,7 +16,7 @@ class PodMatcher(NamedTuple):
     requirements: Requirements | None
 
     def matches(self, namespace: str, labels: Mapping[str, str]) -> bool:
-        """Is this pod meant?"""
+        """Whether a pod of this namespace with these labels matches."""
         if self.requirements is None or (self.namespaces is not None and namespace not in self.namespaces):
             return False
         return matches_requirements(self.requirements, labels)
@@ -33,7 +33,7 @@ def handle(requirements: Requirements) -> tuple[str, tuple[str, ...]] | None:
 
 
 class ByLabel(Generic[T]):
-    """Things with requirements, found by the labels of a pod: only those that may match are looked at."""
+    """An inverted index of things with requirements: for the labels of a pod it yields only those that may match."""
 
     __slots__ = ("_loose", "_pairs")
 

@@ -1,5 +1,5 @@
-"""The bind plugins: one Binding with the pod's uid as precondition. It carries whatever was granted, so that grant and
-placement become visible in one write.
+"""The bind plugins: one Binding with the pod's uid as precondition and all grants as annotations, so that grant and node
+become visible in one write.
 """
 
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 
 class ROSBind:
-    """Binds, and tells the pod what it was given."""
+    """Binds the pod, with its grants as annotations of the Binding."""
 
     name = "ROSBind"
 
@@ -19,7 +19,7 @@ class ROSBind:
         ctx.handle.pods.send(pod.pod, node, done)
 
     async def bind(self, pod: PodInfo, node: str, ctx: BindContext) -> BindOutcome:
-        """Send the Binding with every grant and annotation, and find out what became of it."""
+        """Send the Binding with every grant and annotation, and find out whether it took effect."""
         return await ctx.handle.pods.bind(
             pod.pod,
             node,
@@ -30,6 +30,6 @@ class ROSBind:
 
 
 class DefaultBinder(ROSBind):
-    """Upstream's name, so that a kube-scheduler's configuration can be carried over; grants are not left out."""
+    """ROSBind under upstream's name, so that a configuration of kube-scheduler can be used. Grants are written all the same."""
 
     name = "DefaultBinder"

@@ -40,7 +40,7 @@ class LatencyScore:
         self.row_local = self._by_budget
 
     def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
-        """0…100 per node; no opinion for a pod without ROS fields."""
+        """0…100 per node; Skip for a pod without ROS fields."""
         if pod.ros is None:
             return None
         ends = [end for end in pod.ros.endpoints if end.budget_us]

@@ -25,7 +25,7 @@ HOOKS: Final = {
 }
 """Hooks that are timed and upstream's names of their points. The row forms take less than a timer does."""
 
-# Written out once: asking an enum for its word takes longer than the observation.
+# Converted once: str() of an enum member takes longer than the observation.
 ERROR: Final = str(Code.ERROR)
 SUCCESS: Final = str(Code.SUCCESS)
 UNSCHEDULABLE: Final = str(Code.UNSCHEDULABLE)
@@ -74,7 +74,7 @@ def sampled(function: Callable[..., Any], histogram: Histogram, labels: tuple[st
 
 
 def status_of(answer: object) -> str:
-    """Upstream's word for what a hook answered: a node refused here or there is no refusal of the pod."""
+    """The label `status` for a hook's result, in upstream's words. A mask or score is Success, whatever nodes it rejects."""
     status = getattr(answer, "status", answer)
     code = getattr(status, "code", None)
     if isinstance(code, Code):
@@ -83,7 +83,7 @@ def status_of(answer: object) -> str:
 
 
 class Stopwatch:
-    """Times extension points of whole decisions: handed to the core, called around those that are due."""
+    """Times extension points of whole decisions. The core gets it, and calls it around those that are due."""
 
     def __init__(self, metrics: Metrics, *, clock: Clock = time.perf_counter) -> None:
         self._histogram = metrics.extension_point_s
@@ -93,11 +93,11 @@ class Stopwatch:
         return "<Stopwatch>"
 
     def due(self) -> Callable[[], bool]:
-        """Says of one call after the other whether it is to be timed."""
+        """A function that returns, for each call to come, whether it is to be timed."""
         return one_in_ten()
 
     def __call__(self, point: str, profile: str, work: Callable[[], _T]) -> _T:
-        """Do the work and note how long it takes."""
+        """Call `work` and record how long it takes."""
         started_s = self._clock()
         status = ERROR
         try:
@@ -112,7 +112,7 @@ class Stopwatch:
 
 
 class PointTimer:
-    """Times what the shell awaits on the way to a node: every hook of a plugin there, and one in ten of the usual steps."""
+    """Times the binding cycle: every call of a third-party hook, and one in ten of the steps of built-in plugins."""
 
     def __init__(self, metrics: Metrics, *, clock: Clock = time.perf_counter) -> None:
         self.clock = clock
@@ -123,22 +123,22 @@ class PointTimer:
         return f"<PointTimer of {len(self._calls)} points>"
 
     def plugin(self, plugin: str, point: str, code: Code, started_s: float) -> None:
-        """A hook of a plugin has answered."""
+        """A third-party hook has returned."""
         self._metrics.plugin_s.labels(plugin, point, str(code)).observe(self.clock() - started_s)
 
     def begin(self, point: str) -> float | None:
-        """The time, for one step in ten."""
+        """The time now, for one step in ten; None for the others, which are not timed."""
         calls = self._calls[point] = self._calls.get(point, 0) + 1
         return self.clock() if calls % ONE_IN == 1 else None
 
     def end(self, point: str, profile: str, started_s: float | None, *, code: Code = Code.SUCCESS) -> None:
-        """The step that began then has ended."""
+        """A step that `begin` timed has ended; None: it is not timed."""
         if started_s is not None:
             self._metrics.extension_point_s.labels(point, str(code), profile).observe(self.clock() - started_s)
 
 
 def _narrowed(answer: object) -> str:
-    """PreFilter answers what it left of the nodes, or a status."""
+    """The label `status` for the result of PreFilter: node names, or a status."""
     status = getattr(answer, "status", None)
     code = getattr(status, "code", None)
     return str(code) if isinstance(code, Code) else SUCCESS

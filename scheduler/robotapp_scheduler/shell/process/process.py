@@ -60,14 +60,14 @@ log = logging.getLogger(__name__)
 CLOCK = time.monotonic
 STOP_TIMEOUT_S = 5.0
 CONNECTIONS = 96
-"""Opened as they are needed. With a third as many the API server gets too little at once."""
+"""Greatest number of connections, opened as needed. A third as many would not keep the API server busy."""
 STALLED_S = 30.0
 """A loop that has not turned for this long is not alive."""
 SWEEP_CHANGES = int(Change.POD_REMOVED | Change.POD_SEEN | Change.CLAIMS | Change.APPS | Change.OWNERS)
 
 
 class Scheduler:
-    """One process' parts. `run` ends when asked to stop, or with leadership lost."""
+    """The parts of the process. `run` returns after `stop`, or when leadership is lost."""
 
     def __init__(
         self,
@@ -132,7 +132,7 @@ class Scheduler:
         )
 
     def _make_intake(self) -> None:
-        """What comes in, and what is told about it."""
+        """Watches and their handlers, and the writers of Events and conditions."""
         client, names = self._client, self.running.config.scheduler_names
         self.events = PodEvents(client, names)
         self.reporter = Reporter(client, self.events, permitted=self._may_act)
@@ -151,7 +151,7 @@ class Scheduler:
         )
 
     def _make_loop(self) -> None:
-        """What decides, and carries it out."""
+        """The scheduling loop and the binding cycle."""
         client = self._client
         self.volumes = VolumeWriter(
             client, self.core.cluster, alive=lambda uid: uid in self.intake.waiting, clock=CLOCK
@@ -231,7 +231,7 @@ class Scheduler:
 
     async def _wind_down(self, work: asyncio.Task[None]) -> None:
         self.loop.stop()
-        if not self._lost:  # else somebody else leads, and what is in flight is his
+        if not self._lost:  # else another process leads and binds what was in flight
             await self.loop.drain(STOP_TIMEOUT_S)
             await self.evictor.drain(STOP_TIMEOUT_S)
             await self.events.drain()
@@ -294,7 +294,7 @@ class Scheduler:
         self.loop.wake()
 
     def _changed(self, event: Event) -> None:
-        """Something is different in the cluster: wake who may profit."""
+        """An event arrived: move the pods that it may help, and wake what waits for such changes."""
         self.domains.see(event)
         self.core.queue.move(event, groups=groups_of(event))
         change = int(event.change)  # operations on flags would be a third of the time spent here
@@ -328,7 +328,7 @@ class Scheduler:
         self.loop.wake()
 
     def _tell(self, reason: str, note: str, warning: bool) -> None:
-        """One event about the configuration; standbys stay silent, they have read the same."""
+        """Write an Event about the configuration. Standbys have read the same and write none."""
         regarding = self._source.regarding or self._own_pod()
         if regarding is not None and self._leading.is_set():
             self.events.about(regarding, reason=reason, note=note, warning=warning)
@@ -355,13 +355,13 @@ class Scheduler:
         return RequestHandler(pages(checks, self.metrics.registry, self.running), explainer, in_worker=self._in_worker)
 
     def _in_worker(self) -> None:
-        """What a copy of the process asks a plugin, and dies of, is no word about us."""
+        """Called in a forked copy of the process: calls of plugins there are not recorded in the crash journal."""
         for name in self.core.scheduler_names:
             crash_journal.unwatched(self.core.engine(name).profile)
 
     def _may_act(self) -> bool:
-        """Whether our lease holds. Asked before every write of a leader: a process that was stopped wakes up in the
-        middle of what it did, and its successor has filled the nodes meanwhile.
+        """Whether this process still holds the lease. Checked before every write of a leader: a process that was stopped
+        (SIGSTOP) goes on in the middle of its work, and its successor may have filled the nodes meanwhile.
         """
         return self._election is None or self._election.is_leader
 
@@ -396,7 +396,7 @@ async def run(options: Options) -> int:
 
 
 def _kubeconfig_of(options: Options, known: Catalogue) -> Path | None:
-    """What a configuration file says about the API server. A bad file is told before we log in, unless another may do."""
+    """The kubeconfig that the configuration file names. A bad file is an error before login, unless a last good one may do."""
     if options.config_map:
         return None
     try:

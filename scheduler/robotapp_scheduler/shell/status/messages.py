@@ -1,4 +1,4 @@
-"""Texts and small bodies of what users read about a pod: upstream's wording, because people and tools match on it."""
+"""Texts of Events and conditions of pods, and patches of their status. Upstream's wording, because people and tools match on it."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ def assigned(pod: Pod, node: str) -> str:
 
 
 def budget_without_end() -> str:
-    """What is added to the Event of such a pod."""
+    """Appended to the Event Scheduled of a pod whose latency_budget has no effect."""
     return (
         "; its latency_budget has no effect, because it has no other end: write master_node or peer_pods, "
         f"or the label {Label.ROBOT}"
@@ -25,7 +25,7 @@ def budget_without_end() -> str:
 
 
 def device_busy(device: str, node: str, *, holder: str, holder_namespace: str, namespace: str) -> str:
-    """Who keeps a device from a pod in `namespace`."""
+    """Which holder keeps a device from a pod in `namespace`."""
     holder_name = shown_name(holder_namespace, holder, for_namespace=namespace)
     return f"device {device} on {node} is held by {holder_name}: it is free when its holder is deleted or suspended"
 

@@ -95,7 +95,7 @@ class NodeResourcesFit:
         return {name: amount for name, amount in pod.requests.exact.items() if amount > 0 and self._counts(name)}
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
-        """Room that could be enough: a node that grew in what is asked for, a pod gone, or one that asks for less."""
+        """True for events that may free enough room: a node that offers more, a pod that is gone, or one that requests less."""
         requested = self.room(pod)
         if event.resource == "nodes":
             return event.new is not None and _roomier(event.old, event.new, requested)
@@ -106,7 +106,7 @@ class NodeResourcesFit:
         return bool(event.new.spec.node_name) and _smaller(event.old, event.new, requested)
 
     def filter_row(self, pod: PodInfo, row: Row) -> bool:
-        """Does one node surely have room?"""
+        """True when the node certainly has room."""
         if row.pod_count >= row.allowed_pods:
             return False
         state = self._state(pod)
@@ -156,7 +156,7 @@ class NodeResourcesFit:
 
 
 def _roomier(old: Node | None, new: Node, requested: Mapping[str, int]) -> bool:
-    """Could the empty node hold the request, and does it offer more of one resource than before?"""
+    """Whether the empty node could hold the request and offers more of one resource than before."""
     offered = amounts(new.status.allocatable)
     if not offered.get("pods", 0) or any(value > offered.get(name, 0) for name, value in requested.items()):
         return False
@@ -165,7 +165,7 @@ def _roomier(old: Node | None, new: Node, requested: Mapping[str, int]) -> bool:
 
 
 def _smaller(old: Pod, new: Pod, requested: Mapping[str, int] | None) -> bool:
-    """Does a pod request less than before, of any resource or of one of `requested`?"""
+    """Whether a pod requests less than before, of any resource or of one of `requested`."""
     before, after = requests_of(old).exact, requests_of(new).exact
     return any(after.get(name, 0) < value for name, value in before.items() if requested is None or name in requested)
 
@@ -186,7 +186,7 @@ def _strategy(args: ScoringStrategy) -> Strategy:
 
 
 class _Scored:
-    """What the score reckons with. Most pods need but one of the columns, and some of them are the only ones of their kind."""
+    """What the score reads of a pod. The arrays are made when they are read, because most pods need only one of them."""
 
     def __init__(self, amounts: Mapping[str, int], weights: Weights) -> None:
         self.names = tuple(amounts)
@@ -195,24 +195,24 @@ class _Scored:
 
     @CachedProperty
     def column(self) -> IntArray:
-        """What the pod asks for, shape (resources, 1)."""
+        """The pod's requests, shape (resources, 1)."""
         return _column([amount for _, amount, _ in self.amounts])
 
     @CachedProperty
     def floats(self) -> FloatArray:
-        """The same in float64."""
+        """`column` in float64."""
         return self.column.astype(np.float64)
 
 
 class _PreFilterState:
-    """What must be free, and what is scored."""
+    """What the filter and the score read of a pod."""
 
     def __init__(self, room: Mapping[str, int], scored: _Scored) -> None:
         self.names = tuple(room)
         self.amounts = tuple(enumerate(room.values()))
         """(place among the names, amount)."""
         self.free = (("pods", 1), *room.items())
-        """The same by name, with a place for one more pod before."""
+        """A place for one more pod, then the amounts by name."""
         self.scored = scored
 
     @CachedProperty
@@ -235,7 +235,7 @@ def _verdict(nodes: Snapshot, state: _PreFilterState, short: BoolArray) -> Verdi
     bits = np.zeros(nodes.n, dtype=np.int64)
     for i, lacks in enumerate(short[:MAX_REASONS]):
         bits |= lacks.astype(np.int64) << i
-    # No node offers too few places for pods for ever: others may go.
+    # A lack of places for pods is always resolvable: other pods may go.
     beyond = state.column[1:] > nodes.block("allocatable", state.names)
     never: BoolArray = np.logical_or.reduce(short[1:] & beyond, axis=0)
     free = nodes.block("free", state.places)

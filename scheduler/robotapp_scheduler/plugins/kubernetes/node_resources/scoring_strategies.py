@@ -25,7 +25,7 @@ AmountColumns = npt.NDArray[Any]
 
 
 class Weights(NamedTuple):
-    """How much each resource counts, and all of them (as an array: see resource_math)."""
+    """The weight of each resource, and their sum (as an array: see resource_math)."""
 
     each: tuple[int, ...]
     whole: IntArray
@@ -62,7 +62,7 @@ class ResourceWeight(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 USUAL: Final = (ResourceWeight("cpu"), ResourceWeight("memory"))
-"""What a configuration means that names no resources, as upstream defaults it."""
+"""The resources of a configuration that names none, as upstream's default."""
 
 
 class ShapePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
