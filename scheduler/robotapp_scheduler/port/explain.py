@@ -17,7 +17,7 @@ NO_NODES: Final = "the table names nodes: it takes the right to get nodes"
 
 
 class Explainer:
-    """Looks in the ring first; a pod it no longer knows (or never did: we were restarted) is decided again."""
+    """Explains pods by their records; a pod without a record (after a restart, or dropped) is evaluated again."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class Explainer:
         return f"<Explainer {self._core.explain!r}>"
 
     def __call__(self, namespace: str, name: str, *, with_nodes: bool, full: bool) -> Mapping[str, Any] | None:
-        """The explanation as JSON, None for a pod that is not ours or not known."""
+        """The explanation as JSON, None for a pod of another scheduler or one that is not in the cache."""
         recorded = None if full else self.recorded(namespace, name, with_nodes=with_nodes)
         if recorded is not None:
             return recorded
@@ -63,7 +63,7 @@ class Explainer:
         )
 
     def knows(self, namespace: str, name: str) -> bool:
-        """Whether there is a pod of ours to decide about again."""
+        """Whether a pod of this scheduler can be evaluated again."""
         return self._pod(namespace, name) is not None
 
     def _shown(self, found: dict[str, Any], *, with_nodes: bool) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class Explainer:
         return plain | {"at": micro_time(self._now() - ago)}
 
     def _pod(self, namespace: str, name: str) -> Pod | None:
-        """The newest known version of a pod of ours, placed or waiting; assumed ones count as placed."""
+        """The newest version of a pod of this scheduler, placed (or assumed) or waiting."""
         for placed in self._core.cluster.placed_named(namespace, name):
             if placed.name == name and placed.pod.spec.scheduler_name in self._core.scheduler_names:
                 return placed.pod
@@ -106,7 +106,7 @@ class Explainer:
 
 
 def without_nodes(record: Mapping[str, Any]) -> dict[str, Any]:
-    """An explanation for a user who may not get nodes: reasons and counts, no names."""
+    """The explanation for a user without the right to get nodes: reasons and counts, no node names."""
     hidden = {"top", "runnerUp", "edges", "full", "chosenNow"}
     shown = {key: value for key, value in record.items() if key not in hidden}
     return shown | {"refusals": [{**refusal, "examples": []} for refusal in record.get("refusals", ())]}

@@ -1,8 +1,8 @@
 """Work on what the event loop holds, without holding the loop: in a copy of the process that lives for a moment.
 
-The copy shares memory with us until one of the two writes, so it sees the cluster as it was in one moment, and its
-changes stay its own. To begin one takes some milliseconds, and then every page of memory we write is copied
-once: a few tens of milliseconds of our CPU in all. So one copy answers many questions, and there are few.
+The copy shares memory with the scheduler until one of the two writes, so it has the cluster as it was at one moment, and its
+changes stay its own. A fork takes some milliseconds, and then every page that the scheduler writes to is copied
+once: a few tens of milliseconds of its CPU in all. So one copy serves many requests, and copies are few.
 """
 
 import asyncio
@@ -101,14 +101,14 @@ def _fork() -> int:
 
 
 def _serve(work: Work, server: socket.socket, life_s: float) -> NoReturn:
-    """Nothing of ours may run here by signals, and nothing at its end."""
+    """Serve requests in the copy, then end it. The scheduler's signal handlers and exit hooks, which it inherited, must not run here."""
     status = 1
     try:
-        signal.set_wakeup_fd(-1)  # it is shared: the loop would take our signals for its own
+        signal.set_wakeup_fd(-1)  # it is shared: the scheduler's loop would get signals of this process
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGALRM):
             signal.signal(number, signal.SIG_DFL)
         signal.setitimer(signal.ITIMER_REAL, life_s)
-        end_with_parent()  # it holds the port open, and what else we had
+        end_with_parent()  # else the copy would hold the scheduler's port and files open
         gc.disable()  # it would touch, and so copy, every object there is
         os.nice(NICE)
         with server.makefile("rwb") as stream:

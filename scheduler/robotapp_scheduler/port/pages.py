@@ -1,6 +1,6 @@
 """The pages of the process that places pods, rendered on request, and the health checks behind two of them.
 
-`/livez` says the event loop turns and leadership is renewed; `/readyz` names what is still missing. Everybody may ask for these.
+`/livez` is 200 while the event loop turns and leadership is renewed; `/readyz` names what is still missing. Both need no rights.
 """
 
 from collections.abc import Callable, Mapping
@@ -63,5 +63,5 @@ def kinds() -> list[dict[str, Any]]:
 
 
 def simulation_config(running: Running) -> dict[str, Any]:
-    """What a simulation is told of the configuration in use."""
+    """The configuration in use, for a simulation."""
     return {"config": running.text, "third_party": running.config.third_party}

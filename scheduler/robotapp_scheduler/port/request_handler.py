@@ -22,7 +22,7 @@ log = logging.getLogger(__name__)
 
 STARTS_PER_S, STARTS_AT_ONCE = 0.2, 2
 IDLE_S: Final = 0.5
-"""A worker ends after this long without a request: while it lives, every page of memory we write is copied."""
+"""A worker ends after this long without a request: while it lives, every page that the scheduler writes to is copied."""
 MOST_WAIT_S: Final = 3.0
 """A request that would wait longer for a worker gets 429."""
 MOST_WAITING: Final = 8

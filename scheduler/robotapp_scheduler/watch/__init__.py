@@ -1,1 +1,1 @@
-"""What the scheduler watches, for the process, the export and the simulation alike."""
+"""What the scheduler watches; used by the process, the export and the simulation."""

@@ -100,7 +100,7 @@ def _route(resource: Resource, groups: PodGroups) -> Route:
 
 
 def routes(cluster: Cache) -> tuple[Route, ...]:
-    """All of it but pods, which also have a queue to go to."""
+    """All routes but that of pods, whose events also go to the queue."""
     return (
         *plain_routes(cluster),
         *storage_routes(cluster.volumes, cluster.resource_claims),
@@ -133,7 +133,7 @@ def plain_routes(cluster: Cache) -> tuple[Route, ...]:
 
 
 def robotics_routes(cluster: Cache) -> tuple[Route, ...]:
-    """Kinds of ours, watched as soon as their CRDs are installed."""
+    """Kinds of RobotApp's CRDs, watched as soon as these are installed."""
     return (
         Route(ROBOTAPPS, RobotApp, cluster.apply_app, cluster.remove_app),
         Route(ROBOTCLAIMS, Claim, cluster.apply_claim, cluster.remove_claim),

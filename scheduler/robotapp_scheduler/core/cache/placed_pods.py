@@ -41,7 +41,7 @@ class PredictedLabels:
         return self._on(row) if self._seen and row is not None else ()
 
     def learn(self, row: int | None, bound: Pod) -> None:
-        """A pod bound by us, as the API server shows it now."""
+        """Compare the prediction with a pod that this scheduler bound, as the API server shows it now."""
         expected = self._on(row) if row is not None else ()
         if expected:
             labels = bound.metadata.labels or {}
@@ -112,7 +112,7 @@ class Records:
 
 
 class NameIndex:
-    """Answers which placed pods somebody may mean by a name."""
+    """Finds placed pods by the names that users write: a pod's or a Deployment's."""
 
     def __init__(self) -> None:
         self._by_name: dict[tuple[str, str], str] = {}
@@ -158,21 +158,21 @@ PODS = 0
 
 
 class PriorityColumns:
-    """One block of (1 + resources, rows) per priority. Made when somebody first asks, then kept up to date."""
+    """One block of (1 + resources, rows) per priority. Made by the first call of `below`, then kept up to date."""
 
     def __init__(self) -> None:
         self._blocks: dict[int, IntArray] | None = None
         self._shape = (0, 0)
 
     def __repr__(self) -> str:
-        return f"PriorityColumns({sorted(self._blocks) if self._blocks is not None else 'not asked for'})"
+        return f"PriorityColumns({sorted(self._blocks) if self._blocks is not None else 'not made'})"
 
     def count(self, row: int, record: PlacedPod, sign: int) -> None:
         """Count a pod in (+1) or out (-1)."""
         if self._blocks is None:
             return
         if row >= self._shape[1] or any(code + 1 >= self._shape[0] for code, _ in record.requested):
-            self._blocks = None  # the table grew: made anew, larger, when somebody asks again
+            self._blocks = None  # the table grew: the next call of `below` makes them anew
             return
         block = self._blocks.get(record.priority)
         if block is None:

@@ -35,13 +35,13 @@ from robotapp_scheduler.core.runtime.profile_runner import PreFilterResult, Prof
 LOST_DEVICE = "node(s) lost a device to another pod"
 DEVICE_PLUGIN = "ROSReserve"
 EXCESSIVE_POD = "ExcessivePod"
-"""Stands for a plugin name: the pod asks for so much that nothing is looked up for it."""
+"""Stands for a plugin name: the pod exceeds a limit of core.pods.limits and is not tried."""
 ANNOTATIONS = "InvalidAnnotation"
 """Stands for a plugin name: only a change of the pod itself helps."""
 BIND_CHECK = "DomainBindCheck"
-"""Stands for a plugin name: the claim of the domain that an app's pod names does not stand (yet)."""
+"""Stands for a plugin name: the app does not hold the claim of the domain that its pod names (yet)."""
 FULL_POOL = "DomainPool"
-"""Stands for a plugin name: a bare pod waits until somebody gives a domain back, or its pool has more."""
+"""Stands for a plugin name: a bare pod waits until a domain of its pool is free."""
 UNFIT_PROFILE = "UnfitProfile"
 """Stands for a plugin name: only another configuration helps, after which every waiting pod is tried again."""
 QUIRK = " not found"
@@ -50,7 +50,7 @@ misses what its pre_filter would have noted, and ends the chain before preemptio
 
 
 def excessive(pod: PodInfo, nodes: int) -> ScheduleResult:
-    """The pod asks for more than anybody is given (core.pods.limits)."""
+    """The result of a pod that exceeds a limit of core.pods.limits."""
     return ScheduleResult(
         pod=pod,
         code=Code.UNRESOLVABLE,
@@ -61,7 +61,7 @@ def excessive(pod: PodInfo, nodes: int) -> ScheduleResult:
 
 
 def unreadable(pod: PodInfo, wrong: InvalidAnnotation, nodes: int) -> ScheduleResult:
-    """An annotation says something that is not allowed."""
+    """The result of a pod with an annotation that is not allowed."""
     return ScheduleResult(
         pod=pod,
         code=Code.UNRESOLVABLE,

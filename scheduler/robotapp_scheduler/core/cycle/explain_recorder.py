@@ -48,7 +48,7 @@ class Recorder:
         self._seed = seed
         self._attempt = attempt
         self.evaluation: Evaluation | None = None
-        """What the filters said, once they have run."""
+        """The evaluation, set when the filters have run."""
         self.best: ChosenNode | None = None
         """What goes with the record about the best nodes; None when there was nothing to choose from."""
         self.shadows: tuple[str, ...] = ()

@@ -64,7 +64,7 @@ class JointProblem(NamedTuple):
 
 
 class Scores(Protocol):
-    """The part of SchedulerCore that posing needs."""
+    """The part of SchedulerCore that building the problem needs."""
 
     cluster: Cache
 
@@ -110,11 +110,11 @@ def _cost(evaluation: Evaluation, size: int) -> FloatArray:
 
 
 def _capacity(cluster: Cache, pods: Sequence[PodInfo]) -> tuple[IntArray, IntArray]:
-    """Demand per pod and what is left per row, of the resources somebody asks for; pods are the last."""
+    """Demand per pod and what is left per row, of the resources that any of the pods requests; places for pods come last."""
     table = cluster.nodes
-    asked = [dict(table.resources.held(pod.requests.exact)) for pod in pods]
-    codes = sorted(set().union(*asked))
-    demand = np.array([[*(amounts.get(code, 0) for code in codes), 1] for amounts in asked], dtype=np.int64)
+    requests = [dict(table.resources.held(pod.requests.exact)) for pod in pods]
+    codes = sorted(set().union(*requests))
+    demand = np.array([[*(amounts.get(code, 0) for code in codes), 1] for amounts in requests], dtype=np.int64)
     left = table.resources.allocatable[codes, : table.size] - table.resources.requested[codes, : table.size]
     pods_left = table.allowed_pods[: table.size] - table.pod_count[: table.size]
     return demand, np.concatenate((left, pods_left[None, :]))
@@ -208,10 +208,10 @@ def _apart(app: App, of: Mapping[str, Sequence[int]]) -> list[Edge]:
 
 
 def _ports(pods: Sequence[PodInfo]) -> list[Edge]:
-    """Pods that take one host port each keep apart."""
+    """Pods with the same host port need different nodes."""
     users: dict[tuple[str, int], list[int]] = {}
     for i, pod in enumerate(pods):
         for port in pod.host_ports:
             users.setdefault((port.protocol, port.port), []).append(i)
-    pairs = {(a, b) for who in users.values() for n, a in enumerate(who) for b in who[n + 1 :]}
+    pairs = {(a, b) for same in users.values() for n, a in enumerate(same) for b in same[n + 1 :]}
     return [Edge(a, b, Relation.APART) for a, b in sorted(pairs)]

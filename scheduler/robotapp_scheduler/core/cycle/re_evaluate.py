@@ -61,7 +61,7 @@ class Reconsidered(msgspec.Struct, frozen=True):
 
 
 def reconsider(core: SchedulerCore, pod: Pod) -> Reconsidered:
-    """Decide about a pod again without doing anything. Raises KeyError when no profile of ours serves it."""
+    """Evaluate a pod again without placing it. Raises KeyError when no profile has its schedulerName."""
     with _waiting(core.cluster, pod) as waiting:
         info = core.cluster.pod_info(waiting)
         engine = ProfileRunner(core.engine(info.scheduler_name).profile, core.cluster, caching=False)

@@ -49,7 +49,7 @@ PREEMPTING: Final = PreEnqueueStatus(
 
 
 class SchedulerCore:
-    """Cluster, queue and profiles wired together. Pure: whoever owns it feeds watch events and carries out decisions.
+    """Cache, queue and profiles wired together. Pure: the caller passes in events and carries out decisions.
 
     `clock` is monotonic seconds; `seed` makes ties reproducible.
     """
@@ -111,7 +111,7 @@ class SchedulerCore:
         return frozenset(self._engines)
 
     def engine(self, scheduler_name: str) -> ProfileRunner:
-        """The engine of a profile. Raises KeyError for a schedulerName that is not ours."""
+        """The runner of a profile. Raises KeyError for another schedulerName."""
         return self._engines[scheduler_name]
 
     def decisions(self) -> dict[tuple[str, str, str], int]:
@@ -123,15 +123,15 @@ class SchedulerCore:
         return total
 
     def held(self) -> list[tuple[QueuedPodInfo, PreEnqueueStatus]]:
-        """Pods whose group has been incomplete for so long that it is told, with what is missing."""
+        """Gated pods that have waited for so long that a condition is due, with the reason."""
         now_s, found = self._clock(), []
         newest: dict[str, PreEnqueueStatus | None] = {}
         for queued in self.queue.gated():
             gate = queued.gate
             if gate is not None and gate.whole_group:
-                group = gate.group  # one of it is tested at a time: what the others say may be old
+                group = gate.group  # events test one pod of a group, so the gates of the others may be out of date
                 gate = newest[group] if group in newest else self._gate(queued.info)
-                if gate is None or gate.whole_group:  # any other is this pod's own
+                if gate is None or gate.whole_group:  # any other gate holds for this pod alone
                     newest[group] = gate
             if gate is not None and gate.code and queued.first_seen_s + gate.report_after_s <= now_s:
                 found.append((queued, gate))
@@ -144,7 +144,7 @@ class SchedulerCore:
         self._preempting.add(uid)
 
     def preempted(self, uid: str, *, failed: bool) -> None:
-        """They have ended. After a failure no event may ever come for the pod, so it is tried again at once."""
+        """The evictions for this pod have ended. After a failure perhaps no event comes, so the pod is tried again at once."""
         self._preempting.discard(uid)
         if failed:
             self.queue.activate([uid])
@@ -213,13 +213,13 @@ class SchedulerCore:
         return decision
 
     def consider(self, pod: PodInfo, engine: ProfileRunner) -> tuple[Record, Evaluation | None]:
-        """What `schedule_one` would say now, with this engine; nothing is assumed or kept. Raises nothing either."""
+        """The result of `schedule_one` now, with this runner; nothing is assumed or kept. Raises no error of pod or plugin."""
         recorder = Recorder(self.cluster, engine, at_s=self._clock(), seed=self._seed, attempt=0)
         decision = self._attempt(pod, engine, frozenset(), recorder)
         return finished(recorder.record(decision), recorder.best), recorder.evaluation
 
     def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
-        """How many nodes would take the pod now (-1: it cannot be tried at all), named when at most `name_up_to`."""
+        """How many nodes are feasible for the pod now (-1: it cannot be tried), with their names when at most `name_up_to`."""
         try:
             found = self._filtered(pod)
         except FAULTS:
@@ -246,7 +246,7 @@ class SchedulerCore:
         return evaluation if evaluation.feasible else None
 
     def _filtered(self, pod: PodInfo) -> tuple[ProfileRunner, Evaluation] | None:
-        """What the filters say now, without any attempt; None for a pod that cannot be tried. Raises FAULTS."""
+        """The result of the filters now; None for a pod that cannot be tried. Raises FAULTS."""
         if pod.scheduler_name not in self._engines or self.prepare(pod) is not None:
             return None
         engine = self._engines[pod.scheduler_name]
@@ -256,7 +256,7 @@ class SchedulerCore:
         return engine, with_nominated(self.cluster, pod, engine.evaluate(pod, narrowed.names))
 
     def prepare(self, pod: PodInfo) -> ScheduleResult | None:
-        """Resolve the pod's ROS wishes; a decision when it cannot be tried at all."""
+        """Resolve the pod's ROS fields. Returns a result when the pod cannot be tried, else None."""
         if pod.deleting:
             return failed(pod, skipped_deleting(pod.key))
         if pod.exceeded_limit:

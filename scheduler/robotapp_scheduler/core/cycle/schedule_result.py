@@ -67,10 +67,10 @@ class ScheduleResult(msgspec.Struct, kw_only=True, eq=False):
 
 
 def failed(pod: PodInfo, message: str, *, nodes: int = 0) -> ScheduleResult:
-    """Something broke: SchedulerError, retried after back-off."""
+    """The result of an attempt that ended with an error: SchedulerError, retried after back-off."""
     return ScheduleResult(pod=pod, code=Code.ERROR, message=message, reason=PodReason.SCHEDULER_ERROR, nodes=nodes)
 
 
 def skipped_deleting(key: str) -> str:
-    """What a pod that is being deleted is refused with, and what its event says; `key` is namespace/name."""
+    """Message of the result and the Event of a pod that is being deleted; `key` is namespace/name."""
     return f"skip schedule deleting pod: {key}"

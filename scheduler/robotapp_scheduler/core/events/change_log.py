@@ -19,7 +19,7 @@ _PLACED: Final = int(PLACED)
 
 
 class ChangeLogDelta:
-    """What a log says after some position. Made once for all readers that stand there."""
+    """The changes after some position of the log. Made once for all readers at that position."""
 
     __slots__ = ("_changes", "_found", "_rows", "entries", "kinds", "views")
 
@@ -33,13 +33,13 @@ class ChangeLogDelta:
         """All kinds of change that happened."""
         self._found: dict[int, list[int] | None] = {}
         self.views: dict[int, Any] = {}
-        """What readers made of the rows, by the kinds of change they asked for."""
+        """Views of the rows that readers made, by kinds of change."""
 
     def __repr__(self) -> str:
         return f"ChangeLogDelta({Change(self.kinds)!r})"
 
     def rows(self, interest: int) -> list[int] | None:
-        """Rows with a change of interest, each once; None: look at all rows, because a change touched every one."""
+        """Rows with a change of these kinds, each once; None: all rows, because a change concerned every one."""
         wanted = self.kinds & interest
         if not wanted:
             return []

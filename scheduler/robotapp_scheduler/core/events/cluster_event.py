@@ -13,7 +13,7 @@ import msgspec
 
 
 class Change(IntFlag):
-    """Kinds of change. Cluster methods return what they changed; the queue is told by `move`."""
+    """Kinds of change. Methods of `Cache` return what they changed; the caller passes it to the queue's `move`."""
 
     NONE = 0
     NODE_ADDED = auto()
@@ -33,7 +33,7 @@ class Change(IntFlag):
     """A pod without a node appeared, changed or disappeared (groups count them)."""
     RTT = auto()
     DEVICES = auto()
-    """What telemetry or labels say a node has."""
+    """A node's devices, by telemetry or labels."""
     CLAIMS = auto()
     """A RobotClaim appeared, changed or disappeared."""
     LOAD = auto()
@@ -61,28 +61,28 @@ class Change(IntFlag):
     ATTACHMENT = auto()
     """A VolumeAttachment is gone."""
     FEATURES = auto()
-    """What a node's kubelet says it can do."""
+    """The features that a node's kubelet declares."""
     RESOURCE_CLAIMS = auto()
     """A ResourceClaim came, went, was allocated or shared with another pod."""
     POD_GROUPS = auto()
-    """A PodGroup came, went or asks for something else."""
+    """A PodGroup came, went or changed its requirements."""
     SELF = auto()
     """A waiting pod itself changed (spec, labels or annotations); concerns that pod alone."""
     NOMINATED = auto()
     """A waiting pod gave up the node it was nominated for."""
     TERMS = auto()
-    """What was placed or is gone has affinity terms; said in the log only, beside POD_ADDED and the like."""
+    """The pod that was placed or is gone has affinity terms; in the change log only, beside POD_ADDED and the like."""
     TENANTS = auto()
-    """A node admits other namespaces than before; said of every row, because the annotation holds for the whole robot."""
+    """A node admits other namespaces than before; logged for every row, because the annotation holds for the whole robot."""
     POOLS = auto()
-    """Time for a look whether a DomainPool has more ids: pools are not watched."""
+    """A DomainPool may have more ids: sent on a timer, because pools are not watched."""
     ALL = (1 << 40) - 1
-    """Every change, those that are added here later as well."""
+    """Every kind, those that are added here later, too."""
 
 
 NODE: Final = Change.NODE_ADDED | Change.NODE_REMOVED
 NODE_COMES_OR_GOES: Final = int(NODE)
-"""As a plain int."""
+"""NODE as a plain int."""
 PLACED: Final = Change.POD_ADDED | Change.POD_REMOVED | Change.POD_UPDATED
 _OF_ONE_POD: Final = int(Change.POD_UPDATED | Change.SELF)
 
@@ -116,7 +116,7 @@ class Event(msgspec.Struct, frozen=True, gc=False):
 
 
 def _changed(old: Any, new: Any) -> str:
-    """What upstream calls the difference between two states of a pod, where it has a name of its own."""
+    """Upstream's name of the difference between two states of a pod; "" where it has none."""
     if old.spec.scheduling_gates and not new.spec.scheduling_gates:
         return "PodSchedulingGatesEliminated"
     if old.metadata.labels != new.metadata.labels:
@@ -126,7 +126,7 @@ def _changed(old: Any, new: Any) -> str:
 
 @cache
 def _label(found: Change, action: str) -> str:
-    """There are few combinations, and testing flags one by one costs more than a decision."""
+    """`Event.label` without objects. Cached: there are few combinations, and testing flags one by one costs more than a decision."""
     kind = next((kind for change, kind in _STORAGE if change & found), "")
     if kind and action and not found & Change.POD_REMOVED:
         return kind + action.capitalize()
@@ -161,8 +161,8 @@ _LABELS: Final = (
 
 OF_PODS: Final = PLACED
 """Changes that placed pods make."""
-SAID_OF_PODS: Final = int(PLACED | Change.TERMS)
-"""All that the log says about them, as a plain int."""
+CHANGES_OF_PODS: Final = int(PLACED | Change.TERMS)
+"""All kinds of change of placed pods in the change log, as a plain int."""
 OFFERED: Final = int(NODE | Change.ALLOCATABLE)
 """After these, nodes may offer something else."""
 

@@ -222,7 +222,7 @@ class ExplainRing:
 
     def find(self, namespace: str, name: str) -> Record | None:
         """By name: the pod of this name that was tried last."""
-        for record, best, _ in reversed(self._records.values()):  # nobody asks often enough for an index
+        for record, best, _ in reversed(self._records.values()):  # called too seldom for an index
             if record.name == name and record.namespace == namespace:
                 return finished(record, best)
         return None

@@ -280,8 +280,8 @@ class ResourceColumns:
         return found
 
     def coded(self, amounts: dict[str, int]) -> tuple[tuple[int, int], ...]:
-        """(index, amount) pairs of a resource list. Zero amounts are left out, and so are negative ones, which would make
-        room on a node for everybody.
+        """(index, amount) pairs of a resource list. Zero amounts are left out, and so are negative ones, which would add room
+        to a node.
         """
         left = MOST_RESOURCES - len(self.names)
         if len(amounts) > left:

@@ -142,7 +142,7 @@ class PodGroups:
             self._tidy(ref, standing)
 
     def find(self, ref: GroupRef) -> PodGroup | None:
-        """The group's object, if we have seen it."""
+        """The group's object, None when it is not in the cache."""
         standing = self._standing.get(ref)
         return standing.group if standing is not None else None
 
@@ -170,7 +170,7 @@ class PodGroups:
         return found
 
     def missed(self, api: str) -> bool:
-        """Does a live pod name a group of this API that we have not seen?"""
+        """Whether a live pod names a group of this API that is not in the cache."""
         return any(ref.api == api and found.group is None and found.pods for ref, found in self._standing.items())
 
     def _at(self, ref: GroupRef) -> _Standing:

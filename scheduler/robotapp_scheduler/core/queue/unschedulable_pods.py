@@ -44,7 +44,7 @@ class _Round:
 
 
 class _Bucket:
-    """Waiting pods that every event concerns alike."""
+    """Waiting pods with equal hints and equal hint keys: an event may help all of them or none."""
 
     __slots__ = ("came", "count", "line", "mask", "pending", "pods", "rejecting", "round")
 
@@ -262,9 +262,9 @@ class GatedPods:
         events = self._events.pop(uid, None)
         if events is None:
             return
-        alike = self._by_events[events]
-        del alike[uid]
-        if not alike:
+        same = self._by_events[events]
+        del same[uid]
+        if not same:
             del self._by_events[events]
 
     def concerned(self, change: Change) -> list[str]:

@@ -52,7 +52,7 @@ class App(NamedTuple):
 
     @property
     def observed(self) -> bool:
-        """Has the operator acted on the generation we see?"""
+        """Whether the operator has observed the generation in the cache."""
         return self.source.status.observed_generation >= self.source.metadata.generation
 
 
@@ -132,7 +132,7 @@ class AppIndex:
         return f"AppIndex({len(self._apps)} apps, {len(self._owners)} owners, {len(self._replicas)} instances)"
 
     def apply_app(self, source: RobotApp) -> bool:
-        """Take in an app; True when anything but its name is new to us."""
+        """Add or update an app; True when anything but its name changed."""
         old = self._apps.get(source.metadata.uid)
         if old is not None and (
             old.source.metadata.generation == source.metadata.generation
@@ -147,11 +147,11 @@ class AppIndex:
         return self._apps.pop(uid, None) is not None
 
     def app(self, uid: str) -> App | None:
-        """The app of this uid, if we have seen it."""
+        """The app of this uid, None when it is not in the cache."""
         return self._apps.get(uid)
 
     def apply_owner(self, owner: Owned) -> bool:
-        """Take in a ReplicaSet or Deployment; True when its owner is news."""
+        """Add or update a ReplicaSet or Deployment; True when its owner changed."""
         old = self._owners.get(owner.metadata.uid)
         self._owners[owner.metadata.uid] = owner
         return old is None or old.metadata.owner_references != owner.metadata.owner_references

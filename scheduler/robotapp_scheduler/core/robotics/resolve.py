@@ -96,7 +96,7 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
 
 
 def _app_hardware(component: Component) -> tuple[Hardware, ...]:
-    # A GPU is never held by us: its device plugin shares it, the node only has to have one.
+    # No claim is made for a GPU: its device plugin allocates it, the node only has to have one.
     gpus = tuple(Hardware(d.type, d.model, d.interface) for d in component.devices if d.type == GPU)
     return tuple(Hardware(r.type, r.model, r.interface) for r in component.requires) + gpus
 

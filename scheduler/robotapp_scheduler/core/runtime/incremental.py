@@ -6,7 +6,7 @@ from typing import Final, Protocol
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.change_log import ChangeLogDelta
-from robotapp_scheduler.core.events.cluster_event import SAID_OF_PODS, Change
+from robotapp_scheduler.core.events.cluster_event import CHANGES_OF_PODS, Change
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
@@ -63,7 +63,7 @@ def stale_rows(column: Column, pod: PodInfo, full: Snapshot, delta: ChangeLogDel
     rows, plugin = view_of(delta, column.interest, full.cluster), column.plugin
     if rows is None or not rows.n or plugin.row_local:
         return rows
-    if delta.kinds & column.interest & ~SAID_OF_PODS:
+    if delta.kinds & column.interest & ~CHANGES_OF_PODS:
         return None
     return rows if plugin.confined is not None and plugin.confined(pod, full, column.position) else None
 

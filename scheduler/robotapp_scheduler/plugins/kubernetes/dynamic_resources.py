@@ -38,7 +38,7 @@ class DynamicResources:
     node_reads = ("labels", "name", "resource_claims")
     events = Change.RESOURCE_CLAIMS | Change.NODE_ADDED | Change.LABELS
     reason = ELSEWHERE
-    row_local = True  # news of claims reach every row
+    row_local = True  # changes of claims are logged for every row
     resolvable = False
     Args = DynamicResourcesArgs
 

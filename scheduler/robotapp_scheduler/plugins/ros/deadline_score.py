@@ -22,7 +22,7 @@ class DeadlineScore:
     events = Change.NONE
 
     def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
-        """0…100 per node; no opinion without a deadline or a known other end."""
+        """0…100 per node; Skip without a deadline or a known other end."""
         if pod.ros is None or not pod.ros.deadline_us or not pod.ros.endpoints:
             return None
         scores = np.full(nodes.n, 100.0)

@@ -73,7 +73,7 @@ class LatencyFilter:
         self.row_local = args.outlier_factor == 0.0
 
     def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
-        """True where no rule objects; no opinion for a pod without ROS fields."""
+        """True where every rule is met; Skip for a pod without ROS fields."""
         if pod.ros is None:
             return None
         codes = np.where(nodes.fact(SHUTTING_DOWN), _DRAINING, _PASS)

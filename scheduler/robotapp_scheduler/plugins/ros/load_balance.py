@@ -42,7 +42,7 @@ class LoadBalanceScore:
             self.score_row = self._score_row
 
     def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
-        """0…100 per node; no opinion for a pod without ROS fields."""
+        """0…100 per node; Skip for a pod without ROS fields."""
         if pod.ros is None:
             return None
         gpus = [name for name in nodes.cluster.nodes.resources.names if name.endswith("/gpu")]

@@ -1,4 +1,4 @@
-"""ROSQueueSort: PriorityClass first, then the ROS tier, then who came first."""
+"""ROSQueueSort: by PriorityClass, then by ROS tier, then by time of arrival."""
 
 from typing import Any
 

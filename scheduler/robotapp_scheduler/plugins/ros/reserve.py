@@ -25,7 +25,7 @@ BUSY: Final = "node(s) had no free device for the pod"
 
 
 class ROSReserve:
-    """All or nothing: a different free device for every exclusive wish, one that nobody holds alone for every shared one."""
+    """All or nothing: a different free device for every exclusive request, one without an exclusive holder for every shared one."""
 
     name = "ROSReserve"
     reads = ("ros.devices",)
@@ -37,7 +37,7 @@ class ROSReserve:
     hint_reads = ("ros.hardware",)
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
-        """A device may be free that was not: a claim was given back, or a pod went that had devices."""
+        """True when a device may be free now: a claim was given back, or a pod with devices is gone."""
         if event.change & Change.SELF:
             return True
         if event.resource == "robotclaims":
@@ -45,28 +45,28 @@ class ROSReserve:
         return event.resource != "pods" or _had_devices(event.old)
 
     def hint_of_each(self, event: Event) -> bool:
-        """A claim changed without being given back: only its own holder may profit."""
+        """True for a claim that changed without being given back: it can help its own holder only."""
         return event.resource == "robotclaims" and _lets_go(event.old, event.new)
 
     def hint_serves(self, pod: PodInfo, event: Event) -> int | None:
-        """One device that nobody has serves one pod, or any number of pods that share it, as only those of apps can."""
+        """A free device can help one pod, or any number of pods that share it, which only pods of apps can."""
         if event.resource not in {"robotclaims", "pods"} or event.change & Change.SELF:
             return None
-        alone = pod.member is None or (pod.ros is not None and all(wish.exclusive for wish in pod.ros.devices))
+        alone = pod.member is None or (pod.ros is not None and all(each.exclusive for each in pod.ros.devices))
         return 1 if alone else None
 
     def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
-        """True where the devices can be had; no opinion for a pod without any."""
+        """True where the devices are free; Skip for a pod without any."""
         ros = pod.ros
         if ros is None or ros.holder is None or not ros.devices:
             return None
         devices = nodes.cluster.devices
         mask = nodes.named(devices.capable(ros.devices[0]))
-        for wish in ros.devices[1:]:
-            mask &= nodes.named(devices.capable(wish))
+        for request in ros.devices[1:]:
+            mask &= nodes.named(devices.capable(request))
         for position in mask.nonzero()[0]:
             name = nodes.names[int(position)]
-            # With one wish and nothing claimed or shared on the node, having the device is enough.
+            # With one request and nothing claimed or shared on the node, having the device is enough.
             if (len(ros.devices) > 1 or devices.contested(name)) and devices.choose(
                 ros.devices, name, ros.holder
             ) is None:
@@ -74,7 +74,7 @@ class ROSReserve:
         return mask
 
     def pre_flight(self, pod: PodInfo, ctx: BindContext) -> Code:
-        """Pods of RobotApps are checked, and whoever is granted something needs claims; all others are bound as they are."""
+        """Success for pods of RobotApps, whose domain is checked, and for pods with grants, which need claims; else Skip."""
         return Code.SKIP if pod.member is None and not wants(pod, ctx.grants) else Code.SUCCESS
 
     async def reserve(self, pod: PodInfo, node: str, ctx: BindContext) -> Reserved:
@@ -129,7 +129,7 @@ def _passes_to(pod: PodInfo, old: Claim | None, new: Claim | None) -> bool:
 
 
 def _had_devices(pod: Pod | None) -> bool:
-    """Whether a pod may have used devices, or been promised some; of most pods this is not so."""
+    """Whether a pod may have used devices or had some granted; False for most pods."""
     if pod is None:
         return True
     labels, annotations = pod.metadata.labels or {}, pod.metadata.annotations or {}

@@ -20,7 +20,7 @@ class AllowedNamespaces:
     name = "AllowedNamespaces"
     reads = ("ros.tenant",)
     node_reads = ("tenants",)
-    row_local = True  # what another computer of the robot admits is told as a change of every row
+    row_local = True  # a change of another computer of the robot is logged for every row (Change.TENANTS)
     events = Change.NODE_ADDED | Change.NODE_REMOVED | Change.TENANTS
     reason = NOT_ADMITTED
     resolvable = False

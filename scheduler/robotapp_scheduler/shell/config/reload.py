@@ -1,7 +1,7 @@
 """The configuration while the process runs: a new text is checked as a whole, then swapped in between two cycles, or refused.
 
-Refused are texts with mistakes, and those that change what cannot change while we run (scheduler names, leader election,
-the API server): the old configuration stays, an event, a metric and /configz say so.
+Texts with mistakes are refused, and those that change what cannot change while the process runs (scheduler names, leader election,
+the API server): the old configuration stays in use, and an Event, a metric and /configz show the reason.
 """
 
 import asyncio

@@ -22,7 +22,7 @@ class DomainClaims:
         return f"<DomainClaims {dict(self._counts)}>"
 
     def see(self, event: Event) -> None:
-        """Count a claim in, out or over; events of other kinds are not ours."""
+        """Update the counts for an event of a claim; events of other resources are ignored."""
         if event.resource != "robotclaims":
             return
         for claim, step in ((event.old, -1), (event.new, 1)):
@@ -121,7 +121,7 @@ def _publish_outside(
 
 
 def _pending(core: SchedulerCore) -> Mapping[str, float]:
-    """As kube-scheduler 1.37 counts: `incomplete` are pods whose PodGroup is not there. A group in hand makes nobody wait."""
+    """As kube-scheduler 1.37 counts: `incomplete` are pods whose PodGroup does not exist."""
     known = core.cluster.pod_groups
     unseen = sum(
         1

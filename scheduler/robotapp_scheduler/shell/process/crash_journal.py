@@ -1,8 +1,8 @@
-"""Records in a folder that outlives the process which call of a third-party plugin it died of, and for which pod.
+"""Records, in a folder that outlives the process, during which call of a third-party plugin the process died, and for which pod.
 
-The running call is recorded in a page of memory that is also a file: the kernel keeps it whatever the process dies of. Of a
-hook that cannot be broken off one death is enough. Where the process died for an unknown reason during a call (one that
-never returned, a crash in native code, out of memory), it takes two: one may have been chance.
+The running call is recorded in a page of memory that is also a file: the kernel keeps it however the process dies. After one
+death in a hook that cannot be interrupted the call is no longer made. Where the process died for an unknown reason during a call
+(one that never returned, a crash in native code, out of memory) it takes two deaths, because one may be chance.
 """
 
 import fcntl
@@ -24,30 +24,33 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 log = logging.getLogger(__name__)
 
 CHANCES: Final = 2
-"""Ends of the process in the middle of the same call, after which it is not made again."""
+"""Deaths of the process during the same call after which the call is no longer made."""
 MOST: Final = 100
-"""Calls remembered; the oldest go."""
+"""Calls kept in the journal; the oldest are dropped."""
 PAGE_BYTES: Final = 4096
 NOTED: Final = 5
-"""Lines of a note: digest, plugin, hook, pod, alike."""
+"""Lines of a note: digest, plugin, hook, pod, owner."""
 MARK: Final = "asking"
 DEATHS: Final = "deaths.json"
 
 
 class CrashRecord(msgspec.Struct, frozen=True):
-    """The call during which the process died. `alike` is the uid of the pod's controller, else its own."""
+    """The call during which the process died. `alike` is the uid of the pod's controller, else its own: it stands for pods like it.
+
+    The names of the fields are those in the file.
+    """
 
     plugin: str
     hook: str
     pod: str
     alike: str
     stuck: bool = False
-    """The hook could not be broken off: no chance about it."""
+    """The hook could not be interrupted."""
     times: int = 1
 
     @property
     def counts(self) -> bool:
-        """Is the plugin no longer called for such pods?"""
+        """Whether the plugin is no longer called for such pods."""
         return self.stuck or self.times >= CHANCES
 
     def __str__(self) -> str:
@@ -60,7 +63,7 @@ class CrashRecord(msgspec.Struct, frozen=True):
 
 
 class _JournalFile(msgspec.Struct):
-    """The file. What was learnt under another configuration does not count."""
+    """The file. Deaths under another configuration (`digest`) do not count."""
 
     digest: str
     deaths: list[CrashRecord] = []
@@ -70,9 +73,8 @@ class CrashJournal:
     """Called with (plugin, hook, pod), it is a context for that call of the plugin; one call at a time."""
 
     def __init__(self, folder: Path, digest: str) -> None:
-        """`digest` is that of the configuration in use. Raises OSError when the folder cannot be used.
-
-        It cannot either while another process uses it, and on a full disk.
+        """`digest` is that of the configuration in use. Raises OSError when the folder cannot be used, also on a full disk and
+        while another process uses it.
         """
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._file = folder / DEATHS
@@ -98,7 +100,7 @@ class CrashJournal:
         death = self._deaths.get((plugin, alike)) if self._deaths else None
         if death is not None and death.counts:
             raise PluginError(plugin, str(death))
-        # The length comes last and counts: what is cut off in between is no note.
+        # The length is written last: a note that was cut off before has none.
         note = f"{self._digest}\n{plugin}\n{hook}\n{pod.key}\n{alike}".encode()[: PAGE_BYTES - 2]
         self._page[2 : 2 + len(note)] = note
         self._page[0:2] = len(note).to_bytes(2, "little")
@@ -113,7 +115,7 @@ class CrashJournal:
         self._clear()
 
     def stuck(self, plugin: str, hook: str, pod: PodInfo) -> None:
-        """The process is about to end, because this hook cannot be broken off."""
+        """The process is about to end, because this hook cannot be interrupted."""
         self._clear()
         self._add(CrashRecord(plugin, hook, pod.key, _alike(pod), stuck=True))
 
@@ -213,5 +215,5 @@ def _page(path: Path) -> mmap.mmap:
 
 
 def _no_link(path: str | Path, flags: int) -> int:
-    """A handle on the file itself: what somebody else linked to from the folder is neither read nor written."""
+    """A handle on the file itself: a symbolic link in the folder is not followed."""
     return os.open(path, flags | os.O_NOFOLLOW, 0o600)

@@ -1,13 +1,13 @@
-"""Garbage collector and huge pages, for what the process keeps: hundreds of thousands of decoded objects without cycles.
+"""Tunes garbage collector and huge pages for what the process keeps: hundreds of thousands of decoded objects without cycles.
 
 With Python's defaults the collector walks them again and again: a fifth of the cold start, a tenth of a burst, and pauses of
-tens of milliseconds between a pod and its bind. So an object is walked once, in small lots, and set aside if it survived.
-What becomes a cycle later (an exception with its stack, a task) is few and small, and found once an hour.
+tens of milliseconds between a pod and its bind. So an object is walked once, in small lots, and frozen if it survived.
+Objects that form a cycle later (an exception with its stack, a task) are few and small, and are collected once an hour.
 
-A decision looks here and there in some hundred megabytes. In pages of 4 KiB each look is a walk through the page tables, in
-a virtual machine through two: beside a busy API server a tenth of our CPU. Python's allocators do not ask for huge pages,
-and khugepaged takes minutes to come round. So we ask once the caches are filled, and once an hour for what has grown
-since. It costs a tenth of a second in a thread and some 10 MB, for pages half filled.
+A decision reads from some hundred megabytes, here and there. With pages of 4 KiB each access walks the page tables, in a virtual
+machine two of them: beside a busy API server a tenth of the process' CPU. Python's allocators request no huge pages, and
+khugepaged takes minutes to come round. So the process requests them when the caches are filled, and once an hour for
+what has grown since. It costs a tenth of a second in a thread and some 10 MB for pages that are half filled.
 """
 
 import asyncio
@@ -23,12 +23,12 @@ log = logging.getLogger(__name__)
 
 PERIOD_S: Final = 3600.0
 FILLING: Final = (500_000, 10, 10)
-"""While the initial lists are read nearly everything stays, there is nothing to find."""
+"""Thresholds while the initial lists are read: nearly every object stays, so there is nothing to collect."""
 LOT: Final = 5_000
-"""So many objects more than were freed make a lot; walking it takes a millisecond or two."""
+"""Objects made and not freed before a collection; walking so many takes a millisecond or two."""
 DEFAULTS: Final = (700, 10, 10)
 SIZE: Final = 2 << 20
-"""Of a huge page, in bytes, on x86-64 and on arm64 with pages of 4 KiB; elsewhere the kernel refuses, and nothing is lost."""
+"""Bytes of a huge page on x86-64, and on arm64 with pages of 4 KiB; elsewhere the kernel refuses, which does no harm."""
 COLLAPSE: Final = 25
 """MADV_COLLAPSE of Linux 6.1, which `mmap` does not know; older kernels refuse it and leave the work to khugepaged."""
 MAPS: Final = Path("/proc/self/maps")
@@ -44,7 +44,7 @@ def filling() -> None:
 
 
 def filled() -> None:
-    """What is there now lives as long as we do: the collector need not walk it again."""
+    """The caches are filled: freeze all objects, which live as long as the process."""
     thorough()
     if _set_aside not in gc.callbacks:
         gc.callbacks.append(_set_aside)
@@ -52,7 +52,7 @@ def filled() -> None:
 
 
 def released() -> None:
-    """Python's own ways again, for a process that goes on after us."""
+    """Restore Python's defaults, for a process that goes on afterwards (tests)."""
     if _set_aside in gc.callbacks:
         gc.callbacks.remove(_set_aside)
     gc.set_threshold(*DEFAULTS)
@@ -105,13 +105,13 @@ def collapse() -> int:
 
 
 def allowed(setting: Path) -> bool:
-    """Whether the machine has huge pages and its owner has not said `never`."""
-    said = _read(setting)
-    return bool(said) and "[never]" not in said
+    """Whether the machine has huge pages and they are not set to `never`."""
+    found = _read(setting)
+    return bool(found) and "[never]" not in found
 
 
 def whole_pages(maps: Iterable[str]) -> Iterator[tuple[int, int]]:
-    """Begin and end of what lines of /proc/PID/maps say is private, writable and of no file, cut to whole huge pages."""
+    """Begin and end of private, writable, anonymous mappings by lines of /proc/PID/maps, cut to whole huge pages."""
     for line in maps:
         span, rights, *_, inode = line.split(maxsplit=5)[:5]
         begin, end = (int(address, 16) for address in span.split("-"))
@@ -121,7 +121,7 @@ def whole_pages(maps: Iterable[str]) -> Iterator[tuple[int, int]]:
 
 
 def _read(path: Path) -> str:
-    """Nothing when it is not there or not for us: what this is for is never worth an error."""
+    """The file's text, "" when it cannot be read: huge pages are never worth an error."""
     try:
         return path.read_text()
     except OSError:

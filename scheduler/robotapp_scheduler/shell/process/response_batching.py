@@ -1,9 +1,9 @@
 """Batches responses under load: the event loop lets them gather for some milliseconds and reads them in one go.
 
-Who takes each answer as it comes shares the core with those who make them, switches to and fro, and finds its caches cold
-each time: beside a busy API server an eighth of our CPU, and a third of the cache misses. As long as many pods are on their
-way to their nodes it is the API server all wait for, and none is bound later for it. Where answers come faster than
-they are taken there is no rest at all.
+A process that reads every response at once shares its core with the API server, is switched to and fro, and finds its CPU caches
+cold each time: beside a busy API server that costs an eighth of its CPU and causes a third of its cache misses. While many
+binds are under way the API server is the bottleneck, so no pod is bound later. Where responses come faster than they are
+read there is no pause.
 """
 
 import asyncio
@@ -12,22 +12,22 @@ from collections.abc import Callable
 from typing import Final
 
 TOGETHER: Final = 48
-"""So many answers are to gather: few enough that the API server always has others to work on."""
+"""Responses per batch: few enough that the API server always has other requests to work on."""
 LEAST_S: Final = 0.0005
 MOST_S: Final = 0.03
 TURNS: Final = 4
-"""What one turn of the event loop reads wakes who decides and writes in the next ones: only then there is nothing to do."""
+"""Empty turns of the event loop before a pause: a response is read in one turn, its pod is handled in the next ones."""
 
 
 def _rest(seconds: float) -> None:
-    """A sleep by a duration: `time.sleep` sleeps until a time, which fails when somebody moves the clocks of the process."""
+    """Sleep for a duration. `time.sleep` sleeps until a time, which fails when the clocks of the process are changed."""
     select.select((), (), (), seconds)
 
 
 class ResponseBatching:
-    """`begin` when there may be load; from then on the event loop rests whenever it has nothing to do, until there is none.
+    """Call `begin` when there may be load: the event loop then pauses whenever it has nothing to do, until `busy` is False.
 
-    `taken` counts the answers since the start; the rests grow and shrink with how many came during the last one.
+    `taken` counts the responses since the start; pauses grow and shrink with how many came during the last one.
     """
 
     def __init__(

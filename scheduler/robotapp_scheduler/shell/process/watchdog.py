@@ -1,12 +1,12 @@
 """Logs what blocks the event loop, and interrupts a third-party plugin that does not return.
 
-While the loop turns an alarm is put off once a second, so it never rings. When it rings, its handler runs in the one
-thread there is, in the middle of what holds the loop. The caller of a plugin has noted the hook and the pod (core.framework.plugin_calls),
-so the handler knows them and may raise there. It does so only between two lines of the plugin: what is ours is never left half done.
+While the loop turns, an alarm signal is postponed once a second. When it fires, its handler runs in the main thread, in the
+middle of what blocks the loop. The caller of a plugin has noted the hook and the pod (core.framework.plugin_calls), so the handler
+knows them and may raise Overdue there. It raises only while a line of the plugin runs: code of ours is never interrupted.
 
-A hook that swallows even that, again and again, cannot be ended without the process: that ends, and says why.
-What never returns to Python (a regular expression without end) hears no alarm. Then the interpreter writes the stack on
-its own, and the process is ended from outside: nobody answers the liveness probe any more.
+A hook that catches even that, again and again, can only be ended with the process, which logs the reason and exits.
+A call that never returns to Python (an endless regular expression) runs no signal handler. Then faulthandler writes the stack,
+and the kubelet ends the process, because the liveness probe fails.
 """
 
 import asyncio
@@ -28,22 +28,22 @@ log = logging.getLogger(__name__)
 
 BEAT_S: Final = 1.0
 PATIENCE_S: Final = 4.0
-"""Shorter than a lease is renewed in (10 s): a leader that asked such a plugin still leads."""
+"""Shorter than the renew deadline of the lease (10 s), so that the process still leads after such a call."""
 AGAIN_S: Final = 1.0
-"""The alarm rings on. Only what holds the loop for that long more is told: we may have been stopped ourselves."""
+"""Interval of further alarms. The first one alone reports nothing, because the process itself may have been stopped."""
 MOST_SWALLOWED: Final = 3
-"""How often a hook is broken off in vain before the process ends."""
+"""How often a hook is interrupted in vain before the process ends."""
 DUMP_S: Final = 30.0
 DUMP_BEATS: Final = 5
 OURS: Final = frozenset({"robotapp_scheduler", "robotapp_api"})
 
 
 LastWords = Callable[[str, str, PodInfo], None]
-"""Told plugin, hook and pod, quickly."""
+"""Called with plugin, hook and pod; must return quickly."""
 
 
 class Watchdog:
-    """`run` it in the loop that is to be watched, in the main thread: nowhere else are alarms heard."""
+    """`run` it in the event loop that is to be watched, in the main thread: signal handlers run nowhere else."""
 
     def __init__(
         self,
@@ -128,7 +128,7 @@ class Watchdog:
 
 
 def _running(frame: FrameType | None) -> PluginCall | None:
-    """The call that waits for a plugin, when the line being run is the plugin's or of what it called, and none of ours."""
+    """The call of a plugin under way, when the line that runs is the plugin's or of code that it called, and not ours."""
     call, inner = running_call(), frame
     if call is None:
         return None

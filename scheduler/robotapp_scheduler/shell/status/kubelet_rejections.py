@@ -1,4 +1,4 @@
-"""Pods of ours that a kubelet refused after the bind: another scheduler filled the node first, or a device was gone.
+"""Pods of this scheduler that a kubelet rejected after the bind: another scheduler filled the node first, or a device was gone.
 
 The pod watch leaves out ended pods, so such a pod merely vanishes from it. A pod that vanishes without a deletion
 and before it ever ran is read once, and the result is reported: as an event on the pod and as a metric by reason.
@@ -38,7 +38,7 @@ class KubeletRefusals:
         return f"<KubeletRefusals {self._vanished.qsize()} pods to read>"
 
     def look_at(self, pod: Pod) -> None:
-        """A pod of ours is no longer in the watch; `pod` is the last that was seen of it."""
+        """A pod of this scheduler is no longer in the watch; `pod` is its last version."""
         vanished = pod.spec.node_name and not pod.metadata.deletion_timestamp and pod.status.phase in {"", "Pending"}
         if vanished and not self._vanished.full():
             self._vanished.put_nowait(pod)

@@ -61,7 +61,7 @@ class GroupReporter:
         permitted: Callable[[], bool],
         now: Callable[[], str] = utc_now,
     ) -> None:
-        """`permitted` is called before every write: whether we still lead."""
+        """`permitted` is called before every write: whether this process still holds the lease."""
         self._client = client
         self._groups = groups
         self._permitted = permitted
@@ -132,7 +132,7 @@ class GroupReporter:
         group = self._groups.find(ref)
         if group is None or not _may_be_written(record.word, group):
             return False
-        # What is still to be written may look like what the group showed before our last word.
+        # While a write is due or waiting, the status in the cache may be older than the last write: it is not compared.
         return record.due_s is not None or self._waiting.get(ref) is record or _shown(group) != record.word
 
     async def _write(self, ref: GroupRef, group: PodGroup, record: _Record) -> None:
@@ -182,7 +182,7 @@ def _may_be_written(word: Word, group: PodGroup) -> bool:
 
 
 def _shown(group: PodGroup) -> Word | None:
-    """Its condition, as far as we have seen."""
+    """The group's condition in the cache."""
     for found in group.status.conditions or ():
         if found.type == INITIALLY_SCHEDULED:
             return Word(group.metadata.uid, found.status, found.reason, found.message)

@@ -76,7 +76,7 @@ class Reporter:
         permitted: Callable[[], bool] = lambda: True,
         now: Callable[[], str] = utc_now,
     ) -> None:
-        """`permitted` is called before every condition is written: whether we still lead."""
+        """`permitted` is called before every write: whether this process still holds the lease."""
         self._client = client
         self._events = events
         self._permitted = permitted
@@ -125,7 +125,7 @@ class Reporter:
         known = reported[2] if reported is not None else None
         nominated_node = self._nominated.pop(uid, "") or known
         if nominated_node and nominate == "":
-            # The watch may not show yet what we wrote: without this the nomination would stay for ever.
+            # The cache may not show yet what was written: without this the nomination would stay for ever.
             status = msgspec.structs.replace(pod.status, nominated_node_name=nominated_node)
             pod = msgspec.structs.replace(pod, status=status)
         now_s = self._client.clock()
@@ -141,7 +141,7 @@ class Reporter:
         if same and nominate in {None, known} and messages.nominated(pod, nominate):
             return
         self._remember(uid, (reason, message, known if nominate is None else nominate))
-        # Only before our first report: later the pod may look as it did before a write of ours that is still on its way.
+        # Only before the first report: later the cache may be older than a write of this process.
         if reported is None and messages.shows_already(pod, reason=reason, message=message, nominate=nominate):
             return
         waiting = self._waiting.get(uid) or self._later.get(uid)

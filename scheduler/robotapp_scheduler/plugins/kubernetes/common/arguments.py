@@ -12,7 +12,7 @@ NEW: Final = "1.37"
 
 
 def is_new(compat_version: str) -> bool:
-    """True for 1.37. Raises ValueError for a release nobody compared with."""
+    """True for 1.37. Raises ValueError for a release whose rules are not built in."""
     if compat_version not in {OLD, NEW}:
         raise ValueError(f"compatVersion: {compat_version!r} is unknown; allowed: {OLD}, {NEW}")
     return compat_version == NEW

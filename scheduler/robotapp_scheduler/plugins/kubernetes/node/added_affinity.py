@@ -47,7 +47,7 @@ class AddedAffinity(NodeAffinity, frozen=True, forbid_unknown_fields=True):
 
 
 def problems(added: AddedAffinity | None) -> Iterator[str]:
-    """What the API server would refuse in a pod, in its words."""
+    """What the API server would reject in the affinity of a pod, in its words."""
     if added is None:
         return
     if added.required is not None:
@@ -56,11 +56,11 @@ def problems(added: AddedAffinity | None) -> Iterator[str]:
             yield f"{path}: Required value: must have at least one node selector term"
         for i, term in enumerate(added.required.node_selector_terms):
             yield from _term(term, f"{path}[{i}]")
-    for i, wish in enumerate(added.preferred):
+    for i, preferred in enumerate(added.preferred):
         path = f"addedAffinity.{PREFERRED}[{i}]"
-        if not 1 <= wish.weight <= MOST_WEIGHT:
-            yield f"{path}.weight: Invalid value: {wish.weight}: must be in the range 1-100"
-        yield from _term(wish.preference, f"{path}.preference")
+        if not 1 <= preferred.weight <= MOST_WEIGHT:
+            yield f"{path}.weight: Invalid value: {preferred.weight}: must be in the range 1-100"
+        yield from _term(preferred.preference, f"{path}.preference")
 
 
 def _term(term: NodeSelectorTerm, path: str) -> Iterator[str]:

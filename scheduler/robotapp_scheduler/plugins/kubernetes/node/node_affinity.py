@@ -77,7 +77,7 @@ class NodeAffinity:
         return PreFilter(names=frozenset(names))
 
     def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
-        """True where labels and name fit; no opinion for a pod without any wish."""
+        """True where labels and name match; Skip when neither the pod nor the configuration requires any."""
         affinity = pod.node_affinity
         required = affinity.required if affinity is not None else None
         if not pod.node_selector and required is None and self._added_required is None:
@@ -90,7 +90,7 @@ class NodeAffinity:
         return Verdict(mask & enforced, codes=codes, reasons=((POD_REASON,), (ENFORCED_REASON,)))
 
     def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
-        """Sum of the weights of the preferred terms a node matches. Raises PluginError for a term nobody can read."""
+        """Sum of the weights of the preferred terms a node matches. Raises PluginError for a term that cannot be read."""
         affinity = pod.node_affinity
         preferred = affinity.preferred if affinity is not None else ()
         if not preferred and not self._added_preferred:
@@ -98,7 +98,7 @@ class NodeAffinity:
         return self._weights(preferred, nodes) + self._weights(self._added_preferred, nodes)
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
-        """A node that matches now and did not before. A pod's own wishes can only change while it is gated."""
+        """True for a node that matches now and did not before. A pod's own affinity can only change while it is gated."""
         if event.resource != "nodes" or event.new is None:
             return False
         return self._matches(pod, event.new) and (event.old is None or not self._matches(pod, event.old))
