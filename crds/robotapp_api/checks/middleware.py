@@ -1,4 +1,4 @@
-"""Which middleware can discover its peers in which way."""
+"""Discovery modes per middleware (rmw): what `Auto` means, and which combinations do not work."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""The scheduler's bind check (rule 1): the template is a hint, the claim is the lock."""
+"""The bind check (rule 1 of claims.md): a pod whose template names a domain is bound only while its app holds the claim."""
 
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
@@ -20,12 +20,12 @@ KEEPS_CHANGING: Final = BindVerdict(False, "the claim of its domain keeps changi
 
 
 async def check_bind(client: Api, pod: Pod) -> BindVerdict:
-    """Rule 1 for one pod. Call it after the pod was seen pending; bind with the pod's uid at once when allowed."""
+    """Rule 1 for one pod. Call it after the pod was read as pending; bind with the pod's uid at once when allowed."""
     return (await check_bind_all(client, (pod,)))[0]
 
 
 async def check_bind_all(client: Api, pods: Sequence[Pod], *, nodes: Sequence[str] = ()) -> list[BindVerdict]:
-    """Rule 1 for pods that have all been seen pending before this call: one read per claim, not per pod.
+    """Rule 1 for pods that were all read as pending before this call: one read per claim, not per pod.
 
     nodes: the node each pod is about to be bound to, which is written to its claim; empty when another scheduler decides.
     """
@@ -54,7 +54,7 @@ async def _check_and_note(
             verdicts[pod.metadata.uid] = verdict
 
     async def note(name: str) -> list[Pod]:
-        """The pods of a claim that has changed."""
+        """Write the nodes of a claim's pods into it. Returns these pods when the claim has changed, so that they are checked again."""
         found, claim = allowed[name], read[name]
         try:
             if claim is not None:
@@ -68,14 +68,14 @@ async def _check_and_note(
 
 
 async def _read_claims(client: Api, pods: Collection[Pod]) -> dict[str, Claim | None]:
-    """By name, those that the pods' annotations name."""
+    """The claims that the pods' annotations name, by name; None where there is none."""
     named = (pod.metadata.annotations.get(Annotation.DOMAIN_CLAIM, "") for pod in pods if needs_check(pod))
     names = sorted({*named} - {""})
     return dict(zip(names, await at_once(partial(find_claim, client), names), strict=True))
 
 
 async def _check(client: Api, pod: Pod, read: dict[str, Claim | None]) -> tuple[BindVerdict, Claim | None]:
-    """The verdict on one pod, and the claim it stands on. read: by name, the claims that annotations name."""
+    """The verdict on one pod, and the claim that allows it. read: the claims that annotations name, by name."""
     if not needs_check(pod):
         return ALLOWED, None
     name = pod.metadata.annotations.get(Annotation.DOMAIN_CLAIM, "")
@@ -111,7 +111,7 @@ async def _app_of(client: Api, pod: Pod) -> App | None:
 
 
 async def _shares(client: Api, pod: Pod, claim: Claim) -> bool:
-    """Whether the pod's app joins the holder's domain on purpose, by the specs of both apps now."""
+    """Whether the specs of both apps let the pod's app join the holder's domain (shareWith)."""
     holder = claim.holder
     if not holder.is_app or holder.uid == pod.metadata.app_uid:
         return False

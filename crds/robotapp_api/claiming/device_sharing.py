@@ -1,7 +1,7 @@
-"""Sharing a device: a shared device has no claim; a pod that joins holds one during its binding only.
+"""Sharing a device: pods that share it hold no claim, except while each of them is being bound.
 
-A pod that wants the device alone creates the claim first and then looks for bound pods that share it. A create is mutual
-exclusion: the second of two schedulers meets the claim of the first, or the pod that the first has bound.
+A pod that needs the device exclusively creates the claim first and then looks for bound pods that share the device. Creating is
+mutual exclusion: the second of two schedulers finds the claim of the first, or the pod that the first has bound.
 """
 
 import asyncio
@@ -17,15 +17,15 @@ from robotapp_api.client.api.resources import PODS
 from robotapp_api.model.names import Reason
 
 WAITS_S: Final = (0.02, 0.05, 0.1, 0.2, 0.4)
-"""Another pod that joins is done in a few milliseconds; so many times it is waited for."""
+"""Pauses between tries: the claim of another pod that is being bound is deleted within a few milliseconds."""
 
 
 async def begin_sharing(
     client: Api, *, namespace: str, pod: str, pod_uid: str, node: str, devices: Sequence[Chosen]
 ) -> Reservation:
-    """Hold the claims of these devices until the pod is bound; not ok when another holder has one of them alone.
+    """Claim these devices until the pod is bound; not ok when another holder has one of them exclusively.
 
-    The holder is the pod itself: bound or gone, it has no right to the claim, so that the sweep ends what we could not.
+    The holder is the pod itself: once it is bound or gone, the sweep deletes a claim that `end_sharing` could not.
     """
     holder = holder_of_pod(namespace=namespace, name=pod, uid=pod_uid)
     found = Reservation(True)
@@ -40,7 +40,7 @@ async def begin_sharing(
 
 
 async def end_sharing(client: Api, found: Reservation) -> None:
-    """The pod is bound. What changed meanwhile is the sweep's."""
+    """The pod is bound: delete its claims. The sweep handles a claim that changed meanwhile."""
     for claim in found.claims:
         try:
             await delete_claim(client, claim)
@@ -51,7 +51,7 @@ async def end_sharing(client: Api, found: Reservation) -> None:
 async def shared_by_others(
     client: Api, *, holder: Holder, pod_uid: str, node: str, devices: Sequence[Chosen]
 ) -> Reservation:
-    """Whether pods that are bound share one of these devices, whose claims are ours by now."""
+    """Whether bound pods share one of these devices; call it when `holder` has their claims. Not ok names the first such pod."""
     wanted = {device.id for device in devices}
     pods = await client.list(PODS, field_selector=f"spec.nodeName={node}", as_type=Pod)
     for pod in pods.items:

@@ -1,4 +1,4 @@
-"""The five writes of the claim protocol. Each names the exact version it is about; none is ever repeated blindly.
+"""The writes of the claim protocol. Each is conditional on the version that was read; none is repeated without reading again.
 
 `Refused` means that the object changed or vanished since it was read: the caller reads again and decides anew.
 """
@@ -49,9 +49,9 @@ class Refused(Exception):  # noqa: N818 - a normal answer of the protocol, not a
 
 
 async def create_claim(client: Api, spec: ClaimSpec, *, momentary: bool = False, node: str = "") -> Claim | None:
-    """Take the thing; None when a claim of this name exists, possibly one of our own.
+    """Create the claim; None when one of this name exists, perhaps of the same holder.
 
-    momentary: until a pod is bound. node: where the pod that it is for is about to be bound.
+    momentary: to be deleted when its pod is bound. node: where its pod is about to be bound.
     """
     body = claim_object(spec)
     if node:
@@ -65,9 +65,9 @@ async def create_claim(client: Api, spec: ClaimSpec, *, momentary: bool = False,
 
 
 async def note_nodes(client: Api, claim: Claim, nodes: Collection[str]) -> Claim:
-    """Write where pods are about to be bound, attempt + 1: also when the claim names the nodes already.
+    """Add nodes on which pods are about to be bound, attempt + 1, also when the claim names them already.
 
-    Who has read the claim before, to release it or to strike a node off, is refused now: the pods may run there soon.
+    The new version makes a release or `strike_nodes` fail that read the claim before: the pods may run there soon.
     """
     status = {"phase": claim.status.phase, "attempt": claim.status.attempt + 1} | _use(
         claim.status.pod, claim.status.node
@@ -76,25 +76,25 @@ async def note_nodes(client: Api, claim: Claim, nodes: Collection[str]) -> Claim
 
 
 async def strike_nodes(client: Api, claim: Claim, nodes: Collection[str]) -> Claim:
-    """Forget nodes that were seen to run none of the claim's pods."""
+    """Remove nodes on which none of the claim's pods runs."""
     status = {"phase": claim.status.phase, "attempt": claim.status.attempt} | _use(claim.status.pod, claim.status.node)
     return await _write_status(client, claim, status, nodes={*claim.status.nodes} - {*nodes})
 
 
 async def park(client: Api, claim: Claim) -> Claim:
-    """Keep the thing for its holder, whose pods may run on although their node cannot be seen. The nodes stay: they are the reason."""
+    """Set phase Parked: the holder keeps the thing, because its pods may still run on nodes that are unreachable. The nodes stay."""
     return await _write_status(client, claim, {"phase": ClaimPhase.PARKED.value, "attempt": claim.status.attempt})
 
 
 async def touch(client: Api, claim: Claim, *, pod: str = "", node: str = "") -> Claim:
-    """Adopt: attempt + 1, phase Reserved, by compare-and-swap. A release that has read the claim before now fails."""
+    """Adopt the claim: attempt + 1, phase Reserved. A release that read the claim before fails."""
     return await _write_status(
         client, claim, {"phase": ClaimPhase.RESERVED.value, "attempt": claim.status.attempt + 1} | _use(pod, node)
     )
 
 
 async def drain(client: Api, claim: Claim) -> Claim:
-    """Phase 1 of a release; the pod of a device is forgotten, so that a successor may take it."""
+    """Phase 1 of a release: phase Draining. The pod of a device is removed, so that a successor may adopt the claim."""
     return await _write_status(client, claim, {"phase": ClaimPhase.DRAINING.value, "attempt": claim.status.attempt})
 
 

@@ -1,4 +1,4 @@
-"""Names of claims, holders and grants. The name of a claim is the claimed thing, so creating it is taking it."""
+"""Names of claims, holders and grants. The name of a claim follows from the claimed thing, so only one can be created."""
 
 import hashlib
 import re
@@ -12,7 +12,7 @@ from robotapp_api.model.names import API_VERSION, Annotation, Label
 from robotapp_api.values.naming import DNS_LABEL
 
 UNKNOWN_DEVICE_TYPE: Final = "unknown"
-"""Type written when only node and id of a device are known: a grant names no more."""
+"""Type that is written when only node and id of a device are known: a grant has no more."""
 _DOMAIN_LITERAL: Final = re.compile(r"0|[1-9][0-9]{0,2}")
 
 
@@ -21,7 +21,7 @@ def hash10(text: str) -> str:
 
 
 def domain_literal(text: str) -> int | None:
-    """The id a plain decimal number names, None for any other way of writing (`010`, `0x8`, ` 8`), which ROS may read."""
+    """The id in plain decimal, None for any other notation (`010`, `0x8`, ` 8`), which ROS may accept."""
     return int(text) if _DOMAIN_LITERAL.fullmatch(text) else None
 
 
@@ -81,7 +81,7 @@ def holder_of_pod(*, namespace: str, name: str, uid: str) -> Holder:
 
 
 class Owner(Protocol):
-    """What distinguishes holders, wherever it is kept."""
+    """The fields that distinguish holders, in any of their types."""
 
     @property
     def uid(self) -> str: ...
@@ -111,7 +111,7 @@ def same_thing(one: ClaimSpec, other: ClaimSpec) -> bool:
 
 
 class Found(StrEnum):
-    """What a create that met an existing claim (409) found."""
+    """Whose claim exists when a create got 409."""
 
     MINE = "Mine"
     TAKEN = "Taken"
@@ -197,7 +197,7 @@ def _spec_object(spec: ClaimSpec) -> dict[str, Any]:
 
 
 def holder_text(holder: Holder, *, for_namespace: str) -> str:
-    """Who holds, for an event or condition in `for_namespace`."""
+    """The holder, as an Event or condition in `for_namespace` shows it."""
     shown = shown_name(holder.namespace, holder.name, for_namespace=for_namespace)
     if holder.namespace != for_namespace:
         return shown
@@ -211,7 +211,7 @@ def shown_name(namespace: str, name: str, *, for_namespace: str) -> str:
 
 
 def grants(*, domain: int | None = None, devices: Collection[str] = (), shared: Collection[str] = ()) -> dict[str, str]:
-    """Annotations for the Binding with what the pod was given. devices: those it holds alone."""
+    """Annotations for the Binding with the pod's grants. devices: those it holds exclusively."""
     given: dict[str, str] = {}
     if domain is not None:
         given[str(Annotation.GRANTED_DOMAIN)] = str(domain)

@@ -1,4 +1,4 @@
-"""A port of ours: open, or a sentence for the person who started us."""
+"""Opens a process' HTTP port; when it cannot, the error text tells the user what to do."""
 
 import asyncio
 import errno
@@ -16,11 +16,11 @@ _PAUSES_S: Final = (0.1, 0.2, 0.4, 0.8)
 
 
 class PortError(Exception):
-    """The port cannot be opened: it is taken, or not ours to take. The text says which and what to do."""
+    """The port cannot be opened: it is in use, or not permitted. The text has the cause and what to do."""
 
 
 async def opened(app: web.Application, *, host: str | None, port: int, tls: ssl.SSLContext | None) -> web.AppRunner:
-    """What serves the application, to be cleaned up at the end; port 0 takes a free one. Raises `PortError`."""
+    """Serve the application; the caller cleans up the runner at the end. Port 0 takes a free one. Raises `PortError`."""
     runner = await _runner(app)
     try:
         await web.TCPSite(runner, host, port, ssl_context=tls).start()
@@ -31,16 +31,16 @@ async def opened(app: web.Application, *, host: str | None, port: int, tls: ssl.
 
 
 async def serving(app: web.Application, listener: socket.socket, *, tls: ssl.SSLContext | None) -> web.AppRunner:
-    """The same on what `listening` gave, perhaps in another process."""
+    """Serve the application on a socket of `listening`, which another process may have opened."""
     runner = await _runner(app)
     await web.SockSite(runner, listener, ssl_context=tls).start()
     return runner
 
 
 async def listening(host: str, port: int) -> socket.socket:
-    """An open port that nobody serves yet: who connects waits. Raises `PortError`.
+    """An open port without a server yet: connections wait. Raises `PortError`.
 
-    A process that served the port for one that was killed may need a moment to notice.
+    A port in use is tried again: a process that served it for a parent that was killed may need a moment to end.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for pause_s in (*_PAUSES_S, None):

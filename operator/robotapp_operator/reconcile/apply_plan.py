@@ -1,6 +1,6 @@
-"""Carry out a plan. Every write of a template is fenced by the resourceVersion read before the claims were listed.
+"""Carries out a plan. Every write of a template is conditional on the resourceVersion read before the claims were listed.
 
-Nothing here decides what is right; it only refuses to write over what it has not seen.
+The plan decides what is written; here a write over a version that the plan does not know is refused.
 """
 
 import dataclasses
@@ -31,7 +31,7 @@ RESOURCES: Final[Mapping[str, Resource]] = {DEPLOYMENT: DEPLOYMENTS, SERVICE: SE
 
 @dataclasses.dataclass(slots=True)
 class Written:
-    """What a run did: objects as the server has them now, and refusals a user must cure."""
+    """The result of a run: objects as stored now, and refusals that the user must resolve."""
 
     settled: dict[str, tuple[int, str]] = dataclasses.field(default_factory=dict)
     refusals: list[tuple[Reason, str]] = dataclasses.field(default_factory=list)
@@ -39,7 +39,7 @@ class Written:
 
 
 async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[str, Fence], version: str) -> Written:
-    """Deletes first: a renamed component must not publish beside its old self. Raises StartOver on 409 and 404."""
+    """Write the plan. Deletes come first: a renamed component must not run beside its old self. Raises StartOver on 409 and 404."""
     done = Written()
     for item in plan.deletes:
         await _delete(client, item)
@@ -62,7 +62,7 @@ async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[st
 
 
 async def stop(client: ApiClient, item: Deployment) -> None:
-    """Take the pods away and change nothing else. Raises StartOver when the Deployment is another by now."""
+    """Scale the Deployment to 0 and change nothing else. Raises StartOver when it has changed."""
     meta = item.metadata
     patch: JsonPatch = [
         {"op": "test", "path": "/metadata/resourceVersion", "value": meta.resource_version},
@@ -103,16 +103,16 @@ async def _write(
 
 
 def _records(over: Observed) -> dict[str, str]:
-    """What the object says about its component's past."""
+    """Our annotations that record the component's past: moves and lost devices."""
     have = over.metadata.annotations
     return {key.value: have[key] for key in (Annotation.MOVES, Annotation.LOST_DEVICES) if key in have}
 
 
 async def _own_by_apply(client: ApiClient, resource: Resource, namespace: str, name: str, fence: Fence) -> str:
-    """Make the fields we wrote with POST or PATCH ours by apply, or apply could never remove one. Returns the new version.
+    """Turn our managedFields of operation Update into Apply, or an apply could never remove such a field. Returns the new version.
 
-    Both are recorded as operation Update, which co-owns its fields for ever; changing the record costs one write, only
-    when the object is changed after them.
+    POST and PATCH are recorded as Update, which co-owns its fields for ever. Changing the record costs one write, and only
+    for an object that was written so since its last apply.
     """
     live = await client.get(resource, name, namespace=namespace)
     if live["metadata"]["uid"] != fence.uid or live["metadata"]["resourceVersion"] != fence.resource_version:
@@ -127,7 +127,7 @@ async def _own_by_apply(client: ApiClient, resource: Resource, namespace: str, n
 
 
 def _owned_by_apply(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The JSON patch that makes one record of operation Apply of our records; empty when there is nothing to change."""
+    """The JSON patch that merges our managedFields into one of operation Apply; empty when there is nothing to change."""
     ours = {
         entry.get("operation"): index
         for index, entry in enumerate(entries)
@@ -155,7 +155,7 @@ def _merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
 async def _patch_tested(
     client: ApiClient, resource: Resource, name: str, patch: JsonPatch, *, namespace: str
 ) -> dict[str, Any]:
-    """A JSON patch that begins with a test. A test that fails is a 422 as well, but one that names no field."""
+    """Send a JSON patch that begins with a test. A failed test is a 422 without causes: it raises StartOver."""
     try:
         return await client.patch(resource, name, patch, namespace=namespace, content_type=JSON_PATCH)
     except Invalid as refusal:
@@ -165,7 +165,7 @@ async def _patch_tested(
 
 
 async def _delete(client: ApiClient, item: Observed) -> None:
-    """By uid: what has our name but another uid is not what we decided about."""
+    """Delete by uid: an object of this name with another uid is not the one that was planned for."""
     meta = item.metadata
     ref = ref_of(item)
     try:
@@ -177,7 +177,7 @@ async def _delete(client: ApiClient, item: Observed) -> None:
 
 
 async def _name_taken(client: ApiClient, app: App, change: Change) -> tuple[Reason, str]:
-    """A create met an object we do not see by label: ours without its labels, our predecessor's, or somebody else's."""
+    """A create met an object that the label selector does not find: ours without labels, an older app's, or another owner's."""
     ref = change.child.ref
     resource = RESOURCES[ref.kind]
     try:

@@ -1,4 +1,4 @@
-"""Takes keys from the queue and does the work: one handler per kind of work, errors sorted into retry classes."""
+"""Takes keys from the queue and calls the handler of each kind of work; errors decide when a key is tried again."""
 
 import asyncio
 import logging
@@ -35,7 +35,7 @@ YIELD_S: Final = 0.05
 FIRST_OBJECT_S: Final = 1.0
 """RobotAppInstances of a new app are created after its Deployments."""
 STATUS_REST_S: Final = 0.2
-"""An app's status is looked at five times per second at most, and less often the more instances it has."""
+"""Rest of an app's status key: five times per second at most, and less often the more instances the app has."""
 STATUS_REST_PER_INSTANCE_S: Final = 0.001
 WAITING_REST_S: Final = 0.1
 NEXT_IN_LINE_S: Final = 1.0
@@ -122,7 +122,7 @@ class Controller:
             await self._handle(key, late_s)
 
     async def _handle(self, key: Key, late_s: float) -> None:
-        """Normal outcomes rest or return; conflicts and refusals back off; a bug is logged, counted and shown as Stalled."""
+        """Call the handler of a key. Conflicts and refused requests back off; a bug is logged, counted and shown as Stalled."""
         with self._metrics.reconciling(key.work, late_s) as result:
             try:
                 rest_s = await self._work[key.work](key)
@@ -136,7 +136,7 @@ class Controller:
                 delay_s = self._queue.retry(key, at_least_s=least_s)
                 quiet = isinstance(error, TooManyRequests)
                 log.log(logging.INFO if quiet else logging.WARNING, "%s: %s; again in %.1f s", key, error, delay_s)
-            except Exception as bug:  # the loop must survive whatever one object does to us
+            except Exception as bug:  # one object must not end the loop
                 result("error")
                 self._metrics.bug()
                 log.exception("%s: a bug", key)
@@ -150,7 +150,7 @@ class Controller:
                 else:
                     result("success")
                     self._queue.done(key, rest_s=rest_s)
-            if key.work in OF_APPS and key.group not in self._cache.apps:  # it went while we worked
+            if key.work in OF_APPS and key.group not in self._cache.apps:  # the app was deleted meanwhile
                 self._forget(key.group)
 
     def _note_bug(self, key: Key, text: str) -> None:
@@ -169,7 +169,7 @@ class Controller:
         if key.work in (Work.CHILDREN, Work.GATES):
             self._queue.add(Key(Work.INSTANCE, key.group, key.instance))
 
-    # Work. Each returns how long the key shall rest, None to be tried again with back-off.
+    # Handlers. Each returns how many seconds the key rests, None to be tried again with back-off.
 
     async def _app(self, key: Key) -> float:
         record = self._cache.apps.get(key.group)
@@ -182,7 +182,7 @@ class Controller:
         self._fleet_later(record.namespace)
         if record.deleting:
             return 0.0
-        # First of all: the scheduler waits until it sees its generation observed.
+        # First of all: the scheduler waits until the status has the app's generation.
         self._queue.add(Key(Work.STATUS, key.group))
         if record.app is not None:
             self._plan(record, record.app)
@@ -196,31 +196,32 @@ class Controller:
         uid, instances = record.uid, wanted_instances(app, self._cache)
         wanted = {instance.robot for instance in instances}
         self._memory.forget_instances(uid, wanted)
-        # Whatever is wrong with the spec: what runs for a robot that is none of the app's any more goes, and a suspended
-        # app stops.
+        # Also when the spec has problems, instances of robots that are no longer the app's are removed, and a suspended app
+        # stops.
         refused = problems_now(app, self._cache)
         self._memory.of(uid).chosen = instances, refused
         self._look_again(app)
         present = self._cache.instance_keys(uid)
         kept = wanted if refused and not record.suspended else set()
         for robot in sorted((present if refused else present | wanted) - kept):
-            self._ask_for_children(app, robot)
+            self._add_children(app, robot)
         for robot in sorted(wanted | self._cache.instance_objects.instances(uid)):
             self._queue.add(Key(Work.INSTANCE, uid, robot), delay_s=FIRST_OBJECT_S)
 
-    def _ask_for_children(self, app: App, robot: str) -> None:
+    def _add_children(self, app: App, robot: str) -> None:
+        """Add the keys that reconcile the children of one instance."""
         self._queue.add(Key(Work.CHILDREN, app.uid, robot))
         if not app.our_scheduler:
             self._queue.add(Key(Work.GATES, app.uid, robot))
 
     def _look_again(self, app: App) -> None:
-        """An instance whose robot is out of sight ends without an event."""
+        """Add a delayed key for robots that are out of sight: their instances end without an event."""
         again_s = self._cache.sight.look_again_s(app)
         if again_s is not None:
             self._queue.add(Key(Work.ROBOTS, app.uid), delay_s=again_s)
 
     async def _robots(self, key: Key) -> float:
-        """Nodes have changed: wake the keys of instances that were added, removed, or have another node."""
+        """Nodes have changed: add the keys of instances that were added, removed, or have another node."""
         record = self._cache.apps.get(key.group)
         if record is None or record.deleting or record.app is None:
             return 0.0
@@ -237,7 +238,7 @@ class Controller:
         wanted = {instance.robot for instance in now[0]}
         self._memory.forget_instances(key.group, wanted)
         for robot in sorted(changed - wanted if now[1] else changed):
-            self._ask_for_children(record.app, robot)
+            self._add_children(record.app, robot)
         for robot in sorted(changed):
             self._queue.add(Key(Work.INSTANCE, key.group, robot), delay_s=FIRST_OBJECT_S)
         self._queue.add(Key(Work.STATUS, key.group))
@@ -245,13 +246,13 @@ class Controller:
         return ROBOTS_REST_S
 
     async def _instance_children(self, key: Key) -> float | None:
-        before = self._told(key)
+        before = self._shown_results(key)
         done = await self._children.reconcile(key.group, key.instance)
-        if key.group in self._cache.apps and self._told(key) != before:
+        if key.group in self._cache.apps and self._shown_results(key) != before:
             enqueue_status(self._queue, key.group, key.instance)
         return 0.0 if done else None
 
-    def _told(self, key: Key) -> tuple[object, ...]:
+    def _shown_results(self, key: Key) -> tuple[object, ...]:
         """The results of the work on children that the status shows."""
         if key.group not in self._cache.apps:
             return ()
@@ -289,7 +290,7 @@ class Controller:
         chosen, others_wait = self._line.next(name_of(key.group))
         for uid, robot in chosen:
             self._queue.hurry(Key(Work.CHILDREN, uid, robot))
-        if others_wait:  # those whose turn it is may be gone, or not want what is free
+        if others_wait:  # the chosen instances may be gone, or unable to use the domain that is free
             self._queue.add(key, delay_s=NEXT_IN_LINE_S)
         return WAITING_REST_S
 
@@ -306,7 +307,7 @@ class Controller:
         return PROBES_REST_S
 
     async def _resync(self, _: Key) -> float:
-        """Every app once more; those that are gone although no event came are forgotten."""
+        """Add every app again; forget apps that are gone although no event came."""
         known = set(self._cache.apps)
         bodies = await self._list_apps()
         vanished = known - set(self._cache.apps)  # while the list was under way, which may still show them

@@ -1,7 +1,7 @@
-"""Carries out moves: evicts a pod so that its successor starts elsewhere, or again.
+"""Carries out moves: evicts a pod so that its successor starts on another node, or starts again.
 
-Everything that must outlive this process is written first, into an annotation of the component's Deployment, on condition of
-its resourceVersion. An eviction is on condition of the pod's uid, so one that is repeated does nothing.
+What must outlive this process is written first, into an annotation of the component's Deployment, on condition of its
+resourceVersion. An eviction is on condition of the pod's uid, so a repeated one has no effect.
 """
 
 import logging
@@ -38,7 +38,7 @@ log = logging.getLogger(__name__)
 Again = float | None
 """Seconds after which to look again although nothing has happened; None: not before something does."""
 LOST_S: Final = 10.0
-"""A device that is gone for less is one whose cable was touched: nothing is moved for it."""
+"""A device must be gone for so long before it counts as lost: a touched cable moves nothing."""
 REFUSED_S: Final = 30.0
 """Pause after an eviction that a PodDisruptionBudget forbids."""
 SEVERAL_BUDGETS: Final = 500
@@ -54,7 +54,7 @@ class Part(NamedTuple):
 
 
 class Mover:
-    """`wake` is called with the app's uid and the instance whose status has another sentence about moves."""
+    """`wake` is called with the app's uid and the instance when the instance's text about moves changes."""
 
     def __init__(
         self,
@@ -78,7 +78,7 @@ class Mover:
         self._now = now
 
     async def look(self, uid: str, name: str) -> Again:
-        """Record lost devices of one instance, and move or restart what is to be."""
+        """Record lost devices of one instance, and move or restart pods where the plan decides so."""
         record = self._cache.apps.get(uid)
         app = record.app if record is not None and not record.deleting else None
         if app is None or app.spec.suspend or not may_move(app) or problems_now(app, self._cache):
@@ -89,7 +89,7 @@ class Mover:
         facts = self._observer.instance(app, instance)
         own = self._memory.of(uid).instance(name)
         if not self._is_about_anything(app, facts, own):
-            self._tell(app, name, own, "")
+            self._show(app, name, own, "")
             return None
         parts = self._parts(app, name)
         devices_again = await self._devices(app, facts, own, parts)
@@ -97,12 +97,12 @@ class Mover:
         refused = ""
         if isinstance(decision, Move):
             refused = await self._move(app, own, parts[decision.component], decision)
-        self._tell(app, name, own, refused or (decision.why if isinstance(decision, Stays) else ""))
+        self._show(app, name, own, refused or (decision.why if isinstance(decision, Stays) else ""))
         due = [again for again in (devices_again, edges_again, REFUSED_S if refused else None) if again is not None]
         return min(due, default=None)
 
     def _is_about_anything(self, app: App, facts: InstanceFacts, own: InstanceMemory) -> bool:
-        """Is a budget exceeded, a device lost, or was one?"""
+        """Whether a budget is exceeded, or a device lost now or before."""
         if facts.lost or own.lost_s or any(view.met is False for view in own.measured):
             return True
         mine = self._cache.deployments.of_instance(app.uid, facts.name).values()
@@ -240,7 +240,7 @@ class Mover:
         return min(waiting, default=None)
 
     def _keeps(self, claim: str, component: Component) -> bool:
-        """Of a pod that is to be restarted the record stays until there is another pod."""
+        """Whether a record of a loss is kept: until the pod is replaced where onLoss is Restart, else until the device is back."""
         return on_loss_of(component) == RESTART or not self._is_there(claim)
 
     def _is_there(self, claim: str) -> bool:
@@ -270,7 +270,7 @@ class Mover:
         return ""
 
     async def _count(self, app: App, deployment: Deployment, move: Move) -> bool:
-        """Write the move into the record as it is now; False when that forbids it."""
+        """Add the move to the stored record; False when the limits forbid it by that record."""
         meta = deployment.metadata
         try:
             live = await self._client.get(DEPLOYMENTS, meta.name, namespace=meta.namespace, as_type=Deployment)
@@ -302,7 +302,7 @@ class Mover:
             raise StartOver(f"Deployment {meta.name} changed while {key} was written") from race
 
     async def _evict(self, pod: Pod) -> str | None:
-        """Why the API server keeps the pod; "" when it is on its way out, None when it was gone before."""
+        """Evict the pod. Returns why the API server refused, "" when the pod is being deleted, None when it was gone before."""
         meta = pod.metadata
         body = {
             "apiVersion": "policy/v1",
@@ -323,12 +323,13 @@ class Mover:
             return None
         return ""
 
-    def _tell(self, app: App, instance: str, own: InstanceMemory, text: str) -> None:
+    def _show(self, app: App, instance: str, own: InstanceMemory, text: str) -> None:
+        """Have the status show why a component is not moved ("": nothing to show)."""
         if own.stays != text:
             own.stays = text
             self._wake(app.uid, instance)
 
 
 def may_move(app: App) -> bool:
-    """Can anything of the app ever be moved? Other schedulers propose nothing and claim no devices."""
+    """Whether components of the app can be moved at all: other schedulers propose no nodes and claim no devices."""
     return app.our_scheduler and (app.wants_devices or any(edge.latency for edge in app.spec.edges))

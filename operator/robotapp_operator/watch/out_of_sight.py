@@ -1,7 +1,7 @@
-"""Robots out of sight: how long their instances go on without a node.
+"""Robots out of sight (without a node that matches): how long their instances are kept.
 
-A Node that is deleted and joins again, or a label that is off for a while, ends nothing. An instance ends because of its
-node only when `connectivity.grace` is over, counted anew by every process, and not while too many robots are missing.
+A Node that is deleted and joins again, or a label that is missing for a while, ends no instance. An instance ends for want of a
+node only after `connectivity.grace`, counted anew by every process, and not while too many robots are missing.
 """
 
 import dataclasses
@@ -13,13 +13,13 @@ from robotapp_api.model.robots import Robots
 from robotapp_operator.plan.spec.desired import App
 
 BRAKED_S: Final = 10.0
-"""How often to look again at an instance whose grace is over while too many robots are missing."""
+"""Interval of checks of an instance whose grace is over while too many robots are missing."""
 _NOTHING: Final = frozenset[str]()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Missing:
-    """Of one app. since: when each of its robots was first missed. ended: those that the user chose no longer."""
+    """Missing robots of one app. since: when each was first missing. ended: robots that spec.robots no longer selects."""
 
     robots: Robots | None
     since: Mapping[str, float] = dataclasses.field(default_factory=dict)
@@ -27,7 +27,7 @@ class Missing:
 
 
 class OutOfSight:
-    """Since when robots have been missing, by app uid. It starts empty: a robot that is missing then has the whole grace again."""
+    """Missing robots by app uid. Starts empty: a robot that is missing when the process starts gets the whole grace again."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -37,7 +37,7 @@ class OutOfSight:
         return f"<OutOfSight: {sum(len(missing.since) for missing in self._apps.values())} robots missing>"
 
     def kept(self, app: App, missing: frozenset[str], *, too_many: Callable[[], bool]) -> frozenset[str]:
-        """Of the robots that are `missing` now, those whose instances go on.
+        """Of the robots that are `missing` now, those whose instances are kept.
 
         A change of spec.robots by the user ends instances at once. too_many: whether no instance may end because of its
         node now; called only when one is about to.
@@ -56,7 +56,7 @@ class OutOfSight:
         return frozenset(since) if not over or too_many() else frozenset(since.keys() - over)
 
     def look_again_s(self, app: App) -> float | None:
-        """Seconds until another answer is possible although nothing happens; None when nothing is missing."""
+        """Seconds until `kept` may return something else without an event; None when no robot is missing."""
         missing = self._apps.get(app.uid)
         if missing is None or not missing.since:
             return None

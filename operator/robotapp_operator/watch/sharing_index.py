@@ -1,4 +1,4 @@
-"""Which apps share a domain by their specs, and so which are reconciled when one of them changes."""
+"""An index of the apps that share a domain by their specs (shareWith): when one changes, the others are reconciled."""
 
 from collections.abc import MutableMapping
 from typing import Any
@@ -14,11 +14,11 @@ class SharingIndex:
 
     def __init__(self) -> None:
         self._apps: dict[AppKey, dict[str, App]] = {}
-        self._asking: dict[AppKey, dict[str, AppKey]] = {}
-        """Per app that is named, existing or not: uid -> key of the apps that name it."""
+        self._naming: dict[AppKey, dict[str, AppKey]] = {}
+        """Per app that shareWith names, existing or not: uid -> key of the apps that name it."""
 
     def __repr__(self) -> str:
-        return f"<Sharing: {len(self._asking)} of {len(self._apps)} apps are named by others>"
+        return f"<Sharing: {len(self._naming)} of {len(self._apps)} apps are named by others>"
 
     def put(self, app: App, *, before: App | None) -> None:
         """Add an app, or replace its entries of `before`."""
@@ -27,12 +27,12 @@ class SharingIndex:
         key = (app.namespace, app.name)
         self._apps.setdefault(key, {})[app.uid] = app
         for other in app.share_with:
-            self._asking.setdefault(other, {})[app.uid] = key
+            self._naming.setdefault(other, {})[app.uid] = key
 
     def drop(self, app: App) -> None:
         _pop(self._apps, (app.namespace, app.name), app.uid)
         for other in app.share_with:
-            _pop(self._asking, other, app.uid)
+            _pop(self._naming, other, app.uid)
 
     def named(self, key: AppKey) -> App | None:
         """The newest app of this name."""
@@ -43,9 +43,9 @@ class SharingIndex:
         """Uids of the apps whose domain may depend on this app, because shareWith leads them there, step by step."""
         seen, todo, uids = {key}, [key], set[str]()
         while todo:
-            asking = self._asking.get(todo.pop(), {})
-            uids |= set(asking)
-            new = set(asking.values()) - seen
+            naming = self._naming.get(todo.pop(), {})
+            uids |= set(naming)
+            new = set(naming.values()) - seen
             seen |= new
             todo += new
         return uids
@@ -59,7 +59,7 @@ def _pop(table: MutableMapping[AppKey, Any], key: AppKey, uid: str) -> None:
 
 
 def rules_view(app: App) -> ClaimsApp:
-    """The app in the form the claim rules read, as far as domains go."""
+    """The app in the form that the claim rules read, with the fields that concern domains."""
     spec = app.spec.ros2
     ros2 = None
     if spec is not None:

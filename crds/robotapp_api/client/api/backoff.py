@@ -1,4 +1,4 @@
-"""Exponential back-off with full control over time and chance."""
+"""Exponential back-off with jitter; the source of randomness is a parameter."""
 
 import random
 from collections.abc import Callable

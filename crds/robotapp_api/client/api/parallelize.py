@@ -7,17 +7,17 @@ from typing import Final, TypeVar
 T = TypeVar("T")
 R = TypeVar("R")
 AT_ONCE: Final = 16
-"""One caller must not take all connections: others send requests, too."""
+"""Default limit: one caller must leave connections for others."""
 
 
 async def at_once(
     call: Callable[[T], Awaitable[R]], items: Collection[T], *, limit: int = AT_ONCE, error_ends: bool = False
 ) -> list[R]:
-    """The results in the order of `items`; else the first error is raised, when nothing is under way any more.
+    """The results in the order of `items`. Raises the first error, after all requests under way have ended.
 
-    error_ends: an error cancels the requests under way and begins no other, for callers whose errors stand in the way of every
-    request, so that the rest would wait for one time limit after the other. Without it every request comes to its end,
-    for callers whose requests write: they know of each whether it was written.
+    error_ends: an error cancels the requests under way and starts no other; for callers whose errors would meet every request
+    (a server that is away), so that the rest would only wait for time limits. Without it every request is carried out, for
+    callers whose requests write: of each it is known whether it was written.
     """
     results: dict[int, R] = {}
     errors: dict[int, Exception] = {}

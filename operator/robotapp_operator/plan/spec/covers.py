@@ -1,8 +1,8 @@
-"""Is what we want already there? Without asking the API server, which would be a write per look.
+"""Whether an observed object has all that the operator renders, decided without a request, which would cost a write per look.
 
-An observed object carries defaults and canonical quantities the server added, so "equal" means: every field we
-render has an equal value in the observed object, and the content hash it was written with is ours (a field we stopped
-rendering would otherwise stay unnoticed).
+An observed object carries defaults and canonical quantities that the API server added, so "equal" means: every rendered field
+has an equal value in the observed object, and the content hash that was written with it is that of today's rendering
+(else a field that is no longer rendered would stay).
 """
 
 import hashlib
@@ -20,7 +20,7 @@ def content_hash(content: Any) -> str:
 
 
 def covers(observed: Any, wanted: Any) -> bool:
-    """Does `observed` hold every value of `wanted`? Lists must have the same length and order."""
+    """Whether `observed` has every value of `wanted`. Lists must have the same length and order."""
     if isinstance(wanted, Mapping):
         if not isinstance(observed, Mapping):
             return not wanted

@@ -30,7 +30,7 @@ class LostDevice(NamedTuple):
 
 
 def is_there(claim: Claim, telemetry: Mapping[str, Telemetry]) -> bool | None:
-    """Does the agent of its node report the claimed device as present? None when it reports nothing about it."""
+    """Whether the agent of its node reports the claimed device as present. None when it reports nothing about it."""
     thing = claim.spec.device
     report = telemetry.get(thing.node) if thing else None
     if thing is None or report is None:
@@ -43,7 +43,7 @@ def is_there(claim: Claim, telemetry: Mapping[str, Telemetry]) -> bool | None:
 def lost_devices(
     claims: Iterable[Claim], telemetry: Mapping[str, Telemetry], *, users: Iterable[str], recorded: Mapping[str, str]
 ) -> tuple[LostDevice, ...]:
-    """Of one instance, by component and claim. users: uids of pods that are not ending. recorded: claim -> pod that lost it."""
+    """The lost devices of one instance, sorted. users: uids of pods that are not ending. recorded: claim -> pod that lost it."""
     alive, found = frozenset(users), []
     for claim in claims:
         thing, pod = claim.spec.device, claim.status.pod
@@ -56,12 +56,12 @@ def lost_devices(
 
 
 def record_text(recorded: Mapping[str, str]) -> str:
-    """As the annotation's value."""
+    """The value of the annotation LOST_DEVICES."""
     return json.dumps(dict(sorted(recorded.items())), separators=(",", ":"))
 
 
 def parse_record(text: str) -> dict[str, str]:
-    """What cannot be read records nothing: a device that is lost now is found so again."""
+    """The recorded losses; empty for a value that cannot be read: devices that are lost now are found again."""
     try:
         value = json.loads(text) if 0 < len(text) <= MAX_BYTES else {}
     except (ValueError, RecursionError):

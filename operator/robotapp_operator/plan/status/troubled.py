@@ -14,23 +14,23 @@ MAX_TROUBLED_BYTES: Final = 1024
 
 
 class Rank(IntEnum):
-    """How much an instance needs attention, most first."""
+    """How urgently an instance needs attention, most urgent first."""
 
     UNCLEAR = 0
-    """It is unknown which node is its robot's."""
+    """Which node is the robot's is unknown."""
     FAILING = 1
     OFFLINE = 2
     NOT_READY = 3
-    """Their robot's node, for a shorter time than `connectivity.grace`."""
+    """The robot's node is not Ready, for a shorter time than `connectivity.grace`."""
     WAITING = 4
-    """For a node or a device."""
+    """It waits for a node or a device."""
     DEVICE_LOST = 5
-    """Its pods run, but a device of theirs is gone."""
+    """Its pods run, but one of their devices is gone."""
     UNCLEAR_BUT_READY = 6
     RESTART_NEEDED = 7
     OVER_BUDGET = 8
     NONE = 9
-    """It is well, or merely starts."""
+    """It is ready, or still starting."""
 
 
 _RANKS: Final = {
@@ -44,7 +44,7 @@ _RANKS: Final = {
 
 
 class Trouble(NamedTuple):
-    """Sorted by how bad it is, then by instance."""
+    """An instance that needs attention. Sorts by rank, then by instance."""
 
     rank: Rank
     instance: str
@@ -77,7 +77,7 @@ def trouble_of(instance: InstanceFacts) -> Trouble | None:
 
 
 def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
-    """What keeps the instance as a whole from being ready, before its components are looked at."""
+    """Why the instance as a whole is not ready, before its components are considered; None when nothing keeps it."""
     if instance.unclear and not instance.ready:
         return Reason.ROBOT_NODE_UNCLEAR, instance.unclear
     if instance.refusal or instance.trouble:
@@ -99,7 +99,7 @@ def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
 
 
 def grace_text(node: str, grace: Grace) -> str:
-    """What happens to an instance whose robot's node is not Ready, and when. True whenever it is read until then."""
+    """What happens to an instance whose robot's node is not Ready, and when. Has absolute times, so that it does not get old."""
     return (
         f"node {node} of the robot is not Ready since {grace.since}: if it stays so, the instance is Offline at {grace.until} "
         f"(connectivity.grace, {grace.seconds:g} s); kubectl describe node {node} shows why"
@@ -107,7 +107,7 @@ def grace_text(node: str, grace: Grace) -> str:
 
 
 def out_of_sight_text(robot: str) -> str:
-    """What is wrong with an instance whose robot has no node any more, and what happens to it."""
+    """Why an instance whose robot has no node any more is Offline, what happens to it, and what the user can do."""
     return (
         f"robot {robot} is out of sight: no node with the label {Label.ROBOT}={robot} matches spec.robots. Its instance goes on for "
         "connectivity.grace, longer while many robots are missing; bring the node or its labels back, or change spec.robots"
@@ -115,12 +115,12 @@ def out_of_sight_text(robot: str) -> str:
 
 
 def cut_off_text(instance: InstanceFacts) -> str:
-    """What pods that know none of today's discovery servers need."""
+    """What the user must do about pods that know none of the present discovery servers."""
     return f"all discovery servers were replaced since {shown(instance.cut_off)} started; delete these pods one by one (kubectl delete pod NAME)"
 
 
 def lost_text(instance: InstanceFacts) -> str:
-    """Which device is not there any more."""
+    """Which device is gone, and what happens to the pod."""
     first = instance.lost[0]
     more = f" and {len(instance.lost) - 1} more devices" if len(instance.lost) > 1 else ""
     text = f"{first.component}: {first}{more} is gone: plug it in again; onLoss decides what happens to the pod"
