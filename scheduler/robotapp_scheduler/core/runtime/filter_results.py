@@ -9,13 +9,12 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.snapshot import LabelColumn, Snapshot
 from robotapp_scheduler.core.events.change_log import ChangeLogDelta
-from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES
 from robotapp_scheduler.core.framework.interface import Verdict
 from robotapp_scheduler.core.framework.plugin_results import checked_mask
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime.incremental import MOST_ROW_CALLS, stale_rows
+from robotapp_scheduler.core.runtime.incremental import MOST_ROW_CALLS, Column, stale_rows
 
 HOLE: Final = -1
 """Reason code of rows that are no node."""
@@ -52,33 +51,24 @@ class Reasons:
         return code
 
 
-class FilterColumn:
+class FilterColumn(Column):
     """One filter plugin's result per row: reason code, 0 where the node passes. `skipped`: the plugin does not apply to such pods."""
 
     def __init__(self, plugin: RegisteredPlugin, reasons: Reasons) -> None:
-        self.plugin = plugin
-        self.interest, self.watches = plugin.interest, plugin.watches
-        self.skipped = False
+        super().__init__(plugin)
         self.codes: Codes = np.zeros(0, dtype=np.int32)
         self.clean = False
         """No row is rejected."""
         self.detail: FloatArray | None = None
         self.detail_unit = ""
-        self.position = -1
-        self.epoch = 0
-        """Grows when the column was computed anew: combinations of columns must be computed anew, too."""
         self._reasons = reasons
         self._table: tuple[Sequence[tuple[str, ...]], tuple[bool, ...], Codes] | None = None
         """The reasons the plugin named last, and their codes."""
         self._label_result: tuple[object, ...] | None = None
         """When `codes` follow from a label: the plugin's result per code of it, its version and the number of rows."""
 
-    def set_interest(self, interest: int) -> None:
-        """Recompute rows after these kinds of change only."""
-        self.interest, self.watches = interest, interest | NODE_COMES_OR_GOES
-
     def refresh(self, pod: PodInfo, full: Snapshot, delta: ChangeLogDelta | None) -> None:
-        """Bring the column up to the head of the log. `delta` are those after its position, None when too much happened."""
+        """Bring the column up to the head of the log, with as few rows computed as possible."""
         if self.skipped:
             return  # a plugin skips because of the pod alone: that never changes
         fits = len(self.codes) == full.n

@@ -1,12 +1,12 @@
 """Which rows of a cached column have to be computed again."""
 
 from collections.abc import Iterable
-from typing import Final, Protocol
+from typing import Final
 
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.change_log import ChangeLogDelta
-from robotapp_scheduler.core.events.cluster_event import CHANGES_OF_PODS, Change
+from robotapp_scheduler.core.events.cluster_event import CHANGES_OF_PODS, NODE_COMES_OR_GOES, Change
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
@@ -19,20 +19,28 @@ MOST_ROW_CALLS: Final = 6
 ANYTHING: Final = int(Change.ALL)
 
 
-class Column(Protocol):
-    """A plugin's result for every row, valid up to a position of the change log."""
+class Column:
+    """A plugin's result for every row, valid up to `position` of the change log."""
 
-    plugin: RegisteredPlugin
-    interest: int
-    """Kinds of change after which the changed rows must be computed again."""
-    watches: int
-    """Kinds of change after which `refresh` must be called."""
-    position: int
-    epoch: int
-    """Grows when a combination of columns must be computed anew."""
+    def __init__(self, plugin: RegisteredPlugin) -> None:
+        self.plugin = plugin
+        self.skipped = False
+        """The plugin does not apply to such pods."""
+        self.interest = plugin.interest
+        """Kinds of change after which the changed rows must be computed again."""
+        self.watches = plugin.watches
+        """Kinds of change after which `refresh` must be called."""
+        self.position = -1
+        self.epoch = 0
+        """Grows when the column was computed anew: combinations of columns must be computed anew, too."""
+
+    def set_interest(self, interest: int) -> None:
+        """Recompute rows after these kinds of change only."""
+        self.interest, self.watches = interest, interest | NODE_COMES_OR_GOES
 
     def refresh(self, pod: PodInfo, full: Snapshot, delta: ChangeLogDelta | None) -> None:
-        """Bring the column up to the head of the log. `delta` are those after its position, None when too much happened."""
+        """Bring the column up to the head of the log. `delta` are the changes after `position`, None when there were too many."""
+        raise NotImplementedError
 
 
 def bring_up(columns: Iterable[Column], pod: PodInfo, full: Snapshot, since: int) -> tuple[int, ChangeLogDelta | None]:

@@ -1,8 +1,8 @@
 """Keeps evaluations and columns of plugins by what plugins read of a pod; drops the least recently used ones."""
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from typing import Any, Final
 
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.framework.profiles import Profile
@@ -10,6 +10,7 @@ from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE, OWN_FEATURES, PodInfo
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import FilterColumn, Reasons
+from robotapp_scheduler.core.runtime.incremental import Column
 from robotapp_scheduler.core.runtime.score_results import ScoreColumn, score_column
 
 COLUMNS_PER_PLUGIN: Final = 32
@@ -19,11 +20,8 @@ BYTES_PER_ROW: Final = 300
 MOST_REMEMBERED: Final = 16
 
 
-class _Columns(NamedTuple):
-    """Columns of plugins that read the same, for pods that are equal in it, by the plugins' places in the profile."""
-
-    filters: dict[int, FilterColumn]
-    scores: dict[int, ScoreColumn]
+_Columns = tuple[dict[int, FilterColumn], dict[int, ScoreColumn]]
+"""Columns of filters and of scores that read the same of a pod, by the plugins' places in the profile."""
 
 
 class _Readers:
@@ -42,15 +40,15 @@ class _Readers:
         if found is not None:
             self._columns.move_to_end(key)
             return found
-        found = _Columns(
-            {place: FilterColumn(plugin, reasons) for place, plugin in self.filters.items()},
-            {place: score_column(plugin) for place, plugin in self.scores.items()},
-        )
-        for verdicts in found.filters.values():
-            verdicts.set_interest(verdicts.plugin.interest_for(pod))
-        for scores in found.scores.values():
-            scores.set_interest(scores.plugin.interest_for(pod))
-        self._columns[key] = found  # last: when `minds` raises, it is called again for the next such pod
+        filters = {place: FilterColumn(plugin, reasons) for place, plugin in self.filters.items()}
+        scores = {place: score_column(plugin) for place, plugin in self.scores.items()}
+        columns: Iterable[Column] = (*filters.values(), *scores.values())
+        for column in columns:
+            column.set_interest(column.plugin.interest_for(pod))
+        found = self._columns[key] = (
+            filters,
+            scores,
+        )  # last: when `minds` raises, it is called again for the next such pod
         if len(self._columns) > COLUMNS_PER_PLUGIN:
             self._columns.popitem(last=False)
         return found
@@ -76,9 +74,9 @@ class ColumnCache:
         filters: dict[int, FilterColumn] = {}
         scores: dict[int, ScoreColumn] = {}
         for readers in self._readers:
-            found = readers.columns(pod, self._reasons)
-            filters |= found.filters
-            scores |= found.scores
+            more_filters, more_scores = readers.columns(pod, self._reasons)
+            filters |= more_filters
+            scores |= more_scores
         return [*map(filters.__getitem__, self._filters)], [*map(scores.__getitem__, self._scores)]
 
 

@@ -8,13 +8,12 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.change_log import ChangeLogDelta
-from robotapp_scheduler.core.events.cluster_event import NODE_COMES_OR_GOES
 from robotapp_scheduler.core.framework.interface import MAX_SCORE, PerDomain, PluginError, ScoreResult, Scores
 from robotapp_scheduler.core.framework.plugin_results import checked_scores, normalized
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, MOST_ROW_CALLS, stale_rows
+from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, MOST_ROW_CALLS, Column, stale_rows
 
 log = logging.getLogger(__name__)
 
@@ -24,7 +23,7 @@ BAD_SCORE: Final = "score is NaN, infinite or outside 0 to 100 for a feasible no
 _BAD: Final = np.iinfo(np.int64).min
 
 
-class ScoreColumn:
+class ScoreColumn(Column):
     """One score plugin's raw value per row.
 
     Scores that need no normalising are kept as integers; unusable ones (NaN, outside 0…100) carry a marker that only
@@ -32,9 +31,7 @@ class ScoreColumn:
     """
 
     def __init__(self, plugin: RegisteredPlugin) -> None:
-        self.plugin = plugin
-        self.interest, self.watches = plugin.interest, plugin.watches
-        self.skipped = False
+        super().__init__(plugin)
         self._raw: npt.NDArray[Any] = np.zeros(0, dtype=np.int64)
         self._domains: PerDomain | None = None
         """The values when they follow from a label; `raw` spreads them over the rows when it is read."""
@@ -45,9 +42,6 @@ class ScoreColumn:
         self.normalize = plugin.normalize
         self._equal_raw: Any = 0
         self.bad = False
-        self.position = -1
-        self.epoch = 0
-        """Grows when the column was computed anew: sums of columns must be computed anew, too."""
         self.changes = 0
         """Grows when any raw value may be different."""
 
@@ -68,12 +62,8 @@ class ScoreColumn:
         """Whether a row's normalised score depends on that row alone."""
         return self.constant is not None or self.normalize == "none"
 
-    def set_interest(self, interest: int) -> None:
-        """Recompute rows after these kinds of change only."""
-        self.interest, self.watches = interest, interest | NODE_COMES_OR_GOES
-
     def refresh(self, pod: PodInfo, full: Snapshot, delta: ChangeLogDelta | None) -> None:
-        """Bring the column up to the head of the log. `delta` are those after its position, None when too much happened."""
+        """Bring the column up to the head of the log, with as few rows computed as possible."""
         if self.skipped:
             return
         fits = full.n == (len(self._raw) if self._domains is None else len(self._domains.label.codes))
