@@ -10,6 +10,7 @@ import asyncio
 import itertools
 import random
 from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
 
 import msgspec
 
@@ -35,27 +36,6 @@ JITTER = 0.1
 """Retry policy of kube-scheduler 1.37: 4 tries, 10 ms, each delay five times the last, 10 % jitter."""
 MOST_DOUBT_DELAY_S = 2.0
 """Longest pause between two reads of a pod whose bind may have been applied."""
-
-
-class _Reference(msgspec.Struct, rename="camel"):
-    name: str
-    api_version: str = "v1"
-    kind: str = "Node"
-
-
-class _Metadata(msgspec.Struct, omit_defaults=True, rename="camel"):
-    name: str
-    namespace: str
-    uid: str
-    resource_version: str = ""
-    annotations: dict[str, str] = {}
-
-
-class _Binding(msgspec.Struct, rename="camel"):
-    metadata: _Metadata
-    target: _Reference
-    api_version: str = "v1"
-    kind: str = "Binding"
 
 
 class Binder:
@@ -137,14 +117,13 @@ class Binder:
     ) -> tuple[str, bytes]:
         """Path and body of the request."""
         meta = pod.metadata
-        metadata = _Metadata(
-            name=meta.name,
-            namespace=meta.namespace,
-            uid=meta.uid,
-            resource_version=resource_version,
-            annotations=dict(annotations) if annotations else {},
-        )
-        body = self._encoder.encode(_Binding(metadata=metadata, target=_Reference(name=node)))
+        metadata: dict[str, Any] = {"name": meta.name, "namespace": meta.namespace, "uid": meta.uid}
+        if resource_version:
+            metadata["resourceVersion"] = resource_version
+        if annotations:
+            metadata["annotations"] = annotations
+        target = {"apiVersion": "v1", "kind": "Node", "name": node}
+        body = self._encoder.encode({"apiVersion": "v1", "kind": "Binding", "metadata": metadata, "target": target})
         return PODS.path(meta.namespace, meta.name, "binding"), body
 
     async def _read_back(self, pod: Pod, node: str, *, problem: str, in_doubt: bool) -> BindOutcome:
