@@ -33,10 +33,10 @@ from robotapp_scheduler.core.framework.profiles import (
     PluginRef,
     PluginSet,
     Profile,
+    ProfileError,
     ProfileSpec,
     build_profiles,
 )
-from robotapp_scheduler.core.framework.profiles import ConfigError as ProfileError
 from robotapp_scheduler.plugins.kubernetes.common.arguments import OLD
 
 KUBE_SCHEDULERS_LEASE = ("kube-system", "kube-scheduler")

@@ -8,7 +8,7 @@ import msgspec
 
 from robotapp_api.client.api.times import Now, micro_time, utc_now
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cycle.re_evaluate import reconsider
+from robotapp_scheduler.core.cycle.re_evaluate import re_evaluate
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.explain.record import Record, as_json
 
@@ -77,13 +77,13 @@ class Explainer:
         return msgspec.to_builtins(self._core.cluster.rtt.known(edge["peerNode"], node, edge["percentile"]))
 
     def _again(self, pod: Pod, *, recorded: dict[str, Any] | None, full: bool) -> dict[str, Any]:
-        made = reconsider(self._core, pod)
-        now = self._with_times(made.record)
+        record, nodes = re_evaluate(self._core, pod)
+        now = self._with_times(record)
         found = recorded | {"recomputed": False} if recorded else now | {"recomputed": True, "note": RECOMPUTED}
         if not recorded:
             found |= {"node": pod.spec.node_name or None, "chosenNow": now["node"]}
         if full:
-            table = None if made.table is None else msgspec.to_builtins(made.table)
+            table = None if nodes is None else msgspec.to_builtins(nodes)
             found["full"] = {"recomputed": True, "note": RECOMPUTED, "node": now["node"], "message": now["message"]}
             found["full"]["table"] = table
         return found

@@ -13,7 +13,7 @@ import yaml
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_api.values import strict_yaml
 from robotapp_scheduler.config.plugin_names import with_third_party
-from robotapp_scheduler.core.framework.profiles import Catalogue, ConfigError, PluginRef, PluginSet, ProfileSpec
+from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef, PluginSet, ProfileError, ProfileSpec
 from robotapp_scheduler.core.framework.profiles import build_profiles as checked
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation import synthetic
@@ -46,7 +46,7 @@ def main(argv: Sequence[str], *, out: TextIO | None = None) -> int:
     try:
         checked([with_plugin], known)
         checked([without], known)
-    except ConfigError as error:
+    except ProfileError as error:
         return _failed(*error.problems)
     costs = list(_measured(found, known, with_plugin, without))
     replace_line(sys.stderr)

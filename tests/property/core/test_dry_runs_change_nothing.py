@@ -14,7 +14,7 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
 from robotapp_scheduler.core.cache.dry_run import DryRun
 from robotapp_scheduler.core.cycle.all_or_nothing import all_or_none
-from robotapp_scheduler.core.cycle.re_evaluate import reconsider
+from robotapp_scheduler.core.cycle.re_evaluate import re_evaluate
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 
@@ -170,6 +170,6 @@ def test_explaining_a_bound_pod_again_changes_nothing(seed: int) -> None:
     core = full_cluster(Random(seed))
     before = dump(core.cluster)
     for record in list(core.cluster.placed.values()):
-        reconsider(core, record.pod)
+        re_evaluate(core, record.pod)
     found = differences(before, dump(core.cluster))
     assert [line for line in found if not line.startswith(IN_THE_LIVE_LOG)] == []

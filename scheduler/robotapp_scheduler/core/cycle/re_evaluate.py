@@ -53,20 +53,16 @@ class Table(msgspec.Struct, frozen=True, rename="camel"):
     scores: list[TableScore]
 
 
-class Reconsidered(msgspec.Struct, frozen=True):
-    """The record of the decision as it would be made now, and the table behind it (None: it did not come that far)."""
+def re_evaluate(core: SchedulerCore, pod: Pod) -> tuple[Record, Table | None]:
+    """Evaluate a pod again without placing it: the record of the result, and the table of all nodes (None: no filter ran).
 
-    record: Record
-    table: Table | None
-
-
-def reconsider(core: SchedulerCore, pod: Pod) -> Reconsidered:
-    """Evaluate a pod again without placing it. Raises KeyError when no profile has its schedulerName."""
+    Raises KeyError when no profile has the pod's schedulerName.
+    """
     with _waiting(core.cluster, pod) as waiting:
         info = core.cluster.pod_info(waiting)
         engine = ProfileRunner(core.engine(info.scheduler_name).profile, core.cluster, caching=False)
         record, evaluation = core.consider(info, engine)
-        return Reconsidered(record, None if evaluation is None else _table(info, engine, evaluation))
+        return record, None if evaluation is None else _table(info, engine, evaluation)
 
 
 @contextmanager

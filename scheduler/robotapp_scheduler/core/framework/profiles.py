@@ -43,8 +43,8 @@ FOR_APPS: Final = {"reserve": "ROSReserve", "bind": "ROSBind"}
 """Plugins without which no pod of a RobotApp is placed: the check of its domain cannot be configured away (claims.md rule 1)."""
 
 
-class ConfigError(Exception):
-    """A configuration that cannot be used; `problems` name the path and what is allowed."""
+class ProfileError(Exception):
+    """Profiles that cannot be built; `problems` name the path and what is allowed. `config.load` reports them in a ConfigError."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__("; ".join(problems))
@@ -196,7 +196,7 @@ def _unfit_for_apps(scheduler_name: str, chains: Mapping[str, Sequence[Registere
 
 
 def build_profiles(specs: Sequence[ProfileSpec], catalogue: Catalogue) -> dict[str, Profile]:
-    """All profiles by schedulerName. Raises ConfigError with every problem found."""
+    """All profiles by schedulerName. Raises ProfileError with every problem found."""
     catalogue = catalogue.with_defaults_for(specs)
     problems: list[str] = []
     profiles: dict[str, Profile] = {}
@@ -209,7 +209,7 @@ def build_profiles(specs: Sequence[ProfileSpec], catalogue: Catalogue) -> dict[s
             profiles[spec.scheduler_name] = profile
     problems.extend(_queue_sort_problems(profiles.values()))
     if problems:
-        raise ConfigError(problems)
+        raise ProfileError(problems)
     return profiles
 
 

@@ -8,7 +8,7 @@ from tests.support.scheduling import app_object, chain, make_core, make_node, ma
 
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.api.core_v1 import Node
-from robotapp_scheduler.core.cycle.re_evaluate import reconsider
+from robotapp_scheduler.core.cycle.re_evaluate import re_evaluate
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.tiers import tier_ranks
 from robotapp_scheduler.core.explain.record import Record
@@ -200,13 +200,13 @@ def test_a_node_of_no_tier_in_runs_on_is_the_last_choice_and_named_so() -> None:
 def test_the_table_of_a_pod_that_is_asked_about_again_names_the_later_tiers() -> None:
     core = field()
     pod = waiting(core)
-    found = reconsider(core, pod.pod)
-    assert found.table is not None
-    reasons = [found.table.reasons[index] for index in found.table.refused]
-    assert {name: reason.plugin for name, reason in zip(found.table.nodes, reasons, strict=True)} == {
+    _, table = re_evaluate(core, pod.pod)
+    assert table is not None
+    reasons = [table.reasons[index] for index in table.refused]
+    assert {name: reason.plugin for name, reason in zip(table.nodes, reasons, strict=True)} == {
         "amr": "RunsOn", "e1": "", "e2": "",
     }  # fmt: skip
-    assert [total is not None for total in found.table.totals] == [False, True, True]
+    assert [total is not None for total in table.totals] == [False, True, True]
 
 
 def test_a_pod_that_fits_nowhere_is_refused_in_the_words_of_its_filters() -> None:

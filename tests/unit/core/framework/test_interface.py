@@ -10,7 +10,7 @@ from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.interface import Code, PluginError, PreFilter, Status, Verdict, per_node
-from robotapp_scheduler.core.framework.profiles import ConfigError, PluginRef, PluginSet, ProfileSpec, build_profiles
+from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileError, ProfileSpec, build_profiles
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.registry import catalogue
@@ -256,7 +256,7 @@ def test_with_shadows_every_choice_is_the_one_without_them() -> None:
 def test_what_orders_the_queue_or_binds_cannot_be_a_shadow() -> None:
     for name in ("ROSQueueSort", "ROSBind"):
         spec = ProfileSpec(SCHEDULER_NAME, plugin_config={name: {"shadow": True}})
-        with pytest.raises(ConfigError, match="cannot be a shadow"):
+        with pytest.raises(ProfileError, match="cannot be a shadow"):
             build_profiles([spec], catalogue())
 
 

@@ -4,10 +4,10 @@ from typing import Any
 import pytest
 
 from robotapp_scheduler.core.framework.profiles import (
-    ConfigError,
     PluginRef,
     PluginSet,
     Profile,
+    ProfileError,
     ProfileSpec,
     build_profiles,
 )
@@ -84,7 +84,7 @@ def test_upstreams_queue_sort_takes_the_place_of_ours_where_it_is_named(point: s
 def test_who_takes_upstreams_default_out_means_ours() -> None:
     profile = build({"queueSort": PluginSet(enabled=on("ROSQueueSort").enabled, disabled=off("PrioritySort").disabled)})
     assert profile.queue_sort.name == "ROSQueueSort"
-    with pytest.raises(ConfigError, match="only one queue sort plugin can be enabled, and one must be: none"):
+    with pytest.raises(ProfileError, match="only one queue sort plugin can be enabled, and one must be: none"):
         build({"multiPoint": off("PrioritySort")})
 
 
@@ -121,7 +121,7 @@ def test_a_star_removes_all_defaults() -> None:
 def test_a_wrong_configuration_names_the_path_and_what_is_allowed(
     plugins: dict[str, PluginSet], args: dict[str, dict[str, Any]], text: str
 ) -> None:
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ProfileError) as caught:
         build(plugins, args)
     assert text in str(caught.value)
 
@@ -129,7 +129,7 @@ def test_a_wrong_configuration_names_the_path_and_what_is_allowed(
 def test_all_problems_are_reported_at_once_and_queue_sort_must_agree() -> None:
     ours = PluginSet(enabled=on("ROSQueueSort").enabled, disabled=off("PrioritySort").disabled)
     other = ProfileSpec("b", plugins={"queueSort": ours})
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ProfileError) as caught:
         build_profiles([ProfileSpec("a"), ProfileSpec("a"), other], catalogue())
     assert len(caught.value.problems) == 2
     assert "used twice" in caught.value.problems[0]

@@ -7,7 +7,7 @@ from tests.support.scheduling import app_object, chain, make_core, make_info, ma
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.framework.profiles import ConfigError
+from robotapp_scheduler.core.framework.profiles import ProfileError
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 
@@ -166,7 +166,7 @@ def test_without_the_plugin_nothing_is_preempted_and_nothing_is_said_of_it() -> 
     ],
 )
 def test_arguments_upstream_refuses_are_refused_in_its_words(args: dict[str, int], text: str) -> None:
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ProfileError) as caught:
         make_core(args={"DefaultPreemption": args})
     assert text in str(caught.value)
 
