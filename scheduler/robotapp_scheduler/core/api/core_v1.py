@@ -6,16 +6,27 @@ The RobotApp side (RobotApp, NodeTelemetry) is in `robotics_v1alpha1.py`, claims
 a pod's volumes in `volume_source.py`.
 """
 
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
+from robotapp_api.model.names import Label
 from robotapp_scheduler.core.api.structs import Slim, SlimValue
 from robotapp_scheduler.core.api.volume_source import Volume, deciding
 
 Labels = dict[str, str]
 Quantity = str | int | float
 Resources = dict[str, Quantity]
+
+# Well-known labels with zone and region of nodes and volumes, which upstream defines in core/v1, too.
+ZONE: Final = str(Label.ZONE)
+REGION: Final = "topology.kubernetes.io/region"
+OLD_ZONE: Final = "failure-domain.beta.kubernetes.io/zone"
+OLD_REGION: Final = "failure-domain.beta.kubernetes.io/region"
+TODAY: Final = {OLD_ZONE: ZONE, OLD_REGION: REGION, ZONE: ZONE, REGION: REGION}
+"""Each label → today's name of it."""
+SEPARATOR: Final = "__"
+"""Separates the zones in the label of a volume that is in several."""
 
 
 class OwnerReference(Slim):

@@ -11,8 +11,16 @@ from urllib.parse import urlsplit
 
 from msgspec.structs import replace
 
-from robotapp_scheduler.core.api.core_v1 import NodeSelector, NodeSelectorTerm, Requirement
-from robotapp_scheduler.core.api.topology_labels import OLD_REGION, OLD_ZONE, REGION, SEPARATOR, ZONE
+from robotapp_scheduler.core.api.core_v1 import (
+    OLD_REGION,
+    OLD_ZONE,
+    REGION,
+    SEPARATOR,
+    ZONE,
+    NodeSelector,
+    NodeSelectorTerm,
+    Requirement,
+)
 from robotapp_scheduler.core.api.volume_source import AwsDisk, AzureDisk, GceDisk, NamedVolume
 
 UNSPECIFIED: Final = "UNSPECIFIED"

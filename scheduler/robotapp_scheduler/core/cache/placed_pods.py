@@ -13,8 +13,7 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.api.topology_labels import REGION, ZONE
+from robotapp_scheduler.core.api.core_v1 import REGION, ZONE, Pod
 from robotapp_scheduler.core.nodes.columns import IntArray, LabelColumns, ResourceColumns, sane
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods.interning import Interner

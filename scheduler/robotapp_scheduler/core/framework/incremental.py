@@ -48,7 +48,7 @@ Relevant = Callable[[PodInfo, Snapshot], bool]
 # --- Dependency hints: which pods and which changes matter ------------------------------------------------------------
 
 Narrows = Callable[[PodInfo], bool]
-"""`narrows(pod)`, with `pre_filter`: False = no opinion about such pods. Without it: `pre_filter` for every pod.
+"""`narrows(pod)`, with `pre_filter`: False = it neither narrows nor rejects such pods. Without it: `pre_filter` for every pod.
 
 It must follow from spec and labels, and from whether the pod has ROS fields (`pod.ros is None`).
 """

@@ -24,7 +24,7 @@ Hooks, in the order of a cycle:
 `queue_key(pod, queued_s) -> tuple`          order of the active queue; exactly one plugin
 `pre_filter(pod, nodes) -> PreFilter | None` narrow the nodes by name, or reject the pod at once
 `filter(pod, nodes) -> FilterResult`         bool per node, True = may run there; just True = everywhere, for now; a Verdict
-                                             has reasons per node; None = no opinion about this pod (Skip; must follow
+                                             has reasons per node; None = Skip (the filter does not apply to this pod; must follow
                                              from `reads` alone)
 `post_filter(pod, failure) -> Outcome`       no node was left: what may be done about it (core.preemption.preemption)
 `score(pod, nodes) -> ScoreResult`           number per node (PerDomain: per value of a label), higher is better; one number =
@@ -35,7 +35,7 @@ Hooks, in the order of a cycle:
                                              Pending without back-off, Error is retried after back-off
 `bind(pod, node, ctx) -> Status | BindOutcome | None`
                                              sends the Binding, through `ctx.handle.pods` or its own way, plain or
-                                             `async`. None = bound; Skip = the next bind plugin of the profile is asked
+                                             `async`. None = bound; Skip = the next bind plugin of the profile is called
 `unreserve(pod, node, ctx)`                  after `reserve`, when the pod is not bound there; may come twice
 `post_bind(pod, node, ctx)`                  after the bind
 `hint(pod, event) -> bool`                   may this event help a pod the plugin rejected? `event` (core.events.cluster_event.Event)

@@ -41,11 +41,11 @@ class DefaultPreemption:
         self._old_words = not is_new(args.compat_version)
 
     def post_filter(self, pod: PodInfo, failure: Failure) -> Outcome:  # noqa: ARG002 - the contract's signature
-        """Which node the pod should wait for and who must go from it."""
+        """The node that the pod is nominated for, and the victims there."""
         found = preempt(failure, self._limit)
         if not self._old_words:
             return found
-        # What DynamicResources said before it; nothing at all was said once a node was found.
+        # The text of DynamicResources' post_filter comes first; there is none when a node was found.
         return found._replace(text="" if found.plan is not None else f"no new claims to deallocate, {found.text}")
 
     def _limit(self, nodes: int) -> int:

@@ -34,7 +34,7 @@ class HardwareAffinityFilter:
         return pod.member is not None and pod.member.app_uid == (event.new or event.old).metadata.uid
 
     def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
-        """True where every requirement and device is there; no opinion without any."""
+        """True where every required feature and device is present; Skip for a pod without requirements."""
         if pod.ros is None or not (pod.ros.hardware or pod.ros.devices):
             return None
         mask = np.ones(nodes.n, dtype=np.bool_)

@@ -26,7 +26,7 @@ class AllowedNamespaces:
     resolvable = False
 
     def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
-        """False on nodes of robots that admit other namespaces only; no opinion for a pod without ROS fields."""
+        """False on nodes of robots that admit other namespaces only; Skip for a pod without ROS fields."""
         if pod.ros is None:
             return None
         closed = nodes.cluster.nodes.tenants.closed_to(pod.ros.tenant)

@@ -33,7 +33,7 @@ class TopologyScore:
             raise ValueError("masterNodeWeight: not in valid range [0-100]")
 
     def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
-        """The cost per node; no opinion for a pod without ROS fields."""
+        """The cost per node; Skip for a pod without ROS fields."""
         if pod.ros is None:
             return None
         if not (pod.ros.zones or pod.ros.master_node):

@@ -31,7 +31,7 @@ class ClaimWaits:
         """Pods that were rejected for a device that is granted to another pod but has no claim yet: by uid."""
 
     def __repr__(self) -> str:
-        return f"<ClaimWaits, {len(self._unnamed)} pods are to be told a holder>"
+        return f"<ClaimWaits, {len(self._unnamed)} pods wait for the name of a holder>"
 
     def holds_back(self, queued: QueuedPodInfo) -> bool:
         """Queue a pod again, without looking for a node, when it was rejected for a domain or device and no domain is free.

@@ -7,9 +7,9 @@ import pytest
 from tests.support.volume_worlds import Json, world
 from tests.support.volumes import make_csi_node
 
+from robotapp_scheduler.core.api.core_v1 import OLD_REGION, OLD_ZONE, REGION, ZONE
 from robotapp_scheduler.core.api.csi_migration import handle_of, kind_of
 from robotapp_scheduler.core.api.storage_v1 import CSINode, PersistentVolume
-from robotapp_scheduler.core.api.topology_labels import OLD_REGION, OLD_ZONE, REGION, ZONE
 
 EBS = "topology.ebs.csi.aws.com/zone"
 AWS = {"awsElasticBlockStore": {"volumeID": "vol-1"}}

@@ -3,7 +3,7 @@
 import pytest
 from tests.support.scheduling import make_cluster, make_info, make_node, make_pod
 
-from robotapp_scheduler.core.api.topology_labels import REGION, ZONE
+from robotapp_scheduler.core.api.core_v1 import REGION, ZONE
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change
 

@@ -20,7 +20,7 @@ class NodeName:
     resolvable = False
 
     def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
-        """True on the named node; no opinion without a name."""
+        """True on the named node; Skip for a pod without a node name."""
         wanted = pod.pod.spec.node_name
         if not wanted:
             return None

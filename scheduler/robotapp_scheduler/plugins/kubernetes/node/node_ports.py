@@ -21,7 +21,7 @@ class NodePorts:
     resolvable = True
 
     def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
-        """True where none of the pod's host ports is in use; no opinion for a pod without any."""
+        """True where none of the pod's host ports is in use; Skip for a pod without any."""
         if not pod.host_ports:
             return None
         free = nodes.cluster.ports.free(pod.host_ports, nodes.cluster.nodes.size)

@@ -26,7 +26,7 @@ class NodeUnschedulable:
     resolvable = False
 
     def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
-        """True where the node is not cordoned; no opinion when the pod tolerates cordoning."""
+        """True where the node is not cordoned; Skip for a pod that tolerates cordoning."""
         if _tolerated(pod):
             return None
         return np.logical_not(nodes.unschedulable)

@@ -57,7 +57,7 @@ class NodeResourcesBalancedAllocation:
         self._change = is_new(args.compat_version)
 
     def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
-        """50…100, 75 where the pod changes nothing (1.37); no opinion when it asks for none of the resources."""
+        """50…100, 75 where the pod changes nothing (1.37); Skip for a pod that requests none of the resources."""
         state = self._state(pod)
         if state is None:
             return None
@@ -91,7 +91,7 @@ class NodeResourcesBalancedAllocation:
         return 50 + (50 + balance - _balance_row(there, state.nothing)) // 2 if self._change else balance
 
     def _state(self, pod: PodInfo) -> "_PreScoreState | None":
-        """None when the pod asks for none of the resources."""
+        """None when the pod requests none of the resources."""
         notes = pod.signature.notes
         if self not in notes:
             wanted = pod.requests.exact

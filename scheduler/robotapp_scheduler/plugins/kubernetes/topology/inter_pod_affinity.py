@@ -229,7 +229,7 @@ def _away(affinity: Affinity | None) -> tuple[PodAffinityTerm, ...]:
 
 
 def _may_mean(term: Term, pod: PodInfo | PlacedPod) -> bool:
-    """Does the term mean the pod, if its namespace has the labels it asks for?"""
+    """Whether the term matches the pod, provided that the labels of the pod's namespace match."""
     return term.may_concern(pod.namespace, pod.labels)
 
 

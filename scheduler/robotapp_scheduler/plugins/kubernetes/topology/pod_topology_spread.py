@@ -31,7 +31,7 @@ from robotapp_scheduler.plugins.kubernetes.topology.spread_constraints import (
 )
 
 SYSTEM: Final = ("System", "")
-"""Ways to ask for the system's default constraints."""
+"""Values of `defaultingType` that stand for the system's default constraints."""
 UNEVEN: Final = "node(s) didn't match pod topology spread constraints"
 REASONS: Final = ((UNEVEN,), (UNEVEN,), (f"{UNEVEN} (missing required label)",))
 RESOLVABLE: Final = (True, True, False)
@@ -338,7 +338,7 @@ def _domains(node: Node | None, constraints: Sequence[Constraint]) -> list[str] 
 
 
 def _problems(args: SpreadArgs) -> list[str]:
-    """What upstream's validation would say."""
+    """The problems that upstream's validation reports."""
     found = []
     if args.defaulting_type not in (*SYSTEM, "List"):
         found.append(f'defaultingType: Unsupported value: "{args.defaulting_type}": supported values: "System", "List"')

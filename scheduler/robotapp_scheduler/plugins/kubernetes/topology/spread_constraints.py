@@ -8,8 +8,7 @@ import numpy as np
 
 from robotapp_api.model.names import Label
 from robotapp_api.values.selector import Expression, label_requirements, matches_requirements
-from robotapp_scheduler.core.api.core_v1 import Pod, TopologySpreadConstraint
-from robotapp_scheduler.core.api.topology_labels import ZONE
+from robotapp_scheduler.core.api.core_v1 import ZONE, Pod, TopologySpreadConstraint
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.framework.interface import PluginError
 from robotapp_scheduler.core.nodes.columns import BoolArray

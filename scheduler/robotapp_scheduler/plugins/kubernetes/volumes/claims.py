@@ -16,7 +16,7 @@ class Sorted(NamedTuple):
     delayed: tuple[Claim, ...]
     """Unbound, of a class that waits for the first consumer."""
     immediate: tuple[Claim, ...]
-    """Unbound, and nobody but the volume controller will bind them."""
+    """Unbound; the volume controller binds them, not the scheduler."""
 
 
 def unresolvable(text: str) -> PreFilter:

@@ -15,7 +15,7 @@ def of_pod(event: Event) -> bool:
 
 
 def names_claim(pod: PodInfo, event: Event, *, ephemeral: bool) -> bool:
-    """Does the pod use the claim of the event? Ephemeral volumes count where asked for."""
+    """Whether the pod uses the claim of the event. Ephemeral volumes count where the caller wants them."""
     claim = event.new if event.new is not None else event.old
     if pod.volumes is None or claim.metadata.namespace != pod.namespace:
         return False

@@ -81,7 +81,7 @@ class VolumeBinding:
         return unresolvable(text) if text else None
 
     def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
-        """True where every claim has its volume in reach or could get one; no opinion without claims."""
+        """True where every claim's volume can be used or could be bound or made; Skip for a pod without claims."""
         if pod.volumes is None or not pod.volumes.claims:
             return None
         bits = self._match(pod, nodes).bits
@@ -121,7 +121,7 @@ class VolumeBinding:
         return Status(Code.ERROR, trouble) if trouble else None
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
-        """New volumes and nodes may help everybody, a claim only those that use it, more room whoever lacks some."""
+        """New volumes and nodes may help every pod, a claim those that use it, more capacity those that lack some."""
         old, new = event.old, event.new
         if of_pod(event):
             return bool(event.change & Change.PV)  # a forgotten pod gave a volume back

@@ -34,7 +34,7 @@ class VolumeRestrictions:
         return pod.volumes is not None
 
     def pre_filter(self, pod: PodInfo, nodes: Snapshot) -> PreFilter | None:
-        """Refuses a pod that names a claim nobody has made."""
+        """Rejects a pod that names a claim which does not exist."""
         if not self.narrows(pod):
             return None
         lacking = next((name for name, claim in named_claims(pod, nodes.cluster.volumes) if claim is None), None)

@@ -4,9 +4,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from robotapp_scheduler.core.api.core_v1 import Requirement
+from robotapp_scheduler.core.api.core_v1 import SEPARATOR, TODAY, Requirement
 from robotapp_scheduler.core.api.storage_v1 import Claim, PersistentVolume
-from robotapp_scheduler.core.api.topology_labels import SEPARATOR, TODAY
 from robotapp_scheduler.core.cache.snapshot import LabelColumn, Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult, PreFilter
