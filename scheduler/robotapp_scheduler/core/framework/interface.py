@@ -214,7 +214,17 @@ class BindContext:
     `grants` are the devices and `volumes` the plan that were chosen with the node.
     """
 
-    __slots__ = ("annotations", "grants", "handle", "kept", "refused", "reserved", "sent", "volumes")
+    __slots__ = (
+        "annotations",
+        "annotations_read",
+        "grants",
+        "handle",
+        "kept",
+        "refused",
+        "reserved",
+        "sent",
+        "volumes",
+    )
 
     def __init__(
         self, handle: Handle, *, grants: Sequence[DeviceGrant] = (), volumes: VolumePlan | None = None
@@ -223,6 +233,8 @@ class BindContext:
         self.grants = grants
         self.volumes = volumes
         self.annotations: dict[str, str] = {}
+        self.annotations_read = False
+        """Whether a bind hook has read `binding_annotations`, without which it cannot hand the grants over."""
         self.kept: dict[str, object] = {}
         self.reserved = READY
         """The result of ROSReserve: grants for the Binding, and the version of the pod that is its precondition."""
@@ -237,4 +249,5 @@ class BindContext:
     @property
     def binding_annotations(self) -> dict[str, str]:
         """All annotations of the Binding: those of the plugins and the grants."""
+        self.annotations_read = True
         return {**self.annotations, **self.reserved.annotations}

@@ -167,6 +167,12 @@ class ExtensionPoints:
             began_s = self._timer.begin("Bind")
         answer = await self._bind()
         bound = isinstance(answer, BindOutcome) and answer.result is BindResult.BOUND
+        if bound and self.context.reserved.annotations and not self.context.annotations_read:
+            log.error(
+                "plugin %s bound %s without its grants (%s), so other pods may be granted the same: a bind hook has to send "
+                "ctx.binding_annotations",
+                *(self.binder, self._pod.key, ", ".join(sorted(self.context.reserved.annotations))),
+            )
         code = Code.SUCCESS if bound else Code.ERROR
         self._timer.end("Bind", self._pod.scheduler_name, began_s, code=code)
         return answer

@@ -7,7 +7,7 @@ import pytest
 from tests.support.placing import Rig
 
 from robotapp_api.model.names import Annotation, PodReason
-from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult
+from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult, Readiness, Reserved
 from robotapp_scheduler.core.framework.interface import Code, Status
 from robotapp_scheduler.plugins.ros.bind import DefaultBinder, ROSBind
 
@@ -109,6 +109,25 @@ async def test_a_bind_that_skips_the_pod_cannot_have_the_next_one_send_a_grant_o
         PodReason.SCHEDULER_ERROR,
         "annotations granted.robotics.io/dds-domain are written by the scheduler alone",
     )
+
+
+@pytest.mark.parametrize("sends", [True, False])
+async def test_a_bind_that_leaves_the_grants_of_a_pod_out_is_named_in_the_log(
+    caplog: pytest.LogCaptureFixture, sends: bool
+) -> None:
+    """The sweep takes back what a bound pod was not granted, while the pod may use it."""
+
+    async def binds(_pod: Any, _node: str, ctx: Any) -> None:
+        if sends:
+            dict(ctx.binding_annotations)
+
+    rig = Rig(plugins={"Theirs": binding(binds)})
+    rig.io.reservations.append(Reserved(Readiness.READY, annotations={Annotation.GRANTED_DOMAIN: "7"}))
+    rig.show(wishes=True)
+    await rig.turn()
+    assert rig.said.lines[-1][0] == "scheduled"
+    text = "plugin Theirs bound a/p without its grants (granted.robotics.io/dds-domain)"
+    assert (text in caplog.text) is not sends
 
 
 async def test_a_third_party_that_bound_the_pod_need_not_name_the_node() -> None:
