@@ -7,6 +7,7 @@ A pod whose bind failed is queued again in its newest version, after back-off.
 import logging
 from collections.abc import Callable, Mapping
 from functools import partial
+from typing import NamedTuple
 
 from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
@@ -34,6 +35,13 @@ VERSION_TRIES = 3
 """Tries to bind a pod with grants that changed after it was read: each try reads it again, without back-off."""
 
 CHANGING = "the pod, or the node chosen for it, changed at every try"
+
+
+class Sent(NamedTuple):
+    """A Binding that left without a task that waits: when its point began, and the profile that sent it. Another may be in use since."""
+
+    began_s: float | None
+    profile: Profile
 
 
 class BindingCycle:
@@ -119,42 +127,43 @@ class BindingCycle:
     def _profile(self, pod: PodInfo) -> Profile:
         return self._core.engine(pod.scheduler_name).profile
 
-    def send(self, decision: ScheduleResult, done: Callable[[float | None, Exception | None], None]) -> None:
-        """Send the Binding of a plain decision. `done` gets the time at which it began, and the error or None; the caller
-        then calls `sent`, or awaits `retry` with the error.
+    def send(self, decision: ScheduleResult, done: Callable[[Sent, Exception | None], None]) -> None:
+        """Send the Binding of a plain decision. `done` gets what was sent, and the error or None; the caller then calls
+        `sent`, or awaits `retry` with the error.
         """
-        send = self._profile(decision.pod).send
-        if send is None:  # pragma: no cover - only plain decisions are sent
+        profile = self._profile(decision.pod)
+        if profile.send is None:  # pragma: no cover - only plain decisions are sent
             raise ValueError(f"{decision!r} is not plain")
-        began_s = self._timer.begin("Bind")
-        send(decision.pod, str(decision.node), BindContext(self._handle), partial(done, began_s))
+        sent = Sent(self._timer.begin("Bind"), profile)
+        profile.send(decision.pod, str(decision.node), BindContext(self._handle), partial(done, sent))
 
-    def sent(self, decision: ScheduleResult, *, started_s: float, began_s: float | None) -> None:
+    def sent(self, decision: ScheduleResult, sent: Sent, *, started_s: float) -> None:
         """The Binding of `send` was accepted."""
-        self._timer.end("Bind", decision.pod.scheduler_name, began_s)
+        self._timer.end("Bind", decision.pod.scheduler_name, sent.began_s)
         self._bound(decision, str(decision.node), started_s)
 
-    async def retry(
-        self, decision: ScheduleResult, refused: Exception, *, started_s: float, began_s: float | None
-    ) -> None:
-        """The Binding of `send` failed, or its outcome is unknown: go on as after the first try of `place`."""
-        steps = self._steps(decision)
+    async def retry(self, decision: ScheduleResult, sent: Sent, refused: Exception, *, started_s: float) -> None:
+        """The Binding of `send` failed, or its outcome is unknown: go on as after the first try of `place`.
+
+        The profile that sent it does so: a bind plugin of a newer one would bind again what may be bound.
+        """
+        steps = self._steps(decision, sent.profile)
         steps.context.refused = refused
-        outcome = await steps.bind(str(decision.node), began_s=began_s)
+        outcome = await steps.bind(str(decision.node), began_s=sent.began_s)
         self._settle(decision, steps, outcome, started_s)
 
-    def _steps(self, decision: ScheduleResult) -> ExtensionPoints:
-        profile = self._profile(decision.pod)
+    def _steps(self, decision: ScheduleResult, profile: Profile) -> ExtensionPoints:
         return ExtensionPoints(profile, decision.pod, self._timer, self._reporter.write_nomination, handle=self._handle)
 
     async def place(self, decision: ScheduleResult, *, started_s: float) -> None:
         """Bind one assumed pod to its node, or queue it again. The attempt began at `started_s`."""
-        unfit = self._profile(decision.pod).unfit_for_apps if decision.pod.member is not None else ""
+        profile = self._profile(decision.pod)
+        unfit = profile.unfit_for_apps if decision.pod.member is not None else ""
         if unfit:  # another configuration came after the decision
             rejection = Rejection(frozenset({UNFIT_PROFILE}))
             self._reject(decision, Refused(rejection, PodReason.UNSCHEDULABLE, unfit), started_s)
             return
-        async with self._steps(decision) as steps:
+        async with self._steps(decision, profile) as steps:
             found = await self._run_and_bind(decision, steps, started_s)
             if found is None:
                 return

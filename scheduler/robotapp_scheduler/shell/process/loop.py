@@ -17,7 +17,7 @@ from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
-from robotapp_scheduler.shell.binding.binding_cycle import BindingCycle
+from robotapp_scheduler.shell.binding.binding_cycle import BindingCycle, Sent
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.planner.planner import Planner
 from robotapp_scheduler.shell.process.response_batching import ResponseBatching
@@ -203,22 +203,20 @@ class SchedulerLoop:
             self._abandon(decision)
             self._send_ended()
 
-    def _sent_done(
-        self, decision: ScheduleResult, started_s: float, began_s: float | None, error: Exception | None
-    ) -> None:
+    def _sent_done(self, decision: ScheduleResult, started_s: float, sent: Sent, error: Exception | None) -> None:
         if error is not None:
-            self._follow(self._retry(decision, error, started_s, began_s))
+            self._follow(self._retry(decision, sent, error, started_s))
             return
         try:
-            self._binding_cycle.sent(decision, started_s=started_s, began_s=began_s)
+            self._binding_cycle.sent(decision, sent, started_s=started_s)
         except Exception:  # as above
             log.exception("placing %s failed", decision.pod.key)
             self._abandon(decision)
         self._send_ended()
 
-    async def _retry(self, decision: ScheduleResult, error: Exception, started_s: float, began_s: float | None) -> None:
+    async def _retry(self, decision: ScheduleResult, sent: Sent, error: Exception, started_s: float) -> None:
         try:
-            await self._binding_cycle.retry(decision, error, started_s=started_s, began_s=began_s)
+            await self._binding_cycle.retry(decision, sent, error, started_s=started_s)
         except Exception:  # as above
             log.exception("placing %s failed", decision.pod.key)
             self._abandon(decision)

@@ -111,6 +111,18 @@ async def test_a_bind_that_skips_the_pod_cannot_have_the_next_one_send_a_grant_o
     )
 
 
+async def test_a_binding_that_may_have_been_applied_is_followed_up_by_the_plugin_that_sent_it() -> None:
+    """Another configuration came since. Its plugin would bind a pod that may be bound, and fail."""
+    rig, other = Rig(), Rig(plugins={"Theirs": binding(Status(Code.ERROR, "already bound"))})
+    rig.io.binds.append(BindOutcome(BindResult.BOUND, node="n1"))
+    rig.show()
+    rig.loop._decide(rig.core.queue.pop())
+    rig.core.use({"ours": other.core.engine("ours").profile})
+    await rig.loop.drain(1.0)
+    assert [line[0] for line in rig.said.lines] == ["scheduled"]
+    assert (list(rig.core.cluster.placed), len(rig.core.queue)) == (["uid-p"], 0)
+
+
 @pytest.mark.parametrize("sends", [True, False])
 async def test_a_bind_that_leaves_the_grants_of_a_pod_out_is_named_in_the_log(
     caplog: pytest.LogCaptureFixture, sends: bool
