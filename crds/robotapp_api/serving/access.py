@@ -1,12 +1,12 @@
-"""Who asks our port, and what they may see: the API server decides both.
+"""Authenticates and authorises callers of a process' port; the API server decides both.
 
 A caller is known by a bearer token (TokenReview) or by a client certificate that the TLS layer has checked against the
 API server's own authority; then the common name is the user and the organisations are the groups, as everywhere in
 Kubernetes. An explanation shows pods and node names, so it takes the right to get pods in that namespace; node names are
-shown only to users who may get nodes (SubjectAccessReview). Answers are remembered for a few seconds.
+shown only to users who may get nodes (SubjectAccessReview). Decisions are kept for a few seconds.
 
-Whoever reaches the port can make us ask, so how often is limited: strangers per address and all together, callers the
-API server has confirmed each for themselves, whatever strangers do. Give it a client with few connections of its own.
+Every request to the port may cause requests to the API server, so their rate is limited: for strangers per address and in
+total, for callers that the API server has confirmed per user, whatever strangers do. Use a client with few connections of its own.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ ACCESS_REVIEWS = Resource("authorization.k8s.io", "v1", "subjectaccessreviews", 
 REMEMBER_S = 10.0
 CACHE_LIMIT = 1000
 TRUSTED_S = 600.0
-"""How long a caller that was confirmed is no stranger."""
+"""How long a caller counts as confirmed, not as a stranger."""
 STRANGERS_PER_S, STRANGERS_AT_ONCE = 20.0, 40
 ADDRESS_PER_S, ADDRESS_AT_ONCE = 5.0, 20
 CALLER_PER_S, CALLER_AT_ONCE = 10.0, 40
@@ -35,7 +35,7 @@ _V = TypeVar("_V")
 
 
 class TooManyError(Exception):
-    """The caller asks too often; `retry_s` is when it may ask again."""
+    """The caller sent too many requests; it may try again after `retry_s`."""
 
     def __init__(self, text: str, retry_s: float) -> None:
         super().__init__(text)
@@ -63,16 +63,16 @@ class User:
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """What a request brings: a token, or the subject of a certificate the TLS layer accepted."""
+    """The credentials of a request: a token, or the subject of a certificate that the TLS layer accepted."""
 
     token: str = ""
     user: User | None = None
     address: str = field(default="", compare=False)
-    """Where it asks from."""
+    """Its network address."""
 
     @property
     def key(self) -> str:
-        """The same for the same identity; tokens are not kept."""
+        """A key of the identity. Tokens are hashed, so that none is kept."""
         if self.user is not None:
             return f"user {self.user.name} {' '.join(self.user.groups)}"
         return hashlib.sha256(self.token.encode()).hexdigest()
@@ -85,7 +85,7 @@ class _Answer:
 
 
 class _Kept(dict[_K, _V], Generic[_K, _V]):
-    """What was kept longest makes room: no flood of one kind of keys empties it at once."""
+    """A bounded dictionary that drops its oldest entry, so that many new keys do not empty it at once."""
 
     def keep(self, key: _K, value: _V) -> None:
         self.pop(key, None)
@@ -95,8 +95,8 @@ class _Kept(dict[_K, _V], Generic[_K, _V]):
 
 
 class Gatekeeper:
-    """Decides per (caller, question). Raises `ClientError` when the API server cannot be asked, `TooManyError` when the
-    caller asks too often.
+    """Decides per (caller, question). Raises `ClientError` when the API server cannot be reached, `TooManyError` when the
+    caller sends too many requests.
     """
 
     def __init__(self, client: ApiClient, *, clock: Callable[[], float] = time.monotonic) -> None:
@@ -104,9 +104,9 @@ class Gatekeeper:
         self._clock = clock
         self._answers: _Kept[tuple[str, tuple[str, ...]], _Answer] = _Kept()
         self._unknown: _Kept[str, float] = _Kept()
-        """Tokens that are none, and until when we need not ask again."""
+        """Tokens that are not valid, and until when they are not reviewed again."""
         self._trusted: _Kept[str, tuple[str, float]] = _Kept()
-        """Callers that were confirmed: as which user, and until when they are no strangers."""
+        """Confirmed callers: the user, and until when they count as confirmed."""
         self._all = Buckets(per_s=STRANGERS_PER_S, burst=STRANGERS_AT_ONCE, clock=clock)
         self._addresses = Buckets(per_s=ADDRESS_PER_S, burst=ADDRESS_AT_ONCE, clock=clock)
         self._callers = Buckets(per_s=CALLER_PER_S, burst=CALLER_AT_ONCE, clock=clock)
@@ -161,7 +161,7 @@ class Gatekeeper:
         return access
 
     def _take_turn(self, caller: Caller, now_s: float) -> None:
-        """Raises TooManyError. A certificate was checked by the TLS layer: nobody is a stranger with one."""
+        """Raises TooManyError. A caller with a certificate is no stranger, because the TLS layer has checked it."""
         name, until_s = self._trusted.get(caller.key, ("", 0.0))
         if caller.user is not None or until_s > now_s:
             wait_s = self._callers.wait_s(caller.user.name if caller.user else name)

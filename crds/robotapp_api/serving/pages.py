@@ -1,4 +1,4 @@
-"""Pages that are not for everybody: who asks is settled first, then what they may see; every refusal says what would help."""
+"""Pages that need rights: first the caller is authenticated, then authorised; every refusal names what would help."""
 
 import math
 from collections.abc import Awaitable
@@ -17,13 +17,13 @@ A_ROLE_THAT_MAY: Final = (
 
 
 class PathGate(Protocol):
-    """Says whether a caller may use a path that belongs to no namespace; see `access.Gatekeeper`."""
+    """Decides whether a caller may use a path that belongs to no namespace; see `access.Gatekeeper`."""
 
     async def path(self, caller: Caller, verb: str, path: str) -> Access: ...
 
 
 async def refused(gate: PathGate, request: web.Request, verb: str, path: str) -> web.Response | None:
-    """Why the caller may not use this path of ours; None when it may."""
+    """The response to a caller who may not use this path; None for one who may."""
     access = await asked(gate.path(caller(request), verb, path))
     if not isinstance(access, Access):
         return access
@@ -33,13 +33,13 @@ async def refused(gate: PathGate, request: web.Request, verb: str, path: str) ->
 
 
 def unknown_caller(request: web.Request) -> web.Response:
-    """What a caller nobody knows is told: that its token is not taken, or that it brought nothing at all."""
+    """The response to a caller without credentials, or with a token that is not valid."""
     stale = "the token is none of this cluster, or has expired; " if caller(request).token else ""
     return problem(401, stale + WHO_ARE_YOU)
 
 
 def list_pages(app: web.Application) -> None:
-    """From now on a path nobody serves is answered with those that are, in place of a bare 404."""
+    """Make the 404 of unknown paths list the paths that are served."""
     pages = ", ".join(sorted({resource.canonical for resource in app.router.resources()}))
 
     async def nothing_here(request: web.Request) -> web.Response:
@@ -49,7 +49,7 @@ def list_pages(app: web.Application) -> None:
 
 
 async def asked(answer: Awaitable[Access]) -> Access | web.Response:
-    """What the gate says, or the answer to a caller it cannot be asked about."""
+    """The gate's decision, or a response when it cannot decide (the API server is away, too many requests)."""
     try:
         return await answer
     except ClientError as error:

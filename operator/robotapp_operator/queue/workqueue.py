@@ -1,10 +1,9 @@
 """The work queue: every key at most once at a time, earliest due first, fair between groups.
 
-A key that is added again while it is being worked on runs once more afterwards. A key that fails waits
-1 s, 2 s, 4 s … up to a minute, other keys do not notice, and events it may have caused itself do not shorten the wait;
-news from outside (`hurry`, `forgive`) end it. Among due keys the lanes (an app's keys of one kind)
-take turns, so an app with a thousand instances delays neither its neighbour nor its own status. Background work is
-returned by `get(background=True)` alone.
+A key that is added again while it is being worked on runs once more afterwards. A key that fails waits 1 s, 2 s, 4 s … up to a
+minute. Other keys go on meanwhile, and events that the key may have caused itself do not shorten the wait; events from outside
+end it (`hurry`, `end_back_off`). Among due keys the lanes (an app's keys of one kind) take turns, so an app with a thousand
+instances delays neither its neighbour nor its own status. Only `get(background=True)` returns background work.
 """
 
 import asyncio
@@ -55,7 +54,7 @@ class Queue:
         self._rest_until: dict[Key, float] = {}
         self._back_off_until: dict[Key, float] = {}
         self._hurried: set[Key] = set()
-        """Keys that got news while they were being worked on."""
+        """Keys for which `hurry` or `end_back_off` was called while they were being worked on."""
         self._failures: dict[Key, int] = {}
         self._changed = asyncio.Event()
         self._closed = False
@@ -83,12 +82,12 @@ class Queue:
 
     @property
     def crowded(self) -> bool:
-        """Is there foreground work that no worker has taken yet?"""
+        """Whether foreground work waits for a worker."""
         self._promote()
         return bool(self._ready[False])
 
     def add(self, key: Key, *, delay_s: float = 0.0) -> None:
-        """Ask for `key` in `delay_s`, or when it has rested; an earlier request stands, a later one is forgotten."""
+        """Make `key` due in `delay_s`, or after its rest; when it is due earlier already, nothing changes."""
         self.adds += 1
         due = max(self._clock() + delay_s, self._rest_until.get(key, 0.0), self._back_off_until.get(key, 0.0))
         if key in self._active:
@@ -100,14 +99,16 @@ class Queue:
             self._changed.set()
 
     def hurry(self, key: Key) -> None:
-        """Ask for `key` now because of something it did not cause: what failed may work. A failure in progress counts too."""
+        """Make `key` due now because of an event that it did not cause, so that a retry may work. Ends its back-off, also that
+        of a try that is under way.
+        """
         self._back_off_until.pop(key, None)
         if key in self._active:
             self._hurried.add(key)
         self.add(key)
 
-    def forgive(self, group: str) -> None:
-        """End the back-off of a group's keys: what failed may work now. No key is added."""
+    def end_back_off(self, group: str) -> None:
+        """End the back-off of a group's keys, because a retry may work now. No key is added."""
         for key in [key for key in self._back_off_until if key.group == group]:
             del self._back_off_until[key]
             self._failures.pop(key, None)
@@ -158,8 +159,8 @@ class Queue:
     def forget(self, group: str) -> None:
         """Drop back-off and rest of a group that does not exist.
 
-        What is still to be worked on keeps them until it is done: pods that belong to an app only by their labels are looked
-        after too (orphans), and would be so without a pause.
+        Keys that are due or being worked on keep theirs until they are done: pods that belong to an app by their labels alone
+        (orphans) have keys, too, which would otherwise be tried without a pause.
         """
         waiting = self._due.keys() | self._ready_keys | self._active
         for table in (self._failures, self._rest_until, self._back_off_until):

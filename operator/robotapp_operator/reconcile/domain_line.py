@@ -1,7 +1,7 @@
-"""Whose turn it is when a domain id may be free: as many as there are ids, one after the other.
+"""The order in which instances without a domain try to get one: as many at a time as ids are free.
 
-Of five hundred that wait for a full pool one can win an id that comes free; if all tried, each id that changes hands would
-cost the API server thousands of requests.
+Of five hundred instances that wait for a full pool one can get an id that becomes free; if all tried, each such id would cost
+the API server thousands of requests.
 """
 
 from collections.abc import Iterator
@@ -17,19 +17,19 @@ Waiting = tuple[str, str]
 
 
 class Line:
-    """Decides on the caches: who is asked in vain loses nothing but its turn, and the next in line is asked soon."""
+    """Decides by the caches. An instance that was chosen in vain only loses its turn, and the next one is chosen soon."""
 
     def __init__(self, cache: Cache, memory: ReconcileState) -> None:
         self._cache = cache
         self._memory = memory
         self._order: dict[str, list[Waiting]] = {}
-        """By pool: who is asked next. Who was asked, or comes back after a while, stands behind all others."""
+        """By pool: the instances in their order. One that was chosen, or waits again after a while, goes to the end."""
 
     def __repr__(self) -> str:
         return f"<Line of {len(self._memory.without_domain())}>"
 
     def next(self, pool: str) -> tuple[list[Waiting], bool]:
-        """Who shall try now, and whether others wait on although ids are free."""
+        """The instances that try now, and whether others go on waiting although ids are free."""
         in_line, others = list[Waiting](), list[Waiting]()
         for uid, robot, app in self._waiting(pool):
             (in_line if self._takes_any(app, uid, robot) else others).append((uid, robot))
@@ -47,7 +47,7 @@ class Line:
                 yield uid, robot, app
 
     def _takes_any(self, app: App, uid: str, robot: str) -> bool:
-        """Whether it waits for nothing but a free id. Those who were refused for another reason are asked each time."""
+        """Whether the instance waits for nothing but a free id. Instances with another refusal try each time."""
         outcome = self._memory.outcome(uid, robot)
         exhausted = outcome is not None and outcome.reason is Reason.DOMAIN_EXHAUSTED
         shared = app.spec.ros2 is not None and app.spec.ros2.isolation != "Domain"

@@ -40,7 +40,7 @@ class FleetView:
         self._written[namespace] = pieces
 
     def forget(self) -> None:
-        """Compare with the server again next time: somebody may have edited or deleted a ConfigMap."""
+        """Compare with the stored ConfigMaps next time: a user may have edited or deleted one."""
         self._written.clear()
 
     def _assignments(self, namespace: str) -> list[Assignment]:

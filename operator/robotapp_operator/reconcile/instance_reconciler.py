@@ -112,9 +112,9 @@ class Children:
         return not result and not result.foreign
 
     def _waits_for_its_pool(self, uid: str, robot: str) -> bool:
-        """Whether it has nothing yet, and the caches show every id of its pool in other hands: then nothing is asked.
+        """Whether it has nothing yet, and by the caches every id of its pool is held by others: then no request is made.
 
-        A claim that goes, or a pool with more ids, brings it back; a quota, and all that other apps decide, is read fresh.
+        The deletion of a claim, or a pool with more ids, adds its key again. Quotas and other apps' specs are read with quorum.
         """
         record = self._cache.apps.get(uid)
         app = record.app if record is not None and not record.deleting else None
@@ -178,7 +178,7 @@ class Children:
         return await self._write(app, robot, self._plan(app, wanted, observed), fences)
 
     async def _stop_if_suspended(self, record: Record, robot: str) -> bool:
-        """The spec cannot be run, or not even be read: nothing is rendered, but a user who suspends the app is obeyed."""
+        """Stop the pods of a suspended app whose spec has problems or cannot be read; nothing else is rendered for it."""
         if record.suspended:
             for item in still_running(record.uid, await self._observe(record, robot)):
                 await stop(self._client, item)
@@ -288,7 +288,7 @@ class Children:
         return zones[0] if len(zones) == 1 else ""
 
     def _shared_uses(self, app: App) -> dict[int, int]:
-        """Deployments per domain id over all apps, for pools with shared ids; only who shares one pays for the look at all."""
+        """Deployments per domain id over all apps, for pools with shared ids; {} for apps that share none, to save the count."""
         if app.spec.ros2 is None or app.spec.ros2.isolation != "Discovery":
             return {}
         groups = (self._cache.deployments.of(uid) for uid in self._cache.apps)
@@ -297,7 +297,7 @@ class Children:
 
 
 def domain_request(app: App, instance: Instance, *, scope_value: str) -> DomainRequest:
-    """What the instance asks of its pool."""
+    """The instance's request for a domain."""
     ros2 = app.spec.ros2
     return DomainRequest(
         holder=holder_of_app(namespace=app.namespace, name=app.name, uid=app.uid, instance=instance.robot),

@@ -54,14 +54,14 @@ class InstanceMemory:
 
 @dataclasses.dataclass(slots=True)
 class AppMemory:
-    """Of one app; tables are by instance name unless said otherwise.
+    """What the operator remembers of one app. Tables are by instance name where nothing else is named.
 
     `outcomes`: the last answer to a request for a domain, granted or refused. `troubles`: what the server refused. `held`:
     the templates that are not written although they differ. `settled`: by a Deployment's uid, its generation and the hash it was found
     with. `new_domains`: ids granted since the last status. `bugs`: per kind of work and instance. `chosen`: which instances
     and which problems the app had when it was last planned. `shown` and `rest`: the latency figures that its own status is
     about. `bucket`: when that status may be written. `reported`: what its last status was made of.
-    `told`: this operator has rendered a status since its start.
+    `rendered`: this process has rendered a status of the app.
     """
 
     outcomes: dict[str, DomainOutcome] = dataclasses.field(default_factory=dict)
@@ -76,7 +76,7 @@ class AppMemory:
     rest: Rest = dataclasses.field(default_factory=Rest)
     bucket: Bucket = dataclasses.field(default_factory=Bucket)
     reported: tuple[object, ...] = ()
-    told: bool = False
+    rendered: bool = False
 
     def instance(self, name: str) -> InstanceMemory:
         return self.instances.setdefault(name, InstanceMemory())
@@ -96,7 +96,7 @@ class ReconcileState:
         return len(self._apps)
 
     def of(self, uid: str) -> AppMemory:
-        """The app's memory, begun if there is none."""
+        """The app's memory, a new one if there is none."""
         return self._apps[uid]
 
     def outcome(self, uid: str, robot: str) -> DomainOutcome | None:
@@ -104,7 +104,7 @@ class ReconcileState:
         return memory.outcomes.get(robot) if memory else None
 
     def without_domain(self) -> list[tuple[str, str]]:
-        """(uid, instance) of everything that has asked for a domain in vain."""
+        """(uid, instance) of all instances whose request for a domain was refused."""
         return [
             (uid, robot)
             for uid, memory in self._apps.items()

@@ -52,7 +52,7 @@ class Reporter:
         self._now = now
 
     async def report(self, uid: str) -> float | None:
-        """Bring the app's status up to date. A conflict or a missing app is settled by the next event.
+        """Bring the app's status up to date. After a conflict, or for a missing app, the next event tries again.
 
         Returns the seconds after which to look again although nothing has happened, None when that is not needed.
         """
@@ -68,12 +68,12 @@ class Reporter:
             return None
         observed = record.status.get("observedGeneration") == record.generation
         undecided = any(instance.undecided for instance in facts.instances)
-        if observed and not memory.told and not facts.problems and undecided:
+        if observed and not memory.rendered and not facts.problems and undecided:
             # After a restart the domain has not been requested yet: "waiting" now and the old refusal a moment later
-            # would be two writes and an event for nothing. A status of our own is brought up to date all the same:
-            # domains of a thousand instances take their time.
+            # would be two writes and an Event for nothing. A status that this process has rendered is brought up to date
+            # all the same: domains of a thousand instances take their time.
             return None
-        memory.told = True
+        memory.rendered = True
         facts = dataclasses.replace(facts, bug=memory.bug(), conflict=self._conflict_of(uid))
         now_s = self._clock()
         found = steady(facts, memory.shown, memory.rest, now_s=now_s)

@@ -25,7 +25,7 @@ def enqueue_status(queue: Queue, uid: str, instance: str, *, delay_s: float = 0.
 def enqueue_sharers(cache: Cache, queue: Queue, owner: AppKey) -> None:
     """The app, its spec or what its templates name has changed: apps that share its domain are reconciled, in all instances."""
     for uid in cache.sharing.followers(owner):
-        queue.forgive(uid)
+        queue.end_back_off(uid)
         queue.add(Key(Work.APP, uid))
 
 

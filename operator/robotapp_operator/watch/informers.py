@@ -257,7 +257,7 @@ class Informers:
             enqueue_status(self._queue, holder.uid, holder.instance)
         if claim.spec.domain is None:
             return
-        # An adoption only counts up `attempt`: our own write is no news, or a failing key would spin on it.
+        # An adoption only counts up `attempt`: if that write of ours woke keys, a failing key would be tried without pause.
         if change.old is None or change.new is None or change.old.status.phase != claim.status.phase:
             self._fullness(claim.spec.domain.pool)
             enqueue_instance(self._cache, self._queue, holder.uid, holder.instance)

@@ -35,6 +35,6 @@ def observe(kind: str | None, body: Mapping[str, Any], cache: Cache, queue: Queu
     if not cache.announce(after):
         queue.add(Key(Work.STATUS, uid))
         return
-    queue.forgive(uid)  # what failed, failed with another spec
+    queue.end_back_off(uid)  # what failed, failed with another spec
     queue.add(Key(Work.APP, uid))
     enqueue_sharers(cache, queue, key)

@@ -215,7 +215,7 @@ def _since(lost: Lost | None) -> str:
 def _lost_devices(
     claims: Iterable[Claim], pods: Mapping[str, list[Pod]], deployments: Iterable[Deployment], cache: Cache
 ) -> tuple[LostDevice, ...]:
-    """Not of nodes that are not Ready: what their agents reported last may be old, and the robot's state is told already."""
+    """Lost devices, except on nodes that are not Ready: their last report may be old, and the status shows the node's state."""
     users = [
         pod.metadata.uid
         for mine in pods.values()

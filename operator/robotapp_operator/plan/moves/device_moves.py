@@ -1,4 +1,4 @@
-"""What `devices[].onLoss` asks for: the pod of a lost device is kept, restarted when the device is back, or moved.
+"""Carries out the rule of `devices[].onLoss`: the pod of a lost device is kept, restarted when the device is back, or moved.
 
 - Keep: nothing.
 - Restart: when the device is back, the pod that lost it is evicted. Its successor gets the claim, and so the same device.
@@ -20,9 +20,9 @@ RESCHEDULE: Final = "Reschedule"
 
 
 def on_loss_of(component: Component) -> str:
-    """The strongest wish of its devices: one pod cannot be kept for one device and moved for another."""
-    wishes = {device.on_loss for device in component.devices}
-    return RESCHEDULE if RESCHEDULE in wishes else RESTART if RESTART in wishes else KEEP
+    """The strongest onLoss of its devices: one pod cannot be kept for one device and moved for another."""
+    values = {device.on_loss for device in component.devices}
+    return RESCHEDULE if RESCHEDULE in values else RESTART if RESTART in values else KEEP
 
 
 def move_for_device(
@@ -33,7 +33,7 @@ def move_for_device(
     elsewhere: Callable[[Component], str],
     now: datetime,
 ) -> Move | Stays | None:
-    """What to do about devices that have been lost for a while; None when no component asks to be moved.
+    """What to do about devices that have been lost for a while; None when no component with onLoss Reschedule lost one.
 
     elsewhere: another usable node with devices of the kinds that the component needs, none of them held; "" without one.
     """

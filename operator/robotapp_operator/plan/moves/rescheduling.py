@@ -139,11 +139,11 @@ def _time(edge: EdgeView) -> str:
 
 
 def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, better: BetterNode, between: Between) -> str:
-    """Why the move is not worth it, or makes another edge of the app worse; "" when it is.
+    """Why the move gains too little, or makes another edge of the app worse; "" when it is worth it.
 
-    A pair that nobody has measured yet is left to the scheduler's estimate. No measured time is in the sentence: a status
-    that followed each measurement would be written for ever, and two operators would overwrite each other's.
-    """
+            A pair that nobody has measured yet is left to the scheduler's estimate. No measured time is in the sentence: a status
+        that followed each measurement would be written for ever, and two operators would overwrite each other's.
+        """
     after_us = _judged_there(edge, component, better.node, between)
     after_us = better.after_us if after_us is None else max(after_us, better.after_us)
     if after_us > MOST_USE * (edge.budget_us or 0) or after_us > (1 - LEAST_GAIN) * (edge.judged_us or 0):
@@ -161,7 +161,7 @@ def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, bette
 
 
 def _judged_there(edge: EdgeView, component: str, node: str, between: Between) -> float | None:
-    """The time of an edge once the component is on `node`; None for an edge of others, and for one that nobody measured."""
+    """The time of an edge with the component on `node`; None for edges of other components, and for pairs that are not measured."""
     ends = [edge.edge.from_, edge.edge.to]
     if component not in ends:
         return None

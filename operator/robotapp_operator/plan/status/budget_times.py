@@ -1,8 +1,8 @@
 """Since when each edge of an instance has been over or within its budget.
 
-One slow round is no reason to tell anybody, nor to move anything: a budget counts as exceeded when it has been so for
-`placement.reschedule.for`, and as met again when it has been so for as long. The times are kept in memory: after a restart of
-the operator both are counted anew, so a restart can only delay what follows from them.
+One slow round changes no condition and moves nothing: a budget counts as exceeded after it was exceeded for
+`placement.reschedule.for`, and as met again after as long. The times are kept in memory: after a restart of the operator both
+are counted anew, so a restart can only delay conditions and moves.
 """
 
 import dataclasses

@@ -148,16 +148,16 @@ def _failure(deployment: Deployment, pods: Sequence[Pod], live: Sequence[Pod]) -
 
 
 def _unscheduled(pod: Pod, condition: ObjectCondition) -> str:
-    """The scheduler's words; while none has looked at the pod, whom it waits for.
+    """The scheduler's message; before its first attempt, the gates or the scheduler that the pod waits for.
 
-    The API server says SchedulingGated when the pod is made and never takes it back: that is the first scheduler's to do.
+    The API server sets SchedulingGated when the pod is created and never removes it; the scheduler's first attempt does.
     """
     if condition.reason == "SchedulingGated":
         gates = ", ".join(gate.name for gate in pod.spec.scheduling_gates)
         if gates:
             return f"waits for scheduling gates {gates}"
         return f"scheduler {pod.spec.scheduler_name} has not looked at the pod yet: does one of that name run?"
-    # What preemption thought of it stays in the pod's own condition.
+    # The part about preemption is left to the pod's own condition.
     return condition.message.partition(" preemption: ")[0] or condition.reason
 
 

@@ -29,7 +29,7 @@ class Grace:
 class InstanceFacts:
     """One instance as observed. Edges carry the published figures, worst first.
 
-    `refusal` is why it has no domain, `busy` who holds a device it waits for, `trouble` what else keeps it from its children.
+    `refusal`: why it has no domain. `busy`: the holder of a device it waits for. `trouble`: another reason why children are missing.
     `undecided`: its domain has not been requested since the operator's start, so the stored status still holds.
     """
 

@@ -43,7 +43,7 @@ def unreadable_status(record: Record, now: str) -> dict[str, Any]:
     """Status of an object this version cannot read, so that its user learns why nothing happens."""
     text = "; ".join(map(str, record.problems)) or "the spec cannot be read"
     verdicts = {Condition.ACCEPTED: "False", Condition.READY: "False", Condition.STALLED: "True"}
-    told = [
+    all_invalid = [
         condition(
             kind.value,
             verdicts.get(kind, "Unknown"),
@@ -58,7 +58,7 @@ def unreadable_status(record: Record, now: str) -> dict[str, Any]:
     return {
         "observedGeneration": record.generation,
         "phase": Phase.FAILED.value,
-        "conditions": told,
+        "conditions": all_invalid,
         "instanceCounts": {"desired": 0, "ready": 0, "offline": 0, "completed": 0, "failed": 0},
         "troubled": [],
         "summary": {"ready": "0/0", "robots": NO_ROBOTS, "message": clip(text, MAX_TEXT)},

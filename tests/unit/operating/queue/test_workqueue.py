@@ -215,16 +215,16 @@ def test_a_hurried_key_that_succeeds_runs_once_more_and_then_backs_off_as_usual(
     assert queue.retry(key("a")) == 1
 
 
-def test_a_forgiven_group_starts_its_back_off_anew_and_runs_when_asked() -> None:
+def test_a_group_whose_back_off_was_ended_starts_it_anew_and_runs_when_added() -> None:
     queue, _ = make_queue()
     failed(queue)
-    queue.forgive("other")
+    queue.end_back_off("other")
     queue.add(key("a"))
     assert popped(queue) == []
-    queue.forgive("app")
+    queue.end_back_off("app")
     queue.add(key("a"))
     assert popped(queue) == ["a"]
-    queue.forgive("app")
+    queue.end_back_off("app")
     assert queue.retry(key("a")) == 0
     assert popped(queue) == ["a"]
     assert queue.retry(key("a")) == 2
