@@ -4,7 +4,7 @@ What a failed attempt has taken stays with the pod and is found again by its nex
 pod is gone or bound without it. Only behind a fence it is given back earlier (`release`). A plain rollback could free a device that a binding with a lost answer has given away.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -45,33 +45,29 @@ async def reserve_devices(
     pod_uid: str,
     node: str,
     devices: Sequence[Chosen],
-    known: Mapping[str, Claim] | None = None,
     momentary: bool = False,
 ) -> Reservation:
     """Claim `devices` of `node` for this pod. After success bind with the pod's uid and resourceVersion.
 
-    holder: the RobotApp with instance and component, or the bare pod. known: claims from a cache; they only save a
-    request, the compare-and-swap decides. momentary: until the pod is bound (`device_sharing`).
+    holder: the RobotApp with instance and component, or the bare pod. momentary: until the pod is bound (`device_sharing`).
     Raises ApiError or Unreachable; calling again adopts what was created.
     """
     taken: list[Claim] = []
     for device in sorted(devices, key=lambda one: one.claim):
-        cached = (known or {}).get(device.claim)
         spec = device_spec(
             node=node, device_type=device.type, device_id=device.id, identity=device.identity, holder=holder
         )
-        found = await _reserve(client, spec, pod_uid=pod_uid, cached=cached, momentary=momentary)
+        found = await _reserve(client, spec, pod_uid=pod_uid, momentary=momentary)
         if isinstance(found, Reservation):
             return replace(found, in_vain=tuple(taken)) if found.taken_by_another else found
         taken.append(found)
     return Reservation(True, ids=tuple(sorted(device.id for device in devices)), claims=tuple(taken))
 
 
-async def _reserve(
-    client: Api, spec: ClaimSpec, *, pod_uid: str, cached: Claim | None, momentary: bool
-) -> Claim | Reservation:
+async def _reserve(client: Api, spec: ClaimSpec, *, pod_uid: str, momentary: bool) -> Claim | Reservation:
     """The claim when the device is ours, else why it is not."""
-    claim, holder, name = cached, spec.holder, claim_name(spec)
+    claim: Claim | None = None
+    holder, name = spec.holder, claim_name(spec)
     for _ in range(ROUNDS):
         if claim is None:
             claim = await create_claim(client, spec, momentary=momentary) or await find_claim(client, name)
@@ -80,12 +76,7 @@ async def _reserve(
         if same_tuple(spec, claim.spec) is Found.COLLISION:
             return _blocked(claim, holder)
         if take_device(claim, holder=holder, pod_uid=pod_uid) is Take.BUSY:
-            if claim is not cached:
-                return _blocked(claim, holder)
-            claim = cached = await find_claim(client, name)
-            if claim is not None and take_device(claim, holder=holder, pod_uid=pod_uid) is Take.BUSY:
-                return _blocked(claim, holder)
-            continue
+            return _blocked(claim, holder)
         try:
             return await touch(client, claim, pod=pod_uid, node=spec.device.node if spec.device else "")
         except Refused:

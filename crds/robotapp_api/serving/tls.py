@@ -105,7 +105,7 @@ async def client_authorities(client: ApiClient) -> str:
     return data.get(CLIENT_CA, "")
 
 
-def self_signed(names: tuple[str, ...], *, now: datetime | None = None) -> tuple[bytes, bytes]:
+def self_signed(names: tuple[str, ...]) -> tuple[bytes, bytes]:
     """PEM certificate and key for these host names."""
     from cryptography import x509
     from cryptography.hazmat.primitives import hashes, serialization
@@ -114,7 +114,7 @@ def self_signed(names: tuple[str, ...], *, now: datetime | None = None) -> tuple
 
     key = ec.generate_private_key(ec.SECP256R1())
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, names[0][:64])])
-    start = (now or datetime.now(UTC)) - timedelta(hours=1)
+    start = datetime.now(UTC) - timedelta(hours=1)
     made = (
         x509.CertificateBuilder()
         .subject_name(subject)

@@ -10,7 +10,11 @@ import asyncio
 import heapq
 from collections import OrderedDict, deque
 from collections.abc import Callable, Collection
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+BASE_DELAY_S: Final = 1.0
+MAX_DELAY_S: Final = 60.0
+"""Back-off of a key that fails: first and longest pause."""
 
 
 class Key(NamedTuple):
@@ -33,15 +37,11 @@ class Queue:
         *,
         clock: Callable[[], float],
         jitter: Callable[[], float],
-        base_delay_s: float = 1.0,
-        max_delay_s: float = 60.0,
         background: Collection[str] = (),
     ) -> None:
         """background: kinds of work for `get(background=True)` alone."""
         self._clock = clock
         self._jitter = jitter
-        self._base_delay_s = base_delay_s
-        self._max_delay_s = max_delay_s
         self._due: dict[Key, float] = {}
         self._heap: list[tuple[float, int, Key]] = []
         self._sequence = 0
@@ -146,7 +146,7 @@ class Queue:
         self.retries += 1
         count = self._failures.get(key, 0)
         self._failures[key] = count + 1
-        backoff_s = min(self._max_delay_s, self._base_delay_s * 2.0 ** min(count, 16))
+        backoff_s = min(MAX_DELAY_S, BASE_DELAY_S * 2.0 ** min(count, 16))
         delay_s = max(at_least_s, backoff_s * (0.75 + 0.5 * self._jitter()))
         if key in self._hurried:
             self._hurried.discard(key)

@@ -89,7 +89,7 @@ def _master(desired: Desired, *, running: bool) -> list[Child]:
         "name": MASTER_ROLE,
         "image": image,
         "args": ["roscore", "-p", str(MASTER_PORT)],
-        "env": [own_address("ROS_IP")],
+        "env": [own_address()],
         "ports": [{"containerPort": MASTER_PORT, "protocol": "TCP"}],
         "readinessProbe": {"tcpSocket": {"port": MASTER_PORT}},
     }

@@ -16,8 +16,9 @@ def master_uri(desired: Desired) -> str:
 
 def ros1_environment(desired: Desired) -> list[dict[str, Any]]:
     """TCPROS peers connect to the address a node advertises, so that must be the pod's own IP, never its host name."""
-    return [{"name": "ROS_MASTER_URI", "value": master_uri(desired)}, own_address("ROS_IP")]
+    return [{"name": "ROS_MASTER_URI", "value": master_uri(desired)}, own_address()]
 
 
-def own_address(variable: str) -> dict[str, Any]:
-    return {"name": variable, "valueFrom": {"fieldRef": {"fieldPath": "status.podIP"}}}
+def own_address() -> dict[str, Any]:
+    """The variable with which a ROS 1 process advertises its pod's IP."""
+    return {"name": "ROS_IP", "valueFrom": {"fieldRef": {"fieldPath": "status.podIP"}}}

@@ -34,19 +34,19 @@ Clock = Callable[[], float]
 _T = TypeVar("_T")
 
 
-def time_plugins(profiles: Mapping[str, Profile], metrics: Metrics, *, clock: Clock = time.perf_counter) -> None:
+def time_plugins(profiles: Mapping[str, Profile], metrics: Metrics) -> None:
     """Put a timer around the hooks of every plugin of these profiles; call once, before they are used."""
     for profile in profiles.values():
         chains = (profile.pre_enqueue, profile.pre_filters, profile.filters, profile.scores)
         for loaded in {id(loaded): loaded for chain in chains for loaded in chain}.values():
-            _time(loaded, metrics.plugin_s, clock)
+            _time(loaded, metrics.plugin_s)
 
 
-def _time(loaded: RegisteredPlugin, histogram: Histogram, clock: Clock) -> None:
+def _time(loaded: RegisteredPlugin, histogram: Histogram) -> None:
     for hook, point in HOOKS.items():
         function = getattr(loaded, hook)
         if function is not None:
-            setattr(loaded, hook, sampled(function, histogram, (loaded.name, point), clock))
+            setattr(loaded, hook, sampled(function, histogram, (loaded.name, point), time.perf_counter))
 
 
 def one_in_ten() -> Callable[[], bool]:
@@ -85,9 +85,8 @@ def status_of(answer: object) -> str:
 class Stopwatch:
     """Times extension points of whole decisions. The core gets it, and calls it around those that are due."""
 
-    def __init__(self, metrics: Metrics, *, clock: Clock = time.perf_counter) -> None:
+    def __init__(self, metrics: Metrics) -> None:
         self._histogram = metrics.extension_point_s
-        self._clock = clock
 
     def __repr__(self) -> str:
         return "<Stopwatch>"
@@ -98,7 +97,7 @@ class Stopwatch:
 
     def __call__(self, point: str, profile: str, work: Callable[[], _T]) -> _T:
         """Call `work` and record how long it takes."""
-        started_s = self._clock()
+        started_s = time.perf_counter()
         status = ERROR
         try:
             answer = work()
@@ -107,15 +106,15 @@ class Stopwatch:
             else:
                 status = UNSCHEDULABLE if getattr(answer, "feasible", None) == 0 else _narrowed(answer)
         finally:
-            self._histogram.labels(point, status, profile).observe(self._clock() - started_s)
+            self._histogram.labels(point, status, profile).observe(time.perf_counter() - started_s)
         return answer
 
 
 class PointTimer:
     """Times the binding cycle: every call of a third-party hook, and one in ten of the steps of built-in plugins."""
 
-    def __init__(self, metrics: Metrics, *, clock: Clock = time.perf_counter) -> None:
-        self.clock = clock
+    def __init__(self, metrics: Metrics) -> None:
+        self.clock: Clock = time.perf_counter
         self._metrics = metrics
         self._calls: dict[str, int] = {}
 

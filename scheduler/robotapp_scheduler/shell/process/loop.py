@@ -51,7 +51,6 @@ class SchedulerLoop:
         groups: GroupReporter,
         clock: Callable[[], float],
         permitted: Callable[[], bool] = lambda: True,
-        in_flight: int = IN_FLIGHT,
     ) -> None:
         """`permitted` is called before every decision: whether this process still holds the lease."""
         self._core = core
@@ -63,10 +62,10 @@ class SchedulerLoop:
         self._clock = clock
         self._permitted = permitted
         self._woken = asyncio.Event()
-        self._slots = in_flight
+        self._slots = IN_FLIGHT
         """Free slots: each batch takes one until it is bound, or waits for something that may take long."""
         self._freed = 0
-        self._batching = ResponseBatching(lambda: self._slots < in_flight // 2, lambda: self._freed)
+        self._batching = ResponseBatching(lambda: self._slots < IN_FLIGHT // 2, lambda: self._freed)
         self._tasks: set[asyncio.Task[None]] = set()
         self._sent = 0
         self._landed = asyncio.Event()
