@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from prometheus_client import CollectorRegistry
+from tests.support.queue_checks import check_queue
 from tests.support.scripted_client import ScriptedClient
 from tests.support.scripted_volumes import ScriptedVolumes
 
@@ -227,7 +228,7 @@ class Rig:
         batch = [queued for _ in names for queued in self.core.queue.pop()]
         self.loop._decide(batch)
         await self.loop.drain(1.0)
-        self.core.queue.invariant()
+        check_queue(self.core.queue)
 
     def with_volumes(self, *names: str) -> None:
         """Decisions about these pods have volumes to be bound first."""
@@ -249,7 +250,7 @@ class Rig:
             await asyncio.sleep(0)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
-        self.core.queue.invariant()
+        check_queue(self.core.queue)
 
     def count(self, result: str) -> float:
         return self.metrics.attempt_s.labels(result, OURS).count

@@ -4,6 +4,7 @@ from math import ceil, log2
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.support.queue_checks import check_queue
 from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
@@ -74,7 +75,7 @@ def test_whoever_can_use_a_free_thing_is_tried_within_twice_the_logarithm_of_tho
         assert second < bound, f"{name} of {len(priorities)} was not tried within {bound} s"
         clock.forward(1.1)
         queue.tick()
-        queue.invariant()
+        check_queue(queue)
 
 
 @given(priorities=st.lists(st.integers(0, 2), min_size=1, max_size=40), most=st.integers(1, 5))

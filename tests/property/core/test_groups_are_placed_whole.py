@@ -5,6 +5,7 @@ from random import Random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.pod_groups import announce, arrive, confirm, pod_group, run, team_pod
+from tests.support.queue_checks import check_queue
 from tests.support.scheduling import make_core, make_node
 
 from robotapp_scheduler.core.api.core_v1 import Pod
@@ -48,7 +49,7 @@ def test_every_group_is_whole_or_nowhere_however_its_pods_arrive(
         if mixed.random() < 0.3:
             run(core)
     run(core)
-    core.queue.invariant()
+    check_queue(core.queue)
     check_capacity(core, capacity)
     free = nodes * capacity - sum(on_nodes(core, index) for index in range(len(shapes)))
     for index, (need, _) in enumerate(shapes):

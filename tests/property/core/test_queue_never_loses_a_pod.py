@@ -5,6 +5,7 @@ from collections.abc import Callable
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
+from tests.support.queue_checks import check_queue
 from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
@@ -144,7 +145,7 @@ class QueueMachine(RuleBasedStateMachine):
 
     @invariant()
     def every_pod_is_in_exactly_one_place(self) -> None:
-        self.queue.invariant()
+        check_queue(self.queue)
         assert len(self.queue) == len(self.known)
         assert sum(self.queue.pending().values()) == len(self.known) - len(self.flying)
 

@@ -9,6 +9,7 @@ import msgspec
 import pytest
 from tests.support.poison import pod_body
 from tests.support.poison_objects import POISON_OBJECTS
+from tests.support.queue_checks import check_queue
 from tests.support.scheduling import make_core, make_node, to_pod
 
 from robotapp_scheduler.core.cache.cache import Cache
@@ -50,4 +51,4 @@ def test_a_poison_object_is_taken_or_left_out_soon_and_pods_go_on_being_placed(
         assert decision.placed, decision.message
         core.queue.done(decision.pod.uid)
     assert time.process_time() - began_s < 2 * len(matching) * MOST_S
-    core.queue.invariant()
+    check_queue(core.queue)

@@ -1,6 +1,6 @@
 """Pods that wait for a node: active, backoff, unschedulable and gated, with upstream's rules.
 
-Every known pod is in exactly one place at any time (`invariant` checks it): no pod is ever lost. The clock is injected,
+Every known pod is in exactly one place at any time (tests/support/queue_checks.py): no pod is ever lost. The clock is injected,
 nothing here sleeps; the shell calls `tick` once a second and `pop` whenever it can schedule.
 """
 
@@ -372,22 +372,6 @@ class SchedulingQueue:
 
     def _note(self, queue: str, event: str) -> None:
         self.incoming[queue, event] = self.incoming.get((queue, event), 0) + 1
-
-    def invariant(self) -> None:
-        """Raise AssertionError unless every pod is in exactly one place and every place knows only such pods."""
-        heaps = (self._active, self._backoff, self._error_backoff)
-        places = [uid for heap in heaps for uid in heap.ids()] + [*self._gated, *self._flying]
-        places += list(self._waiting)
-        if len(places) != len(set(places)):
-            raise AssertionError(f"a pod is in two places: {sorted(places)}")
-        if set(places) != set(self._pods):
-            raise AssertionError(f"lost or unknown pods: {set(places) ^ set(self._pods)}")
-        grouped = {uid for members in self._groups.values() for uid in members}
-        if grouped != {uid for uid, queued in self._pods.items() if queued.group is not None}:
-            raise AssertionError("the group index disagrees with the pods")
-        for uid in self._gated:
-            if self._pods[uid].gate is None:
-                raise AssertionError(f"{uid} is gated without a gate")
 
 
 def _relevant(old: Pod, new: Pod) -> bool:

@@ -16,6 +16,7 @@ from tests.support.pod_groups import (
     workload_group,
     workload_pod,
 )
+from tests.support.queue_checks import check_queue
 from tests.support.scheduling import Clock, app_object, make_core, make_info, make_node, make_pod, member_pod
 
 from robotapp_api.model.names import Label, PodReason
@@ -366,7 +367,7 @@ def test_a_pod_that_changes_its_group_while_it_waits_is_placed_with_the_new_one(
     assert run(core) == {}
     relabelled(core, first, group="other")
     assert set(run(core)) == {"p0", "q"}
-    core.queue.invariant()
+    check_queue(core.queue)
     arrive(core, *team(1, first=5))
     assert run(core) == {}, "only two of three are left"
     arrive(core, *team(1, first=6))
@@ -398,4 +399,4 @@ def test_a_pod_that_joins_a_group_after_it_was_refused_alone_is_placed_with_it()
     large = make_node("large", cpu="8")
     tell(core, Event("nodes", core.cluster.apply_node(large), None, large))
     assert set(run(core)) == {"p0", "p1"}
-    core.queue.invariant()
+    check_queue(core.queue)

@@ -2,6 +2,7 @@
 
 import msgspec
 import pytest
+from tests.support.queue_checks import check_queue
 from tests.support.scheduling import app_object, chain, make_core, make_info, make_node, make_pod, member_pod, pod_json
 
 from robotapp_scheduler.core.api.core_v1 import Pod
@@ -137,7 +138,7 @@ def test_the_pod_is_held_while_its_victims_are_evicted_and_goes_on_afterwards() 
     core.preempted("uid-vip", failed=False)
     (queued,) = core.queue.pop()
     assert core.schedule([queued])[0].node == "n0"
-    core.queue.invariant()
+    check_queue(core.queue)
 
 
 def test_after_failed_evictions_the_pod_is_tried_at_once() -> None:

@@ -1,6 +1,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.support.queue_checks import check_queue
 from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change
@@ -165,7 +166,7 @@ def test_a_group_leaves_together_wherever_its_members_wait() -> None:
     queue.activate(["uid-b"])
     assert names(queue.pop()) == ["stranger"]
     assert sorted(names(queue.pop())) == ["a", "b", "c"]
-    queue.invariant()
+    check_queue(queue)
 
 
 def test_a_deleted_pod_in_flight_is_dropped_when_it_returns() -> None:
@@ -175,7 +176,7 @@ def test_a_deleted_pod_in_flight_is_dropped_when_it_returns() -> None:
     queue.delete("uid-a")
     queue.requeue(queued, FIT)
     assert len(queue) == 0
-    queue.invariant()
+    check_queue(queue)
 
 
 def test_a_failed_bind_comes_back_although_the_queue_had_let_go() -> None:
@@ -276,7 +277,7 @@ def test_under_other_rules_every_pod_is_tried_again_in_the_new_order_and_no_soon
     order["by"] = -1
     gates.clear()
     queue.rules_changed(initial_backoff_s=1.0, max_backoff_s=10.0)
-    queue.invariant()
+    check_queue(queue)
     assert queue.pending() == {"active": 4, "backoff": 1, "unschedulable": 0, "gated": 0}
     assert [names(queue.pop()) for _ in range(4)] == [["high"], ["gated"], ["refused"], ["low"]]
     queue.requeue(flying, FIT)
@@ -293,7 +294,7 @@ def test_keys_of_another_ordering_plugin_need_not_compare_with_those_of_the_one_
         queue.requeue(only(queue), Rejection())
     before.clear()
     queue.rules_changed(initial_backoff_s=1.0, max_backoff_s=10.0)
-    queue.invariant()
+    check_queue(queue)
     clock.forward(30)
     queue.tick()
     assert sorted(name for _ in range(3) for name in names(queue.pop())) == ["a", "b", "c"]

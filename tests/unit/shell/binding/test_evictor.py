@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from tests.support.queue_checks import check_queue
 from tests.support.scheduling import make_core, make_info, make_node, make_pod
 from tests.support.scripted_client import ScriptedClient
 
@@ -88,7 +89,7 @@ async def test_the_preemptor_is_held_meanwhile_and_free_afterwards() -> None:
     assert desk.core.queue.pending()["gated"] == 1
     await desk.done()
     assert desk.core.queue.pending()["gated"] == 0
-    desk.core.queue.invariant()
+    check_queue(desk.core.queue)
 
 
 @pytest.mark.parametrize(

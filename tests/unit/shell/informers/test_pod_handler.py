@@ -4,6 +4,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.support.queue_checks import check_queue
 
 from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_scheduler.core.api.core_v1 import Metadata, Node, NodeStatus, Pod, PodSpec, PodStatus
@@ -138,7 +139,7 @@ def test_whatever_the_watch_shows_a_pod_is_in_one_place_only(script: list[tuple[
     flying: dict[str, Any] = {}
     for uid, step in script:
         _play(desk, flying, uid, step)
-        desk.queue.invariant()
+        check_queue(desk.queue)
         for queued in (desk.queue.get(each) for each in ("u1", "u2")):
             if queued is not None:
                 assert not desk.cluster.is_assumed(queued.info.uid)

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from tests.support.poison import Poison, pod_body, poison_pods
+from tests.support.queue_checks import check_queue
 from tests.support.scheduling import make_core, make_node, make_pod
 
 from robotapp_api.client.informer.reflector import Change as Seen
@@ -98,7 +99,7 @@ def test_a_poison_pod_is_placed_or_refused_in_words_soon_and_never_lost(poison: 
         decision = feed.decide() if tried else None
         took_s = time.process_time() - began_s
     assert took_s < MOST_S
-    feed.core.queue.invariant()
+    check_queue(feed.core.queue)
     if not tried:
         return
     if decision is None:
@@ -118,7 +119,7 @@ def test_the_healthy_pod_behind_all_of_them_gets_its_node() -> None:
         decision = feed.decide()
         placed += [decision.pod.name] if decision is not None and decision.placed else []
     assert "healthy" in placed
-    feed.core.queue.invariant()
+    check_queue(feed.core.queue)
 
 
 def test_pods_that_run_with_poison_in_them_leave_the_others_their_speed() -> None:
