@@ -141,7 +141,7 @@ def _time(edge: EdgeView) -> str:
 def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, better: BetterNode, between: Between) -> str:
     """Why the move gains too little, or makes another edge of the app worse; "" when it is worth it.
 
-        A pair that nobody has measured yet is left to the scheduler's estimate. No measured time is in the sentence: a status
+    A pair that nobody has measured yet is left to the scheduler's estimate. No measured time is in the sentence: a status
     that followed each measurement would be written for ever, and two operators would overwrite each other's.
     """
     after_us = _judged_there(edge, component, better.node, between)
