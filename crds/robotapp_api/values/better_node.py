@@ -1,7 +1,7 @@
 """The annotation `robotics.io/better-node` of a pod: where the scheduler would place it now, because a budget is exceeded.
 
 The scheduler alone can plan, so it writes the annotation; the operator alone may evict, so it reads it. A node, the round-trip
-time of the component's worst edge with a budget here and there, and until when this holds:
+time of the edge that uses most of its budget, here and there, and until when this holds:
 `{"node": "edge-2", "before": "61ms", "after": "8ms", "expires": "2026-01-02T03:04:05Z"}`.
 """
 
@@ -16,6 +16,12 @@ from robotapp_api.values.duration import format_ms, parse_us
 MAX_BYTES: Final = 1024
 MAX_NODE: Final = 253
 _NODE: Final = re.compile(SUBDOMAIN_PATTERN)
+MOST_USE: Final = 0.9
+"""Share of its budget that an edge may use at its new place."""
+LEAST_GAIN: Final = 0.2
+"""By how much its time must fall."""
+LONGEST_US: Final = 999_999_000_000
+"""Longer times are written as this one, and so is no answer at all."""
 _FORM: Final = '{"node": "edge-2", "before": "61ms", "after": "8ms", "expires": "2026-01-02T03:04:05Z"}'
 
 
@@ -31,11 +37,16 @@ class BetterNode(NamedTuple):
         """As the annotation's value."""
         value = {
             "node": self.node,
-            "before": format_ms(self.before_us / 1000),
-            "after": format_ms(self.after_us / 1000),
+            "before": format_ms(min(self.before_us, LONGEST_US) / 1000),
+            "after": format_ms(min(self.after_us, LONGEST_US) / 1000),
             "expires": self.expires.isoformat().replace("+00:00", "Z"),
         }
         return json.dumps(value)
+
+
+def is_gain(*, before_us: float, after_us: float, budget_us: float) -> bool:
+    """Is it worth a move that an edge needs `after_us` instead of `before_us`?"""
+    return after_us <= MOST_USE * budget_us and after_us <= (1 - LEAST_GAIN) * before_us
 
 
 def parse_better_node(text: str) -> BetterNode:

@@ -11,7 +11,7 @@ from datetime import datetime
 from typing import Final, NamedTuple
 
 from robotapp_api.model.component import Component
-from robotapp_api.values.better_node import BetterNode
+from robotapp_api.values.better_node import MOST_USE, BetterNode, is_gain
 from robotapp_api.values.round_trips import Figures
 from robotapp_api.values.tiers import ROBOT
 from robotapp_operator.plan.moves.move_record import Limits, MoveRecord
@@ -19,10 +19,6 @@ from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, shown_ms
 from robotapp_operator.plan.status.troubled import edge_name
 
-MOST_USE: Final = 0.9
-"""Share of its budget that an edge may use at its new place."""
-LEAST_GAIN: Final = 0.2
-"""By how much its time must fall."""
 NEVER: Final = "Never"
 
 Between = Callable[[str, str], Figures | None]
@@ -146,7 +142,7 @@ def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, bette
     """
     after_us = _judged_there(edge, component, better.node, between)
     after_us = better.after_us if after_us is None else max(after_us, better.after_us)
-    if after_us > MOST_USE * (edge.budget_us or 0) or after_us > (1 - LEAST_GAIN) * (edge.judged_us or 0):
+    if not is_gain(before_us=edge.judged_us or 0, after_us=after_us, budget_us=edge.budget_us or 0):
         most_us = MOST_USE * (edge.budget_us or 0)
         return (
             f"that is no gain as measured now: {shown_ms(most_us)} or less, and a fifth less than where it is, would be"

@@ -73,12 +73,19 @@ class Edge(Slim):
     latency: EdgeLatency | None = None
 
 
+class Reschedule(Slim):
+    """spec.placement.reschedule, as far as it is the scheduler's: whether and how often anything moves is the operator's."""
+
+    for_: str = msgspec.field(name="for", default="15s")
+
+
 class Placement(Slim):
     """spec.placement."""
 
     zones: tuple[str, ...] = ()
     master_node: str = ""
     gang: str = "All"
+    reschedule: Reschedule = msgspec.field(default_factory=Reschedule)
 
 
 class RobotAppSpec(Slim):

@@ -130,7 +130,7 @@ class GangGates:
         for replica in self._cluster.apps.labelled(member):
             if not replica.node or replica.pod.metadata.uid == pod.uid:
                 continue
-            if fails_over(component) and self._lost(replica.node) and not self._may_drive(component, replica.node):
+            if fails_over(component) and self.lost(replica.node) and not self._may_drive(component, replica.node):
                 continue
             return replica
         return None
@@ -153,7 +153,7 @@ class GangGates:
         if before is None:
             return None
         reason = f"waiting for its predecessor {before.pod.metadata.name} on {before.node} to end"
-        if fails_over(component) and self._lost(before.node):
+        if fails_over(component) and self.lost(before.node):
             reason += f": {_still_driving(before, gone=before.node not in self._cluster.nodes.row_of)}"
         return PreEnqueueStatus(
             plugin=PREDECESSOR_PLUGIN,
@@ -163,7 +163,8 @@ class GangGates:
             code=str(PodReason.WAITING_FOR_PREDECESSOR),
         )
 
-    def _lost(self, node: str) -> bool:
+    def lost(self, node: str) -> bool:
+        """Is the node gone or out of reach?"""
         row = self._cluster.nodes.row_of.get(node)
         if row is None:
             return True

@@ -58,7 +58,7 @@ def re_evaluate(core: SchedulerCore, pod: Pod) -> tuple[Record, Table | None]:
 
     Raises KeyError when no profile has the pod's schedulerName.
     """
-    with _waiting(core.cluster, pod) as waiting:
+    with as_waiting(core.cluster, pod) as waiting:
         info = core.cluster.pod_info(waiting)
         engine = ProfileRunner(core.engine(info.scheduler_name).profile, core.cluster, caching=False)
         record, evaluation = core.consider(info, engine)
@@ -66,7 +66,7 @@ def re_evaluate(core: SchedulerCore, pod: Pod) -> tuple[Record, Table | None]:
 
 
 @contextmanager
-def _waiting(cluster: Cache, pod: Pod) -> Iterator[Pod]:
+def as_waiting(cluster: Cache, pod: Pod) -> Iterator[Pod]:
     """The pod as one without a node, and the cluster without it; afterwards all is as before."""
     if not pod.spec.node_name:  # it waits, or is on its way: an assumption lasts milliseconds, and is left alone
         yield pod

@@ -12,7 +12,7 @@ from robotapp_api.values.duration import parse_us
 from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neighbours
 from robotapp_api.values.tiers import ROBOT
 from robotapp_scheduler.core.api.core_v1 import Owned, Pod
-from robotapp_scheduler.core.api.robotics_v1alpha1 import Component, Edge, RobotApp
+from robotapp_scheduler.core.api.robotics_v1alpha1 import Component, Edge, Reschedule, RobotApp
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
 from robotapp_scheduler.core.pods.pod_signature import controller_of
 
@@ -61,6 +61,14 @@ class Replica(NamedTuple):
 
     pod: Pod
     node: str
+
+
+def budget_for_s(app: App) -> float:
+    """`placement.reschedule.for`: how long a budget must be exceeded, or met, before that counts."""
+    try:
+        return parse_us(app.source.spec.placement.reschedule.for_) / 1_000_000
+    except ValueError:  # stored before the schema had a pattern for it
+        return parse_us(Reschedule().for_) / 1_000_000
 
 
 def tied(component: Component) -> bool:
@@ -226,6 +234,10 @@ class AppIndex:
     def expected(self, member: Member, component: str) -> tuple[str, ...]:
         """Nodes a component of the same instance may still end up on; empty when they are not known."""
         return self._expected.get(member._replace(component=component), ())
+
+    def instances(self) -> list[tuple[str, str]]:
+        """(app uid, instance) of everything that has a live pod."""
+        return list(self._replicas)
 
     def labelled(self, member: Member) -> list[Replica]:
         """Live pods of the app's namespace with exactly these labels, without a look at the owner chain: orphans count."""

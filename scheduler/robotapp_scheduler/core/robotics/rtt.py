@@ -126,6 +126,11 @@ class RttModel:
         value = float(rtt.rtt_us[row])
         return (None if np.isnan(value) else value), SOURCE_NAMES[int(rtt.source[row])]
 
+    def measured_us(self, left: str, right: str, percentile: int) -> float | None:
+        """One pair as it was measured, infinite = unreachable; None when nobody measured it. No row is computed for it."""
+        found = self._trips.between(left, right)
+        return None if found is None else found.of(percentile)
+
     def known(self, left: str, right: str, percentile: int) -> PairView:
         """One pair, with the age of what was measured or the zones of what is estimated."""
         rtt_us, source = self.between(left, right, percentile)

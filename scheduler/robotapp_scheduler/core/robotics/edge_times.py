@@ -1,0 +1,96 @@
+"""The round trips of a component's connections that have a budget, with the component where it is or on another node."""
+
+from collections.abc import Callable, Iterator
+from typing import Final, NamedTuple, Protocol
+
+from robotapp_api.model.names import ROBOT_END
+from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.pods.pod_info import Member
+from robotapp_scheduler.core.robotics.app_index import ON_BOARD, App, AppIndex, Link
+
+SAME_NODE_US: Final = 50.0
+"""Two ends on one node, as the operator counts them."""
+
+Between = Callable[[str, str, int], float | None]
+"""The round trip between two nodes at a percentile; infinite = unreachable, None = unknown."""
+
+
+class Around(Protocol):
+    """The part of the cache that is read here."""
+
+    @property
+    def apps(self) -> AppIndex: ...
+    def robot_end(self, robot: str) -> tuple[str, ...]:
+        """The robot's primary node; all of its nodes while that is not known."""
+
+
+class Part(NamedTuple):
+    """The only pod of a component of an instance, on its node."""
+
+    app: App
+    member: Member
+    pod: Pod
+    node: str
+
+    @property
+    def budgeted(self) -> Iterator[Link]:
+        """Its connections to other components or the robot that have a budget."""
+        name = self.member.component
+        return (link for link in self.app.links.get(name, ()) if link.budget_us is not None and link.peer != name)
+
+
+class Late(NamedTuple):
+    """A required connection that is over its budget. `us` is infinite where no probe was answered."""
+
+    link: Link
+    us: float
+
+
+def movable(app: App) -> Iterator[str]:
+    """Components that a budget may move: one replica, not bound to the robot, and a required connection with a budget."""
+    for name, links in app.links.items():
+        component = app.components.get(name)
+        if component is None or component.replicas != 1 or component.runs_on == ON_BOARD:
+            continue
+        if any(link.required and link.budget_us is not None for link in links):
+            yield name
+
+
+def part_of(app: App, member: Member, apps: AppIndex) -> Part | None:
+    """The component's pod; None when it has none, several, or one that waits or ends."""
+    found = apps.replicas(member, member.component)
+    if len(found) != 1 or not found[0].node or found[0].pod.metadata.deletion_timestamp is not None:
+        return None
+    return Part(app, member, found[0].pod, found[0].node)
+
+
+def peer_nodes(link: Link, member: Member, around: Around) -> tuple[str, ...]:
+    """Nodes of the other end: the robot's, or one per replica ("" for one that is not placed)."""
+    if link.peer == ROBOT_END:
+        return around.robot_end(member.instance)
+    return tuple(replica.node for replica in around.apps.replicas(member, link.peer))
+
+
+def time_us(link: Link, member: Member, node: str, around: Around, between: Between) -> float | None:
+    """The round trip of a connection with the component on `node`: to the nearest of the robot's nodes, or to the farthest
+    replica. None when the time to one of them is unknown.
+    """
+    times = [
+        SAME_NODE_US if other == node else between(other, node, link.percentile)
+        for other in peer_nodes(link, member, around)
+    ]
+    known = [time for time in times if time is not None]
+    if not known or len(known) < len(times):
+        return None
+    return min(known) if link.peer == ROBOT_END else max(known)
+
+
+def worst_late(part: Part, around: Around, between: Between) -> Late | None:
+    """The required connection that uses most of its budget, if it is over it."""
+    worst, use = None, 1.0
+    for link in part.budgeted:
+        budget_us = link.budget_us or 0
+        us = time_us(link, part.member, part.node, around, between) if link.required else None
+        if us is not None and us > budget_us and (worst is None or us / max(budget_us, 1) > use):
+            worst, use = Late(link, us), us / max(budget_us, 1)
+    return worst
