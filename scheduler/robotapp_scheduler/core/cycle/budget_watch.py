@@ -1,0 +1,177 @@
+"""Watches the budgets of running components, and decides what their pods' annotation `robotics.io/better-node` should be.
+
+Instances are looked at in turn, a bounded number per tick, by what is measured. Only for a pod whose budget has been exceeded for
+`placement.reschedule.for` a node is searched, and of these a bounded number per tick, the one that waited longest first.
+The annotation on the pod is the record: what it should be is compared with what the watch shows. So nothing is written
+while nothing changes, and a new leader goes on where the last one ended.
+"""
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from datetime import datetime, timedelta
+from math import isinf
+from typing import Final, NamedTuple
+
+from robotapp_api.model.names import Annotation
+from robotapp_api.values.better_node import BetterNode, parse_better_node
+from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.cycle.better_node import Proposal, better_node, settled
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.pods.pod_info import Member
+from robotapp_scheduler.core.robotics.app_index import budget_for_s
+from robotapp_scheduler.core.robotics.edge_times import Part, movable, part_of, worst_late
+
+TICK_S: Final = 0.25
+"""How often `tick` is called: work comes in small pieces, so that no decision waits for much of it."""
+LOOKS: Final = 50
+"""Instances looked at per tick, 10 us per component."""
+SEARCHES: Final = 1
+"""Components for which a node is searched per tick: an attempt over all nodes without caches, 4 ms at 5000 nodes."""
+SEARCH_S: Final = 10.0
+"""Pause between two searches for one component."""
+VALID: Final = timedelta(minutes=30)
+RENEW: Final = timedelta(minutes=10)
+"""A proposal that still holds is written anew when it expires this soon."""
+REST_S: Final = 60.0
+"""Pause after a write before the next proposal for the same pod."""
+SEEN_S: Final = 5.0
+"""Pause after a write before a proposal is withdrawn: until the watch shows what was written."""
+
+
+class AnnotationWrite(NamedTuple):
+    """The annotation of this pod is to be `better`; None removes it."""
+
+    pod: Pod
+    better: BetterNode | None
+
+
+@dataclasses.dataclass(slots=True)
+class WatchedPod:
+    """A pod whose budget is exceeded, or that has a proposal. Times are monotonic seconds."""
+
+    member: Member
+    late: bool
+    since_s: float
+    """From when a budget has been exceeded (late), or all have been met."""
+    for_s: float = 0.0
+    """How long it must be so before it counts."""
+    search_s: float = 0.0
+    """No search before."""
+    written_s: float = float("-inf")
+
+    def counts(self, now_s: float) -> bool:
+        """Has it been so for long enough?"""
+        return now_s - self.since_s >= self.for_s
+
+
+class BudgetWatch:
+    """`tick` every `TICK_S` seconds. `clock`: monotonic seconds; `now`: the time of day, for expiries."""
+
+    def __init__(self, core: SchedulerCore, *, clock: Callable[[], float], now: Callable[[], datetime]) -> None:
+        self._core = core
+        self._clock = clock
+        self._now = now
+        self._turn: list[tuple[str, str]] = []
+        """Instances that are still to be looked at in this round."""
+        self._watched: dict[str, WatchedPod] = {}
+        """By pod uid."""
+
+    def __repr__(self) -> str:
+        return f"BudgetWatch({len(self._watched)} pods over budget or with a proposal)"
+
+    def tick(self) -> list[AnnotationWrite]:
+        """What is to be written now."""
+        found = [self._look(part) for instance in self._next() for part in self._parts(*instance)]
+        found += [self._search(uid) for uid in self._due()]
+        return [write for write in found if write is not None]
+
+    def _next(self) -> list[tuple[str, str]]:
+        """(app uid, instance) of those whose turn it is. Pods that are gone are forgotten once a round."""
+        if not self._turn:
+            self._turn = self._core.cluster.apps.instances()
+            placed = self._core.cluster.placed
+            self._watched = {uid: watched for uid, watched in self._watched.items() if uid in placed}
+        found, self._turn = self._turn[:LOOKS], self._turn[LOOKS:]
+        return found
+
+    def _parts(self, app_uid: str, instance: str) -> Iterator[Part]:
+        apps = self._core.cluster.apps
+        app = apps.app(app_uid)
+        for name in movable(app) if app is not None else ():
+            part = part_of(app, Member(app_uid, instance, name), apps) if app is not None else None
+            if part is not None:
+                yield part
+
+    def _look(self, part: Part) -> AnnotationWrite | None:
+        """Note whether the pod is over budget. Its proposal is withdrawn when all budgets have been met for long enough."""
+        uid, now_s = part.pod.metadata.uid, self._clock()
+        late = worst_late(part, self._core.cluster, self._core.cluster.rtt.measured_us)
+        watched = self._watched.get(uid)
+        if watched is None:
+            if late is None and not _annotated(part.pod):
+                return None
+            watched = self._watched[uid] = WatchedPod(part.member, late is not None, now_s)
+        watched.for_s = budget_for_s(part.app)
+        if watched.late != (late is not None):
+            watched.late, watched.since_s = late is not None, now_s
+        if late is not None and isinf(late.us):
+            watched.since_s = min(watched.since_s, now_s - watched.for_s)  # no answer at all is no slow round
+        if watched.late or not watched.counts(now_s):
+            return None
+        if not _annotated(part.pod) and now_s - watched.written_s >= REST_S:
+            del self._watched[uid]
+            return None
+        return self._write(part.pod, None)
+
+    def _due(self) -> list[str]:
+        """Pods for which a node is searched now, the one that waited longest first."""
+        now_s = self._clock()
+        due = [
+            (watched.search_s, uid)
+            for uid, watched in self._watched.items()
+            if watched.late and watched.search_s <= now_s and watched.counts(now_s)
+        ]
+        return [uid for _, uid in sorted(due)[:SEARCHES]]
+
+    def _search(self, uid: str) -> AnnotationWrite | None:
+        cluster, watched = self._core.cluster, self._watched[uid]
+        watched.search_s = self._clock() + SEARCH_S
+        app = cluster.apps.app(watched.member.app_uid)
+        part = part_of(app, watched.member, cluster.apps) if app is not None else None
+        if part is None or part.pod.metadata.uid != uid:
+            return None  # it is on its way out
+        if part.member.component not in movable(part.app):
+            return self._write(part.pod, None)
+        if worst_late(part, cluster, cluster.rtt.measured_us) is None or not settled(self._core, part):
+            return None
+        standing = _standing(part.pod)
+        return self._write(part.pod, better_node(self._core, part, standing=standing.node if standing else ""))
+
+    def _write(self, pod: Pod, found: Proposal | None) -> AnnotationWrite | None:
+        """The write that makes the annotation what it should be; None when it is so, or a write was a moment ago."""
+        watched, now_s, now = self._watched[pod.metadata.uid], self._clock(), self._now()
+        since_s = now_s - watched.written_s
+        if found is None:
+            if not _annotated(pod) or since_s < SEEN_S:
+                return None
+            watched.written_s = now_s
+            return AnnotationWrite(pod, None)
+        standing = _standing(pod)
+        holds = standing is not None and standing.node == found.node and standing.expires - now >= RENEW
+        if holds or since_s < REST_S:
+            return None
+        watched.written_s = now_s
+        expires = (now + VALID).replace(microsecond=0)
+        return AnnotationWrite(pod, BetterNode(found.node, found.before_us, found.after_us, expires))
+
+
+def _annotated(pod: Pod) -> bool:
+    return Annotation.BETTER_NODE in (pod.metadata.annotations or {})
+
+
+def _standing(pod: Pod) -> BetterNode | None:
+    """The proposal on the pod; None without one that can be read."""
+    try:
+        return parse_better_node((pod.metadata.annotations or {}).get(Annotation.BETTER_NODE, ""))
+    except ValueError:
+        return None

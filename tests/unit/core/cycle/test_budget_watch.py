@@ -1,0 +1,272 @@
+"""The annotation `robotics.io/better-node` over time: when it is written, kept, renewed and withdrawn, and how much work that is."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+from typing import Any
+
+import msgspec
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.support.late_apps import annotate, edge, measure, placed, planner, robot_and_servers
+from tests.support.scheduling import Clock, app_object, chain, make_pod, member_pod, telemetry
+
+from robotapp_api.model.names import Annotation
+from robotapp_scheduler.core.cycle import budget_watch
+from robotapp_scheduler.core.cycle.budget_watch import (
+    LOOKS,
+    RENEW,
+    REST_S,
+    SEARCH_S,
+    TICK_S,
+    VALID,
+    AnnotationWrite,
+    BudgetWatch,
+)
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+
+FOR_S = 15.0
+START = datetime(2026, 1, 2, 3, 0, tzinfo=UTC)
+Told = tuple[float, str]
+
+
+class Cluster:
+    """The app of `late_apps` under a watch; what it writes is seen at the next tick, agents report every two seconds."""
+
+    def __init__(self, **fields: Any) -> None:
+        self.clock = Clock(0.0)
+        self.core = robot_and_servers(clock=self.clock, **fields)
+        self.rtt_ms: dict[str, float] = {}
+        self.writes: list[Told] = []
+        self.watch = self.new_watch()
+        self._seq = 0
+
+    def new_watch(self) -> BudgetWatch:
+        return BudgetWatch(self.core, clock=self.clock, now=lambda: START + timedelta(seconds=self.clock()))
+
+    def run(self, seconds: float, *, step_s: float = 1.0) -> list[Told]:
+        """(second, proposed node or "" for a withdrawal) of the writes meanwhile."""
+        before = len(self.writes)
+        for _ in range(round(seconds / step_s)):
+            self.clock.forward(step_s)
+            self._seq += 1
+            measure(self.core, self._seq, **self.rtt_ms)
+            for write in self.watch.tick():
+                self.writes.append((self.clock(), write.better.node if write.better else ""))
+                annotate(self.core, write.pod, write.better.text() if write.better else None)
+        return self.writes[before:]
+
+    @property
+    def annotation(self) -> str | None:
+        return (planner(self.core).pod.metadata.annotations or {}).get(Annotation.BETTER_NODE)
+
+
+def late() -> Cluster:
+    """With a proposal on the pod."""
+    cluster = Cluster()
+    assert [node for _, node in cluster.run(FOR_S + 2)] == ["e2"]
+    return cluster
+
+
+# --- When it is written -----------------------------------------------------------------------------------------------
+
+
+def test_a_budget_that_was_exceeded_for_as_long_as_the_app_waits_gets_one_proposal_with_an_expiry() -> None:
+    cluster = Cluster()
+    assert cluster.run(FOR_S) == []
+    assert cluster.run(2) == [(FOR_S + 1, "e2")]
+    expires = (START + timedelta(seconds=FOR_S + 1) + VALID).isoformat().replace("+00:00", "Z")
+    assert cluster.annotation == f'{{"node": "e2", "before": "60ms", "after": "8ms", "expires": "{expires}"}}'
+
+
+def test_how_long_that_is_the_app_decides() -> None:
+    cluster = Cluster(placement={"reschedule": {"for": "40s"}})
+    assert cluster.run(45) == [(41.0, "e2")]
+
+
+def test_an_end_that_does_not_answer_at_all_is_no_slow_round() -> None:
+    cluster = Cluster()
+    cluster.core.cluster.apply_telemetry(telemetry("amr", rtt_ms={"e2": 8.0}, lost=["e1"]))
+    (write,) = cluster.watch.tick()
+    assert write.better is not None
+    assert write.better.node == "e2"
+
+
+def test_slow_rounds_that_do_not_last_write_nothing() -> None:
+    cluster = Cluster()
+    for _ in range(20):
+        cluster.rtt_ms = {"e1": 60.0}
+        cluster.run(FOR_S - 2)
+        cluster.rtt_ms = {"e1": 10.0}
+        cluster.run(1)
+    assert cluster.writes == []
+
+
+def test_a_measurement_that_stays_away_ends_what_was_counted() -> None:
+    cluster = Cluster()
+    cluster.run(FOR_S - 1)
+    cluster.core.cluster.remove_telemetry(telemetry("amr"))
+    assert cluster.watch.tick() == []
+    assert cluster.run(FOR_S - 1) == []
+
+
+def test_nothing_is_written_for_a_cluster_in_which_nothing_is_measured() -> None:
+    cluster = Cluster()
+    cluster.core.cluster.remove_telemetry(telemetry("amr"))
+    for _ in range(100):
+        cluster.clock.forward(1)
+        assert cluster.watch.tick() == []
+    assert repr(cluster.watch) == "BudgetWatch(0 pods over budget or with a proposal)"
+
+
+# --- While it holds ---------------------------------------------------------------------------------------------------
+
+
+def test_while_nothing_changes_nothing_is_written_until_the_proposal_is_about_to_expire() -> None:
+    cluster = late()
+    before_s = (VALID - RENEW).total_seconds() - SEARCH_S
+    assert cluster.run(before_s) == []
+    assert [node for _, node in cluster.run(2 * SEARCH_S)] == ["e2"]
+
+
+def test_a_node_as_good_as_the_proposed_one_does_not_take_its_place() -> None:
+    cluster = late()
+    cluster.rtt_ms = {"e3": 7.0}
+    assert cluster.run(300) == []
+
+
+def test_a_new_leader_goes_on_with_what_stands_on_the_pod() -> None:
+    cluster = late()
+    cluster.watch = cluster.new_watch()
+    assert cluster.run(300) == []
+    cluster.rtt_ms = {"e1": 5.0}
+    cluster.watch = cluster.new_watch()
+    assert [node for _, node in cluster.run(FOR_S + 2)] == [""]
+
+
+# --- When it is withdrawn ---------------------------------------------------------------------------------------------
+
+
+def test_a_proposal_is_withdrawn_when_the_budget_was_met_for_as_long_again() -> None:
+    cluster = late()
+    cluster.rtt_ms = {"e1": 5.0}
+    assert cluster.run(FOR_S) == []
+    assert [node for _, node in cluster.run(3)] == [""]
+    assert cluster.annotation is None
+    cluster.run(2 * REST_S)
+    assert repr(cluster.watch) == "BudgetWatch(0 pods over budget or with a proposal)"
+
+
+def test_a_proposal_of_a_node_that_has_no_room_any_more_is_replaced_or_withdrawn() -> None:
+    cluster = late()
+    cluster.run(REST_S)
+    cluster.core.cluster.apply_pod(make_pod("load", node="e2", cpu="1500m"))
+    assert [node for _, node in cluster.run(SEARCH_S + 1)] == ["e3"]
+    cluster.core.cluster.apply_pod(make_pod("load-3", node="e3", cpu="1500m"))
+    assert [node for _, node in cluster.run(SEARCH_S + 1)] == [""]
+
+
+def test_an_annotation_that_cannot_be_read_is_replaced() -> None:
+    cluster = Cluster()
+    annotate(cluster.core, planner(cluster.core).pod, "soon")
+    assert [node for _, node in cluster.run(FOR_S + 2)] == ["e2"]
+
+
+def test_a_component_that_may_no_longer_move_loses_its_proposal() -> None:
+    cluster = late()
+    components = ({"name": "driver", "runsOn": ["Robot"]}, {"name": "planner", "runsOn": ["Robot"]})
+    app = app_object(*components, edges=[edge("planner", "driver")], generation=2)
+    cluster.core.cluster.apply_app(app)
+    assert [node for _, node in cluster.run(SEARCH_S + 1)] == [""]
+    assert cluster.run(100) == []
+
+
+def test_a_proposal_outlasts_the_restart_of_another_pod_of_the_app_but_not_its_absence() -> None:
+    cluster = late()
+    cluster.core.cluster.remove_pod(placed("driver", "amr"))
+    assert cluster.run(FOR_S) == []
+    cluster.core.cluster.apply_pod(placed("driver", "amr", uid="again"))
+    assert cluster.run(100) == []
+    cluster.core.cluster.remove_pod(placed("driver", "amr", uid="again"))
+    assert [node for _, node in cluster.run(FOR_S + 2)] == [""]
+
+
+def test_pods_that_are_gone_are_forgotten() -> None:
+    cluster = late()
+    cluster.core.cluster.remove_pod(planner(cluster.core).pod)
+    assert cluster.run(3) == []
+    assert repr(cluster.watch) == "BudgetWatch(0 pods over budget or with a proposal)"
+
+
+# --- How much ---------------------------------------------------------------------------------------------------------
+
+
+def many(core: SchedulerCore, count: int) -> None:
+    """More apps of the same kind, all late."""
+    for i in range(count):
+        uid, name = f"many-{i}", f"many-{i}"
+        app = app_object(
+            {"name": "planner"}, name=name, uid=uid, edges=[edge("planner", "@robot")],
+            placement={"reschedule": {"for": "1s"}},
+        )  # fmt: skip
+        core.cluster.apply_app(app)
+        for owned in chain("planner", app=name, app_uid=uid):
+            core.cluster.apply_owner(owned)
+        pod = member_pod("planner", app=name, app_uid=uid, instance="amr", node="e1", cpu="1m", memory="1Mi")
+        core.cluster.apply_pod(pod)
+
+
+def test_a_tick_looks_at_few_instances_and_searches_for_one_component(monkeypatch: Any) -> None:
+    cluster = Cluster(placement={"reschedule": {"for": "1s"}})
+    many(cluster.core, 3 * LOOKS)
+    looks: list[str] = []
+    searches: list[str] = []
+    look, search = budget_watch.worst_late, budget_watch.better_node
+
+    def looked(part: Any, *rest: Any) -> Any:
+        looks.append(part.pod.metadata.uid)
+        return look(part, *rest)
+
+    def searched(core: Any, part: Any, **fields: Any) -> Any:
+        searches.append(part.pod.metadata.uid)
+        return search(core, part, **fields)
+
+    monkeypatch.setattr(budget_watch, "worst_late", looked)
+    monkeypatch.setattr(budget_watch, "better_node", searched)
+    for _ in range(60):
+        cluster.clock.forward(TICK_S)
+        looks.clear()
+        count = len(searches)
+        cluster.watch.tick()
+        assert len(looks) <= LOOKS + 1
+        assert len(searches) - count <= 1
+    assert len(searches) > 10
+    assert len(set(searches)) == len(searches), "the one that waited longest comes first"
+
+
+@given(
+    st.lists(st.lists(st.sampled_from([5.0, 17.0, 19.0, 21.0, 60.0]), min_size=3, max_size=3), min_size=1, max_size=60)
+)
+def test_whatever_is_measured_a_pod_gets_two_writes_a_minute_at_most(rounds: Sequence[Sequence[float]]) -> None:
+    cluster = Cluster(placement={"reschedule": {"for": "1s"}})
+    for rtt_ms in rounds:
+        cluster.rtt_ms = dict(zip(("e1", "e2", "e3"), rtt_ms, strict=True))
+        cluster.run(5)
+    proposals = [at_s for at_s, node in cluster.writes if node]
+    assert all(later - sooner >= REST_S for sooner, later in pairwise(proposals))
+    withdrawals = [at_s for at_s, node in cluster.writes if not node]
+    assert len(withdrawals) <= len(proposals)
+    assert all(write != after for (_, write), (_, after) in pairwise(cluster.writes))
+
+
+def test_the_write_names_the_pod_as_it_was_seen_last() -> None:
+    cluster = Cluster()
+    pod = planner(cluster.core).pod
+    seen = msgspec.structs.replace(pod, metadata=msgspec.structs.replace(pod.metadata, resource_version="77"))
+    cluster.core.cluster.apply_pod(seen)
+    found: list[AnnotationWrite] = []
+    for seq in range(20):
+        cluster.clock.forward(1)
+        measure(cluster.core, seq)
+        found += cluster.watch.tick()
+    assert [(write.pod.metadata.uid, write.pod.metadata.resource_version) for write in found] == [("planner", "77")]
