@@ -1,5 +1,6 @@
 """A robot, three servers, and an app whose planner is on a server that has become too far from the robot."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -46,9 +47,9 @@ def placed(component: str, node: str, *, uid: str = "", **fields: Any) -> Pod:
     return member_pod(component, instance="amr", uid=uid or component, node=node, **{"cpu": "1", **where, **fields})
 
 
-def measure(core: SchedulerCore, seq: int | None = None, **rtt_ms: float) -> None:
+def measure(core: SchedulerCore, rtt_ms: Mapping[str, float] | None = None, *, seq: int | None = None) -> None:
     """What the robot's agent reports; its times to the servers are those of `RTT_MS` unless given."""
-    core.cluster.apply_telemetry(telemetry("amr", rtt_ms={**RTT_MS, **rtt_ms}, seq=seq))
+    core.cluster.apply_telemetry(telemetry("amr", rtt_ms={**RTT_MS, **(rtt_ms or {})}, seq=seq))
 
 
 def planner(core: SchedulerCore) -> Part:

@@ -9,7 +9,7 @@ from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
 from robotapp_api.model.distros import DISTROS, nearest
-from robotapp_api.model.names import ROBOT_END, Annotation, Reason
+from robotapp_api.model.names import ROBOT_END, Reason
 from robotapp_api.model.placement import Fallback
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neighbours
@@ -34,12 +34,6 @@ def spec_notes(spec: RobotAppSpec) -> Iterator[Note]:
     if spec.placement.objective != "Latency":
         yield Note(
             "spec.placement.objective", f"{spec.placement.objective} has no effect yet; places are chosen by latency"
-        )
-    if spec.placement.reschedule.when != "Never":
-        yield Note(
-            "spec.placement.reschedule.when",
-            f"{spec.placement.reschedule.when} has no effect by itself yet: the operator moves a pod to the node that its annotation "
-            f"{Annotation.BETTER_NODE} names, and the scheduler writes none so far",
         )
     if spec.placement.fallback != Fallback():
         yield Note(

@@ -43,6 +43,8 @@ class Options:
     lease_namespace: str
     state_dir: Path | None = None
     """Where it is remembered which plugin ended the process; None = nowhere."""
+    better_nodes: bool = True
+    """Watch the budgets of running apps, and propose better nodes."""
 
 
 def parse(argv: Sequence[str] | None = None, environment: Mapping[str, str] | None = None) -> Options:
@@ -71,6 +73,7 @@ def parse(argv: Sequence[str] | None = None, environment: Mapping[str, str] | No
         insecure_explain=found.insecure_explain,
         lease_namespace=found.lease_namespace or "",
         state_dir=found.state_dir,
+        better_nodes=found.better_nodes == "on",
     )
 
 
@@ -106,6 +109,12 @@ def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
     add("tls-cert-file", "certificate of the endpoint (PEM); default: made at the start", default="", convert=Path)
     add("tls-private-key-file", "key of that certificate (PEM)", default="", convert=Path)
     add("sweep-seconds", "period of the claim sweep", default=str(PERIOD_S), convert=arguments.seconds)
+    add(
+        "better-nodes",
+        "on: a better node is proposed for pods whose latency budget is exceeded (annotation robotics.io/better-node)",
+        default="on",
+        choices=("on", "off"),
+    )
     add("log-format", "json for machines, text for people", default="json", choices=("json", "text"))
     add("log-level", "debug, info, warning or error", default="info", choices=("debug", "info", "warning", "error"))
     add("lease-namespace", "overrides leaderElection.resourceNamespace", default="", convert=arguments.name)

@@ -79,7 +79,7 @@ READERS: Final[Mapping[str, str]] = {
     f"{PLAN}/status/latency.py": "spec.edges.latency.percentile",
     f"{PLAN}/status/device_conflicts.py": "spec.components.devices.name",
     f"{PLAN}/moves/device_moves.py": "spec.components.devices.onLoss",
-    f"{PLAN}/moves/rescheduling.py": "spec.placement.reschedule.maxPerDay",
+    f"{PLAN}/moves/rescheduling.py": "spec.placement.reschedule.when spec.placement.reschedule.maxPerDay",
     f"{CORE}/robotics/resolve.py": """
         spec.components.qosClass spec.components.policies.latencyBudget spec.components.policies.deadline
         spec.components.policies.reliability spec.components.policies.liveliness
@@ -113,7 +113,6 @@ TOLD: Final[Mapping[str, dict[str, Any]]] = {
     "spec.placement.objective": {"placement": {"objective": "Balance"}},
     "spec.placement.fallback.steps": {"placement": {"fallback": {"steps": ["Wait"]}}},
     "spec.placement.fallback.after": {"placement": {"fallback": {"after": "1m"}}},
-    "spec.placement.reschedule.when": {"placement": {"reschedule": {"when": "BudgetExceeded"}}},
     "spec.ros2.transport": {"ros2": {"transport": "SHM"}},
 }
 """Fields that wait for a later issue, or a value of them does, with a spec that sets them: `Accepted` names them."""

@@ -57,6 +57,11 @@ def notes_of(app: App, pool: Pool | None = None) -> tuple[str, ...]:
 
 def _of_other_schedulers(app: App) -> Iterator[str]:
     """Wishes that our scheduler alone carries out."""
+    if not app.our_scheduler and app.spec.placement.reschedule.when != "Never":
+        yield (
+            f"spec.placement.reschedule.when: {app.spec.placement.reschedule.when} has no effect with scheduler "
+            f"{app.scheduler_name}, which proposes no better node"
+        )
     for index, component in enumerate(() if app.our_scheduler else app.spec.components):
         if component.on_disconnect == "Stop":
             yield (

@@ -9,7 +9,6 @@ while nothing changes, and a new leader goes on where the last one ended.
 import dataclasses
 from collections.abc import Callable, Iterator
 from datetime import datetime, timedelta
-from math import isinf
 from typing import Final, NamedTuple
 
 from robotapp_api.model.names import Annotation
@@ -54,7 +53,7 @@ class WatchedPod:
     since_s: float
     """From when a budget has been exceeded (late), or all have been met."""
     for_s: float = 0.0
-    """How long it must be so before it counts."""
+    """How long it must be so before it counts. A link that is cut for a moment is no reason to move either."""
     search_s: float = 0.0
     """No search before."""
     written_s: float = float("-inf")
@@ -114,8 +113,6 @@ class BudgetWatch:
         watched.for_s = budget_for_s(part.app)
         if watched.late != (late is not None):
             watched.late, watched.since_s = late is not None, now_s
-        if late is not None and isinf(late.us):
-            watched.since_s = min(watched.since_s, now_s - watched.for_s)  # no answer at all is no slow round
         if watched.late or not watched.counts(now_s):
             return None
         if not _annotated(part.pod) and now_s - watched.written_s >= REST_S:

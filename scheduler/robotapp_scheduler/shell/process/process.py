@@ -12,6 +12,7 @@ from pathlib import Path
 
 from robotapp_api.claiming.sweeper import PENDING_S, Sweeper
 from robotapp_api.client.api.client import ApiClient, Json
+from robotapp_api.client.api.times import utc_now
 from robotapp_api.client.tools.event_recorder import reference
 from robotapp_api.client.tools.leader_election import LeaderElection, candidate_identity
 from robotapp_api.client.transport.connect import handle_loop_error
@@ -21,6 +22,7 @@ from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import Options
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cycle.budget_watch import BudgetWatch
 from robotapp_scheduler.core.cycle.group_gates import groups_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event
@@ -50,6 +52,7 @@ from robotapp_scheduler.shell.process import crash_journal, memory_tuning
 from robotapp_scheduler.shell.process.collectors import DomainClaims, publish
 from robotapp_scheduler.shell.process.loop import SchedulerLoop
 from robotapp_scheduler.shell.process.watchdog import Watchdog
+from robotapp_scheduler.shell.status.better_nodes import BetterNodes
 from robotapp_scheduler.shell.status.event_recorder import PodEvents
 from robotapp_scheduler.shell.status.kubelet_rejections import KubeletRefusals
 from robotapp_scheduler.shell.status.pod_group_status import GroupReporter
@@ -137,6 +140,8 @@ class Scheduler:
         self.events = PodEvents(client, names)
         self.reporter = Reporter(client, self.events, permitted=self._may_act)
         self.refusals = KubeletRefusals(client, self.events, self.metrics)
+        watch = BudgetWatch(self.core, clock=CLOCK, now=utc_now)
+        self.better_nodes = BetterNodes(client, watch, permitted=self._may_act)
         self.intake = PodHandler(
             self.core.cluster,
             self.core.queue,
@@ -271,6 +276,8 @@ class Scheduler:
                 group.create_task(self.refusals.run(), name="refused by kubelets"),
                 group.create_task(self._reloader.leading(), name="last good configuration"),
             ]
+            if self._options.better_nodes:
+                background.append(group.create_task(self.better_nodes.run(), name="better nodes"))
             await self.loop.run()
             for task in background:
                 task.cancel()

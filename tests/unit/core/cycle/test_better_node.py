@@ -40,9 +40,9 @@ def test_a_node_without_room_is_not_proposed_and_one_without_margin_neither() ->
     core = robot_and_servers()
     core.cluster.apply_pod(make_pod("load", node="e2", cpu="1500m"))
     assert proposal(core) == Proposal("e3", 60_000.0, 15_000.0)
-    measure(core, e3=19.0)
+    measure(core, {"e3": 19.0})
     assert proposal(core) is None, "19 ms of 20 ms are more than nine tenths"
-    measure(core, e3=21.0)
+    measure(core, {"e3": 21.0})
     assert proposal(core) is None
 
 
@@ -51,7 +51,7 @@ def test_an_earlier_tier_of_runs_on_is_taken_before_a_nearer_node() -> None:
     more = [make_node(name, cpu="2", labels={str(Label.TIER): tier}) for name, tier in tiers.items()]
     components = (COMPONENTS[0], {"name": "planner", "runsOn": ["Edge", "Cloud"]})
     core = robot_and_servers(*more, components=components)
-    measure(core, e4=12.0, c1=2.0, e2=50.0, e3=50.0)
+    measure(core, {"e4": 12.0, "c1": 2.0, "e2": 50.0, "e3": 50.0})
     assert proposal(core) == Proposal("e4", 60_000.0, 12_000.0)
 
 
@@ -78,13 +78,13 @@ def test_a_cut_link_moves_the_component_to_a_node_that_is_known_to_be_in_reach()
 
 def test_a_component_within_its_budget_has_no_proposal() -> None:
     core = robot_and_servers()
-    measure(core, e1=19.0)
+    measure(core, {"e1": 19.0})
     assert proposal(core) is None
 
 
 def test_the_node_that_was_proposed_before_stays_while_it_is_feasible_and_better() -> None:
     core = robot_and_servers()
-    measure(core, e3=9.0)
+    measure(core, {"e3": 9.0})
     assert proposal(core, standing="e3") == Proposal("e3", 60_000.0, 9_000.0)
     assert proposal(core, standing="e1") == Proposal("e2", 60_000.0, 8_000.0)
     assert proposal(core, standing="gone") == Proposal("e2", 60_000.0, 8_000.0)
@@ -201,7 +201,7 @@ def test_whatever_is_measured_a_proposal_meets_every_budget_with_a_gain(
     rtt_ms: dict[str, float], map_ms: dict[str, float], standing: str
 ) -> None:
     core = with_map(robot_and_servers(edges=TWO_EDGES, components=WITH_MAP), **map_ms)
-    measure(core, **rtt_ms)
+    measure(core, rtt_ms)
     part = planner(core)
     late = worst_late(part, core.cluster, core.cluster.rtt.measured_us)
     found = better_node(core, part, standing=standing)

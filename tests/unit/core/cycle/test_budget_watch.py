@@ -12,7 +12,7 @@ from tests.support.late_apps import annotate, edge, measure, placed, planner, ro
 from tests.support.scheduling import Clock, app_object, chain, make_pod, member_pod, telemetry
 
 from robotapp_api.model.names import Annotation
-from robotapp_scheduler.core.cycle import budget_watch
+from robotapp_scheduler.core.cycle.better_node import better_node
 from robotapp_scheduler.core.cycle.budget_watch import (
     LOOKS,
     RENEW,
@@ -24,7 +24,9 @@ from robotapp_scheduler.core.cycle.budget_watch import (
     BudgetWatch,
 )
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.robotics.edge_times import worst_late
 
+WATCH = "robotapp_scheduler.core.cycle.budget_watch"
 FOR_S = 15.0
 START = datetime(2026, 1, 2, 3, 0, tzinfo=UTC)
 Told = tuple[float, str]
@@ -50,7 +52,7 @@ class Cluster:
         for _ in range(round(seconds / step_s)):
             self.clock.forward(step_s)
             self._seq += 1
-            measure(self.core, self._seq, **self.rtt_ms)
+            measure(self.core, self.rtt_ms, seq=self._seq)
             for write in self.watch.tick():
                 self.writes.append((self.clock(), write.better.node if write.better else ""))
                 annotate(self.core, write.pod, write.better.text() if write.better else None)
@@ -84,12 +86,16 @@ def test_how_long_that_is_the_app_decides() -> None:
     assert cluster.run(45) == [(41.0, "e2")]
 
 
-def test_an_end_that_does_not_answer_at_all_is_no_slow_round() -> None:
+def test_a_link_that_is_cut_must_be_so_for_as_long() -> None:
     cluster = Cluster()
-    cluster.core.cluster.apply_telemetry(telemetry("amr", rtt_ms={"e2": 8.0}, lost=["e1"]))
-    (write,) = cluster.watch.tick()
-    assert write.better is not None
-    assert write.better.node == "e2"
+    found: list[Told] = []
+    for seq in range(round(FOR_S) + 2):
+        cluster.clock.forward(1)
+        cluster.core.cluster.apply_telemetry(telemetry("amr", rtt_ms={"e2": 8.0}, lost=["e1"], seq=seq))
+        found += [(cluster.clock(), write.better.text() if write.better else "") for write in cluster.watch.tick()]
+    ((at_s, text),) = found
+    assert at_s == FOR_S + 1
+    assert '"node": "e2", "before": "999999s"' in text
 
 
 def test_slow_rounds_that_do_not_last_write_nothing() -> None:
@@ -221,18 +227,17 @@ def test_a_tick_looks_at_few_instances_and_searches_for_one_component(monkeypatc
     many(cluster.core, 3 * LOOKS)
     looks: list[str] = []
     searches: list[str] = []
-    look, search = budget_watch.worst_late, budget_watch.better_node
 
     def looked(part: Any, *rest: Any) -> Any:
         looks.append(part.pod.metadata.uid)
-        return look(part, *rest)
+        return worst_late(part, *rest)
 
     def searched(core: Any, part: Any, **fields: Any) -> Any:
         searches.append(part.pod.metadata.uid)
-        return search(core, part, **fields)
+        return better_node(core, part, **fields)
 
-    monkeypatch.setattr(budget_watch, "worst_late", looked)
-    monkeypatch.setattr(budget_watch, "better_node", searched)
+    monkeypatch.setattr(f"{WATCH}.worst_late", looked)
+    monkeypatch.setattr(f"{WATCH}.better_node", searched)
     for _ in range(60):
         cluster.clock.forward(TICK_S)
         looks.clear()
@@ -267,6 +272,6 @@ def test_the_write_names_the_pod_as_it_was_seen_last() -> None:
     found: list[AnnotationWrite] = []
     for seq in range(20):
         cluster.clock.forward(1)
-        measure(cluster.core, seq)
+        measure(cluster.core, seq=seq)
         found += cluster.watch.tick()
     assert [(write.pod.metadata.uid, write.pod.metadata.resource_version) for write in found] == [("planner", "77")]

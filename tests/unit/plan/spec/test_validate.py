@@ -342,8 +342,12 @@ def test_equal_rates_in_other_words_are_no_contradiction() -> None:
 def test_who_names_another_scheduler_is_told_what_it_does_not_do() -> None:
     device = {"name": "c", "type": "can", "onLoss": "Restart"}
     parts = [component("a", onDisconnect="Stop"), component("b", devices=[device])]
-    assert notes_of(make_app(*parts)) == ()
-    stop, loss = notes_of(make_app(*parts, schedulerName="default-scheduler"))
+    moving = {"reschedule": {"when": "BudgetExceeded"}}
+    assert notes_of(make_app(*parts, placement=moving)) == ()
+    move, stop, loss = notes_of(make_app(*parts, placement=moving, schedulerName="default-scheduler"))
+    assert move.startswith(
+        "spec.placement.reschedule.when: BudgetExceeded has no effect with scheduler default-scheduler"
+    )
     assert stop.startswith("spec.components[0].onDisconnect: Stop acts like Failover with scheduler default-scheduler")
     assert loss.startswith("spec.components[1].devices: onLoss has no effect with scheduler default-scheduler")
 
@@ -352,14 +356,13 @@ def test_fields_without_effect_are_told_and_do_not_refuse_the_app() -> None:
     app = make_app(
         component("a", devices=[{"name": "c", "type": "can", "sharing": "Namespace", "onLoss": "Restart"}]),
         component("b"),
-        placement={"objective": "Balance", "reschedule": {"when": "BudgetExceeded"}, "fallback": {"steps": ["Wait"]}},
+        placement={"objective": "Balance", "fallback": {"steps": ["Wait"]}},
         ros2={"transport": "SHM"},
         edges=[{"topic": "/t", "from": "a", "to": "b", "bandwidth": "40M"}],
     )
     assert problems_of(app, {}) == ()
     assert [note.partition(": ")[0] for note in notes_of(app)] == [
         "spec.placement.objective",
-        "spec.placement.reschedule.when",
         "spec.placement.fallback",
         "spec.ros2.transport",
         "spec.edges[0].bandwidth",
