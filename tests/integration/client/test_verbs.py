@@ -211,6 +211,26 @@ async def test_a_binding_carries_grants_and_minds_uid_and_version(place: Place) 
         await place.client.post_raw(path, binding(place))
 
 
+async def test_a_write_to_a_pods_status_may_change_its_annotations_and_minds_uid_and_version(place: Place) -> None:
+    """So nobody needs the right to change pods, images and all, for the sake of an annotation."""
+    created = await place.client.create(PODS, pod(place))
+    uid, version = created["metadata"]["uid"], created["metadata"]["resourceVersion"]
+
+    async def annotate(text: str | None, **meta: str) -> dict[str, Any]:
+        patch = {"metadata": {"annotations": {"example.org/note": text}, **meta}, "spec": {"schedulerName": "other"}}
+        return await place.client.patch(PODS, "p", patch, namespace=place.namespace, subresource="status")
+
+    found = await annotate("here", uid=uid, resourceVersion=version)
+    assert found["metadata"]["annotations"] == {"kept": "yes", "example.org/note": "here"}
+    assert found["spec"]["schedulerName"] == "nobody"
+    with pytest.raises(Conflict):
+        await annotate("again", uid=uid, resourceVersion=version)
+    with pytest.raises(Invalid):
+        await annotate("again", uid="6f0ac4cb-0000-0000-0000-000000000000")
+    found = await annotate(None, uid=uid)
+    assert found["metadata"]["annotations"] == {"kept": "yes"}
+
+
 async def test_a_pod_that_is_gone_cannot_be_bound(place: Place) -> None:
     with pytest.raises(NotFound):
         await place.client.post_raw(PODS.path(place.namespace, "p", "binding"), binding(place))

@@ -118,7 +118,12 @@ class Store:
         check(old, obj.get("metadata") or {})
         new = copy.deepcopy(obj)
         if subresource == "status":
-            new = {**copy.deepcopy(old), "status": new.get("status")}
+            meta = copy.deepcopy(old["metadata"])
+            if key.collection == "/pods":  # as the real one: these two go along with a pod's status
+                meta |= {
+                    name: new["metadata"].get(name) for name in ("annotations", "labels") if name in new["metadata"]
+                }
+            new = {**copy.deepcopy(old), "metadata": meta, "status": new.get("status")}
         elif "status" in old:
             new["status"] = old["status"]
         meta = new.setdefault("metadata", {})

@@ -13,11 +13,14 @@ from tests.support.apiserver import FakeApiServer, Key
 from tests.support.clients import client_for, until
 
 from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import LEASES, NODES, PODS
+from robotapp_api.client.api.resources import DEPLOYMENTS, LEASES, NODES, NODETELEMETRIES, PODS, REPLICASETS, ROBOTAPPS
+from robotapp_api.model.names import Annotation, Label
+from robotapp_api.values.better_node import parse_better_node
 from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import Options, parse
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.config.reload import Running
+from robotapp_scheduler.shell.informers.informers import Informers
 from robotapp_scheduler.shell.process.process import Scheduler
 
 
@@ -122,6 +125,51 @@ async def test_a_refused_pod_is_told_why_and_bound_when_a_node_appears() -> None
         assert (condition["reason"], condition["message"]) == ("Unschedulable", "no nodes available to schedule pods")
         await found.client.create(NODES, node())
         assert await found.bound("p") == "n1"
+
+
+async def late_app(client: ApiClient) -> None:
+    """A driver on the robot and a planner on e1, which is 60 ms from it; e2 would be 8 ms."""
+    for name in ("amr", "e1", "e2"):
+        await client.create(NODES, {**node(name), "spec": {"unschedulable": name == "amr"}})
+    edge = {"topic": "/plan", "from": "planner", "to": "driver", "latency": {"budget": "20ms"}}
+    parts = [{"name": "driver", "image": "i", "runsOn": ["Robot"]}, {"name": "planner", "image": "i"}]
+    spec = {"components": parts, "edges": [edge], "placement": {"reschedule": {"for": "1s"}}}
+    app = await client.create(ROBOTAPPS, {"metadata": {"name": "teleop", "namespace": "default"}, "spec": spec})
+    for component, where in (("driver", "amr"), ("planner", "e1")):
+        owner = app
+        for resource, kind in ((DEPLOYMENTS, "RobotApp"), (REPLICASETS, "Deployment"), (PODS, "ReplicaSet")):
+            meta = owner["metadata"]
+            obj: dict[str, Any] = {"metadata": {"namespace": "default"}}
+            if resource is PODS:
+                obj = pod(component, nodeName=where)
+            reference = {"apiVersion": "v1", "kind": kind, "name": meta["name"], "uid": meta["uid"], "controller": True}
+            labels = {Label.APP_UID: app["metadata"]["uid"], Label.INSTANCE: "amr", Label.COMPONENT: component}
+            obj["metadata"] |= {"name": component, "ownerReferences": [reference]}
+            obj["metadata"]["labels"] = {str(key): value for key, value in labels.items()}
+            owner = await client.create(resource, obj)
+    await client.patch(
+        ROBOTAPPS, "teleop", {"status": {"observedGeneration": 1}}, namespace="default", subresource="status"
+    )
+    await client.create(NODETELEMETRIES, {"metadata": {"name": "amr"}})
+    rtt = [{"peer": peer, "p50Us": us, "p95Us": us} for peer, us in (("e1", 60_000), ("e2", 8_000))]
+    status = {"intervalSeconds": 10, "seq": 1, "rtt": rtt}
+    await client.patch(NODETELEMETRIES, "amr", {"status": status}, subresource="status")
+
+
+async def test_a_better_node_is_proposed_for_a_pod_whose_budget_is_exceeded(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def installed(_: Informers) -> bool:
+        return True  # the small API server lists no groups
+
+    monkeypatch.setattr(Informers, "_installed", installed)
+    async with world() as found:
+        await late_app(found.client)
+
+        def proposed() -> str:
+            return str((found.stored("planner")["metadata"].get("annotations") or {}).get(Annotation.BETTER_NODE, ""))
+
+        await until(proposed, what="a proposal")
+        better = parse_better_node(proposed())
+        assert (better.node, better.before_us, better.after_us) == ("e2", 60_000.0, 8_000.0)
 
 
 async def test_a_poison_node_is_counted_and_the_next_one_is_used() -> None:
