@@ -125,6 +125,51 @@ def test_a_component_moves_once_to_the_better_node_when_no_disruption_budget_kee
         network.set_rtt(here, ROBOT, 2.0)
 
 
+def test_a_component_moves_by_itself_to_the_node_that_the_scheduler_proposes(
+    user: Tenant, network: topology.SimulatedTelemetry
+) -> None:
+    parts = [part("planner", runsOn=["Edge"]), part("driver", runsOn=["Robot"])]
+    limits = {"reschedule": {"when": "BudgetExceeded", "for": "2s", "cooldown": "10m"}}
+    user.apply("alone", *parts, robots=ON_ROBOT, edges=[EDGE], placement=limits)
+    user.wait_ready("alone")
+    user.wait("alone", "BudgetMet", "True", reason="WithinBudget")
+    here = node_of(user, "planner")
+    network.set_rtt(here, ROBOT, 60.0)
+    try:
+        eventually(lambda: node_of(user, "planner") not in ("", here), what=lambda: user.listed("pods"))
+        user.wait("alone", "BudgetMet", "True", reason="WithinBudget")
+        told(user, "alone", "Rescheduled")
+        eventually(lambda: moves(user, "alone") == [("planner", 1)], what=lambda: user.instances("alone"))
+    finally:
+        network.set_rtt(here, ROBOT, 2.0)
+
+
+def test_a_component_that_may_not_move_shows_the_better_node_until_its_budget_is_met_again(
+    user: Tenant, network: topology.SimulatedTelemetry
+) -> None:
+    parts = [part("planner", runsOn=["Edge"]), part("driver", runsOn=["Robot"])]
+    user.apply("told", *parts, robots=ON_ROBOT, edges=[EDGE], placement={"reschedule": {"for": "2s"}})
+    user.wait_ready("told")
+    user.wait("told", "BudgetMet", "True", reason="WithinBudget")
+    here, first = node_of(user, "planner"), pod_of(user, "planner")["metadata"]["uid"]
+
+    def proposed() -> bool:
+        return Annotation.BETTER_NODE.value in pod_of(user, "planner")["metadata"].get("annotations", {})
+
+    network.set_rtt(here, ROBOT, 60.0)
+    try:
+        eventually(proposed, what=lambda: pod_of(user, "planner"))
+        why = "but placement.reschedule.when is Never"
+        eventually(
+            lambda: why in user.condition("told", "BudgetMet")["message"],
+            what=lambda: user.condition("told", "BudgetMet"),
+        )
+    finally:
+        network.set_rtt(here, ROBOT, 2.0)
+    eventually(lambda: not proposed(), what=lambda: pod_of(user, "planner"))
+    assert pod_of(user, "planner")["metadata"]["uid"] == first
+
+
 def test_a_pod_whose_device_vanishes_is_restarted_when_it_is_back(
     user: Tenant, network: topology.SimulatedTelemetry
 ) -> None:
