@@ -93,7 +93,7 @@ def compare(core: SchedulerCore, pod: PodInfo, expected: Decision) -> list[str]:
     if found.code is Code.ERROR:
         return [f"scheduling error {found.message!r}"]
     unequal = [*_choice(found, expected), *_text(found, expected)]
-    engine = core.engine(SCHEDULER_NAME)
+    engine = core.runner(SCHEDULER_NAME)
     narrowed = engine.pre_filter(pod)
     if narrowed.status is not None or expected.refused is not None:
         if (narrowed.status is None) is not (expected.refused is None):
@@ -140,7 +140,7 @@ def _text(found: Found, expected: Decision) -> list[str]:
 
 def _mask(core: SchedulerCore, evaluation: Evaluation, expected: Decision) -> list[str]:
     """Nodes outside the PreFilter's choice are not among the rows; rows of nodes that are gone have a code below 0."""
-    engine = core.engine(SCHEDULER_NAME)
+    engine = core.runner(SCHEDULER_NAME)
     found = {}
     feasible = set()
     for position, code in enumerate(evaluation.reason):
@@ -167,7 +167,7 @@ def _mask(core: SchedulerCore, evaluation: Evaluation, expected: Decision) -> li
 
 def _scores(core: SchedulerCore, evaluation: Evaluation, expected: Decision) -> list[str]:
     """A plugin that is left out on one side must have scored 0 everywhere on the other."""
-    engine = core.engine(SCHEDULER_NAME)
+    engine = core.runner(SCHEDULER_NAME)
     positions = (evaluation.reason == 0).nonzero()[0]
     names = [engine.name_of(evaluation, int(position)) for position in positions]
     totals = dict(zip(names, evaluation.totals[positions].tolist(), strict=True))

@@ -50,7 +50,7 @@ def decided(core: SchedulerCore, case: Case) -> Json:
     pod = PodInfo(to_pod(case.pod))
     core.cluster.nominations.see(pod)
     found = core.schedule_one(pod, assume=False)
-    engine = core.engine(SCHEDULER_NAME)
+    engine = core.runner(SCHEDULER_NAME)
     _, evaluation = core.consider(pod, engine)
     nodes: Json = {}
     if evaluation is not None:

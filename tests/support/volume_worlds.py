@@ -37,14 +37,14 @@ def decide(core: SchedulerCore, pod: PodInfo) -> ScheduleResult:
 def refusals(core: SchedulerCore, pod: PodInfo) -> list[tuple[str, ...]]:
     """Reasons per node n0, n1, …"""
     assert core.prepare(pod) is None
-    evaluation = core.engine(SCHEDULER_NAME).evaluate(pod, None)
+    evaluation = core.runner(SCHEDULER_NAME).evaluate(pod, None)
     return [evaluation.reasons.values[code].texts for code in evaluation.reason]
 
 
 def scores(core: SchedulerCore, pod: PodInfo) -> list[int]:
     """VolumeBinding's score per node."""
     assert core.prepare(pod) is None
-    engine = core.engine(SCHEDULER_NAME)
+    engine = core.runner(SCHEDULER_NAME)
     evaluation = engine.evaluate(pod, None)
     engine.score(pod, evaluation)
     (column,) = [column for column in evaluation.scores if column.plugin.name == "VolumeBinding"]

@@ -139,12 +139,12 @@ def _round(setting: Setting, spec: ProfileSpec, catalogue: Catalogue, clock: Cal
         cluster.apply_pod(pod)
     profiles = build_profiles([spec], catalogue)
     core = SchedulerCore(cluster, profiles, clock=lambda: 0.0)
-    engine = ProfileRunner(profiles[spec.scheduler_name], cluster, caching=setting.reuse)
+    runner = ProfileRunner(profiles[spec.scheduler_name], cluster, caching=setting.reuse)
     infos = [cluster.pod_info(pod) for pod in setting.waiting]
     unplaced, error = 0, ""
     start_s = clock()
     for info in infos:
-        record, _ = core.consider(info, engine)
+        record, _ = core.consider(info, runner)
         if record.node is None:
             unplaced += 1
             error = error or (record.message if record.message.startswith("plugin ") else "")

@@ -119,7 +119,7 @@ def apply(core: SchedulerCore, clock: Clock, step: tuple[str, Any]) -> None:
 
 
 def compare(core: SchedulerCore, fresh: ProfileRunner, pod: PodInfo) -> None:
-    cached = core.engine(SCHEDULER_NAME)
+    cached = core.runner(SCHEDULER_NAME)
     assert core.prepare(pod) is None
     left, right = cached.evaluate(pod, None), fresh.evaluate(pod, None)
     values = [[evaluation.reasons.values[max(code, 0)] for code in evaluation.reason] for evaluation in (left, right)]
@@ -143,7 +143,7 @@ def test_cached_and_fresh_evaluations_agree_after_any_history(start: list[Any], 
     clock = Clock()
     cluster = make_cluster(clock=clock)
     core = SchedulerCore(cluster, default_profiles([ProfileSpec(SCHEDULER_NAME)]), clock=clock)
-    fresh = ProfileRunner(core.engine(SCHEDULER_NAME).profile, cluster, caching=False)
+    fresh = ProfileRunner(core.runner(SCHEDULER_NAME).profile, cluster, caching=False)
     pods = ros_pods()
     for step in [*start, *history]:
         apply(core, clock, step)
@@ -166,7 +166,7 @@ def test_an_explanation_read_later_is_the_one_of_its_moment(start: list[Any], hi
     clock = Clock()
     cluster = make_cluster(*(make_node(f"m{i}", unschedulable=i == 5) for i in range(14)), clock=clock)
     core = SchedulerCore(cluster, default_profiles([ProfileSpec(SCHEDULER_NAME)]), clock=clock)
-    fresh = ProfileRunner(core.engine(SCHEDULER_NAME).profile, cluster, caching=False)
+    fresh = ProfileRunner(core.runner(SCHEDULER_NAME).profile, cluster, caching=False)
     then: dict[str, Json] = {}
     for moment, step in enumerate([*start, *history]):
         apply(core, clock, step)

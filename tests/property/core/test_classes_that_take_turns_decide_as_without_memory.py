@@ -108,7 +108,7 @@ class World:
         spec = ProfileSpec(SCHEDULER_NAME, plugins=plugins, plugin_config=args)
         profiles = build_profiles([spec], catalogue({Picky.name: Picky}))
         self.core = SchedulerCore(make_cluster(*nodes, clock=clock), profiles, clock=clock)
-        self.fresh = ProfileRunner(self.core.engine(SCHEDULER_NAME).profile, self.core.cluster, caching=False)
+        self.fresh = ProfileRunner(self.core.runner(SCHEDULER_NAME).profile, self.core.cluster, caching=False)
         self.placed: list[Pod] = []
         self.made = 0
 
@@ -165,7 +165,7 @@ class World:
 
     def read(self, number: int) -> None:
         """Totals and scores of a class, which somebody may ask for at any time, in any order."""
-        pod, cached = self.info(), self.core.engine(SCHEDULER_NAME)
+        pod, cached = self.info(), self.core.runner(SCHEDULER_NAME)
         assert self.core.prepare(pod) is None
         left, right = cached.evaluate(pod, None), self.fresh.evaluate(pod, None)
         if left.feasible > 1:

@@ -96,7 +96,7 @@ def moves(core: SchedulerCore, random: Random, dry_run: DryRun, pods: list[PodIn
             dry_run.back(random.randrange(dry_run.depth + 1))
         if random.random() < 0.3:
             info = random.choice(pods)
-            core.engine(info.scheduler_name).evaluate(info, None)
+            core.runner(info.scheduler_name).evaluate(info, None)
 
 
 @pytest.mark.parametrize("seed", range(40))

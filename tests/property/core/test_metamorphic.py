@@ -33,7 +33,7 @@ class Answer:
 
 def answer(case: Case, *, caching: bool = True) -> Answer:
     core, pod = build(case)
-    engine = core.engine(SCHEDULER_NAME)
+    engine = core.runner(SCHEDULER_NAME)
     if not caching:
         engine = ProfileRunner(engine.profile, core.cluster, caching=False)
     narrowed = engine.pre_filter(pod)

@@ -186,7 +186,7 @@ class Zoo(World):
         )
         known = catalogue({plugin.name: plugin for plugin, _ in others})
         self.core = SchedulerCore(cluster, build_profiles([spec], known), clock=clock)
-        self.fresh = ProfileRunner(self.core.engine(SCHEDULER_NAME).profile, cluster, caching=False)
+        self.fresh = ProfileRunner(self.core.runner(SCHEDULER_NAME).profile, cluster, caching=False)
         self.placed, self.kept, self.made = [], None, 0
 
     def made_node(self, index: int, **fields: Any) -> Any:

@@ -118,7 +118,7 @@ def bound(pod: Pod, node: str) -> Pod:
 def refusal(world: World, placed: Sequence[Pod], node: str) -> tuple[str, ...]:
     """The reasons one node has against the pod, counted in a cluster built for this question; () = none."""
     core = core_of(world, placed)
-    engine = core.engine(world.pod.spec.scheduler_name)
+    engine = core.runner(world.pod.spec.scheduler_name)
     evaluation = engine.evaluate(PodInfo(world.pod), frozenset({node}))
     return evaluation.reasons.values[int(evaluation.reason[0])].texts
 

@@ -41,7 +41,7 @@ def test_the_same_victims_with_and_without_what_was_kept(seed: int) -> None:
             core.cluster.apply_pod(make_pod(f"more{step}", node=f"n{random.randrange(6)}", **more))
         name, wish = f"high{step}", random.choice(wishes)
         kept = core.schedule_one(make_info(name, **wish), assume=False)
-        core.engine(SCHEDULER_NAME)._results._remembered.clear()
+        core.runner(SCHEDULER_NAME)._results._remembered.clear()
         anew = core.schedule_one(make_info(name, **wish), assume=False)
         assert (kept.node, kept.message, kept.nominate, kept.plan) == (
             anew.node,

@@ -93,7 +93,7 @@ def apply(core: SchedulerCore, step: tuple[str, Any]) -> None:
 
 
 def compare(core: SchedulerCore, fresh: ProfileRunner, pod: PodInfo) -> None:
-    engine = core.engine(SCHEDULER_NAME)
+    engine = core.runner(SCHEDULER_NAME)
     assert core.prepare(pod) is None
     if engine.pre_filter(pod).status is not None:
         return
@@ -140,7 +140,7 @@ def test_each_node_alone_gets_the_same_verdict_score_and_plan(
 ) -> None:
     clock = Clock()
     core = SchedulerCore(make_cluster(clock=clock), default_profiles([ProfileSpec(SCHEDULER_NAME)]), clock=clock)
-    fresh = ProfileRunner(core.engine(SCHEDULER_NAME).profile, core.cluster, caching=False)
+    fresh = ProfileRunner(core.runner(SCHEDULER_NAME).profile, core.cluster, caching=False)
     store = core.cluster.volumes
     store.apply_class(make_class("static", provisioner="kubernetes.io/no-provisioner"))
     store.apply_class(make_class("made", provisioner="csi.example"))

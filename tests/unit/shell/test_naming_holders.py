@@ -16,7 +16,7 @@ async def refused_while_another_is_placed() -> Rig:
     rig = Rig()
     devices = rig.core.cluster.devices
     devices.set_labels("n0", {f"{HARDWARE_PREFIX}can-can0": "true"})
-    devices.promise("uid-p", (DeviceGrant("can0", "n0", devices.of("n0")[0], True),))
+    devices.assume("uid-p", (DeviceGrant("can0", "n0", devices.of("n0")[0], True),))
     rig.show("q")
     (queued,) = rig.core.queue.pop()
     holder = DeviceHolder(uid="uid-q", namespace="a", pod_uid="uid-q")

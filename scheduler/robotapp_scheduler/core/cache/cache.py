@@ -149,7 +149,7 @@ class Cache:
         self.nominations.discard(pod.uid)
         predicted = self._predicted_labels.of(self.nodes.row_of.get(node))
         self._arrive(self._records.of(pod, node, assumed=True, predicted=predicted), Change.POD_ADDED)
-        self.devices.promise(pod.uid, grants, namespace=pod.namespace, name=pod.name)
+        self.devices.assume(pod.uid, grants, namespace=pod.namespace, name=pod.name)
 
     def forget(self, uid: str) -> Change:
         """Take an assumption back; a confirmed pod stays. Idempotent."""

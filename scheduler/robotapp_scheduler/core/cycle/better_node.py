@@ -67,8 +67,8 @@ def _choice(core: SchedulerCore, part: Part, standing: str) -> Choice:
     with as_waiting(cluster, part.pod) as pod:
         info = cluster.pod_info(pod)
         # Without caches: neither they nor the counters of decisions notice.
-        engine = ProfileRunner(core.engine(info.scheduler_name).profile, cluster, caching=False)
-        record, evaluation = core.consider(info, engine)
+        runner = ProfileRunner(core.runner(info.scheduler_name).profile, cluster, caching=False)
+        record, evaluation = core.consider(info, runner)
     node = record.node or ""
     row = cluster.nodes.row_of.get(standing)
     if row is None or evaluation is None or not evaluation.has(row):

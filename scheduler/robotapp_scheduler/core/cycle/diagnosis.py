@@ -103,14 +103,14 @@ def closed(loaded: RegisteredPlugin, status: Status) -> PreEnqueueStatus:
 class Diagnosis:
     """Makes the decisions of one attempt. `spared` pods are never chosen to make room."""
 
-    def __init__(self, cluster: Cache, engine: ProfileRunner, *, seed: int, spared: frozenset[str]) -> None:
+    def __init__(self, cluster: Cache, runner: ProfileRunner, *, seed: int, spared: frozenset[str]) -> None:
         self._cluster = cluster
-        self._engine = engine
+        self._runner = runner
         self._seed = seed
         self._spared = spared
 
     def __repr__(self) -> str:
-        return f"Diagnosis({self._engine!r})"
+        return f"Diagnosis({self._runner!r})"
 
     def early(self, pod: PodInfo, status: Status) -> ScheduleResult:
         """A pre_filter rejected the pod."""
@@ -122,7 +122,7 @@ class Diagnosis:
             rejected_by=frozenset({status.plugin}),
             nodes=count,
         )
-        if status.code is Code.UNRESOLVABLE and status.plugin in _before_dynamic_resources(self._engine.profile):
+        if status.code is Code.UNRESOLVABLE and status.plugin in _before_dynamic_resources(self._runner.profile):
             decision.message += QUIRK
             return decision
         return self._post_filtered(decision, None)
@@ -171,9 +171,9 @@ class Diagnosis:
             outside=outside,
             offset=pod_hash(pod.uid, self._seed),
             spared=self._spared | self._cluster.apps.partners(pod.member),
-            remembered=lambda key: self._engine.remembered(pod, key),
+            remembered=lambda key: self._runner.remembered(pod, key),
         )
-        for loaded in self._engine.profile.post_filters:
+        for loaded in self._runner.profile.post_filters:
             if loaded.post_filter is None:
                 continue
             found = loaded.post_filter(pod, failure)

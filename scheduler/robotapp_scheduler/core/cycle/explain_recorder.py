@@ -38,12 +38,12 @@ class Recorder:
     """Collects what one attempt saw."""
 
     __slots__ = (
-        "_at_s", "_attempt", "_cluster", "_engine", "_seed", "best", "evaluation", "planned", "shadows", "tier",
+        "_at_s", "_attempt", "_cluster", "_runner", "_seed", "best", "evaluation", "planned", "shadows", "tier",
     )  # fmt: skip
 
-    def __init__(self, cluster: Cache, engine: ProfileRunner, *, at_s: float, seed: int, attempt: int) -> None:
+    def __init__(self, cluster: Cache, runner: ProfileRunner, *, at_s: float, seed: int, attempt: int) -> None:
         self._cluster = cluster
-        self._engine = engine
+        self._runner = runner
         self._at_s = at_s
         self._seed = seed
         self._attempt = attempt
@@ -71,7 +71,7 @@ class Recorder:
 
     def record(self, decision: ScheduleResult) -> Record:
         """The record but for the `best` nodes."""
-        pod, profile, node = decision.pod, self._engine.profile, decision.node
+        pod, profile, node = decision.pod, self._runner.profile, decision.node
         top = Top((node,), (0,)) if node is not None and self.best is None else NO_TOP
         devices = tuple([grant.device.id for grant in decision.grants]) if decision.grants else ()
         # By position, as there is one for every pod: so many keywords cost six times as much.
@@ -102,7 +102,7 @@ class Recorder:
         column = measuring.get(reason.plugin)
         examples = tuple(
             Example(
-                self._engine.name_of(evaluation, position), None if column is None else column.number(position, code)
+                self._runner.name_of(evaluation, position), None if column is None else column.number(position, code)
             )
             for position in evaluation.examples(code)
         )

@@ -68,7 +68,7 @@ class Scores(Protocol):
 
     cluster: Cache
 
-    def engine(self, scheduler_name: str) -> ProfileRunner: ...
+    def runner(self, scheduler_name: str) -> ProfileRunner: ...
     def appraise(self, pod: PodInfo) -> Evaluation | None:
         """Filters and scores of a pod that can be tried now; None when it cannot, or fits nowhere."""
 
@@ -128,7 +128,7 @@ def _edges(core: Scores, app: App, pods: Sequence[PodInfo]) -> list[Edge]:
     for i, pod in enumerate(pods):
         if pod.member is not None and pod.member.component in app.components:
             of.setdefault(pod.member.component, []).append(i)
-    rules = _Rules(core.engine(pods[0].scheduler_name).profile)
+    rules = _Rules(core.runner(pods[0].scheduler_name).profile)
     found = [
         rules.edge(connection, app, left, right)
         for connection in app.source.spec.edges

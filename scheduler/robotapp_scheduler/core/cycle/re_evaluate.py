@@ -60,9 +60,9 @@ def re_evaluate(core: SchedulerCore, pod: Pod) -> tuple[Record, Table | None]:
     """
     with as_waiting(core.cluster, pod) as waiting:
         info = core.cluster.pod_info(waiting)
-        engine = ProfileRunner(core.engine(info.scheduler_name).profile, core.cluster, caching=False)
-        record, evaluation = core.consider(info, engine)
-        return record, None if evaluation is None else _table(info, engine, evaluation)
+        runner = ProfileRunner(core.runner(info.scheduler_name).profile, core.cluster, caching=False)
+        record, evaluation = core.consider(info, runner)
+        return record, None if evaluation is None else _table(info, runner, evaluation)
 
 
 @contextmanager
@@ -83,10 +83,10 @@ def as_waiting(cluster: Cache, pod: Pod) -> Iterator[Pod]:
             cluster.apps.place(pod, record.node)
 
 
-def _table(pod: PodInfo, engine: ProfileRunner, evaluation: Evaluation) -> Table:
+def _table(pod: PodInfo, runner: ProfileRunner, evaluation: Evaluation) -> Table:
     if evaluation.feasible:
         try:
-            engine.score(pod, evaluation)
+            runner.score(pod, evaluation)
         except PluginError:
             evaluation.scores = []
     rows = [int(row) for row in np.flatnonzero(evaluation.reason >= 0)]
@@ -101,7 +101,7 @@ def _table(pod: PodInfo, engine: ProfileRunner, evaluation: Evaluation) -> Table
     totals = evaluation.totals
     scored = bool(evaluation.scores) and len(totals) == len(evaluation.reason) and len(feasible) > 0
     return Table(
-        nodes=[engine.name_of(evaluation, row) for row in rows],
+        nodes=[runner.name_of(evaluation, row) for row in rows],
         reasons=reasons,
         refused=[index[int(evaluation.reason[row])] for row in rows],
         numbers=[_number(evaluation, row) for row in rows],

@@ -76,9 +76,9 @@ class SchedulerCore:
         self._together: frozenset[str] = frozenset()
         """Pods that are being placed in the same go."""
         self._preempting: set[str] = set()
-        self._engines: dict[str, ProfileRunner] = {}
+        self._runners: dict[str, ProfileRunner] = {}
         self._decided: dict[tuple[str, str, str], int] = {}
-        """Counted by engines of former configurations."""
+        """Counted by runners of former configurations."""
         self.use(profiles)
         self.queue = SchedulingQueue(
             clock=clock,
@@ -96,7 +96,7 @@ class SchedulerCore:
     def use(self, profiles: Mapping[str, Profile]) -> None:
         """Swap the profiles, between two attempts. Cached results go with the old ones; what was counted stays."""
         self._decided = self.decisions()
-        self._engines = {
+        self._runners = {
             name: ProfileRunner(profile, self.cluster, stopwatch=self._stopwatch) for name, profile in profiles.items()
         }
 
@@ -108,17 +108,17 @@ class SchedulerCore:
     @property
     def scheduler_names(self) -> frozenset[str]:
         """The profiles' names."""
-        return frozenset(self._engines)
+        return frozenset(self._runners)
 
-    def engine(self, scheduler_name: str) -> ProfileRunner:
+    def runner(self, scheduler_name: str) -> ProfileRunner:
         """The runner of a profile. Raises KeyError for another schedulerName."""
-        return self._engines[scheduler_name]
+        return self._runners[scheduler_name]
 
     def decisions(self) -> dict[tuple[str, str, str], int]:
         """(plugin, point, result) → pods over all profiles, for scheduler_plugin_decisions_total."""
         total = dict(self._decided)
-        for engine in self._engines.values():
-            for key, count in engine.decisions().items():
+        for runner in self._runners.values():
+            for key, count in runner.decisions().items():
                 total[key] = total.get(key, 0) + count
         return total
 
@@ -200,11 +200,11 @@ class SchedulerCore:
         hint: PlacementHint = NO_HINT,
     ) -> ScheduleResult:
         """One pod, on the node of `hint` if it takes the pod. Never raises for what a pod or a plugin does wrong: that becomes a decision with code Error."""
-        engine = self._engines.get(pod.scheduler_name)
-        if engine is None:
+        runner = self._runners.get(pod.scheduler_name)
+        if runner is None:
             return failed(pod, f"no profile named {pod.scheduler_name}")
-        recorder = Recorder(self.cluster, engine, at_s=self._clock(), seed=self._seed, attempt=attempt)
-        decision = self._attempt(pod, engine, exclude, recorder, hint)
+        recorder = Recorder(self.cluster, runner, at_s=self._clock(), seed=self._seed, attempt=attempt)
+        decision = self._attempt(pod, runner, exclude, recorder, hint)
         if assume and decision.node is not None:
             self.cluster.assume(pod, decision.node, decision.grants)
             if decision.volumes is not None:
@@ -212,10 +212,10 @@ class SchedulerCore:
         self.explain.add(recorder.record(decision), recorder.best)
         return decision
 
-    def consider(self, pod: PodInfo, engine: ProfileRunner) -> tuple[Record, Evaluation | None]:
+    def consider(self, pod: PodInfo, runner: ProfileRunner) -> tuple[Record, Evaluation | None]:
         """The result of `schedule_one` now, with this runner; nothing is assumed or kept. Raises no error of pod or plugin."""
-        recorder = Recorder(self.cluster, engine, at_s=self._clock(), seed=self._seed, attempt=0)
-        decision = self._attempt(pod, engine, frozenset(), recorder)
+        recorder = Recorder(self.cluster, runner, at_s=self._clock(), seed=self._seed, attempt=0)
+        decision = self._attempt(pod, runner, frozenset(), recorder)
         return finished(recorder.record(decision), recorder.best), recorder.evaluation
 
     def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
@@ -226,11 +226,11 @@ class SchedulerCore:
             found = None
         if found is None:
             return -1, ()
-        engine, evaluation = found
+        runner, evaluation = found
         if evaluation.feasible > name_up_to:
             return evaluation.feasible, ()
         positions = (evaluation.reason == 0).nonzero()[0]
-        return evaluation.feasible, tuple(engine.name_of(evaluation, int(position)) for position in positions)
+        return evaluation.feasible, tuple(runner.name_of(evaluation, int(position)) for position in positions)
 
     def appraise(self, pod: PodInfo) -> Evaluation | None:
         """Filters and scores of a pod that can be tried now; None when it cannot, or fits nowhere."""
@@ -238,22 +238,22 @@ class SchedulerCore:
             found = self._filtered(pod)
             if found is None:
                 return None
-            engine, evaluation = found
+            runner, evaluation = found
             if evaluation.feasible > 1:
-                engine.score(pod, evaluation)
+                runner.score(pod, evaluation)
         except FAULTS:
             return None
         return evaluation if evaluation.feasible else None
 
     def _filtered(self, pod: PodInfo) -> tuple[ProfileRunner, Evaluation] | None:
         """The result of the filters now; None for a pod that cannot be tried. Raises FAULTS."""
-        if pod.scheduler_name not in self._engines or self.prepare(pod) is not None:
+        if pod.scheduler_name not in self._runners or self.prepare(pod) is not None:
             return None
-        engine = self._engines[pod.scheduler_name]
-        narrowed = engine.pre_filter(pod)
+        runner = self._runners[pod.scheduler_name]
+        narrowed = runner.pre_filter(pod)
         if narrowed.status is not None:
             return None
-        return engine, with_nominated(self.cluster, pod, engine.evaluate(pod, narrowed.names))
+        return runner, with_nominated(self.cluster, pod, runner.evaluate(pod, narrowed.names))
 
     def prepare(self, pod: PodInfo) -> ScheduleResult | None:
         """Resolve the pod's ROS fields. Returns a result when the pod cannot be tried, else None."""
@@ -261,12 +261,12 @@ class SchedulerCore:
             return failed(pod, skipped_deleting(pod.key))
         if pod.exceeded_limit:
             return excessive(pod, self.cluster.nodes.count)
-        engine = self._engines[pod.scheduler_name]
+        runner = self._runners[pod.scheduler_name]
         pod.ros = None
         pod.volume_key = self.cluster.volumes.key_of(pod)
-        if pod.member is not None and engine.profile.unfit_for_apps:
-            return unfit(pod, engine.profile.unfit_for_apps, self.cluster.nodes.count)
-        if pod.plain or not engine.profile.uses_ros:
+        if pod.member is not None and runner.profile.unfit_for_apps:
+            return unfit(pod, runner.profile.unfit_for_apps, self.cluster.nodes.count)
+        if pod.plain or not runner.profile.uses_ros:
             return None
         request = pod.ros_request if pod.member is None else None
         if isinstance(request, InvalidAnnotation):
@@ -280,18 +280,18 @@ class SchedulerCore:
     def _attempt(
         self,
         pod: PodInfo,
-        engine: ProfileRunner,
+        runner: ProfileRunner,
         exclude: frozenset[str],
         recorder: Recorder,
         hint: PlacementHint = NO_HINT,
     ) -> ScheduleResult:
         try:
-            return self._try(pod, engine, exclude, recorder, hint)
+            return self._try(pod, runner, exclude, recorder, hint)
         except FAULTS as error:
             return failed(pod, str(error), nodes=self.cluster.nodes.count)
 
     def _try(
-        self, pod: PodInfo, engine: ProfileRunner, exclude: frozenset[str], recorder: Recorder, hint: PlacementHint
+        self, pod: PodInfo, runner: ProfileRunner, exclude: frozenset[str], recorder: Recorder, hint: PlacementHint
     ) -> ScheduleResult:
         early = self.prepare(pod)
         if early is not None:
@@ -299,52 +299,54 @@ class SchedulerCore:
         count = self.cluster.nodes.count
         if count == 0:
             return ScheduleResult(pod=pod, code=Code.UNSCHEDULABLE, message=histogram(0, {}))
-        narrowed = engine.pre_filter(pod)
+        narrowed = runner.pre_filter(pod)
         if narrowed.status is not None:
-            return self._refusals(engine).early(pod, narrowed.status)
+            return self._diagnosis(runner).early(pod, narrowed.status)
         names = narrowed.names
         if names is not None and not any(name in self.cluster.nodes.row_of for name in names):
             names = frozenset()
-        evaluation = self._where_promised(pod, engine, exclude, names) if self.cluster.nominations else None
+        evaluation = self._on_nominated_node(pod, runner, exclude, names) if self.cluster.nominations else None
         if evaluation is None:
-            evaluation = with_nominated(self.cluster, pod, engine.evaluate(pod, names))
+            evaluation = with_nominated(self.cluster, pod, runner.evaluate(pod, names))
         recorder.evaluation = evaluation
         if evaluation.feasible == 0:
-            return self._refusals(engine).nowhere(pod, evaluation, narrowed, names)
+            return self._diagnosis(runner).nowhere(pod, evaluation, narrowed, names)
         row_of = self.cluster.nodes.row_of
         if blocked := [row_of[name] for name in exclude if name in row_of]:
             evaluation = evaluation.without(blocked)
             if evaluation.feasible == 0:
-                return self._refusals(engine).lost_all(pod, evaluation, len(blocked))
+                return self._diagnosis(runner).lost_all(pod, evaluation, len(blocked))
         recorder.planned = hint.why
-        return self._choose(pod, engine, evaluation, recorder, hint.node)
+        return self._choose(pod, runner, evaluation, recorder, hint.node)
 
-    def _refusals(self, engine: ProfileRunner) -> Diagnosis:
-        return Diagnosis(self.cluster, engine, seed=self._seed, spared=self._together)
+    def _diagnosis(self, runner: ProfileRunner) -> Diagnosis:
+        return Diagnosis(self.cluster, runner, seed=self._seed, spared=self._together)
 
-    def _where_promised(
-        self, pod: PodInfo, engine: ProfileRunner, exclude: frozenset[str], names: frozenset[str] | None
+    def _on_nominated_node(
+        self, pod: PodInfo, runner: ProfileRunner, exclude: frozenset[str], names: frozenset[str] | None
     ) -> Evaluation | None:
-        """The node this pod is nominated for, when it takes the pod: then no other is looked at, but those of earlier tiers."""
+        """The evaluation of the node this pod is nominated for; None when that is not feasible, or a node of an earlier tier is."""
         node = self.cluster.nominations.node_of(pod.uid)
         if not node or node in exclude or node not in self.cluster.nodes.row_of:
             return None
-        evaluation = with_nominated(self.cluster, pod, engine.evaluate(pod, frozenset({node})), node=node)
+        evaluation = with_nominated(self.cluster, pod, runner.evaluate(pod, frozenset({node})), node=node)
         if evaluation.feasible and not earlier_feasible(
-            self.cluster, pod, node, lambda: with_nominated(self.cluster, pod, engine.evaluate(pod, names))
+            self.cluster, pod, node, lambda: with_nominated(self.cluster, pod, runner.evaluate(pod, names))
         ):
             return evaluation
         return None
 
     def _choose(
-        self, pod: PodInfo, engine: ProfileRunner, evaluation: Evaluation, recorder: Recorder, wished: str
+        self, pod: PodInfo, runner: ProfileRunner, evaluation: Evaluation, recorder: Recorder, planned_node: str
     ) -> ScheduleResult:
         total = 0
-        position = engine.position_of(evaluation, wished) if wished else None
+        position = runner.position_of(evaluation, planned_node) if planned_node else None
         if pod.ros is not None and pod.ros.tiers:
-            evaluation = recorder.tiered(pod.ros.tiers, evaluation, planned=wished if position is not None else "")
+            evaluation = recorder.tiered(
+                pod.ros.tiers, evaluation, planned=planned_node if position is not None else ""
+            )
         if evaluation.feasible > 1:
-            engine.score(pod, evaluation)
+            runner.score(pod, evaluation)
             if position is None:
                 position = evaluation.choose(self.cluster, pod_hash(pod.uid, self._seed))
             chosen = evaluation.scores_at(self.cluster, position)
@@ -352,15 +354,15 @@ class SchedulerCore:
             recorder.scored(evaluation, chosen)
         else:
             position = int((evaluation.reason == 0).argmax())
-            node = engine.name_of(evaluation, position)
-        if engine.profile.has_shadows:
-            recorder.shadows = engine.watch_shadows(pod, evaluation, position)
+            node = runner.name_of(evaluation, position)
+        if runner.profile.has_shadows:
+            recorder.shadows = runner.watch_shadows(pod, evaluation, position)
         return ScheduleResult(
             pod=pod,
             code=Code.SUCCESS,
             node=node,
-            grants=self._grants(pod, node) if engine.profile.reserves_devices else (),
-            volumes=engine.volume_plan(pod, node) if pod.volume_key is not None else None,
+            grants=self._grants(pod, node) if runner.profile.reserves_devices else (),
+            volumes=runner.volume_plan(pod, node) if pod.volume_key is not None else None,
             nodes=self.cluster.nodes.count,
             feasible=evaluation.feasible,
             total=total,
@@ -375,26 +377,26 @@ class SchedulerCore:
     # --- Wiring of the queue -------------------------------------------------------------------------------------
 
     def _hint_of(self, pod: PodInfo, plugin: str) -> QueueingHint:
-        engine = self._engines.get(pod.scheduler_name)
-        loaded = engine.profile.all.get(plugin) if engine is not None else None
+        runner = self._runners.get(pod.scheduler_name)
+        loaded = runner.profile.all.get(plugin) if runner is not None else None
         return loaded.queueing_hint if loaded is not None else HINTS.get(plugin) or QueueingHint(plugin)
 
     def _queue_key(self, pod: PodInfo, queued_s: float) -> tuple[Any, ...]:
-        engine = self._engines.get(pod.scheduler_name)
-        rule = engine.profile.queue_sort.queue_key if engine is not None else None
+        runner = self._runners.get(pod.scheduler_name)
+        rule = runner.profile.queue_sort.queue_key if runner is not None else None
         if rule is None:
             return (-pod.priority, queued_s)
         pod.qos = qos_fields(pod, self.cluster.apps)
         return rule(pod, queued_s)
 
     def _gate(self, pod: PodInfo) -> PreEnqueueStatus | None:
-        engine = self._engines.get(pod.scheduler_name)
-        if engine is None:
+        runner = self._runners.get(pod.scheduler_name)
+        if runner is None:
             return None
         if pod.uid in self._preempting:
             return PREEMPTING
-        for loaded in engine.profile.pre_enqueue:
+        for loaded in runner.profile.pre_enqueue:
             status = loaded.pre_enqueue(pod) if loaded.pre_enqueue is not None else None
             if status is not None and status.code is not Code.SUCCESS:
                 return closed(loaded, status)
-        return self.groups.gate(pod) if engine.profile.uses_ros else self.groups.pod_group_gate(pod)
+        return self.groups.gate(pod) if runner.profile.uses_ros else self.groups.pod_group_gate(pod)

@@ -37,7 +37,7 @@ class Busy(NamedTuple):
 
 
 class Use(NamedTuple):
-    """A device that was promised to a pod which is being placed (exclusive), or that a pod shares with others."""
+    """A device that an assumed pod will hold (exclusive), or that a pod shares with others."""
 
     thing: DeviceThing
     exclusive: bool
@@ -99,7 +99,7 @@ class DeviceIndex:
             _drop(self._claims, node, name)
         return node
 
-    def promise(self, pod_uid: str, grants: Iterable[DeviceGrant], *, namespace: str = "", name: str = "") -> None:
+    def assume(self, pod_uid: str, grants: Iterable[DeviceGrant], *, namespace: str = "", name: str = "") -> None:
         """Keep devices for an assumed pod: those it will hold alone, and those it will share with others."""
         for grant in grants:
             device = grant.device
@@ -117,7 +117,7 @@ class DeviceIndex:
             self._use(meta.uid, Use(thing, False, meta.namespace, meta.name))
 
     def release(self, pod_uid: str) -> None:
-        """The pod is gone or was not bound: drop what it was promised and what it shares."""
+        """The pod is gone or was not bound: drop the devices assumed for it, and those it shares."""
         node = self._use_nodes.pop(pod_uid, None)
         if node is not None:
             _drop(self._uses, node, pod_uid)
@@ -149,7 +149,7 @@ class DeviceIndex:
         return found
 
     def contested(self, node: str) -> bool:
-        """Is any device of the node claimed, promised or shared?"""
+        """Whether any device of the node is claimed, assumed or shared."""
         return node in self._claims or node in self._uses
 
     def blocker(self, node: str, device: Device, holder: DeviceHolder, *, exclusive: bool = True) -> Busy | None:

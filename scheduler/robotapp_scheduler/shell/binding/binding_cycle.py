@@ -125,7 +125,7 @@ class BindingCycle:
         return [pre_flight(decision.pod, context) for pre_flight in profile.pre_flights]
 
     def _profile(self, pod: PodInfo) -> Profile:
-        return self._core.engine(pod.scheduler_name).profile
+        return self._core.runner(pod.scheduler_name).profile
 
     def send(self, decision: ScheduleResult, done: Callable[[Sent, Exception | None], None]) -> None:
         """Send the Binding of a plain decision. `done` gets what was sent, and the error or None; the caller then calls

@@ -42,7 +42,7 @@ class ClaimWaits:
         rejected_by = queued.rejected_by
         nominated = self._core.cluster.nominations.node_of(queued.info.uid)
         wants_claims = (rejected_by == NO_DOMAIN or DEVICE_PLUGIN in rejected_by) and not nominated
-        if not self._core.engine(queued.info.scheduler_name).profile.reserves_devices:
+        if not self._core.runner(queued.info.scheduler_name).profile.reserves_devices:
             return False  # another configuration came since
         full = self._reserver.known_full(queued.info) if wants_claims else None
         if full is None:

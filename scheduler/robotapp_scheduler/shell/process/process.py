@@ -93,7 +93,7 @@ class Scheduler:
         self.metrics = Metrics()
         self._crash_journal = crash_journal.opened(options.state_dir, running.config.digest)
         self.core = self._made_core()
-        self._make_intake()
+        self._make_informers()
         self._make_loop()
         self.sweeper = Sweeper(
             client,
@@ -134,7 +134,7 @@ class Scheduler:
             max_backoff_s=config.max_backoff_s,
         )
 
-    def _make_intake(self) -> None:
+    def _make_informers(self) -> None:
         """Watches and their handlers, and the writers of Events and conditions."""
         client, names = self._client, self.running.config.scheduler_names
         self.events = PodEvents(client, names)
@@ -364,7 +364,7 @@ class Scheduler:
     def _in_worker(self) -> None:
         """Called in a forked copy of the process: calls of plugins there are not recorded in the crash journal."""
         for name in self.core.scheduler_names:
-            crash_journal.unwatched(self.core.engine(name).profile)
+            crash_journal.unwatched(self.core.runner(name).profile)
 
     def _may_act(self) -> bool:
         """Whether this process still holds the lease. Checked before every write of a leader: a process that was stopped

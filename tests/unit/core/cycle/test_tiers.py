@@ -159,7 +159,7 @@ def test_one_tier_or_none_leaves_no_choice_and_costs_nothing(runs_on: tuple[str,
     assert pod.ros.tiers == ()
     assert (decision.node, decision.feasible) == ("amr", 3), "what is allowed at all is in the pod's affinity"
     assert record_of(core, pod).tier == ""
-    engine = core.engine(pod.scheduler_name)
+    engine = core.runner(pod.scheduler_name)
     assert core.consider(pod, engine)[1] is engine.evaluate(pod, None), "the class's own evaluation, not a copy"
 
 
@@ -167,7 +167,7 @@ def test_the_same_evaluation_is_used_where_all_feasible_nodes_are_of_one_tier() 
     core = field(runs_on=("Robot", "Edge"))
     core.cluster.remove_node("amr")
     pod = waiting(core)
-    engine = core.engine(pod.scheduler_name)
+    engine = core.runner(pod.scheduler_name)
     assert core.consider(pod, engine)[1] is engine.evaluate(pod, None)
 
 

@@ -153,7 +153,7 @@ def test_after_failed_evictions_the_pod_is_tried_at_once() -> None:
 
 def test_without_the_plugin_nothing_is_preempted_and_nothing_is_said_of_it() -> None:
     core = full_core()
-    profile = core.engine("ros-aware-scheduler").profile
+    profile = core.runner("ros-aware-scheduler").profile
     profile.post_filters = ()
     assert core.schedule_one(make_info("vip", cpu="1", priority=10)).message == FULL.removesuffix(" preemption: ")
 

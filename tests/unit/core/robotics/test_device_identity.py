@@ -98,7 +98,7 @@ def test_a_held_device_stays_held_whoever_describes_the_node_next(before: str, a
         DESCRIPTIONS[before](devices)
         (mine,) = devices.choose((CAMERA,), "n", MINE) or ()
         if promised:
-            devices.promise(MINE.pod_uid, (mine,))
+            devices.assume(MINE.pod_uid, (mine,))
         else:
             devices.apply_claim(claim_of(mine, MINE))
         for describe in (DESCRIPTIONS[after], DESCRIPTIONS[before], DESCRIPTIONS[after]):

@@ -84,7 +84,7 @@ def test_a_shared_request_does_not_enter_a_device_that_is_held_alone() -> None:
 
 def test_a_shared_request_does_not_enter_a_device_that_was_promised_to_one_pod() -> None:
     devices = index(can(0))
-    devices.promise("stranger", devices.choose((CAN,), "n", STRANGER) or ())
+    devices.assume("stranger", devices.choose((CAN,), "n", STRANGER) or ())
     assert devices.choose((TAP,), "n", MINE) is None
 
 
@@ -92,7 +92,7 @@ def test_an_exclusive_request_does_not_enter_a_device_that_others_share_and_gets
     devices = index(can(0))
     for uid in ("one", "two"):
         sharer = DeviceHolder(uid=uid, namespace="default", pod_uid=uid)
-        devices.promise(uid, devices.choose((TAP,), "n", sharer) or (), namespace="default", name=uid)
+        devices.assume(uid, devices.choose((TAP,), "n", sharer) or (), namespace="default", name=uid)
     assert devices.choose((CAN,), "n", MINE) is None
     assert [(busy.namespace, busy.holder) for busy in devices.blockers((CAN,), "n", MINE)] == [("default", "one")]
     devices.release("one")
@@ -115,7 +115,7 @@ def test_a_pod_that_shared_a_device_before_this_process_began_keeps_it_from_othe
 
 def test_sharers_come_together_and_a_pods_own_exclusive_request_leaves_it_the_device_to_share() -> None:
     devices = index(can(0), can(1))
-    devices.promise("other", [DeviceGrant("tap", "n", devices.of("n")[1], exclusive=False)], namespace="a", name="x")
+    devices.assume("other", [DeviceGrant("tap", "n", devices.of("n")[1], exclusive=False)], namespace="a", name="x")
     (grant,) = devices.choose((TAP,), "n", MINE) or ()
     assert grant.device.id == "can-can1"
     front = DeviceRequest("front", "can", interface="can0", exclusive=False)
@@ -176,7 +176,7 @@ def test_a_promise_keeps_others_out_until_it_is_released() -> None:
     devices = index(can(0))
     grants = devices.choose((CAN,), "n", MINE)
     assert grants is not None
-    devices.promise("new", grants)
+    devices.assume("new", grants)
     other = DeviceHolder(uid="app-2", namespace="default", pod_uid="other")
     assert devices.contested("n")
     assert devices.choose((CAN,), "n", other) is None
@@ -212,7 +212,7 @@ def test_promises_and_own_claims_of_such_a_device_are_found_again() -> None:
     assert grants is not None
     assert grants[0].device.id == second.id
     devices = index(second)
-    devices.promise("new", grants)
+    devices.assume("new", grants)
     assert devices.choose((CAN,), "n", DeviceHolder(uid="app-2", namespace="default", pod_uid="other")) is None
 
 

@@ -77,7 +77,7 @@ class Heir(NodeResourcesFit):
 
 def test_a_plugin_that_inherits_from_one_of_ours_is_asked_again_after_every_pod() -> None:
     core = core_with(Heir, nodes=12)
-    spec = core.engine(SCHEDULER_NAME).profile
+    spec = core.runner(SCHEDULER_NAME).profile
     fresh = SchedulerCore(core.cluster, {SCHEDULER_NAME: spec}, clock=Clock())
     for i in range(20):
         expected = fresh.schedule_one(make_info(f"p{i}"), assume=False)
@@ -97,7 +97,7 @@ class Son(NodeResourcesFit):
 def test_what_a_plugin_inherits_for_single_nodes_does_not_answer_in_place_of_its_own_score() -> None:
     core = core_with(Son, nodes=12)
     for i in range(6):
-        fresh = SchedulerCore(core.cluster, {SCHEDULER_NAME: core.engine(SCHEDULER_NAME).profile}, clock=Clock())
+        fresh = SchedulerCore(core.cluster, {SCHEDULER_NAME: core.runner(SCHEDULER_NAME).profile}, clock=Clock())
         expected = fresh.schedule_one(make_info(f"p{i}"), assume=False)
         assert core.schedule_one(make_info(f"p{i}")).total == expected.total
 
@@ -158,7 +158,7 @@ def test_after_a_plugin_failed_halfway_through_several_nodes_the_next_pod_goes_w
     monkeypatch.setattr(Fickle, "answers", 1000)
     for i in range(4):
         core.cluster.apply_pod(make_pod(f"then-{i}", node=f"n{2 * i}", cpu="100m", memory="2Gi"))
-        fresh = SchedulerCore(core.cluster, {SCHEDULER_NAME: core.engine(SCHEDULER_NAME).profile}, clock=Clock())
+        fresh = SchedulerCore(core.cluster, {SCHEDULER_NAME: core.runner(SCHEDULER_NAME).profile}, clock=Clock())
         expected = fresh.schedule_one(make_info(f"next-{i}"), assume=False)
         decision = core.schedule_one(make_info(f"next-{i}"))
         assert (decision.node, decision.total) == (expected.node, expected.total)

@@ -117,7 +117,7 @@ async def test_a_binding_that_may_have_been_applied_is_followed_up_by_the_plugin
     rig.io.binds.append(BindOutcome(BindResult.BOUND, node="n1"))
     rig.show()
     rig.loop._decide(rig.core.queue.pop())
-    rig.core.use({"ours": other.core.engine("ours").profile})
+    rig.core.use({"ours": other.core.runner("ours").profile})
     await rig.loop.drain(1.0)
     assert [line[0] for line in rig.said.lines] == ["scheduled"]
     assert (list(rig.core.cluster.placed), len(rig.core.queue)) == (["uid-p"], 0)

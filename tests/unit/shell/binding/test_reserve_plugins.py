@@ -130,7 +130,7 @@ async def test_a_configuration_that_takes_the_check_away_after_the_decision_does
 
 
 def profile(rig: Rig) -> Profile:
-    return rig.core.engine(OURS).profile
+    return rig.core.runner(OURS).profile
 
 
 async def test_checks_that_begin_later_have_a_read_of_their_own() -> None:

@@ -126,7 +126,7 @@ def test_another_configuration_asks_again_at_a_start_and_while_running(tmp_path:
 async def test_hooks_on_the_way_to_the_node_and_hints_are_not_asked_either(tmp_path: Path) -> None:
     journal, pod = CrashJournal(tmp_path, "d1"), make_info("bad")
     journal.stuck("Dies", "reserve", pod)
-    profile = core_with(journal).engine(SCHEDULER_NAME).profile
+    profile = core_with(journal).runner(SCHEDULER_NAME).profile
 
     async def promised(*_: Any) -> None:
         raise AssertionError

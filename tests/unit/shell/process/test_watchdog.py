@@ -122,7 +122,7 @@ async def test_a_filter_that_swallows_whatever_it_is_told_ends_the_process_with_
 
 
 async def test_a_hook_on_the_way_to_the_node_is_broken_off_too() -> None:
-    profile = next(iter(core_with(Loops)._engines.values())).profile
+    profile = next(iter(core_with(Loops)._runners.values())).profile
 
     async def promised(*_: Any) -> None:
         raise AssertionError
@@ -146,7 +146,7 @@ async def test_an_async_hook_that_holds_the_loop_after_an_await_is_broken_off_to
             await asyncio.sleep(0)
             turn()
 
-    profile = next(iter(core_with(Awaits)._engines.values())).profile
+    profile = next(iter(core_with(Awaits)._runners.values())).profile
 
     async def promised(*_: Any) -> None:
         raise AssertionError
@@ -172,7 +172,7 @@ async def test_a_hint_without_end_counts_as_yes() -> None:
 
     (hint,) = [
         each.queueing_hint
-        for each in core_with(Wonders).engine(SCHEDULER_NAME).profile.filters
+        for each in core_with(Wonders).runner(SCHEDULER_NAME).profile.filters
         if each.name == "Wonders"
     ]
     pod = make_info("p")

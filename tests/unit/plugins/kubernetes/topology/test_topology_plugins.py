@@ -39,7 +39,7 @@ def service(core: SchedulerCore, **selector: str) -> None:
 
 
 def scores(core: SchedulerCore, plugin: str, pod: Any) -> list[int]:
-    engine = core.engine(PROFILE)
+    engine = core.runner(PROFILE)
     evaluation = engine.evaluate(pod, None)
     engine.score(pod, evaluation)
     column = next(column for column in evaluation.scores if column.plugin.name == plugin)
@@ -186,7 +186,7 @@ def test_preferences_of_running_pods_can_be_ignored() -> None:
     for ignored, expected in ((False, [0, 100, 100]), (True, [0, 0, 0])):
         core = core_of("a", "b", "c", InterPodAffinity={"ignorePreferredTermsOfExistingPods": ignored})
         place(core, "n0", labels={}, affinity=affinity("podAntiAffinity", {}, weight=5))
-        engine, pod = core.engine(PROFILE), make_info("p", labels={"app": "web"})
+        engine, pod = core.runner(PROFILE), make_info("p", labels={"app": "web"})
         evaluation = engine.evaluate(pod, None)
         engine.score(pod, evaluation)
         column = next(each for each in evaluation.scores if each.plugin.name == "InterPodAffinity")

@@ -183,7 +183,7 @@ def test_a_pod_goes_where_the_features_it_needs_are_declared(spec: Json, feature
 
 def test_pods_without_volumes_share_their_class_while_claims_come_and_go() -> None:
     core = world(make_class(), make_claim("map"))
-    engine = core.engine(SCHEDULER_NAME)
+    engine = core.runner(SCHEDULER_NAME)
     for index in range(5):
         core.cluster.volumes.apply_claim(make_claim(f"c{index}"))
         decide(core, make_info(f"p{index}"))
