@@ -1,1 +1,1 @@
-"""The scheduler's picture of the cluster, and the snapshot of it that plugins see."""
+"""The cache of the cluster's objects, and the snapshot of it that plugins get."""

@@ -75,7 +75,7 @@ class Cache:
     # --- Nodes ---------------------------------------------------------------------------------------------------
 
     def apply_node(self, node: Node) -> Change:
-        """Add or update a node. Pods that were seen on it before it appeared are counted in."""
+        """Add or update a node. Pods that are bound to it and arrived before it are counted."""
         row, change = self.nodes.apply(node)
         name = node.metadata.name
         if self.topology.images.apply(row, node.status.images):
@@ -93,7 +93,7 @@ class Cache:
         return change
 
     def remove_node(self, name: str) -> Change:
-        """The Node object is gone. Its pods stay known until their own objects go."""
+        """Remove a node. Its pods stay in the cache until their own objects are gone."""
         row = self.nodes.row_of.get(name)
         if row is None:
             return Change.NONE
@@ -164,7 +164,7 @@ class Cache:
         return freed | Change.POD_REMOVED
 
     def is_assumed(self, uid: str) -> bool:
-        """Counted, but not yet seen on its node."""
+        """Whether the pod is assumed: counted on its node before the API server shows it there."""
         return uid in self.placed and self.placed[uid].assumed
 
     def pods_on(self, node: str) -> Iterable[PlacedPod]:

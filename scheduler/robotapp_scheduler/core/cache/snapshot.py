@@ -1,4 +1,4 @@
-"""`Snapshot`: what a plugin sees. Read-only columns over all rows, or over the few rows that changed."""
+"""`Snapshot`: the nodes as a plugin gets them, in read-only columns over all rows, or over the few rows that changed."""
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from functools import cached_property
@@ -202,7 +202,7 @@ class Snapshot:
         return found
 
     def surely_free(self, wanted: tuple[tuple[str, int], ...]) -> bool:
-        """Is so much of each ("pods": places for pods) free on every node? False: look at the rows."""
+        """True when every node has these amounts free ("pods": places for pods); False: the rows decide."""
         return self.cluster.minimum_free.suffices(self.cluster.log, wanted)
 
     def plain(self, resources: tuple[str, ...]) -> Plain | None:

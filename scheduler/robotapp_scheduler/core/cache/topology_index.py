@@ -105,7 +105,7 @@ class Topology:
         return found
 
     def counter(self, wanted: Wanted) -> Counter:
-        """Placed pods that a selector means, counted from now on."""
+        """A counter of the placed pods that match a selector; kept up to date from now on."""
         return self.counts.counter(wanted, self._nodes.size)
 
     # --- What the watches show ---------------------------------------------------------------------------------------

@@ -123,7 +123,7 @@ def _reason(cluster: Cache, influence: Influence, row: int, nominated: Sequence[
 
 
 def _left(table: NodeTable, row: int, codes: Mapping[int, int]) -> list[int]:
-    """Pods and amounts that would still fit beside a pod that wants these; negative where it does not fit itself."""
+    """Places for pods and amounts that are left beside a pod with these requests; negative where it does not fit itself."""
     pods, resources = int(table.allowed_pods[row]) - int(table.pod_count[row]) - 1, table.resources
     amounts = (int(resources.allocatable[code, row]) - int(resources.requested[code, row]) for code in codes)
     return [pods, *map(sub, amounts, codes.values())]

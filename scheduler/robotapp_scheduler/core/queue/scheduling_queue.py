@@ -99,7 +99,7 @@ class SchedulingQueue:
         self._to_active(queued, "UnscheduledPodAdd")
 
     def update(self, pod: Pod | PodInfo) -> None:
-        """The pod changed. Only what a rule can see (spec, labels, annotations, claims) counts, and of that what may help it."""
+        """The pod changed. Only parts that a rule can read (spec, labels, annotations, claims) count, and may move it."""
         info = pod if isinstance(pod, PodInfo) else PodInfo(pod)
         queued = self._pods.get(info.uid)
         if queued is None:
@@ -375,7 +375,7 @@ class SchedulingQueue:
 
 
 def _relevant(old: Pod, new: Pod) -> bool:
-    """Did anything change that a rule reads? Our own status patch must not wake a pod."""
+    """Whether anything changed that a rule reads. The scheduler's own status patch must not move a pod."""
     return (
         old.spec != new.spec
         or old.metadata.labels != new.metadata.labels

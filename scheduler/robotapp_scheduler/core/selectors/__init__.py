@@ -1,1 +1,1 @@
-"""Which pods a selector means, and how many of them are where."""
+"""Which pods a selector matches, and how many of them are on which nodes."""

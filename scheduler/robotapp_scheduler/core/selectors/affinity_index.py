@@ -1,4 +1,4 @@
-"""What the affinity terms of placed pods mean for a pod that is to be placed.
+"""Finds the affinity terms of placed pods that match a pod to be placed, and their effect.
 
 Pods are counted per *distinct* term. A pod to be placed meets them through the `Pull` on its labels: the terms that
 concern it, found once, and their counts per topology domain, kept true while pods come and go.
@@ -159,7 +159,7 @@ class AffinityIndex:
                 self._by_label.remove(placed, placed.term.requirements or ())
 
     def pull(self, key: LabelSetKey) -> Pull:
-        """What the placed pods' terms mean for a pod of this namespace with these labels."""
+        """The placed pods' terms that match a pod of this namespace with these labels, and their effect."""
         pull = self._pulls.get(key)
         if pull is not None and self._is_current(pull, key):
             self._pulls.move_to_end(key)

@@ -15,7 +15,7 @@ MOST_COMPILED: Final = 8192
 
 
 class Kind(StrEnum):
-    """What a term of a placed pod means for a pod that is to be placed."""
+    """The effect of a placed pod's term on a pod that is to be placed."""
 
     KEEPS_AWAY = "required anti-affinity"
     ATTRACTS = "required affinity"
@@ -34,7 +34,7 @@ class Term(NamedTuple):
     requirements: Requirements | None
 
     def concerns(self, namespace: str, labels: Mapping[str, str], namespace_labels: Mapping[str, str]) -> bool:
-        """Does the term of a placed pod mean this pod?"""
+        """Whether the term of a placed pod matches this pod."""
         if self.requirements is None:
             return False
         if namespace not in self.namespaces:
@@ -44,13 +44,13 @@ class Term(NamedTuple):
         return matches_requirements(self.requirements, labels)
 
     def may_concern(self, namespace: str, labels: Mapping[str, str]) -> bool:
-        """Does it mean this pod, if the pod's namespace has the labels it requires?"""
+        """Whether it matches this pod, provided that the pod's namespace has the labels it requires."""
         if self.requirements is None or (namespace not in self.namespaces and self.namespace_requirements is None):
             return False
         return matches_requirements(self.requirements, labels)
 
     def matcher(self, namespaces: Namespaces) -> PodMatcher:
-        """Which placed pods the term of a pod that is to be placed means."""
+        """A matcher for the placed pods that the term of a pod to be placed matches."""
         wanted = self.namespace_requirements
         if wanted is None:
             return PodMatcher(self.namespaces, self.requirements)
@@ -71,7 +71,7 @@ class Terms(NamedTuple):
         return self is not NO_TERMS
 
     def want(self, namespace: str, labels: Mapping[str, str]) -> bool:
-        """Is there required affinity, and may all of it mean this pod?"""
+        """Whether there is required affinity, and all of its terms may match this pod."""
         return bool(self.affinity) and all(term.may_concern(namespace, labels) for term in self.affinity)
 
 
@@ -145,7 +145,7 @@ def compiled(namespace: str, affinity: Affinity) -> Terms:
 
 
 def attracts_itself(namespace: str, labels: Mapping[str, str], affinity: Affinity | None) -> bool:
-    """Do all required affinity terms of a pod mean the pod itself? Then it may go anywhere while they mean no other pod."""
+    """Whether all required affinity terms of a pod match the pod itself: then it may go anywhere while they match no other."""
     return affinity is not None and compiled(namespace, affinity).want(namespace, labels)
 
 

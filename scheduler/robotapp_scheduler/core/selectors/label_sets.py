@@ -23,7 +23,7 @@ class LabelSet:
         self.labels = labels
         """Shared by all its pods."""
         self.pods = 0
-        """Placed pods, those on nodes we do not know included."""
+        """Placed pods, including those on nodes that are not in the cache."""
         self.rows: dict[int, int] = {}
         """Pods per row, terminating ones included."""
         self.ending: dict[int, int] = {}

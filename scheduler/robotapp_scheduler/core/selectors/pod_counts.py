@@ -28,7 +28,7 @@ class Census(StrEnum):
 
 
 class Wanted(NamedTuple):
-    """What a counter counts: pods that all matchers mean."""
+    """What a counter counts: pods that match all of these matchers."""
 
     matchers: tuple[PodMatcher, ...]
     census: Census

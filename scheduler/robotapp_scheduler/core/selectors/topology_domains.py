@@ -32,7 +32,7 @@ class Scope:
 
 
 class Scopes:
-    """Scopes by what they depend on, renewed when the nodes are others; the least recently used ones are dropped."""
+    """Scopes by what they depend on, made anew when the nodes change; the least recently used ones are dropped."""
 
     __slots__ = ("_scopes",)
 

@@ -122,7 +122,7 @@ class Volumes:
         return Change.CSI_NODE
 
     def remove_csi_node(self, csi_node: CSINode) -> Change:
-        """Nothing is known of a node's drivers any more: no limit holds."""
+        """Remove a CSINode: without it the node has no limits."""
         self._drop_limits(csi_node.metadata.name)
         self.csi_nodes.pop(csi_node.metadata.name, None)
         self.revision += 1
@@ -135,7 +135,7 @@ class Volumes:
         return Change.CSI_DRIVER
 
     def remove_driver(self, driver: CSIDriver) -> Change:
-        """A CSIDriver is gone: its capacities are not looked at any more."""
+        """Remove a CSIDriver: its capacities no longer count."""
         self.drivers.pop(driver.metadata.name, None)
         self.revision += 1
         return Change.CSI_DRIVER
@@ -181,7 +181,7 @@ class Volumes:
         self.revision += 1
 
     def assume(self, uid: str, plan: VolumePlan) -> None:
-        """Take what a pod was given before the API server knows."""
+        """Count a pod's volume plan as carried out before the API server shows it."""
         for key, name in plan.bindings:
             claim = self.claims.get(key)
             if claim is not None:
