@@ -11,7 +11,7 @@ from datetime import datetime
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.scalars import SUBDOMAIN_PATTERN
-from robotapp_api.values.duration import format_ms, parse_us
+from robotapp_api.values.duration import format_us, parse_us
 
 MAX_BYTES: Final = 1024
 MAX_NODE: Final = 253
@@ -20,8 +20,6 @@ MOST_USE: Final = 0.9
 """Share of its budget that an edge may use at its new place."""
 LEAST_GAIN: Final = 0.2
 """By how much its time must fall."""
-LONGEST_US: Final = 999_999_000_000
-"""Longer times are written as this one, and so is no answer at all."""
 _FORM: Final = '{"node": "edge-2", "before": "61ms", "after": "8ms", "expires": "2026-01-02T03:04:05Z"}'
 
 
@@ -37,8 +35,8 @@ class BetterNode(NamedTuple):
         """As the annotation's value."""
         value = {
             "node": self.node,
-            "before": format_ms(min(self.before_us, LONGEST_US) / 1000),
-            "after": format_ms(min(self.after_us, LONGEST_US) / 1000),
+            "before": format_us(self.before_us),
+            "after": format_us(self.after_us),
             "expires": self.expires.isoformat().replace("+00:00", "Z"),
         }
         return json.dumps(value)

@@ -9,6 +9,8 @@ from robotapp_api.model.scalars import DURATION_PATTERN
 
 INT64_MAX: Final = 2**63 - 1
 MAX_LENGTH: Final = 24
+LONGEST_US: Final = 999_999_000_000
+"""The longest time that `format_us` writes."""
 
 _WHOLE: Final = re.compile(DURATION_PATTERN)
 _PART: Final = re.compile(r"([0-9]+)(?:\.([0-9]+))?(us|ms|s|m|h)")
@@ -66,3 +68,8 @@ def format_ms(ms: float) -> str:
     digits = 0 if value >= 100 else 1 if value >= 10 else 3
     text = f"{value:.{digits}f}" if digits else f"{min(value, 999_999):.0f}"
     return (text.rstrip("0").rstrip(".") if "." in text else text) + unit
+
+
+def format_us(us: float) -> str:
+    """`format_ms` of microseconds. A longer time than `LONGEST_US` is written as that one, and so is an infinite one."""
+    return format_ms(min(us, LONGEST_US) / 1000)

@@ -49,6 +49,10 @@ class Figures(NamedTuple):
         return self.p95_us if percentile >= 95 else self.p50_us
 
 
+SAME_NODE: Final = Figures(50.0, 50.0)
+"""Two ends on one node, by definition."""
+
+
 def figures_of(entry: Rtt) -> Figures:
     """The times of one entry. The 95th percentile stands in for a median that is missing."""
     lost = entry.loss_ppm is not None and entry.loss_ppm >= _MILLION

@@ -1,6 +1,9 @@
 """Taints and tolerations, by the rules of kube-scheduler 1.37."""
 
-from typing import Protocol
+from typing import Final, Protocol
+
+HARD_EFFECTS: Final = frozenset({"NoSchedule", "NoExecute"})
+"""Effects of taints that keep new pods away."""
 
 
 class TaintLike(Protocol):

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.values.better_node import LONGEST_US, BetterNode, is_gain, parse_better_node
+from robotapp_api.values.better_node import BetterNode, is_gain, parse_better_node
+from robotapp_api.values.duration import LONGEST_US
 
 GOOD = BetterNode("edge-2", 61_000.0, 8_000.0, datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))
 

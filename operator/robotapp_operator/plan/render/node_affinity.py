@@ -9,13 +9,11 @@ from robotapp_api.model.names import HARDWARE_PREFIX, Label
 from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_api.values.selector import matches_labels
 from robotapp_api.values.tiers import KEEP, ROBOT, on_disconnect
-from robotapp_api.values.toleration import tolerates
+from robotapp_api.values.toleration import HARD_EFFECTS, tolerates
 from robotapp_operator.plan.render.child import component_labels, selector
 from robotapp_operator.plan.spec.desired import Desired
 from robotapp_operator.plan.spec.objects import Taint, Toleration
 
-CLOSING: Final = frozenset({"NoSchedule", "NoExecute"})
-"""Effects of taints that keep new pods away."""
 DISCONNECTED: Final = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
 
 
@@ -107,7 +105,7 @@ def may_run_on(component: Component, desired: Desired, labels: Mapping[str, str]
 def tolerates_all(component: Component, desired: Desired, taints: Iterable[Taint]) -> bool:
     """Whether the pods are let onto a node with these taints."""
     own = [_toleration(each) for each in tolerations(component, desired)]
-    return all(any(tolerates(each, taint) for each in own) for taint in taints if taint.effect in CLOSING)
+    return all(any(tolerates(each, taint) for each in own) for taint in taints if taint.effect in HARD_EFFECTS)
 
 
 def _toleration(written: Mapping[str, Any]) -> Toleration:

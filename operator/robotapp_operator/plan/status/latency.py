@@ -14,15 +14,12 @@ from typing import Final, NamedTuple
 
 from robotapp_api.model.edge import Edge
 from robotapp_api.model.names import ROBOT_END
-from robotapp_api.values.duration import format_ms, parse_us
-from robotapp_api.values.round_trips import Figures, RoundTrips, is_unreachable
+from robotapp_api.values.duration import format_us, parse_us
+from robotapp_api.values.round_trips import SAME_NODE, Figures, RoundTrips, is_unreachable
 
-SAME_NODE: Final = Figures(50.0, 50.0)
 REST_S: Final = 60.0
 """Figures that moved are published at most this often, and so is a verdict that changes back and forth."""
 MOVED: Final = 0.2
-MOST_US: Final = 999_999_000_000
-"""Longer times are shown as this one."""
 
 EdgeKey = tuple[str, str, str, str]
 """(kind, topic, from, to)."""
@@ -98,7 +95,7 @@ def edge_views(
 
 def shown_ms(time_us: float) -> str:
     """`18ms`, or `unreachable`."""
-    return "unreachable" if is_unreachable(time_us) else format_ms(min(time_us, MOST_US) / 1000)
+    return "unreachable" if is_unreachable(time_us) else format_us(time_us)
 
 
 def worst_first(views: Iterable[EdgeView]) -> tuple[EdgeView, ...]:

@@ -73,7 +73,7 @@ def _choice(core: SchedulerCore, part: Part, standing: str) -> Choice:
     row = cluster.nodes.row_of.get(standing)
     if row is None or evaluation is None or not evaluation.has(row):
         return Choice(node, kept=False)
-    position = row if evaluation.rows is None else int(evaluation.rows.searchsorted(row))
+    (position,) = evaluation.positions(slice(row, row + 1))
     return Choice(node, kept=bool(evaluation.reason[position] == 0))
 
 

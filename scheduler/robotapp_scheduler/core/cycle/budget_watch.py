@@ -96,8 +96,10 @@ class BudgetWatch:
     def _parts(self, app_uid: str, instance: str) -> Iterator[Part]:
         apps = self._core.cluster.apps
         app = apps.app(app_uid)
-        for name in movable(app) if app is not None else ():
-            part = part_of(app, Member(app_uid, instance, name), apps) if app is not None else None
+        if app is None:
+            return
+        for name in movable(app):
+            part = part_of(app, Member(app_uid, instance, name), apps)
             if part is not None:
                 yield part
 

@@ -1,15 +1,13 @@
 """The round trips of a component's connections that have a budget, with the component where it is or on another node."""
 
 from collections.abc import Callable, Iterator
-from typing import Final, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from robotapp_api.model.names import ROBOT_END
+from robotapp_api.values.round_trips import SAME_NODE
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.pod_info import Member
 from robotapp_scheduler.core.robotics.app_index import ON_BOARD, App, AppIndex, Link
-
-SAME_NODE_US: Final = 50.0
-"""Two ends on one node, as the operator counts them."""
 
 Between = Callable[[str, str, int], float | None]
 """The round trip between two nodes at a percentile; infinite = unreachable, None = unknown."""
@@ -76,7 +74,7 @@ def time_us(link: Link, member: Member, node: str, around: Around, between: Betw
     replica. None when the time to one of them is unknown.
     """
     times = [
-        SAME_NODE_US if other == node else between(other, node, link.percentile)
+        SAME_NODE.of(link.percentile) if other == node else between(other, node, link.percentile)
         for other in peer_nodes(link, member, around)
     ]
     known = [time for time in times if time is not None]

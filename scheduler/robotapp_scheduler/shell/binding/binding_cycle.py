@@ -23,7 +23,7 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
 from robotapp_scheduler.shell.binding.claim_waits import ClaimWaits
-from robotapp_scheduler.shell.binding.extension_points import ExtensionPoints, Refused
+from robotapp_scheduler.shell.binding.extension_points import ExtensionPoints, Refused, is_bound
 from robotapp_scheduler.shell.metrics.metrics import AttemptResult, Metrics
 from robotapp_scheduler.shell.metrics.timing import PointTimer
 from robotapp_scheduler.shell.status.messages import budget_without_end
@@ -168,10 +168,10 @@ class BindingCycle:
             if found is None:
                 return
             decision, outcome = found
-            if not _is_bound(outcome):
+            if not is_bound(outcome):
                 await steps.give_back()
             self._settle(decision, steps, outcome, started_s)
-            if _is_bound(outcome):
+            if is_bound(outcome):
                 await steps.finish()
 
     async def _run_and_bind(
@@ -282,10 +282,6 @@ class BindingCycle:
             # failure would move it to the active queue again and again.
             event = Event("pods", change, old=pod.pod)
             self._core.queue.move(event, groups=groups_around(pod), but=pod.uid)
-
-
-def _is_bound(outcome: BindOutcome | Refused) -> bool:
-    return isinstance(outcome, BindOutcome) and outcome.result is BindResult.BOUND
 
 
 def _queued(decision: ScheduleResult) -> QueuedPodInfo:

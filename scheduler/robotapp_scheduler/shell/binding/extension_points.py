@@ -51,6 +51,10 @@ class Refused(NamedTuple):
     readiness: Readiness = Readiness.ERROR
 
 
+def is_bound(outcome: BindOutcome | Refused) -> bool:
+    return isinstance(outcome, BindOutcome) and outcome.result is BindResult.BOUND
+
+
 class ExtensionPoints:
     """The steps of one attempt: `async with` it, `run` on the chosen node, `bind`, and `finish` once the pod is bound.
 
@@ -166,7 +170,7 @@ class ExtensionPoints:
         if self.context.refused is None:
             began_s = self._timer.begin("Bind")
         answer = await self._bind()
-        bound = isinstance(answer, BindOutcome) and answer.result is BindResult.BOUND
+        bound = is_bound(answer)
         if bound and self.context.reserved.annotations and not self.context.annotations_read:
             log.error(
                 "plugin %s bound %s without its grants (%s), so other pods may be granted the same: a bind hook has to send "

@@ -10,9 +10,10 @@ from tests.support.scheduling import make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Label
 from robotapp_api.values.better_node import is_gain
+from robotapp_api.values.round_trips import SAME_NODE
 from robotapp_scheduler.core.cycle.better_node import Proposal, better_node, settled
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.robotics.edge_times import SAME_NODE_US, movable, worst_late
+from robotapp_scheduler.core.robotics.edge_times import movable, worst_late
 
 TWO_EDGES = [edge("planner", "driver"), edge("planner", "map", "30ms")]
 WITH_MAP = (*COMPONENTS, {"name": "map"})
@@ -121,7 +122,7 @@ def test_an_edge_of_which_less_would_be_known_keeps_the_component() -> None:
 
 def test_beside_its_peer_an_edge_takes_as_long_as_the_operator_counts_for_one_node() -> None:
     core = with_map(robot_and_servers(edges=[edge("planner", "map", "30ms")], components=WITH_MAP), e1=50.0, e2=40.0)
-    assert proposal(core) == Proposal("e3", 50_000.0, SAME_NODE_US)
+    assert proposal(core) == Proposal("e3", 50_000.0, SAME_NODE.p95_us)
 
 
 # --- Which components, and when ---------------------------------------------------------------------------------------

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 from tests.support.factories import make_app, round_trips, telemetry
 
+from robotapp_api.values.duration import LONGEST_US
 from robotapp_operator.plan.status.latency import (
-    MOST_US,
     EdgeKey,
     EdgeView,
     Rest,
@@ -194,4 +194,4 @@ def test_noise_within_the_budget_is_shown_exactly_once_a_minute() -> None:
 
 def test_times_beyond_all_bounds_are_shown_as_the_longest() -> None:
     assert shown_ms(18_000) == "18ms"
-    assert shown_ms(2**62) == shown_ms(MOST_US)
+    assert shown_ms(2**62) == shown_ms(LONGEST_US)

@@ -5,14 +5,13 @@ from typing import Final
 
 import numpy as np
 
-from robotapp_api.values.toleration import tolerates
+from robotapp_api.values.toleration import HARD_EFFECTS, tolerates
 from robotapp_scheduler.core.api.core_v1 import Node, Taint, Toleration
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult, ScoreResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
-HARD_EFFECTS: Final = frozenset({"NoSchedule", "NoExecute"})
 SOFT: Final = "PreferNoSchedule"
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from robotapp_api.model.names import Label
 from robotapp_api.values.selector import Expression, label_requirements, matches_requirements
+from robotapp_api.values.toleration import HARD_EFFECTS
 from robotapp_scheduler.core.api.core_v1 import ZONE, Pod, TopologySpreadConstraint
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.framework.interface import PluginError
@@ -17,7 +18,7 @@ from robotapp_scheduler.core.selectors.pod_counts import Census, Counter, Wanted
 from robotapp_scheduler.core.selectors.pod_matcher import PodMatcher, Requirements
 from robotapp_scheduler.core.selectors.topology_domains import Scope
 from robotapp_scheduler.plugins.kubernetes.common.node_selector import own_terms_mask
-from robotapp_scheduler.plugins.kubernetes.node.taint_toleration import HARD_EFFECTS, untolerated
+from robotapp_scheduler.plugins.kubernetes.node.taint_toleration import untolerated
 
 PLUGIN: Final = "PodTopologySpread"
 HARD: Final = "DoNotSchedule"
