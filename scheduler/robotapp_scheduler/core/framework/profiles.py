@@ -39,7 +39,7 @@ OTHER_FORMS: Final = {"score": "score_among"}
 """Points at which another hook makes a plugin take part too."""
 
 
-FOR_APPS: Final = {"reserve": "ROSReserve", "bind": "ROSBind"}
+FOR_APPS: Final = {"reserve": "ROSReserve", "bind": "ROSBind", "postBind": "ROSReserve"}
 """Plugins without which no pod of a RobotApp is placed: the check of its domain cannot be configured away (claims.md rule 1)."""
 
 
@@ -140,15 +140,19 @@ class Profile:
         self.post_binds = _deciding(plugins, "postBind")
         around_the_bind = (self.reserves, self.permits, self.pre_binds, self.post_binds)
         self.pre_flights = tuple(_pre_flights(*around_the_bind))
-        self.waits = any(pre_flight_of(loaded) is None for loaded in (*self.permits, *self.pre_binds))
-        """Whether a permit or pre_bind without `pre_flight` may make any placed pod wait before its bind."""
         self.send = _send_of(self.binds[0]) if self.binds else None
         """The bind for pods that no plugin has work for: nothing is awaited, a callback gets the result."""
-        if any(pre_flight_of(loaded) is None for chain in around_the_bind for loaded in chain):
+        self.waits = any(pre_flight_of(loaded) is None for chain in around_the_bind for loaded in chain) or not all(
+            is_ours(loaded.plugin) for loaded in self.binds
+        )
+        """Whether a hook without `pre_flight`, or another author's bind, may make any placed pod wait for minutes."""
+        if self.waits:
             self.send = None
         self.reserves_devices = any(loaded.name == FOR_APPS["reserve"] for loaded in self.reserves)
         """Whether devices are chosen and claimed for pods that request some."""
-        self.unfit_for_apps = _unfit_for_apps(scheduler_name, {"reserve": self.reserves, "bind": self.binds})
+        self.unfit_for_apps = _unfit_for_apps(
+            scheduler_name, {"reserve": self.reserves, "bind": self.binds, "postBind": self.post_binds}
+        )
         """Why this profile cannot place pods of RobotApps; "" when it can."""
         self.everywhere = tuple(loaded for chain in plugins.values() for loaded in chain)
         """One for each point that a plugin takes part in."""

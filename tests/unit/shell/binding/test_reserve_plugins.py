@@ -56,7 +56,7 @@ async def test_without_the_plugins_nothing_is_claimed_and_no_volume_bound() -> N
     assert (rig.io.claimed, rig.volumes.asked, rig.volumes.entered) == ([], [], [])
 
 
-@pytest.mark.parametrize("point", ["reserve", "permit", "pre_bind", "post_bind"])
+@pytest.mark.parametrize("point", ["reserve", "permit", "pre_bind", "bind", "post_bind"])
 async def test_no_pod_is_plain_while_a_third_party_has_a_hook_on_its_way(point: str) -> None:
     theirs = type("Theirs", (), {"name": "Theirs", point: lambda _self, _pod, _node, _ctx: None})
     for plugins, plain in (({**BINDING, "Theirs": theirs}, False), (BINDING, True)):
@@ -64,7 +64,7 @@ async def test_no_pod_is_plain_while_a_third_party_has_a_hook_on_its_way(point: 
         rig.show()
         (decision,) = rig.core.schedule(rig.core.queue.pop())
         assert rig.loop._binding_cycle.is_plain(decision) is plain
-        assert rig.loop._binding_cycle.may_take_long(decision) is (not plain and point in {"permit", "pre_bind"})
+        assert rig.loop._binding_cycle.may_take_long(decision) is not plain
 
 
 async def test_the_pods_of_an_app_are_checked_with_one_read_and_a_lost_device_has_the_next_node_checked() -> None:
