@@ -125,7 +125,12 @@ def too_many_missing(holding: Collection[str], present: Collection[str]) -> bool
     program that decides forgets nothing.
     """
     missing = len(set(holding) - set(present))
-    return 10 * missing > max(10 * FEW_MISSING, len(holding)) or 2 <= missing == len(holding)
+    return are_many(missing, len(holding)) or 2 <= missing == len(holding)
+
+
+def are_many(missing: int, of: int) -> bool:
+    """More than three and more than a tenth."""
+    return 10 * missing > max(10 * FEW_MISSING, of)
 
 
 def _instances(robots: Collection[str], nodes: Iterable[Meta]) -> dict[str, Instance]:

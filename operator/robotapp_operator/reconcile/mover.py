@@ -18,6 +18,7 @@ from robotapp_api.model.component import Component
 from robotapp_api.model.names import API_VERSION, Annotation, EventReason, Label
 from robotapp_api.values.better_node import BetterNode, parse_better_node
 from robotapp_operator.plan.moves.device_moves import RESTART, move_for_device, on_loss_of, restarts
+from robotapp_operator.plan.moves.mass_loss import Losses
 from robotapp_operator.plan.moves.move_record import parse_moves
 from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, limits_of, reschedule
 from robotapp_operator.plan.render.node_affinity import tolerates_all
@@ -31,7 +32,7 @@ from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import InstanceMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.lister import instances_by_name, owned_deployments, problems_now
+from robotapp_operator.watch.lister import device_losses, instances_by_name, owned_deployments, problems_now
 
 log = logging.getLogger(__name__)
 
@@ -39,6 +40,10 @@ Again = float | None
 """Seconds after which to look again although nothing has happened; None: not before something does."""
 LOST_S: Final = 10.0
 """A device must be gone for so long before it counts as lost: a touched cable moves nothing."""
+LOSSES_S: Final = 1.0
+"""The losses of the whole cluster are counted anew after so long: far less than LOST_S, so those of one report count together."""
+BRAKED_S: Final = 10.0
+"""Interval of checks of a pod that stays because too many lost a device."""
 REFUSED_S: Final = 30.0
 """Pause after an eviction that a PodDisruptionBudget forbids."""
 SEVERAL_BUDGETS: Final = 500
@@ -76,6 +81,8 @@ class Mover:
         self._wake = wake
         self._clock = clock
         self._now = now
+        self._losses: tuple[float, Losses] | None = None
+        """With the time at which they were counted."""
 
     async def look(self, uid: str, name: str) -> Again:
         """Record lost devices of one instance, and move or restart pods where the plan decides so."""
@@ -126,6 +133,7 @@ class Mover:
             lost,
             running=running,
             elsewhere=lambda component: self._elsewhere(app, instance, component, running[component.name].node),
+            losses=self._all_losses,
             now=self._now(),
         )
         if not isinstance(decision, Move):
@@ -140,6 +148,8 @@ class Mover:
             )
             decision = other if isinstance(other, Move) else decision or other
         later = [from_s - now_s for from_s in lasts.values() if now_s < from_s < float("inf")]
+        if lost and isinstance(decision, Stays):
+            later.append(BRAKED_S)  # it may depend on what other pods have lost
         return decision, min(later, default=None)
 
     # What there is
@@ -223,6 +233,9 @@ class Mover:
                 for device in facts.lost
                 if device.component == name and now_s - own.lost_s[device.claim] >= LOST_S
             }
+            if mine.items() - recorded.items() and self._is_mass_restart(component, part):
+                mine = {}
+                waiting.append(BRAKED_S)
             back = restarts(recorded, there=self._is_there) if on_loss_of(component) == RESTART else frozenset()
             pod = part.pod.metadata.uid
             kept = {claim: user for claim, user in recorded.items() if user == pod and self._keeps(claim, component)}
@@ -238,6 +251,18 @@ class Mover:
                 own.evicted = pod
         waiting += [LOST_S - (now_s - since_s) for since_s in own.lost_s.values() if now_s - since_s < LOST_S]
         return min(waiting, default=None)
+
+    def _is_mass_restart(self, component: Component, part: Part) -> bool:
+        """Whether so many pods lost devices that none of them is to restart when the devices are back."""
+        node = part.pod.spec.node_name
+        return on_loss_of(component) == RESTART and self._all_losses().too_many_to_restart(node)
+
+    def _all_losses(self) -> Losses:
+        """Of the whole cluster."""
+        now_s = self._clock()
+        if self._losses is None or now_s - self._losses[0] >= LOSSES_S:
+            self._losses = now_s, device_losses(self._cache)
+        return self._losses[1]
 
     def _keeps(self, claim: str, component: Component) -> bool:
         """Whether a record of a loss is kept: until the pod is replaced where onLoss is Restart, else until the device is back."""

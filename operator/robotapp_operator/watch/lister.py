@@ -21,6 +21,7 @@ from robotapp_api.values.ranges import parse_ids
 from robotapp_api.values.tiers import ROBOT
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.diff.newer import Held
+from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
 from robotapp_operator.plan.moves.move_record import NO_MOVES, SHOWN_MOVES, parse_moves
 from robotapp_operator.plan.render.infrastructure import DISCOVERY
 from robotapp_operator.plan.render.parameters import parameter_states
@@ -30,7 +31,7 @@ from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
 from robotapp_operator.plan.status.components import component_view, cut_off
 from robotapp_operator.plan.status.device_conflicts import device_trouble
-from robotapp_operator.plan.status.device_loss import LostDevice, lost_devices, parse_record
+from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, parse_record
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView, edge_views
 from robotapp_operator.watch.cache import Cache
@@ -226,6 +227,22 @@ def _lost_devices(
     for item in deployments:
         recorded |= parse_record(item.metadata.annotations.get(Annotation.LOST_DEVICES, ""))
     return lost_devices(claims, cache.telemetry, users=users, recorded=recorded)
+
+
+def device_losses(cache: Cache) -> Losses:
+    """Of the whole cluster. A device of which the agent speaks no more is lost when its loss was recorded."""
+
+    def lost(claim: Claim) -> bool:
+        there = is_there(claim, cache.telemetry)
+        return there is False or (there is None and _recorded(claim, cache))
+
+    return losses_of((claim, lost(claim)) for claim in cache.all_claims() if claim.spec.device)
+
+
+def _recorded(claim: Claim, cache: Cache) -> bool:
+    deployments = cache.deployments.of_instance(claim.holder.uid, claim.holder.instance).values()
+    texts = [item.metadata.annotations.get(Annotation.LOST_DEVICES, "") for item in deployments]
+    return any(parse_record(text).get(claim.name) == claim.status.pod for text in texts if text)
 
 
 def _moves(deployment: Deployment) -> tuple[str, tuple[str, ...]]:

@@ -3,6 +3,8 @@
 - Keep: nothing.
 - Restart: when the device is back, the pod that lost it is evicted. Its successor gets the claim, and so the same device.
 - Reschedule: when another node has a free one, the pod is evicted, within the limits that all moves share.
+
+When so many pods lose a device at once that a mistake of an agent is likelier, none of them is (`mass_loss`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -10,7 +12,8 @@ from datetime import datetime
 from typing import Final
 
 from robotapp_api.model.component import Component
-from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, limits_of
+from robotapp_operator.plan.moves.mass_loss import Losses
+from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, is_tied_to_robot, limits_of
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.status.device_loss import LostDevice
 
@@ -31,11 +34,13 @@ def move_for_device(
     *,
     running: Mapping[str, Running],
     elsewhere: Callable[[Component], str],
+    losses: Callable[[], Losses],
     now: datetime,
 ) -> Move | Stays | None:
     """What to do about devices that have been lost for a while; None when no component with onLoss Reschedule lost one.
 
     elsewhere: another usable node with devices of the kinds that the component needs, none of them held; "" without one.
+    losses: what other pods have lost; called only when a pod is about to move.
     """
     first: Stays | None = None
     for device in lost:
@@ -43,7 +48,7 @@ def move_for_device(
         pod = running.get(device.component)
         if component is None or pod is None or pod.pod != device.pod or not _may_move(component):
             continue
-        found = _of_component(app, component, device, pod, node=elsewhere(component), now=now)
+        found = _of_component(app, component, device, pod, elsewhere=elsewhere, losses=losses, now=now)
         if isinstance(found, Move):
             return found
         first = first or found
@@ -56,13 +61,25 @@ def _may_move(component: Component) -> bool:
 
 
 def _of_component(
-    app: App, component: Component, device: LostDevice, pod: Running, *, node: str, now: datetime
+    app: App,
+    component: Component,
+    device: LostDevice,
+    pod: Running,
+    *,
+    elsewhere: Callable[[Component], str],
+    losses: Callable[[], Losses],
+    now: datetime,
 ) -> Move | Stays:
+    if is_tied_to_robot(component):
+        return Stays(component.name, "it stays on its robot: runsOn is [Robot]")
+    node = elsewhere(component)
     if not node:
         return Stays(component.name, "no other node has such a device that is free")
     if pod.record is None:
         return Stays(component.name, "annotation robotics.io/moves of its Deployment cannot be read: remove it")
     if problem := pod.record.why_not(pod.pod, limits_of(app), now):
+        return Stays(component.name, problem)
+    if problem := losses().why_no_move(pod.node):
         return Stays(component.name, problem)
     return Move(component.name, pod.pod, pod.node, node, f"{device} is lost", pod.record.counts(pod.pod, now))
 

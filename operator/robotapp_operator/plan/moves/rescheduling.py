@@ -100,7 +100,7 @@ def _of_component(
     now: datetime,
 ) -> Move | Stays:
     pod, name = running.get(component.name), component.name
-    if tuple(component.runs_on) == (ROBOT,) or component.replicas != 1 or pod is None:
+    if is_tied_to_robot(component) or component.replicas != 1 or pod is None:
         return Stays(name, "")
     if pod.unreadable:
         return Stays(name, f"annotation robotics.io/better-node of its pod {pod.unreadable}")
@@ -120,6 +120,11 @@ def _of_component(
         return Stays(name, f"{place}, but {problem}")
     why = f"{edge_name(edge)} {_time(edge)} of {shown_ms(edge.budget_us or 0)} before, {shown_ms(better.after_us)} expected"
     return Move(name, pod.pod, pod.node, better.node, why, pod.record.counts(pod.pod, now))
+
+
+def is_tied_to_robot(component: Component) -> bool:
+    """Such a component is never moved: nowhere else would be its robot."""
+    return tuple(component.runs_on) == (ROBOT,)
 
 
 def limits_of(app: App) -> Limits:

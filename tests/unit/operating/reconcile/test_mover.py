@@ -20,11 +20,11 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.better_node import BetterNode
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet, Taint
 from robotapp_operator.queue.work import StartOver
-from robotapp_operator.reconcile.mover import LOST_S, REFUSED_S, Mover
+from robotapp_operator.reconcile.mover import BRAKED_S, LOST_S, REFUSED_S, Mover
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.lister import instances_by_name
+from robotapp_operator.watch.lister import device_losses, instances_by_name
 
 START = datetime(2026, 5, 1, 12, tzinfo=UTC)
 EDGE = {"topic": "/t", "from": "planner", "to": "driver", "latency": {"budget": "30ms"}}
@@ -63,8 +63,8 @@ class World:
         for name in ("far", "near", "amr"):
             self.cache.nodes[name] = make_node(name)
 
-    async def app(self, *, on_loss: str = "", reschedule: dict[str, Any] | None = None) -> None:
-        planner = component("planner")
+    async def app(self, *, on_loss: str = "", reschedule: dict[str, Any] | None = None, **fields: Any) -> None:
+        planner = component("planner", **fields)
         if on_loss:
             planner["devices"] = [CAMERA | {"onLoss": on_loss}]
         self.body = app_body(
@@ -147,20 +147,30 @@ class World:
         pod = self.cache.pods.of(UID).get("planner")
         if node != "far" or pod is None:
             return
+        self._claim("usb-cam", pod.metadata.uid, UID)
+
+    def also_holds(self, *, pods: int) -> None:
+        """Other apps' pods on node far, whose devices are gone."""
+        for number in range(pods):
+            device = f"other-{number}"
+            self.devices["far"].append(TelemetryDevice(id=device, type="usb", present=False))
+            self._claim(device, f"pod-{number}", f"app-{number}")
+
+    def _claim(self, device: str, pod: str, app_uid: str) -> None:
         holder = {
             "apiVersion": "robotics.io/v1alpha1",
             "kind": "RobotApp",
             "namespace": "default",
             "name": "teleop",
-            "uid": UID,
+            "uid": app_uid,
             "component": "planner",
         }
         claim = {
-            "metadata": {"name": "dev.n.usb-cam"},
-            "spec": {"device": {"node": "far", "type": "usb", "id": "usb-cam"}, "holder": holder},
-            "status": {"pod": pod.metadata.uid},
+            "metadata": {"name": f"dev.n.{device}"},
+            "spec": {"device": {"node": "far", "type": "usb", "id": device}, "holder": holder},
+            "status": {"pod": pod},
         }
-        self.cache.claims.put(UID, "dev.n.usb-cam", msgspec.convert(claim, Claim))
+        self.cache.claims.put(app_uid, f"dev.n.{device}", msgspec.convert(claim, Claim))
 
 
 @pytest.fixture
@@ -363,6 +373,52 @@ async def test_a_pod_moves_to_another_device_where_there_is_one_that_is_free(wor
     await world.look()
     assert await world.pods() == ["driver"]
     assert world.events == [("Rescheduled", "planner moved from far to near: device usb-cam on far is lost")]
+
+
+async def test_when_all_pods_of_a_node_lose_their_devices_at_once_none_moves_until_some_are_back(world: World) -> None:
+    await world.app(on_loss="Reschedule")
+    await world.plug(present=False)
+    await world.plug(present=True, node="near")
+    world.also_holds(pods=3)
+    await world.look()
+    assert await world.look(later_s=LOST_S + FOR_S) == BRAKED_S
+    assert await world.pods() == ["driver", "planner"]
+    assert "so many pods on its node lost devices at once" in world.stays()
+    world.devices["far"] = [each for each in world.devices["far"] if each.id == "usb-cam"]
+    await world.look(later_s=BRAKED_S)
+    assert await world.pods() == ["driver"]
+
+
+async def test_a_recorded_loss_counts_as_one_also_when_the_agent_speaks_of_nothing_any_more(world: World) -> None:
+    await world.app(on_loss="Keep")
+    await world.plug(present=False)
+    await world.look()
+    await world.look(later_s=LOST_S)
+    world.devices["far"] = []
+    await world.mirror()
+    assert device_losses(world.cache).lost.keys() == {"far"}
+
+
+async def test_devices_that_many_pods_lost_at_once_restart_nothing_when_they_are_back(world: World) -> None:
+    await world.app(on_loss="Restart")
+    await world.plug(present=False)
+    world.also_holds(pods=4)
+    await world.look()
+    assert await world.look(later_s=LOST_S + FOR_S) == BRAKED_S
+    assert await world.annotation(Annotation.LOST_DEVICES) is None
+    await world.plug(present=True)
+    await world.look()
+    assert await world.pods() == ["driver", "planner"]
+
+
+async def test_a_component_tied_to_its_robot_is_not_evicted_for_a_device_elsewhere(world: World) -> None:
+    await world.app(on_loss="Reschedule", runsOn=["Robot"])
+    await world.plug(present=False)
+    await world.plug(present=True, node="near")
+    await world.look()
+    await world.look(later_s=LOST_S)
+    assert await world.pods() == ["driver", "planner"]
+    assert world.stays() == "it stays on its robot: runsOn is [Robot]"
 
 
 async def test_no_pod_is_evicted_for_a_node_whose_taints_it_does_not_tolerate(world: World) -> None:
