@@ -44,6 +44,8 @@ LOSSES_S: Final = 1.0
 """The losses of the whole cluster are counted anew after so long: far less than LOST_S, so those of one report count together."""
 BRAKED_S: Final = 10.0
 """Interval of checks of a pod that stays because too many lost a device."""
+SETTLED_S: Final = 1.0
+"""Pause after a record was written whose times were ahead of our clock."""
 REFUSED_S: Final = 30.0
 """Pause after an eviction that a PodDisruptionBudget forbids."""
 SEVERAL_BUDGETS: Final = 500
@@ -99,6 +101,8 @@ class Mover:
             self._show(app, name, own, "")
             return None
         parts = self._parts(app, name)
+        if await self._settle(parts):
+            return SETTLED_S
         devices_again = await self._devices(app, facts, own, parts)
         decision, edges_again = self._decide(app, instance, facts, own, parts)
         refused = ""
@@ -273,6 +277,17 @@ class Mover:
         return found is not None and is_there(found, self._cache.telemetry) is True
 
     # Writes
+
+    async def _settle(self, parts: Mapping[str, Part]) -> bool:
+        """Write records anew that have times ahead of our clock; whether there were any."""
+        now, found = self._now(), False
+        for part in parts.values():
+            record = parse_moves(part.deployment.metadata.annotations, Annotation.MOVES)
+            settled = record.settled(now) if record is not None else None
+            if settled is not None and settled is not record:
+                await self._annotate(part.deployment, Annotation.MOVES, settled.text())
+                found = True
+        return found
 
     async def _move(self, app: App, own: InstanceMemory, part: Part, move: Move) -> str:
         """Why the pod could not be evicted, "" when it was, or when it is gone already."""

@@ -1,8 +1,8 @@
 """The record of a component's moves, in the annotation `robotics.io/moves` of its Deployment.
 
 It is written before the eviction. So an operator that ends between the two finds the pod in the record: it evicts the same pod
-and counts nothing twice. Times are of the wall clock, which may be another operator's: one that is ahead of ours counts for
-the day, and never for the cooldown, which would then last until the clock has caught up.
+and counts nothing twice. Times are of the wall clock, which may have been another operator's. One that is ahead of ours counts as
+now, and the record is written so: from then on cooldown and day run by our clock, as after any move, and end.
 """
 
 import dataclasses
@@ -35,36 +35,45 @@ class Limits:
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class MoveRecord:
-    """Moves in the order of their times. `pod`: uid of the pod that the latest one evicts."""
+    """Moves in the order of their times. `pod`: uid of the pod that the last one evicts."""
 
     times: tuple[datetime, ...] = ()
     pod: str = ""
 
     def counts(self, pod: str, now: datetime) -> bool:
         """Was the eviction of this pod recorded a short while ago, so that it needs no further record?"""
-        return self.pod == pod and bool(self.times) and now - self.times[-1] < RECENT
+        return self.pod == pod and bool(self.times) and now - self.settled(now).times[-1] < RECENT
+
+    def settled(self, now: datetime) -> "MoveRecord":
+        """With the present for every time that is ahead of our clock; itself when there is none."""
+        if not self.times or self.times[-1] <= now + AHEAD:
+            return self
+        past = [time for time in self.times if time <= now + AHEAD]
+        latest = max([now, *past[-1:]])
+        return dataclasses.replace(self, times=(*past, *[latest] * (len(self.times) - len(past))))
 
     def why_not(self, pod: str, limits: Limits, now: datetime) -> str:
         """Why the pod may not be moved now; "" when it may. A move of it that was recorded and never made does not count."""
-        times = self._without(pod)
-        today = [time for time in times if abs(now - time) < DAY]
+        times = self._others(pod, now)
+        today = [time for time in times if now - time < DAY]
         if len(today) >= limits.max_per_day:
             if not today:
                 return "placement.reschedule.maxPerDay is 0"
             free = whole_seconds(min(today) + DAY)
             return f"it was moved {len(today)} times within 24 hours (placement.reschedule.maxPerDay), the next move is possible at {free}"
-        past = [time for time in times if time <= now + AHEAD]
-        if past and now - max(past) < limits.cooldown:
-            return f"it was moved at {whole_seconds(max(past))} (placement.reschedule.cooldown, until {whole_seconds(max(past) + limits.cooldown)})"
+        if times and now - times[-1] < limits.cooldown:
+            return f"it was moved at {whole_seconds(times[-1])} (placement.reschedule.cooldown, until {whole_seconds(times[-1] + limits.cooldown)})"
         return ""
 
     def with_move(self, pod: str, now: datetime) -> "MoveRecord":
         """With a move of this pod, and without those that no rule reads any more."""
-        kept = tuple(time for time in self._without(pod) if abs(now - time) < DAY)
-        return MoveRecord(times=(*kept, now)[-MAX_TIMES:], pod=pod)
+        kept = [time for time in self._others(pod, now) if now - time < DAY]
+        return MoveRecord(times=(*kept, max([now, *kept[-1:]]))[-MAX_TIMES:], pod=pod)
 
-    def _without(self, pod: str) -> tuple[datetime, ...]:
-        return self.times[:-1] if pod == self.pod else self.times
+    def _others(self, pod: str, now: datetime) -> tuple[datetime, ...]:
+        """Times of the moves of other pods, none ahead of our clock."""
+        times = self.settled(now).times
+        return times[:-1] if pod == self.pod else times
 
     def text(self) -> str:
         """As the annotation's value."""

@@ -20,7 +20,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.better_node import BetterNode
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet, Taint
 from robotapp_operator.queue.work import StartOver
-from robotapp_operator.reconcile.mover import BRAKED_S, LOST_S, REFUSED_S, Mover
+from robotapp_operator.reconcile.mover import BRAKED_S, LOST_S, REFUSED_S, SETTLED_S, Mover
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
@@ -244,6 +244,23 @@ async def test_a_new_operator_keeps_the_cooldown_of_its_predecessor(world: World
     await world.look(later_s=120)
     assert await world.pods() == ["driver"]
     assert len((await world.annotation(Annotation.MOVES))["times"]) == 2
+
+
+async def test_a_record_ahead_of_our_clock_is_written_with_the_present_and_ends_with_the_cooldown(world: World) -> None:
+    await world.app()
+    await world.propose()
+    ahead = json.dumps({"times": ["2099-01-01T00:00:00Z"], "pod": "another"})
+    await world.client.patch(
+        DEPLOYMENTS, "planner", {"metadata": {"annotations": {Annotation.MOVES: ahead}}}, namespace="default"
+    )
+    assert await world.look() == SETTLED_S
+    (time,) = (await world.annotation(Annotation.MOVES))["times"]
+    assert time.startswith("2026-05-01T12:16:40")
+    await world.look(later_s=1)
+    await world.look(later_s=FOR_S)
+    assert "placement.reschedule.cooldown, until 2026-05-01T12:18:40Z" in world.stays()
+    await world.look(later_s=120)
+    assert await world.pods() == ["driver"]
 
 
 async def test_a_pod_that_a_disruption_budget_keeps_is_counted_once_and_tried_again(world: World) -> None:

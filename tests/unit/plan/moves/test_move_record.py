@@ -13,6 +13,7 @@ from robotapp_operator.plan.moves.move_record import MAX_TIMES, NO_MOVES, Limits
 NOW = datetime(2026, 5, 1, 12, tzinfo=UTC)
 KEY = "robotics.io/moves"
 LIMITS = Limits(cooldown=timedelta(minutes=2), max_per_day=3)
+NO_COOLDOWN = Limits(cooldown=timedelta(0), max_per_day=3)
 
 
 def moved(*ago_s: float) -> MoveRecord:
@@ -35,11 +36,22 @@ def test_of_one_day_there_are_no_more_moves_than_allowed() -> None:
     )
 
 
-def test_a_clock_that_was_ahead_counts_for_the_day_and_does_not_stop_moves_until_it_has_caught_up() -> None:
-    assert moved(-7200).why_not("new", LIMITS, NOW) == ""
-    assert moved(-7200, -7300, -7400).why_not("new", LIMITS, NOW) != ""
-    assert moved(-30).why_not("new", LIMITS, NOW) != "", "two clocks differ by seconds"
-    assert moved(-(10.0**8)).why_not("new", LIMITS, NOW) == ""
+def test_a_time_ahead_of_our_clock_counts_as_now_and_a_record_written_so_ends_like_any_other() -> None:
+    for ahead_s in (7200, 10.0**8, 10.0**11):
+        record = moved(-ahead_s)
+        assert "placement.reschedule.cooldown, until 2026-05-01T12:02:00Z" in record.why_not("new", LIMITS, NOW)
+        settled = record.settled(NOW)
+        assert settled.times == (NOW,)
+        assert settled.why_not("new", LIMITS, NOW + LIMITS.cooldown) == ""
+        assert moved(-ahead_s, -ahead_s, -ahead_s).why_not("new", NO_COOLDOWN, NOW).startswith("it was moved 3 times")
+    assert moved(-30).why_not("new", LIMITS, NOW) != ""
+    assert moved(-30).settled(NOW) == moved(-30), "two clocks differ by seconds"
+
+
+def test_a_pod_of_which_the_clock_was_ahead_is_not_taken_for_recorded_for_ever() -> None:
+    settled = moved(-7200).settled(NOW)
+    assert settled.counts("p", NOW)
+    assert not settled.counts("p", NOW + timedelta(minutes=10))
 
 
 def test_a_pod_that_is_kept_for_long_is_entered_once_with_the_time_at_which_it_is_tried_again() -> None:
@@ -103,3 +115,41 @@ def test_however_often_one_asks_the_limits_hold_and_the_record_survives_being_wr
     assert len(record.times) <= MAX_TIMES
     assert all(later - one >= limits.cooldown for one, later in pairwise(moves))
     assert all(sum(one <= other < one + timedelta(days=1) for other in moves) <= most for one in moves)
+
+
+def leader(record: MoveRecord, pod: str, limits: Limits, clock: datetime) -> tuple[MoveRecord, bool]:
+    """What one operator makes of the record by its clock, and whether it moves the pod."""
+    record = record.settled(clock)
+    if record.why_not(pod, limits, clock):
+        return record, False
+    return parse_moves({KEY: record.with_move(pod, clock).text()}, KEY) or NO_MOVES, True
+
+
+@given(st.lists(st.tuples(st.integers(0, 7200), st.integers(-11, 11)), max_size=60), st.integers(1, 4))
+def test_leaders_with_clocks_hours_apart_move_no_more_than_the_day_allows(
+    turns: list[tuple[int, int]], most: int
+) -> None:
+    """turns: seconds since the last one, and by how many hours the leader's clock is wrong."""
+    limits = Limits(cooldown=timedelta(minutes=2), max_per_day=most)
+    record, now, moves = NO_MOVES, NOW, 0
+    for number, (gap_s, wrong_h) in enumerate(turns):
+        now += timedelta(seconds=gap_s)
+        if now - NOW > timedelta(hours=2):
+            break
+        record, found = leader(record, f"p{number}", limits, now + timedelta(hours=wrong_h))
+        moves += found
+    assert moves <= most
+
+
+@given(st.lists(st.integers(86_400, 253_402_214_400), max_size=20), st.integers(1, 4))
+def test_whatever_times_a_record_has_after_a_day_the_component_may_move_again_and_never_more_often_than_allowed(
+    written_s: list[int], most: int
+) -> None:
+    limits = Limits(cooldown=timedelta(minutes=2), max_per_day=most)
+    record = MoveRecord(times=tuple(datetime.fromtimestamp(each, UTC) for each in sorted(written_s)), pod="old")
+    moves = 0
+    for hour in range(25):
+        record, found = leader(record, f"p{hour}", limits, NOW + timedelta(hours=hour))
+        assert list(record.times) == sorted(record.times)
+        moves += found
+    assert 1 <= moves <= 2 * most
