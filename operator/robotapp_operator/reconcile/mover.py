@@ -32,7 +32,13 @@ from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import InstanceMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.lister import device_losses, instances_by_name, owned_deployments, problems_now
+from robotapp_operator.watch.lister import (
+    device_losses,
+    devices_of_pods,
+    instances_by_name,
+    owned_deployments,
+    problems_now,
+)
 
 log = logging.getLogger(__name__)
 
@@ -214,6 +220,7 @@ class Mover:
             desired,
             but=here,
             claims=self._cache.claims.by_name,
+            used=devices_of_pods(self._cache),
             telemetry=self._cache.telemetry,
             nodes={
                 name: node

@@ -10,6 +10,7 @@ from datetime import timedelta
 
 from robotapp_api.claims.device import claims_wanted
 from robotapp_api.claims.domain import DomainOutcome
+from robotapp_api.claims.identity import granted_devices, shared_devices
 from robotapp_api.claims.instances import ANY, Instance, robot_of, too_many_missing
 from robotapp_api.claims.objects import App as ClaimsApp
 from robotapp_api.claims.objects import Claim
@@ -30,7 +31,7 @@ from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
 from robotapp_operator.plan.status.components import component_view, cut_off
-from robotapp_operator.plan.status.device_conflicts import device_trouble
+from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble
 from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, parse_record
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView, edge_views
@@ -227,6 +228,18 @@ def _lost_devices(
     for item in deployments:
         recorded |= parse_record(item.metadata.annotations.get(Annotation.LOST_DEVICES, ""))
     return lost_devices(claims, cache.telemetry, users=users, recorded=recorded)
+
+
+def devices_of_pods(cache: Cache) -> PodDevices:
+    """What pods on nodes share, and what bare pods hold alone: an app's pods hold by claims."""
+    alone: defaultdict[str, set[str]] = defaultdict(set)
+    shared: defaultdict[str, set[str]] = defaultdict(set)
+    bare = [pod for pods in cache.bare_pods.values() for pod in pods.values() if not pod.terminal]
+    for pod in bare:
+        alone[pod.spec.node_name] |= granted_devices(pod.metadata.annotations)
+    for pod in (*bare, *(pod for pods in cache.pods.values() for pod in pods.values() if not pod.terminal)):
+        shared[pod.spec.node_name] |= shared_devices(pod.metadata.annotations)
+    return PodDevices(alone=alone, shared=shared)
 
 
 def device_losses(cache: Cache) -> Losses:

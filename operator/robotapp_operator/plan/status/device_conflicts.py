@@ -1,12 +1,12 @@
 """Why an instance cannot get its devices, for the condition `Allocated`. The scheduler decides; this only explains."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from robotapp_api.claims.device import GPU, assign, busy_text, claimed, fits, is_device
-from robotapp_api.claims.identity import claim_name_device, device_label
+from robotapp_api.claims.identity import UNKNOWN_DEVICE_TYPE, claim_name_device, device_label
 from robotapp_api.claims.instances import Instance, closed_nodes
-from robotapp_api.claims.objects import Claim
+from robotapp_api.claims.objects import Claim, DeviceThing
 from robotapp_api.model.component import Component
 from robotapp_api.model.device import Device
 from robotapp_operator.plan.render.node_affinity import may_run_on
@@ -25,6 +25,13 @@ class Place(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.id} on {self.node}"
+
+
+class PodDevices(NamedTuple):
+    """By node, the ids of devices that pods there hold alone or share, as their grants name them."""
+
+    alone: Mapping[str, Collection[str]]
+    shared: Mapping[str, Collection[str]]
 
 
 class DeviceRequest(NamedTuple):
@@ -73,20 +80,28 @@ def free_elsewhere(
     *,
     but: str,
     claims: Mapping[str, Claim],
+    used: PodDevices,
     telemetry: Mapping[str, Telemetry],
     nodes: Mapping[str, Node],
 ) -> str:
-    """The first of `nodes`, other than `but`, with every device that the component asks for, held by nobody; "" without one.
+    """The first of `nodes`, other than `but`, with every device that the component asks for, used by nobody; "" without one.
 
-    A device that is shared must be there, too. GPUs are left out: device plugins count them, and no agent reports which are free.
+    A device that is shared must be there, too, and may be shared already. used: what pods have of which there is no claim: what they
+    share, and what a bare pod holds while its claim is repaired. GPUs are left out: device plugins count them, and no agent reports which
+    are free.
     """
     alone: list[frozenset[Place]] = []
     shared: list[frozenset[str]] = []
     for device in component.devices:
         places = _fitting(component, device, desired, telemetry=telemetry, nodes=nodes)
-        free = frozenset(place for place in places if _claim_on(place, claims, telemetry[place.node]) is None)
+        free = frozenset(
+            place
+            for place in places
+            if _claim_on(place, claims, telemetry[place.node]) is None and not _is_among(place, used.alone, telemetry)
+        )
         if claimed(device):
-            alone += [free] * device.count
+            unshared = frozenset(place for place in free if not _is_among(place, used.shared, telemetry))
+            alone += [unshared] * device.count
         elif device.type != GPU:
             shared.append(frozenset(place.node for place in free))
     for node in sorted({place.node for places in alone for place in places} - {but}):
@@ -154,13 +169,21 @@ def _claim_on(place: Place, claims: Mapping[str, Claim], report: Telemetry) -> C
     """The claim that holds the device, perhaps under the id it had before the node's agent reported it."""
     if exact := claims.get(claim_name_device(place.node, place.id)):
         return exact
+    things = ((claim, claim.spec.device) for claim in claims.values())
+    found = (claim for claim, thing in things if thing and thing.node == place.node and _is(place, thing, report))
+    return next(found, None)
+
+
+def _is_among(place: Place, used: Mapping[str, Collection[str]], telemetry: Mapping[str, Telemetry]) -> bool:
+    things = (DeviceThing(node=place.node, type=UNKNOWN_DEVICE_TYPE, id=ident) for ident in used.get(place.node, ()))
+    return any(_is(place, thing, telemetry[place.node]) for thing in things)
+
+
+def _is(place: Place, thing: DeviceThing, report: Telemetry) -> bool:
+    """Whether the thing, which is on the same node, is this device."""
     known = {device_label(device.id) for device in report.status.devices}
     device = next(device for device in report.status.devices if device.id == place.id)
-    things = ((claim, claim.spec.device) for claim in claims.values())
-    found = (
-        claim for claim, thing in things if thing and thing.node == place.node and is_device(thing, device, known=known)
-    )
-    return next(found, None)
+    return is_device(thing, device, known=known)
 
 
 def _belongs(claim: Claim, app: App, instance: Instance) -> bool:

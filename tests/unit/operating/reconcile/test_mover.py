@@ -438,6 +438,21 @@ async def test_a_component_tied_to_its_robot_is_not_evicted_for_a_device_elsewhe
     assert world.stays() == "it stays on its robot: runsOn is [Robot]"
 
 
+async def test_no_pod_is_evicted_for_a_device_that_bare_pods_share(world: World) -> None:
+    await world.app(on_loss="Reschedule")
+    await world.plug(present=False)
+    await world.plug(present=True, node="near")
+    meta = {"name": "viewer", "namespace": "lab", "annotations": {Annotation.GRANTED_SHARED: "usb-cam"}}
+    viewer = msgspec.convert({"metadata": meta, "spec": {"nodeName": "near"}}, Pod)
+    world.cache.bare_pods.put("lab", "viewer", viewer)
+    await world.look()
+    await world.look(later_s=LOST_S)
+    assert await world.pods() == ["driver", "planner"], "its successor would have to wait for them"
+    world.cache.bare_pods.drop("lab", "viewer")
+    await world.look()
+    assert await world.pods() == ["driver"]
+
+
 async def test_no_pod_is_evicted_for_a_node_whose_taints_it_does_not_tolerate(world: World) -> None:
     await world.app(on_loss="Reschedule")
     await world.plug(present=False)

@@ -16,7 +16,7 @@ from robotapp_api.model.names import Annotation
 from robotapp_operator.plan.spec.desired import App, desired_of
 from robotapp_operator.plan.spec.objects import Telemetry
 from robotapp_operator.plan.status import device_conflicts as devices
-from robotapp_operator.plan.status.device_conflicts import Place, rivals
+from robotapp_operator.plan.status.device_conflicts import Place, PodDevices, rivals
 
 ON_ROBOT = Instance(robot="amr-07", node="amr-07")
 BUS: dict[str, Any] = {"name": "bus", "type": "can", "interface": "can0"}
@@ -177,7 +177,15 @@ def test_a_device_that_is_asked_for_by_a_further_name_is_the_one_that_is_held() 
     assert text.startswith("device can-1d50-606f-1 on amr-07 is held by default/arm")
 
 
-def elsewhere(*wanted: dict[str, Any], telemetry: dict[str, Telemetry], claims: list[Claim] | None = None) -> str:
+NOTHING_USED = PodDevices({}, {})
+
+
+def elsewhere(
+    *wanted: dict[str, Any],
+    telemetry: dict[str, Telemetry],
+    claims: list[Claim] | None = None,
+    used: PodDevices = NOTHING_USED,
+) -> str:
     """The node to which a component with these devices may move from edge-1."""
     app = make_app(component(runsOn=["Edge"], devices=list(wanted)))
     return devices.free_elsewhere(
@@ -185,6 +193,7 @@ def elsewhere(*wanted: dict[str, Any], telemetry: dict[str, Telemetry], claims: 
         desired_of(app, ""),
         but="edge-1",
         claims={claim.name: claim for claim in claims or []},
+        used=used,
         telemetry=telemetry,
         nodes=NODES,
     )
@@ -210,3 +219,16 @@ def test_a_pod_may_not_move_to_where_a_device_that_it_shares_is_missing_or_held_
     assert elsewhere(bus, shared, telemetry=both) == "edge-2"
     assert elsewhere(bus, shared, telemetry=node_with("can0", node="edge-2")) == ""
     assert elsewhere(bus, shared, telemetry=both, claims=[claim_of("can-can1", uid="o", node="edge-2")]) == ""
+
+
+def test_a_pod_may_not_move_to_a_device_that_others_share_or_that_a_bare_pod_holds_before_its_claim_is_there() -> None:
+    two = node_with("can0", "can1", node="edge-2")
+    shared, alone = PodDevices({}, {"edge-2": {"can-can0"}}), PodDevices({"edge-2": {"can-can0"}}, {})
+    bus, log = ANY_BUS | {"interface": "can0"}, ANY_BUS | {"name": "log", "interface": "can0", "sharing": "Cluster"}
+    other = ANY_BUS | {"name": "other", "interface": "can1"}
+    for used in (shared, alone):
+        assert elsewhere(bus, telemetry=two, used=used) == ""
+        assert elsewhere(other, telemetry=two, used=used) == "edge-2"
+        assert elsewhere(bus, telemetry=two, used=PodDevices({"edge-1": {"can-can0"}}, {})) == "edge-2"
+    assert elsewhere(other, log, telemetry=two, used=shared) == "edge-2", "one more may share it"
+    assert elsewhere(other, log, telemetry=two, used=alone) == ""
