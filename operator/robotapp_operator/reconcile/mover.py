@@ -20,7 +20,7 @@ from robotapp_api.values.better_node import BetterNode, parse_better_node
 from robotapp_operator.plan.moves.device_moves import RESTART, move_for_device, on_loss_of, restarts
 from robotapp_operator.plan.moves.mass_loss import Losses
 from robotapp_operator.plan.moves.move_record import parse_moves
-from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, limits_of, reschedule
+from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, limits_of, moved_text, reschedule
 from robotapp_operator.plan.render.node_affinity import tolerates_all
 from robotapp_operator.plan.spec.desired import App, desired_of
 from robotapp_operator.plan.spec.objects import Deployment, Node, Pod
@@ -103,6 +103,8 @@ class Mover:
             return None
         facts = self._observer.instance(app, instance)
         own = self._memory.of(uid).instance(name)
+        if own.moving is not None:
+            self._tell(app, own, self._parts(app, name))
         if not self._is_about_anything(app, facts, own):
             self._show(app, name, own, "")
             return None
@@ -308,13 +310,25 @@ class Mover:
         own.evicted = move.pod
         if refused is None:
             return ""
-        note = f"{move.component} moved from {move.before} to {move.after}: {move.why}"
+        log.info(
+            "%s/%s: %s is evicted from %s for %s", app.namespace, app.name, move.component, move.before, move.after
+        )
+        own.moving = move
+        return ""
+
+    def _tell(self, app: App, own: InstanceMemory, parts: Mapping[str, Part]) -> None:
+        """Write the event of a move when the successor is on a node, about the node that the scheduler has chosen."""
+        move = own.moving
+        part = parts.get(move.component) if move else None
+        if move is None or part is None or part.pod.metadata.uid == move.pod:
+            return
+        own.moving = None
+        note = moved_text(move, part.pod.spec.node_name)
         log.info("%s/%s: %s", app.namespace, app.name, note)
         about = reference(api_version=API_VERSION, kind="RobotApp", name=app.name, namespace=app.namespace, uid=app.uid)
         self._recorder.event(
             about, reason=EventReason.RESCHEDULED.value, note=note[:1000], action=ACTION, warning=False
         )
-        return ""
 
     async def _count(self, app: App, deployment: Deployment, move: Move) -> bool:
         """Add the move to the stored record; False when the limits forbid it by that record."""

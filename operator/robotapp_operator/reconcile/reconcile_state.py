@@ -8,6 +8,7 @@ from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
 from robotapp_operator.plan.diff.newer import Held
+from robotapp_operator.plan.moves.rescheduling import Move
 from robotapp_operator.plan.spec.validate import Problem
 from robotapp_operator.plan.status.budget_times import BudgetTimes
 from robotapp_operator.plan.status.facts import InstanceFacts
@@ -23,7 +24,8 @@ class InstanceMemory:
 
     `facts_until_s`: when other latency figures may be published, or the robot's grace is over. `shown`: the figures that are, None until they are read from
     the object. `measured`: its edges as measured last. `times`: since when these have been over or within their budgets. `lost_s`: since
-    when devices have been lost, by claim. `stays`: why a component is not moved. `evicted`: uid of the pod that this process evicted last. `version`: resourceVersion of the object as we left or found it. `written_facts`: the facts that it is known to
+    when devices have been lost, by claim. `stays`: why a component is not moved. `evicted`: uid of the pod that this process evicted last. `moving`: a move whose new pod is not on
+    a node yet. `version`: resourceVersion of the object as we left or found it. `written_facts`: the facts that it is known to
     show. `created`: there has been one. `pending_status`: the latest status that differed from the stored one.
     """
 
@@ -36,6 +38,7 @@ class InstanceMemory:
     lost_s: dict[str, float] = dataclasses.field(default_factory=dict)
     stays: str = ""
     evicted: str = ""
+    moving: Move | None = None
     rest: Rest = dataclasses.field(default_factory=Rest)
     writing: Writing = dataclasses.field(default_factory=Writing)
     version: str = ""

@@ -122,6 +122,14 @@ def _of_component(
     return Move(name, pod.pod, pod.node, better.node, why, pod.record.counts(pod.pod, now))
 
 
+def moved_text(move: Move, node: str) -> str:
+    """The note of the event about a move whose new pod is on `node`."""
+    if node == move.before:
+        return f"{move.component} was evicted from {move.before} and came back, {move.after} was proposed: {move.why}"
+    other = "" if node == move.after else f" ({move.after} was proposed)"
+    return f"{move.component} moved from {move.before} to {node}{other}: {move.why}"
+
+
 def is_tied_to_robot(component: Component) -> bool:
     """Such a component is never moved: nowhere else would be its robot."""
     return tuple(component.runs_on) == (ROBOT,)

@@ -60,7 +60,7 @@ class World:
             clock=lambda: self.now_s,
             now=lambda: START + timedelta(seconds=self.now_s),
         )
-        for name in ("far", "near", "amr"):
+        for name in ("far", "near", "third", "amr"):
             self.cache.nodes[name] = make_node(name)
 
     async def app(self, *, on_loss: str = "", reschedule: dict[str, Any] | None = None, **fields: Any) -> None:
@@ -190,9 +190,33 @@ async def test_a_move_is_recorded_first_then_the_pod_is_evicted_and_its_user_is_
     assert [write.partition("?")[0] for write in writes] == ["PATCH planner", "POST eviction"]
     assert await world.pods() == ["driver"]
     assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
-    assert world.events == [
-        ("Rescheduled", "planner moved from far to near: /t planner -> driver 60ms of 30ms before, 8ms expected")
-    ]
+    assert world.events == [], "where its successor goes the scheduler decides"
+    await world.look()
+    await world.pod("planner", "near")
+    for _ in range(2):
+        await world.look()
+        assert world.events == [
+            ("Rescheduled", "planner moved from far to near: /t planner -> driver 60ms of 30ms before, 8ms expected")
+        ]
+
+
+@pytest.mark.parametrize(
+    ("node", "text"),
+    [
+        ("third", "planner moved from far to third (near was proposed): /t planner"),
+        ("far", "planner was evicted from far and came back, near was proposed: /t planner"),
+    ],
+)
+async def test_the_event_names_the_node_that_the_successor_is_on(world: World, node: str, text: str) -> None:
+    await world.app()
+    await world.propose()
+    await world.look()
+    await world.look(later_s=FOR_S)
+    await world.pod("planner", node)
+    await world.look()
+    ((reason, note),) = world.events
+    assert reason == "Rescheduled"
+    assert note.startswith(text)
 
 
 async def test_who_did_not_opt_in_stays_and_is_told_so(world: World) -> None:
@@ -389,6 +413,8 @@ async def test_a_pod_moves_to_another_device_where_there_is_one_that_is_free(wor
     await world.plug(present=True, node="near")
     await world.look()
     assert await world.pods() == ["driver"]
+    await world.pod("planner", "near")
+    await world.look()
     assert world.events == [("Rescheduled", "planner moved from far to near: device usb-cam on far is lost")]
 
 
