@@ -26,7 +26,7 @@ from robotapp_scheduler.config.model import (
     ProfileModel,
 )
 from robotapp_scheduler.config.model import PluginSet as PluginSetModel
-from robotapp_scheduler.config.plugin_names import with_third_party
+from robotapp_scheduler.config.plugin_names import IGNORED_ARGUMENTS, with_third_party
 from robotapp_scheduler.core.framework.profiles import (
     PLACES,
     Catalogue,
@@ -220,7 +220,12 @@ def _spec(profile: ProfileModel, catalogue: Catalogue, compat_version: str) -> P
 
 def _plugin_config(profile: ProfileModel, catalogue: Catalogue, compat_version: str) -> dict[str, dict[str, Any]]:
     """Arguments by plugin. Another release than the usual one is an argument of each plugin that knows releases."""
-    args: dict[str, dict[str, Any]] = {entry.name: entry.args for entry in profile.plugin_config}
+    args: dict[str, dict[str, Any]] = {
+        entry.name: {
+            name: value for name, value in entry.args.items() if name not in IGNORED_ARGUMENTS.get(entry.name, ())
+        }
+        for entry in profile.plugin_config
+    }
     if compat_version == ConfigurationModel.model_fields["compat_version"].default:
         return args
     for name, cls in catalogue.classes.items():
@@ -296,7 +301,15 @@ def _warnings(model: ConfigurationModel) -> list[str]:
     for path, name in profiling.items():
         if name in model.model_fields_set and getattr(model, name):
             found.append(f"{path} is accepted and ignored: there are no profiles to be served")
-    return found
+    return [*found, *_ignored_arguments(model.profiles)]
+
+
+def _ignored_arguments(profiles: Sequence[ProfileModel]) -> Iterator[str]:
+    for index, profile in enumerate(profiles):
+        for at, entry in enumerate(profile.plugin_config):
+            for name, why in IGNORED_ARGUMENTS.get(entry.name, {}).items():
+                if name in entry.args:
+                    yield f"profiles[{index}].pluginConfig[{at}].args.{name} is accepted and ignored: {why}"
 
 
 def _shape_problems(error: ValidationError) -> list[str]:

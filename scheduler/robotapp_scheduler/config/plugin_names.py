@@ -25,6 +25,12 @@ NOT_BUILT = {
     "AzureDiskLimits": "gone upstream too: NodeVolumeLimits counts the volumes of every CSI driver",
 }
 """Plugins of kube-scheduler, now or once, that are not built in, and why; a name in our catalogue wins over this list."""
+IGNORED_ARGUMENTS = {
+    "LatencyFilter": {
+        "cacheTTL": "the scheduler probes nothing: agents measure, and a round trip is unknown after three of their rounds"
+    }
+}
+"""Arguments by plugin that files for the thesis' scheduler have and that mean nothing here, and why."""
 
 
 class UnknownPluginError(LookupError):

@@ -186,9 +186,9 @@ def test_an_outlier_is_far_from_the_median_and_then_no_row_stands_alone() -> Non
 @pytest.mark.parametrize(
     ("args", "text"),
     [
-        ({"source": "SchedulerProbe"}, "NodeTelemetry"),
+        ({"unknown": "Ask"}, "write Allow or Deny"),
         ({"outlierFactor": -1}, "0-1000"),
-        ({"cacheTTL": "soon"}, "soon"),
+        ({"maxLatency": "soon"}, "soon"),
     ],
 )
 def test_arguments_that_cannot_be_honoured_are_refused(args: dict[str, Any], text: str) -> None:

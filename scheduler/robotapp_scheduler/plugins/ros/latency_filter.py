@@ -37,8 +37,6 @@ class LatencyFilterArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     max_latency: str = "100ms"
     unknown: str = "Allow"
     outlier_factor: float = 0.0
-    cache_ttl: str = msgspec.field(name="cacheTTL", default="30s")
-    source: str = "NodeTelemetry"
 
 
 class LatencyFilter:
@@ -61,11 +59,8 @@ class LatencyFilter:
         args = args or LatencyFilterArgs()
         if args.unknown not in {"Allow", "Deny"}:
             raise ValueError(f"unknown: {args.unknown!r} is not allowed; write Allow or Deny")
-        if args.source != "NodeTelemetry":
-            raise ValueError(f"source: {args.source!r} is not offered yet; write NodeTelemetry")
         if not 0.0 <= args.outlier_factor <= 1000.0:
             raise ValueError("outlierFactor: not in valid range [0-1000]")
-        parse_us(args.cache_ttl)
         self.most_us = parse_us(args.max_latency)
         self.deny_unknown = args.unknown == "Deny"
         self._outlier_factor = args.outlier_factor
