@@ -48,7 +48,7 @@ class SharedData(Model):
     peer_pods: Annotated[tuple[DnsName, ...], ListSet(), Field(max_length=16)] = ()
     """Pods or Deployments of this namespace that belong to no RobotApp."""
     claim_names: Annotated[tuple[DnsName, ...], ListSet(), Field(max_length=16)] = ()
-    """PersistentVolumeClaims of this namespace."""
+    """PersistentVolumeClaims of this namespace beside whose data it runs; template.spec.volumes and volumeMounts mount them."""
 
 
 class ReadyTopic(Model):

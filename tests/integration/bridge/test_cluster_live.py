@@ -132,17 +132,19 @@ def test_a_writer_of_robotapps_keeps_no_history_for_statefulsets(stage: Stage) -
 FILES = {**SAMPLES, "with-jobs": WITH_JOBS} | {
     path.parent.name: path.read_text() for path in EXAMPLES.glob("*/Rigelfile")
 }
+NEVER_BOUND = {"accessModes": ["ReadWriteOnce"], "storageClassName": "", "resources": {"requests": {"storage": "1Gi"}}}
 LISTINGS = {path.stem.replace(".", "-"): path.read_text() for path in THESIS.glob("listing-3*.yaml")}
 
 
 @pytest.fixture(scope="module")
 def surroundings(stage: Stage) -> Iterator[Stage]:
-    """What the samples name: the peer `mapper`, parameter files, the pool `lab`."""
+    """What the samples name: the peer `mapper`, a volume claim, parameter files, the pool `lab`."""
     mapper = {"nodeName": "edge-1", "containers": [{"name": "main", "image": IMAGE}]}
     drv = {"amr-07.yaml": "/**: {ros__parameters: {v: 2.0}}"}
     for each in (
         {"kind": "Pod", "metadata": {"name": "mapper"}, "spec": mapper},
         {"kind": "ConfigMap", "metadata": {"name": "drv"}, "data": drv},
+        {"kind": "PersistentVolumeClaim", "metadata": {"name": "map-pvc"}, "spec": NEVER_BOUND},
     ):
         stage.plane.kubectl("apply", "-n", stage.namespace, "-f", "-", stdin={"apiVersion": "v1", **each})
     with pool(stage.plane, "lab"):
@@ -157,9 +159,7 @@ def files(folder: Path, *, domain: int) -> dict[str, list[str]]:
     """The samples as files with the flags they need, by the name of their app."""
     found = {}
     for name, text in {NUMBERED: FILES[NUMBERED], **FILES, **LISTINGS}.items():
-        # The scheduler cannot keep a component beside a volume claim yet, and says so.
-        usable = text.replace(", pvc: [map-pvc]", "").replace("sharedData: {claimNames: [map-pvc]}", "sharedData: {}")
-        (folder / name).write_text(usable.replace("dds_domain: 7", f"dds_domain: {domain}"))
+        (folder / name).write_text(text.replace("dds_domain: 7", f"dds_domain: {domain}"))
         found[name] = [str(folder / name), "--name", name]
         if name in LISTINGS:
             found[name] += ["--image", "acme/teleop:1", *([] if "distro" in text else ["--distro", "humble"])]

@@ -3,10 +3,19 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from tests.support.scheduling import device_claim, make_cluster, make_info, make_node, make_pod, telemetry
+from tests.support.scheduling import device_claim, make_cluster, make_core, make_info, make_node, make_pod, telemetry
+from tests.support.volumes import make_volume
 
 from robotapp_api.model.names import Annotation, Label
-from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceRequest, Endpoint, Hardware, PeerGroup, RosContext
+from robotapp_scheduler.core.api.ros import (
+    DeviceHolder,
+    DeviceRequest,
+    Endpoint,
+    Hardware,
+    PeerGroup,
+    RosContext,
+    SharedVolume,
+)
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.framework.interface import Scores, Verdict
@@ -171,6 +180,16 @@ def test_an_unknown_distance_is_allowed_unless_the_configuration_denies_it() -> 
     assert mask(latency(unknown="Deny").filter(info, Snapshot(cluster))) == [True, True, False]
 
 
+def test_a_budget_whose_other_end_is_not_known_fits_nowhere_if_the_configuration_denies_what_is_unknown() -> None:
+    info, nodes = pod(unknown_end=True), Snapshot(line(5))
+    assert mask(latency().filter(info, nodes)) == [True, True]
+    verdict = latency(unknown="Deny").filter(info, nodes)
+    assert mask(verdict) == [False, False]
+    assert isinstance(verdict, Verdict)
+    assert verdict.codes is not None
+    assert "the other end of the latency budget: it is not known" in verdict.reasons[int(verdict.codes[0])][0]
+
+
 def test_draining_nodes_take_no_ros_pods_even_without_connections() -> None:
     cluster = make_cluster(make_node("a", annotations=DRAINING), make_node("b"))
     assert mask(latency().filter(pod(), Snapshot(cluster))) == [False, True]
@@ -257,11 +276,46 @@ def test_a_pod_joins_its_placed_peers_and_keeps_away_from_others() -> None:
     ]
 
 
-def test_shared_volume_claims_are_refused_in_plain_words_until_volumes_are_read() -> None:
-    answer = SharedDataFilter().pre_filter(pod(volume_claims=("map",)), Snapshot(make_cluster()))
+def test_a_claim_of_shared_data_that_does_not_exist_rejects_the_pod_by_its_name() -> None:
+    answer = SharedDataFilter().pre_filter(pod(volumes=(SharedVolume("map", missing=True),)), Snapshot(make_cluster()))
     assert answer is not None
     assert answer.status is not None
-    assert "shared-data claim 'map' is not supported by this scheduler yet" in answer.status.reason
+    assert answer.status.reason == 'persistentvolumeclaim "map" not found'
+
+
+def test_a_pod_that_names_a_missing_claim_is_rejected_although_its_like_without_one_was_placed() -> None:
+    """Pods that differ in annotations alone have one signature, by which it is kept who narrows the nodes."""
+    core = make_core(make_node("n"))
+    without = {str(Annotation.POLICIES): '{"qos_class": "realtime"}'}
+    assert core.schedule_one(make_info("a", annotations=without)).node == "n"
+    named = core.schedule_one(make_info("b", annotations={str(Annotation.SHARED_DATA): '{"pvc": ["gone"]}'}))
+    assert not named.node
+    assert 'persistentvolumeclaim "gone" not found' in named.message
+
+
+@pytest.mark.parametrize(
+    ("shared", "expected"),
+    [
+        (SharedVolume("nobody's yet"), "abc"),
+        (SharedVolume("local", volume="on-a"), "a"),
+        (SharedVolume("network", volume="anywhere"), "abc"),
+        (SharedVolume("network", volume="anywhere", users=("b", "c")), "bc"),
+        (SharedVolume("not made yet", users=("b",)), "b"),
+        (SharedVolume("local", volume="on-a", users=("b",)), ""),
+        (SharedVolume("lost", volume="gone"), ""),
+    ],
+)
+def test_a_pod_goes_where_the_volume_of_its_shared_data_can_be_used(shared: SharedVolume, expected: str) -> None:
+    cluster = make_cluster(*(make_node(name) for name in "abc"))
+    cluster.volumes.apply_volume(make_volume("on-a", on=["a"]))
+    cluster.volumes.apply_volume(make_volume("anywhere"))
+    nodes = Snapshot(cluster)
+    verdict = SharedDataFilter().filter(pod(volumes=(shared,)), nodes)
+    assert passing(verdict, nodes) == set(expected)
+    assert isinstance(verdict, Verdict)
+    assert verdict.codes is not None
+    reasons = {verdict.reasons[int(code)] for code in verdict.codes[~verdict.mask]}
+    assert reasons <= {("node(s) couldn't use the volume of a claim in the pod's shared data",)}
 
 
 def test_a_pod_only_fits_where_a_free_device_is_left_for_every_wish() -> None:

@@ -81,6 +81,20 @@ class PeerGroup(msgspec.Struct, frozen=True, gc=False):
     nodes: tuple[str, ...]
 
 
+class SharedVolume(msgspec.Struct, frozen=True, gc=False):
+    """A claim of the pod's shared data whose volume one node at a time can use, as it is at this moment."""
+
+    claim: str
+    missing: bool = False
+    """There is no claim of this name in the pod's namespace."""
+    volume: str = ""
+    """The PersistentVolume it is bound to; empty = none yet."""
+    users: tuple[str, ...] = ()
+    """Nodes where pods mount it; the pod must be on one of them, if there are any."""
+    revision: int = 0
+    """Of everything that the cache knows of volumes, so that contexts made before a change of it are not equal."""
+
+
 class DeviceHolder(msgspec.Struct, frozen=True, gc=False):
     """Whose claim a device request may use. `uid` is the RobotApp's, or the pod's for a bare pod."""
 
@@ -98,6 +112,8 @@ class RosContext(msgspec.Struct, frozen=True, gc=False):
     """The pod's namespace: robots choose which they admit."""
     qos_class: str = DEFAULT_QOS_CLASS
     endpoints: tuple[Endpoint, ...] = ()
+    unknown_end: bool = False
+    """A latency budget of the pod has no other end on a known node. Components of its own app that are not placed yet are known."""
     deadline_us: int | None = None
     zones: tuple[str, ...] = ()
     master_node: str = ""
@@ -109,7 +125,8 @@ class RosContext(msgspec.Struct, frozen=True, gc=False):
     together: tuple[PeerGroup, ...] = ()
     apart: tuple[str, ...] = ()
     """Nodes of peers the pod must not share (separateFrom)."""
-    volume_claims: tuple[str, ...] = ()
+    volumes: tuple[SharedVolume, ...] = ()
+    """Claims of its shared data that limit where it may be; those that many nodes can use at a time are left out."""
 
 
 def tier(qos_class: str, *, reliability: str, liveliness: str) -> int:

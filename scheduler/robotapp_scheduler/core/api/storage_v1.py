@@ -21,6 +21,8 @@ SELECTED_NODE: Final = "volume.kubernetes.io/selected-node"
 NO_PROVISIONER: Final = "kubernetes.io/no-provisioner"
 WAIT_FOR_CONSUMER: Final = "WaitForFirstConsumer"
 ONE_POD: Final = "ReadWriteOncePod"
+MANY_NODES: Final = frozenset({"ReadWriteMany", "ReadOnlyMany"})
+"""Access modes in which pods of several nodes use one volume at a time."""
 AVAILABLE: Final = "Available"
 LOST: Final = "Lost"
 FILESYSTEM: Final = "Filesystem"

@@ -11,6 +11,7 @@ from typing import Final
 from robotapp_api.claims.objects import Claim
 from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
+from robotapp_scheduler.core.api.ros import SharedVolume
 from robotapp_scheduler.core.cache.disruption_budgets import Budgets
 from robotapp_scheduler.core.cache.host_ports import PortUsers
 from robotapp_scheduler.core.cache.nominator import Nominator
@@ -187,6 +188,10 @@ class Cache:
     def placed_named(self, namespace: str, name: str) -> list[PlacedPod]:
         """Placed pods with this name, or of the Deployment with this name."""
         return [self.placed[uid] for uid in self.names.uids(namespace, name)]
+
+    def shared_volume(self, namespace: str, claim: str) -> SharedVolume | None:
+        """What a claim means for a pod whose shared data it is; None where it limits no pod."""
+        return self.volumes.shared((namespace, claim))
 
     # --- RobotApps, owners, claims, telemetry ----------------------------------------------------------------------
 

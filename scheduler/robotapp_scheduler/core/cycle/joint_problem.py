@@ -92,6 +92,7 @@ def joint_problem_of(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | No
         tiers = pod.ros.tiers if pod.ros is not None else ()
         ranks.append(tier_ranks(table, tiers) if tiers else np.zeros(table.size, dtype=np.int32))
     demand, free = _capacity(core.cluster, pods)
+    edges += _of_volumes(pods)  # known only now: appraising a pod resolves its ROS fields
     problem = Problem(np.stack(costs), demand, free, tuple(edges), core.cluster.rtt.latencies())
     problem = with_tiers(problem, np.stack(ranks))
     return JointProblem(problem, tuple(pod.uid for pod in pods), tuple(table.names))
@@ -192,6 +193,14 @@ def _together(app: App, of: Mapping[str, Sequence[int]]) -> list[Edge]:
         if anchor is not None and on_one_node(app, name):
             found += [Edge(anchor, pod, Relation.TOGETHER) for pod in pods if pod != anchor]
     return found
+
+
+def _of_volumes(pods: Sequence[PodInfo]) -> list[Edge]:
+    """Pods with the same claim in their shared data, whose volume one node at a time can use."""
+    first: dict[str, int] = {}
+    shared = [(volume.claim, i) for i, pod in enumerate(pods) if pod.ros is not None for volume in pod.ros.volumes]
+    pairs = ((first.setdefault(claim, i), i) for claim, i in shared)
+    return [Edge(a, b, Relation.TOGETHER) for a, b in pairs if a != b]
 
 
 def _apart(app: App, of: Mapping[str, Sequence[int]]) -> list[Edge]:

@@ -254,10 +254,10 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "ros.tenant": lambda pod: pod.ros and pod.ros.tenant,
     "ros.qos": lambda pod: pod.ros and pod.ros.qos_class,
     "ros.topology": lambda pod: pod.ros and (pod.ros.zones, pod.ros.master_node),
-    "ros.endpoints": lambda pod: pod.ros and pod.ros.endpoints,
+    "ros.endpoints": lambda pod: pod.ros and (pod.ros.endpoints, pod.ros.unknown_end),
     "ros.deadline": lambda pod: pod.ros and (pod.ros.deadline_us, pod.ros.endpoints),
     "ros.hardware": lambda pod: pod.ros and (pod.ros.hardware, pod.ros.devices),
-    "ros.peers": lambda pod: pod.ros and (pod.ros.together, pod.ros.apart),
+    "ros.peers": lambda pod: pod.ros and (pod.ros.together, pod.ros.apart, pod.ros.volumes),
     "ros.devices": lambda pod: pod.ros and (pod.ros.devices, pod.ros.holder),
 }
 """What a plugin may name in `reads`. The parts of "ros" are None for a pod without ROS fields; a plugin names parts of

@@ -18,6 +18,7 @@ from robotapp_scheduler.core.api.ros import (
     PeerGroup,
     RosContext,
     RosRequest,
+    SharedVolume,
 )
 from robotapp_scheduler.core.pods.pod_info import Member, PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Link, on_one_node, tied
@@ -39,6 +40,9 @@ class Surroundings(Protocol):
 
     def placed_named(self, namespace: str, name: str) -> list[PlacedPod]:
         """Placed pods of this name, or of the Deployment of this name."""
+
+    def shared_volume(self, namespace: str, claim: str) -> SharedVolume | None:
+        """What a claim means for a pod whose shared data it is; None where it limits no pod."""
 
 
 def resolve(pod: PodInfo, around: Surroundings) -> RosContext | None:
@@ -79,6 +83,7 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
         tenant=pod.namespace,
         qos_class=component.qos_class,
         endpoints=endpoints,
+        unknown_end=_lacks_end(member, app, component, around),
         deadline_us=_us(component.policies.deadline),
         zones=spec.placement.zones,
         master_node=spec.placement.master_node,
@@ -91,7 +96,7 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
             *_named_peers(pod, shared.peer_pods, around),
         ),
         apart=_apart(member, app, around),
-        volume_claims=shared.claim_names,
+        volumes=_shared_volumes(pod, shared.claim_names, around),
     )
 
 
@@ -124,6 +129,15 @@ def _app_endpoints(
             places = [tied_to or around.apps.expected(member, link.peer)]
         found.extend(_end(link, nodes, budget_us, required=required) for nodes in places if nodes)
     return tuple(dict.fromkeys(found))
+
+
+def _lacks_end(member: Member, app: App, component: Component, around: Surroundings) -> bool:
+    """Has a required budget the robot as its other end, where no node is the instance's robot?"""
+    links = app.links.get(component.name, ())
+    to_robot = any(link.peer == ROBOT_END and link.required for link in links)
+    if not links:  # then the component's own budget is that of its distance to the robot
+        to_robot = _us(component.policies.latency_budget) is not None
+    return to_robot and not around.robot_end(member.instance)
 
 
 def _end(link: Link, nodes: tuple[str, ...], budget_us: int | None, *, required: bool) -> Endpoint:
@@ -172,10 +186,12 @@ def _of_annotations(pod: PodInfo, request: RosRequest, around: Surroundings) -> 
         for i, h in enumerate(request.hardware)
         if h.type in EXCLUSIVE_TYPES
     )
+    endpoints = _annotated_endpoints(pod, request, around)
     return RosContext(
         tenant=pod.namespace,
         qos_class=request.qos_class,
-        endpoints=_annotated_endpoints(pod, request, around),
+        endpoints=endpoints,
+        unknown_end=request.latency_budget_us is not None and not endpoints,
         deadline_us=request.deadline_us,
         zones=request.zones,
         master_node=request.master_node,
@@ -183,7 +199,7 @@ def _of_annotations(pod: PodInfo, request: RosRequest, around: Surroundings) -> 
         devices=requests,
         holder=DeviceHolder(uid=pod.uid, namespace=pod.namespace, pod_uid=pod.uid) if requests else None,
         together=_named_peers(pod, request.peer_pods, around),
-        volume_claims=request.volume_claims,
+        volumes=_shared_volumes(pod, request.volume_claims, around),
     )
 
 
@@ -209,6 +225,11 @@ def _named_peers(pod: PodInfo, names: tuple[str, ...], around: Surroundings) -> 
         nodes = sorted({peer.node for peer in around.placed_named(pod.namespace, name) if peer.uid != pod.uid})
         groups.append(PeerGroup(what=name, nodes=tuple(nodes)))
     return tuple(groups)
+
+
+def _shared_volumes(pod: PodInfo, claims: tuple[str, ...], around: Surroundings) -> tuple[SharedVolume, ...]:
+    found = (around.shared_volume(pod.namespace, claim) for claim in dict.fromkeys(claims))
+    return tuple(each for each in found if each is not None)
 
 
 def _us(text: str) -> int | None:

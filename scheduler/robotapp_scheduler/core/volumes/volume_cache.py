@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 from robotapp_scheduler.core.api.core_v1 import NodeSelector
 from robotapp_scheduler.core.api.csi_migration import DRIVERS, NEVER, handle_of
+from robotapp_scheduler.core.api.ros import SharedVolume
 from robotapp_scheduler.core.api.storage_v1 import (
+    MANY_NODES,
     SELECTED_NODE,
     Claim,
     ClaimRef,
@@ -204,6 +206,17 @@ class Volumes:
         return Change.PV | Change.PVC
 
     # --- Questions -------------------------------------------------------------------------------------------------
+
+    def shared(self, key: ClaimKey) -> SharedVolume | None:
+        """What a claim means for pods that work on its data; None where it limits no pod: many nodes can use its volume at a time."""
+        claim = self.claims.get(key)
+        if claim is None:
+            return SharedVolume(key[1], missing=True)
+        if not MANY_NODES.isdisjoint(claim.spec.access_modes):
+            return None
+        return SharedVolume(
+            key[1], volume=claim.spec.volume_name, users=self.users.nodes_of(key), revision=self.revision
+        )
 
     def claim_ref(self, volume: PersistentVolume) -> ClaimRef | None:
         """The claim a volume belongs to, assumptions included."""

@@ -89,6 +89,10 @@ class VolumeUsers:
             return False
         return before + sum(moved.get(claim, 0) for claim in claims) > 0
 
+    def nodes_of(self, claim: ClaimKey) -> tuple[str, ...]:
+        """Nodes where placed pods mount a claim, by name."""
+        return tuple(sorted(self._where.get(claim, ())))
+
     def disks(self) -> Iterable[tuple[str, Iterable[tuple[Disk, ...]]]]:
         """Nodes with inline disks, and the disks per pod."""
         return ((node, pods.values()) for node, pods in self._disks.items())

@@ -21,6 +21,7 @@ TOO_FAR: Final = "node(s) exceeded the latency budget"
 LIKELY_TOO_FAR: Final = "node(s) exceeded the latency budget by estimate"
 UNKNOWN: Final = "node(s) had no latency measurement"
 OUTLIER: Final = "node(s) were latency outliers"
+NO_END: Final = "node(s) couldn't be measured to the other end of the latency budget: it is not known"
 UNREACHABLE: Final = "node(s) got no answer from the other end of a connection"
 SHUTTING_DOWN: Final = NodeFact(
     "shutting-down",
@@ -28,7 +29,7 @@ SHUTTING_DOWN: Final = NodeFact(
     absent=False,
 )
 """No new ROS pods on these."""
-_PASS, _DRAINING, _TOO_FAR, _UNKNOWN, _OUTLIER, _UNREACHABLE, _LIKELY_TOO_FAR = range(-1, 6)
+_PASS, _DRAINING, _TOO_FAR, _UNKNOWN, _OUTLIER, _UNREACHABLE, _LIKELY_TOO_FAR, _NO_END = range(-1, 7)
 
 
 class LatencyFilterArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
@@ -76,8 +77,10 @@ class LatencyFilter:
         for endpoint in pod.ros.endpoints:
             if endpoint.required:
                 self._judge(nodes, endpoint, codes, detail)
+        if self.deny_unknown and pod.ros.unknown_end:
+            self._mark(codes, np.ones(nodes.n, dtype=np.bool_), _NO_END)
         mask = np.equal(codes, _PASS)
-        reasons = ((DRAINING,), (TOO_FAR,), (UNKNOWN,), (OUTLIER,), (UNREACHABLE,), (LIKELY_TOO_FAR,))
+        reasons = ((DRAINING,), (TOO_FAR,), (UNKNOWN,), (OUTLIER,), (UNREACHABLE,), (LIKELY_TOO_FAR,), (NO_END,))
         return Verdict(mask, np.maximum(codes, 0), reasons, detail=detail, detail_unit="ms")
 
     def _judge(self, nodes: Snapshot, endpoint: Endpoint, codes: IntArray, detail: FloatArray) -> None:

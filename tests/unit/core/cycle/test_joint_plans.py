@@ -16,6 +16,7 @@ from tests.support.scheduling import (
     member_pod,
     telemetry,
 )
+from tests.support.volumes import make_claim
 
 from robotapp_api.model.names import SCHEDULER_NAME, Label
 from robotapp_scheduler.core.cycle.group_cycle import GroupPlacement, placement_of
@@ -208,6 +209,23 @@ def test_the_problem_binds_a_whole_group_though_its_middle_runs_already() -> Non
         "".join(sorted(order[e.left] + order[e.right])) for e in joint.problem.edges if e.relation is Relation.TOGETHER
     ]
     assert bound == ["ac"]
+
+
+def test_pods_that_share_a_volume_of_one_node_at_a_time_are_planned_together() -> None:
+    """Neither is placed yet, so no node is in use: without the rule each could be planned where the other cannot follow."""
+    core = field()
+    core.cluster.volumes.apply_claim(make_claim("map"))
+    core.cluster.volumes.apply_claim(make_claim("site", modes=["ReadWriteMany"]))
+    shares = {"sharedData": {"claimNames": ["map", "site"]}}
+    far = {"sharedData": {"claimNames": ["site"]}}
+    teleop(core, {"name": "a", **shares}, {"name": "b", **far}, {"name": "c", **shares}, edges=[edge("a", "c")])
+    for name in "abc":
+        arrive(core, member_pod(name, cpu="100m"))
+    joint = core.joint_problem_of(core.queue.pop())
+    assert joint is not None
+    order = [uid[-1] for uid in joint.uids]
+    pairs = [{order[e.left], order[e.right]} for e in joint.problem.edges if e.relation is Relation.TOGETHER]
+    assert pairs == [{"a", "c"}]
 
 
 def tiered(room: int) -> tuple[SchedulerCore, list[QueuedPodInfo]]:

@@ -1,7 +1,9 @@
+import json
 from typing import Any
 
 import pytest
 from tests.support.scheduling import app_object, chain, make_cluster, make_info, make_node, make_pod, member_pod
+from tests.support.volumes import make_claim
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.ros import DeviceHolder, Endpoint, Hardware, RosContext, thesis_tier, tier
@@ -168,9 +170,54 @@ def test_only_exclusive_devices_are_held_and_a_count_asks_for_as_many() -> None:
     ]  # fmt: skip
 
 
-def test_claims_of_shared_data_are_named_by_claim_names() -> None:
-    cluster = app_cluster({"name": "a", "sharedData": {"claimNames": ["map-pvc"]}})
-    assert context(cluster, "a").volume_claims == ("map-pvc",)
+@pytest.mark.parametrize(
+    ("shared", "labels", "unknown"),
+    [
+        ("{}", {}, True),
+        ('{"peer_pods": ["legacy"]}', {}, False),
+        ('{"peer_pods": ["not placed yet"]}', {}, True),
+        ("{}", {str(Label.ROBOT): "amr"}, False),
+        ("{}", {str(Label.ROBOT): "not there"}, True),
+    ],
+)
+def test_of_a_bare_pods_budget_is_known_whether_it_has_another_end(
+    shared: str, labels: dict[str, str], *, unknown: bool
+) -> None:
+    cluster = fleet()
+    cluster.apply_pod(make_pod("legacy", node="other"))
+    for budget in ("30ms", ""):
+        policies = json.dumps({"latency_budget": budget} if budget else {"qos_class": "realtime"})
+        found = annotated(cluster, labels, policies=policies, shared=shared)
+        assert found is not None
+        assert found.unknown_end == (unknown and bool(budget))
+
+
+def test_of_an_apps_budgets_only_one_to_a_robot_that_is_not_there_has_no_known_end() -> None:
+    budget = {"latency": {"budget": "30ms"}}
+    edges = [{"topic": "/t", "from": "a", "to": "b", **budget}, {"topic": "/r", "from": "@robot", "to": "c", **budget}]
+    own = {"policies": {"latencyBudget": "30ms"}}
+    cluster = app_cluster(
+        {"name": "a", **own}, {"name": "b"}, {"name": "c"}, {"name": "d", **own}, {"name": "e"}, edges=edges
+    )
+    for instance, lacking in (("amr", ""), ("", "cd")):
+        found = [name for name in "abcde" if context(cluster, name, instance).unknown_end]
+        assert "".join(found) == lacking
+
+
+def test_claims_of_shared_data_are_looked_up_and_those_of_many_nodes_limit_nothing() -> None:
+    names = ["map", "site", "gone"]
+    cluster = app_cluster({"name": "a", "sharedData": {"claimNames": names}})
+    cluster.volumes.apply_claim(make_claim("map", volume="disk"))
+    cluster.volumes.apply_claim(make_claim("site", volume="nfs", modes=["ReadWriteMany"]))
+    cluster.volumes.apply_claim(make_claim("gone", namespace="other"))
+    cluster.apply_pod(make_pod("reader", node="edge", volumes=[{"persistentVolumeClaim": {"claimName": "map"}}]))
+    found = context(cluster, "a").volumes
+    assert [(each.claim, each.volume, each.users, each.missing) for each in found] == [
+        ("map", "disk", ("edge",), False),
+        ("gone", "", (), True),
+    ]
+    text = json.dumps({"pvc": names})
+    assert getattr(annotated(cluster, shared=text), "volumes", None) == found
 
 
 def test_peers_to_join_and_to_avoid_are_resolved_to_nodes() -> None:

@@ -92,14 +92,14 @@ def _bound(nodes: Snapshot, claims: Sequence[Claim], store: Volumes, reach: Reac
         if volume is None:
             bits[open_] = NO_VOLUME
             break
-        fits = _within_reach(volume, nodes, store, reach)
+        fits = within_reach(volume, nodes, store, reach)
         if fits is not None:
             bits[open_ & ~fits] = ELSEWHERE
             open_ &= fits
     return bits
 
 
-def _within_reach(volume: PersistentVolume, nodes: Snapshot, store: Volumes, reach: Reach) -> BoolArray | None:
+def within_reach(volume: PersistentVolume, nodes: Snapshot, store: Volumes, reach: Reach) -> BoolArray | None:
     """Nodes that reach a bound volume, None for all; where its CSI driver attaches it, that driver's labels count."""
     plain = reach.mask(volume, nodes) if volume.affinity is not None else None
     kind = volume.in_tree
