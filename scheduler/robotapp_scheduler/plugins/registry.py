@@ -70,13 +70,15 @@ ROS: Final = (
     PluginRef("HardwareAffinityFilter"),
     PluginRef("SharedDataFilter"),
     PluginRef("LatencyFilter"),
-    PluginRef("TopologyScore", 10),
+    PluginRef("TopologyScore", 25),
     PluginRef("LatencyScore", 5),
     PluginRef("LoadBalanceScore", 3),
     PluginRef("DeadlineScore", 8),
     PluginRef("ROSReserve"),
     PluginRef("ROSBind"),
 )
+"""The thesis' list and weights, but for TopologyScore (10 there): with 25 the order of up to four preferred zones outweighs
+any difference in load, and that of two the even spread of replicas beside it. Wishes for latency still count against it."""
 
 _FILTERS: Final = "preFilter filter"
 _SCORES: Final = "preScore score"

@@ -24,8 +24,8 @@ class Scenario:
 _ALL: Final = (
     Scenario("gpu", "4.4.1", "pods that need a GPU, on GPU nodes", "pods", hardware.gpu),
     Scenario("camera", "4.4.1", "a pod on the node with its USB camera; none where no node has it", "pods", hardware.camera),
-    Scenario("zone-room", "4.4.2", "replicas in the first preferred zone while it is less than half full", "pods", zones.with_room),
-    Scenario("zone-spill", "4.4.2", "first zone filled, then the second, then the rest (TopologyScore with weight 25)", "pods", zones.spill),
+    Scenario("zone-room", "4.4.2", "replicas in the first preferred zone while it has room", "pods", zones.with_room),
+    Scenario("zone-spill", "4.4.2", "first zone filled, then the second, then the rest", "pods", zones.spill),
     Scenario("shared-volume", "4.4.3", "a ReadWriteMany claim keeps its pods from no node", "pods", volumes.shared_by_all),
     Scenario("node-volume", "4.4.3", "a ReadWriteOnce claim keeps its pods on its volume's node", "pods", volumes.of_one_node),
     Scenario("fleet", "4.4.3", "a coordinator at its volume, its robots beside it", "pods", volumes.fleet),

@@ -50,14 +50,14 @@ class Cluster:
     def labelled(self, key: str, value: str = "true") -> list[str]:
         return [node.name for node in self.nodes if node.all_labels().get(key) == value]
 
-    def places(self, names: Iterable[str], pod: Room, *, share: float = 1.0) -> int:
-        """How many such pods fit on these nodes together while no node is used beyond `share`."""
-        return sum(self._places(node, pod, share) for node in self.nodes if node.name in set(names))
+    def places(self, names: Iterable[str], pod: Room) -> int:
+        """How many such pods fit on these nodes together."""
+        return sum(self._places(node, pod) for node in self.nodes if node.name in set(names))
 
-    def _places(self, node: SimulatedNode, pod: Room, share: float) -> int:
+    def _places(self, node: SimulatedNode, pod: Room) -> int:
         cpus, used = int(node.cpu), self.load[node.name]
-        cpu_m = share * cpus * MILLI - used.cpu_m
-        memory_mib = share * cpus * MIB_PER_CPU - used.memory_mib
+        cpu_m = cpus * MILLI - used.cpu_m
+        memory_mib = cpus * MIB_PER_CPU - used.memory_mib
         return max(0, min(math.floor(cpu_m / pod.cpu_m), math.floor(memory_mib / pod.memory_mib)))
 
 

@@ -14,23 +14,17 @@ from robotapp_testbed import ControlPlane
 from robotapp_testbed.process import Process
 from robotapp_testbed.product import start_scheduler
 
-ZONES_FIRST: Final = "zones-first"
-"""A profile of ours in which no difference in load outweighs the order of preferred zones."""
-ZONES_FIRST_WEIGHT: Final = 25
-"""Of TopologyScore. The shipped 10, which is the thesis', keeps the order until a node is about 60 % full."""
-
 
 @dataclass(frozen=True, slots=True)
 class Contender:
-    """`zones_first` is the schedulerName of pods whose zone order must hold until a zone is full."""
+    """A scheduler and the schedulerName of its pods."""
 
     name: str
     scheduler_name: str
-    zones_first: str
 
 
-OURS: Final = Contender("robotapp", SCHEDULER_NAME, ZONES_FIRST)
-KUBE_SCHEDULER: Final = Contender("kube-scheduler", "default-scheduler", "default-scheduler")
+OURS: Final = Contender("robotapp", SCHEDULER_NAME)
+KUBE_SCHEDULER: Final = Contender("kube-scheduler", "default-scheduler")
 BOTH: Final = (OURS, KUBE_SCHEDULER)
 
 
@@ -63,11 +57,10 @@ def started(cp: ControlPlane) -> Iterator[tuple[Running, ...]]:
 
 
 def _configuration() -> dict[str, Any]:
-    """Ours as it is shipped, and the profile for zones."""
-    zones_first = {"score": {"enabled": [{"name": "TopologyScore", "weight": ZONES_FIRST_WEIGHT}]}}
+    """Ours as it is shipped."""
     return {
         "apiVersion": "kubescheduler.config.k8s.io/v1",
         "kind": "KubeSchedulerConfiguration",
         "leaderElection": {"leaderElect": False},
-        "profiles": [{"schedulerName": SCHEDULER_NAME}, {"schedulerName": ZONES_FIRST, "plugins": zones_first}],
+        "profiles": [{"schedulerName": SCHEDULER_NAME}],
     }

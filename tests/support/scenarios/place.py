@@ -82,12 +82,13 @@ class Place:
 
     # Pods
 
-    def pod(self, name: str, *, room: Room = SMALL, node: str = "", scheduler: str = "", **fields: Any) -> Json:
+    def pod(self, name: str, *, room: Room = SMALL, node: str = "", **fields: Any) -> Json:
         """A pod for this scheduler; with `node` a node selector allows that node alone."""
         if node:
             fields["nodeSelector"] = {str(Label.HOSTNAME): node}
-        scheduler = scheduler or self.contender.scheduler_name
-        return make_pod(f"{self.prefix}-{name}", scheduler=scheduler, requests=room.requests, **fields)
+        return make_pod(
+            f"{self.prefix}-{name}", scheduler=self.contender.scheduler_name, requests=room.requests, **fields
+        )
 
     def create(self, *pods: Json) -> list[str]:
         """Create them in this order; their names."""

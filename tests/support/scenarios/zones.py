@@ -11,14 +11,12 @@ from robotapp_api.model.names import Annotation
 PLANNER = Room(200, 400)
 LARGE_PLANNER = Room(1000, 2048)
 MOST_REPLICAS = 40
-HALF = 0.5
-"""While a node of the first zone is used less than this, the shipped weights keep the order whatever runs elsewhere."""
 PREFERS = {str(Annotation.TOPOLOGY): json.dumps({"preferred_zones": [FIRST, SECOND]})}
 
 
 def with_room(place: Place) -> Verdict:
-    """As many replicas as fit into half of the first zone: all go there, under the shipped weights."""
-    room = place.cluster.places(place.cluster.in_zone(FIRST), PLANNER, share=HALF)
+    """At most as many replicas as fit into the first zone: all go there."""
+    room = place.cluster.places(place.cluster.in_zone(FIRST), PLANNER)
     return _judge(place, PLANNER, {FIRST: min(room, place.rng.randint(1, MOST_REPLICAS))})
 
 
@@ -29,25 +27,22 @@ def spill(place: Place) -> Verdict:
     wanted: dict[str, int] = {}
     for zone, room in zones.items():
         wanted[zone] = min(room, replicas - sum(wanted.values()))
-    return _judge(place, LARGE_PLANNER, wanted, scheduler=place.contender.zones_first)
+    return _judge(place, LARGE_PLANNER, wanted)
 
 
 def shutting_down(place: Place) -> Verdict:
     """The nodes of the first zone shut down: pods that prefer it go to the second one."""
     draining = place.cluster.in_zone(FIRST)
-    room = place.cluster.places(place.cluster.in_zone(SECOND), PLANNER, share=HALF)
+    room = place.cluster.places(place.cluster.in_zone(SECOND), PLANNER)
     replicas = min(room, place.rng.randint(1, MOST_REPLICAS))
     with place.annotated(draining, Annotation.GRACEFUL_SHUTDOWN, "true"):
         return _judge(place, PLANNER, {SECOND: replicas})
 
 
-def _judge(place: Place, pod: Room, wanted: dict[str, int], *, scheduler: str = "") -> Verdict:
+def _judge(place: Place, pod: Room, wanted: dict[str, int]) -> Verdict:
     """Create as many pods as are wanted in all zones together, and compare where they went."""
     replicas = sum(wanted.values())
-    pods = (
-        place.pod(f"planner-{index:03}", room=pod, scheduler=scheduler, annotations=PREFERS)
-        for index in range(replicas)
-    )
+    pods = (place.pod(f"planner-{index:03}", room=pod, annotations=PREFERS) for index in range(replicas))
     nodes = place.until_settled(place.create(*pods))
     found = Counter(map(place.cluster.zone_of, nodes.values()))
     kept = sum(min(count, found[zone]) for zone, count in wanted.items())

@@ -29,7 +29,7 @@ def test_every_cluster_has_three_zones_hardware_and_room_for_some_pods(seed: int
     assert len({node.name for node in cluster.nodes}) == len(cluster.nodes) == len(cluster.load)
     for zone in (FIRST, SECOND, OTHER):
         assert cluster.in_zone(zone)
-    assert cluster.places(cluster.in_zone(FIRST), SMALL, share=0.5) > 0
+    assert cluster.places(cluster.in_zone(FIRST), SMALL) > 0
     assert cluster.labelled(*GPU.label)
     assert len(cluster.labelled(*CAN.label)) == len(cluster.labelled(CAMERA)) == 1
     assert all(cluster.places([node.name], Room(1000, 2048)) > 0 for node in cluster.nodes)
@@ -46,7 +46,6 @@ def test_places_are_what_is_left_of_processors_and_memory_of_each_node() -> None
     assert cluster.places(["a"], Room(1000, 1)) == 3
     assert cluster.places(["b"], Room(1, 100)) == 1
     assert cluster.places(["a", "b"], Room(1000, 100)) == 4
-    assert cluster.places(["a"], Room(1000, 1), share=0.5) == 1
 
 
 def test_a_verdict_names_the_promises_that_were_broken() -> None:
