@@ -1,12 +1,14 @@
 """Watches the budgets of running components, and decides what their pods' annotation `robotics.io/better-node` should be.
 
-Instances are looked at in turn, a bounded number per tick, by what is measured. Only for a pod whose budget has been exceeded for
+Instances are looked at when a time, a pod or the app has changed, a bounded number per tick, by what is measured; while nothing
+changes there is nothing to do. Only for a pod whose budget has been exceeded for
 `placement.reschedule.for` a node is searched, and of these a bounded number per tick, the one that waited longest first.
 The annotation on the pod is the record: what it should be is compared with what the watch shows. So nothing is written
 while nothing changes, and a new leader goes on where the last one ended.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterator
 from datetime import datetime, timedelta
 from typing import Final, NamedTuple
@@ -17,13 +19,15 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.better_node import Proposal, better_node, settled
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import Member
-from robotapp_scheduler.core.robotics.app_index import budget_for_s
+from robotapp_scheduler.core.robotics.app_index import InstanceKey, budget_for_s
 from robotapp_scheduler.core.robotics.edge_times import Part, movable, part_of, worst_late
 
 TICK_S: Final = 0.25
 """How often `tick` is called: work comes in small pieces, so that no decision waits for much of it."""
 LOOKS: Final = 50
 """Instances looked at per tick, 10 us per component."""
+ROUND_S: Final = 60.0
+"""How often all instances are looked at: for what no event tells, such as another primary node of a robot."""
 SEARCHES: Final = 1
 """Components for which a node is searched per tick: an attempt over all nodes without caches, 4 ms at 5000 nodes."""
 SEARCH_S: Final = 10.0
@@ -70,8 +74,10 @@ class BudgetWatch:
         self._core = core
         self._clock = clock
         self._now = now
-        self._turn: list[tuple[str, str]] = []
-        """Instances that are still to be looked at in this round."""
+        self._turn: dict[InstanceKey, None] = {}
+        """Instances that are to be looked at, the one that has waited longest first."""
+        self._round_s = float("-inf")
+        """When all instances were last added."""
         self._watched: dict[str, WatchedPod] = {}
         """By pod uid."""
 
@@ -84,13 +90,20 @@ class BudgetWatch:
         found += [self._search(uid) for uid in self._due()]
         return [write for write in found if write is not None]
 
-    def _next(self) -> list[tuple[str, str]]:
-        """(app uid, instance) of those whose turn it is. Pods that are gone are forgotten once a round."""
-        if not self._turn:
-            self._turn = self._core.cluster.apps.instances()
-            placed = self._core.cluster.placed
-            self._watched = {uid: watched for uid, watched in self._watched.items() if uid in placed}
-        found, self._turn = self._turn[:LOOKS], self._turn[LOOKS:]
+    def _next(self) -> list[InstanceKey]:
+        """Those whose turn it is. Pods that are gone are forgotten."""
+        cluster, now_s = self._core.cluster, self._clock()
+        nodes = cluster.rtt.take_touched()
+        robots = {robot for node in nodes if (robot := cluster.nodes.robot_of(node))}
+        self._turn |= dict.fromkeys(cluster.apps.take_touched(nodes, robots))
+        if now_s - self._round_s >= ROUND_S:
+            self._round_s = now_s
+            self._turn |= dict.fromkeys(cluster.apps.instances())
+        self._watched = {uid: watched for uid, watched in self._watched.items() if uid in cluster.placed}
+        self._turn |= dict.fromkeys((each.member.app_uid, each.member.instance) for each in self._watched.values())
+        found = list(itertools.islice(self._turn, LOOKS))
+        for key in found:
+            del self._turn[key]
         return found
 
     def _parts(self, app_uid: str, instance: str) -> Iterator[Part]:

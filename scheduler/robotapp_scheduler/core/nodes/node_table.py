@@ -221,6 +221,11 @@ class NodeTable:
                 return (primary.node,)
         return tuple(names)
 
+    def robot_of(self, name: str) -> str:
+        """The robot whose computer the node is; "" for any other node."""
+        row = self.row_of.get(name)
+        return self.labels.of(row).get(Label.ROBOT, "") if row is not None else ""
+
     def on_robot(self, name: str) -> bool | None:
         """Is the node of the robot tier? None for a node that is not here (any more)."""
         row = self.row_of.get(name)

@@ -4,7 +4,8 @@ Labels find candidates; that a pod belongs to an app is decided by its ownerRefe
 pod → ReplicaSet → Deployment → RobotApp inside one namespace.
 """
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
 from typing import Final, NamedTuple
 
 from robotapp_api.model.names import ROBOT_END
@@ -54,6 +55,10 @@ class App(NamedTuple):
     def observed(self) -> bool:
         """Whether the operator has observed the generation in the cache."""
         return self.source.status.observed_generation >= self.source.metadata.generation
+
+
+InstanceKey = tuple[str, str]
+"""(app uid, instance)."""
 
 
 class Replica(NamedTuple):
@@ -134,7 +139,10 @@ class AppIndex:
         self._apps: dict[str, App] = {}
         self._owners: dict[str, Owned] = {}
         self._expected: Mapping[Member, tuple[str, ...]] = {}
-        self._replicas: dict[tuple[str, str], dict[str, dict[str, Replica]]] = {}
+        self._replicas: dict[InstanceKey, dict[str, dict[str, Replica]]] = {}
+        self._on_node: dict[str, Counter[InstanceKey]] = {}
+        self._touched: set[InstanceKey] = set()
+        self._touched_apps: set[str] = set()
 
     def __repr__(self) -> str:
         return f"AppIndex({len(self._apps)} apps, {len(self._owners)} owners, {len(self._replicas)} instances)"
@@ -148,10 +156,12 @@ class AppIndex:
         ):
             return False
         self._apps[source.metadata.uid] = read_app(source)
+        self._touched_apps.add(source.metadata.uid)
         return True
 
     def remove_app(self, uid: str) -> bool:
         """The app is gone."""
+        self._touched_apps.discard(uid)
         return self._apps.pop(uid, None) is not None
 
     def app(self, uid: str) -> App | None:
@@ -196,21 +206,39 @@ class AppIndex:
         member = member_of(pod.metadata.labels or {})
         if member is None:
             return
-        instance = self._replicas.setdefault((member.app_uid, member.instance), {})
-        instance.setdefault(member.component, {})[pod.metadata.uid] = Replica(pod, node)
+        key = (member.app_uid, member.instance)
+        replicas = self._replicas.setdefault(key, {}).setdefault(member.component, {})
+        self._count(key, replicas.get(pod.metadata.uid), -1)
+        replicas[pod.metadata.uid] = Replica(pod, node)
+        self._count(key, replicas[pod.metadata.uid], 1)
+        self._touched.add(key)
 
     def drop(self, pod: Pod) -> None:
         """Stop counting a pod that is gone or terminal."""
         member = member_of(pod.metadata.labels or {})
         if member is None:
             return
-        instance = self._replicas.get((member.app_uid, member.instance), {})
+        key = (member.app_uid, member.instance)
+        instance = self._replicas.get(key, {})
         replicas = instance.get(member.component, {})
-        replicas.pop(pod.metadata.uid, None)
+        self._count(key, replicas.pop(pod.metadata.uid, None), -1)
+        self._touched.add(key)
         if not replicas:
             instance.pop(member.component, None)
         if not instance:
-            self._replicas.pop((member.app_uid, member.instance), None)
+            self._replicas.pop(key, None)
+            self._touched.discard(key)
+
+    def _count(self, key: InstanceKey, replica: Replica | None, by: int) -> None:
+        """Note that a node has one pod more or less of an instance."""
+        if replica is None or not replica.node:
+            return
+        here = self._on_node.setdefault(replica.node, Counter())
+        here[key] += by
+        if not here[key]:
+            del here[key]
+        if not here:
+            del self._on_node[replica.node]
 
     def partners(self, member: Member | None) -> frozenset[str]:
         """Uids of the pods a pod must share its node with, wherever they are; its own may be among them."""
@@ -235,9 +263,19 @@ class AppIndex:
         """Nodes a component of the same instance may still end up on; empty when they are not known."""
         return self._expected.get(member._replace(component=component), ())
 
-    def instances(self) -> list[tuple[str, str]]:
-        """(app uid, instance) of everything that has a live pod."""
+    def instances(self) -> list[InstanceKey]:
+        """Everything that has a live pod."""
         return list(self._replicas)
+
+    def take_touched(self, nodes: Iterable[str], robots: Collection[str]) -> list[InstanceKey]:
+        """Instances whose pods or app have changed since the last call, and those with an end on these nodes or at these robots."""
+        found, self._touched = self._touched, set()
+        apps, self._touched_apps = self._touched_apps, set()
+        for node in nodes:
+            found.update(self._on_node.get(node, ()))
+        if apps or robots:
+            found.update(key for key in self._replicas if key[0] in apps or key[1] in robots)
+        return sorted(found)
 
     def labelled(self, member: Member) -> list[Replica]:
         """Live pods of the app's namespace with exactly these labels, without a look at the owner chain: orphans count."""

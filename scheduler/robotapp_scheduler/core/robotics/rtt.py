@@ -57,6 +57,7 @@ class RttModel:
         self._measured = MeasuredPairs(table)
         self._estimates = LatencyEstimates(table, self._measured, clock)
         self._latencies: tuple[Terms, int, Latencies] | None = None
+        self._touched: set[str] = set()
         self.version = 0
 
     def __repr__(self) -> str:
@@ -86,6 +87,11 @@ class RttModel:
         for name, peers in late.items():
             self._changed(name, peers)
         return self._estimates.tick() or bool(late)
+
+    def take_touched(self) -> set[str]:
+        """One end of every pair whose measured time has changed since the last call."""
+        found, self._touched = self._touched, set()
+        return found
 
     def silent(self) -> list[str]:
         """Nodes whose load is unknown from now on, because their agent has been silent for too long."""
@@ -158,6 +164,7 @@ class RttModel:
         for node in (name, *peers):
             self._rows.pop((node, 0), None)
             self._rows.pop((node, 1), None)
+        self._touched.add(name)
         self.version += 1
         return True
 

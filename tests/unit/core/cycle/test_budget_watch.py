@@ -17,6 +17,7 @@ from robotapp_scheduler.core.cycle.budget_watch import (
     LOOKS,
     RENEW,
     REST_S,
+    ROUND_S,
     SEARCH_S,
     TICK_S,
     VALID,
@@ -247,6 +248,60 @@ def test_a_tick_looks_at_few_instances_and_searches_for_one_component(monkeypatc
         assert len(searches) - count <= 1
     assert len(searches) > 10
     assert len(set(searches)) == len(searches), "the one that waited longest comes first"
+
+
+def looks_of(monkeypatch: Any) -> list[str]:
+    """Uids of the pods that are looked at from now on."""
+    looks: list[str] = []
+
+    def looked(part: Any, *rest: Any) -> Any:
+        looks.append(part.pod.metadata.uid)
+        return worst_late(part, *rest)
+
+    monkeypatch.setattr(f"{WATCH}.worst_late", looked)
+    return looks
+
+
+def test_while_nothing_changes_nothing_is_looked_at_but_once_a_minute(monkeypatch: Any) -> None:
+    cluster = Cluster()
+    many(cluster.core, 20)
+    cluster.rtt_ms = {"e1": 5.0}
+    cluster.run(3)
+    looks = looks_of(monkeypatch)
+    for _ in range(round((ROUND_S - 3) / TICK_S)):
+        cluster.clock.forward(TICK_S)
+        cluster.watch.tick()
+    assert looks == []
+    cluster.clock.forward(4)
+    cluster.watch.tick()
+    assert len(set(looks)) == 21
+
+
+def test_of_many_instances_those_are_looked_at_that_have_an_end_at_the_node_whose_times_changed(
+    monkeypatch: Any,
+) -> None:
+    cluster = Cluster()
+    cluster.rtt_ms = {"e1": 5.0}
+    cluster.run(3)
+    app = {"name": "planner"}
+    for number, (node, robot) in enumerate((("e2", "another"), ("e3", "another"), ("e2", "amr"))):
+        uid = f"other-{number}"
+        cluster.core.cluster.apply_app(app_object(app, name=uid, uid=uid, edges=[edge("planner", "@robot")]))
+        for owned in chain("planner", app=uid, app_uid=uid):
+            cluster.core.cluster.apply_owner(owned)
+        pod = member_pod("planner", app=uid, app_uid=uid, instance=robot, node=node, cpu="1m", memory="1Mi", uid=uid)
+        cluster.core.cluster.apply_pod(pod)
+    looks = looks_of(monkeypatch)
+    cluster.watch.tick()
+    assert sorted(looks) == ["other-0", "other-1", "other-2"], "their pods are new"
+    looks.clear()
+    cluster.core.cluster.apply_telemetry(telemetry("e3", rtt_ms={"e1": 3.0}, seq=1))
+    cluster.watch.tick()
+    assert looks == ["other-1"]
+    looks.clear()
+    cluster.core.cluster.apply_telemetry(telemetry("amr", rtt_ms={"e1": 6.0}, seq=99))
+    cluster.watch.tick()
+    assert sorted(looks) == ["other-2", "planner"], "the robot is an end also where no pod of the app is on it"
 
 
 @given(
