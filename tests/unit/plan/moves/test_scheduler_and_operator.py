@@ -176,6 +176,14 @@ def test_noise_of_a_fifth_moves_nothing(seed: int, ms: float) -> None:
     assert world.planners[0].moves == []
 
 
+@pytest.mark.parametrize("ms", [8, 20, 25])
+def test_an_hour_of_noise_of_a_fifth_that_stays_within_the_budget_moves_nothing(ms: float) -> None:
+    chance = random.Random(ms)
+    world = World(lambda *_: ms * chance.uniform(0.8, 1.2), apps={"one": "e1"})
+    world.run(HOUR_S)
+    assert world.planners[0].moves == []
+
+
 def test_two_apps_that_want_one_place_do_not_drive_each_other_about() -> None:
     world = World(lambda server, _: {"e1": 60, "e2": 5, "e3": 60}[server], apps={"one": "e1", "two": "e3"})
     world.run(HOUR_S)
