@@ -6,11 +6,12 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.claims.device import GPU, is_device
+from robotapp_api.claims.device import is_device
 from robotapp_api.claims.identity import device_label
 from robotapp_api.claims.node_devices import Device, devices_of_labels
 from robotapp_api.claims.objects import DeviceThing
 from robotapp_api.client.api.resources import NODES, NODETELEMETRIES, ROBOTCLAIMS
+from robotapp_api.model.names import GPU
 from robotapp_cli.fields import Json, meta, status
 from robotapp_cli.output import Column, Output, console, print_table, write_structured
 from robotapp_cli.session import Session

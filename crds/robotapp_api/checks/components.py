@@ -8,7 +8,7 @@ from pydantic.alias_generators import to_snake
 from robotapp_api.checks.parameters import parameter_problems
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.component import Component
-from robotapp_api.model.names import PARAMETERS_VOLUME, WAITING_STEP
+from robotapp_api.model.names import GPU, PARAMETERS_VOLUME, WAITING_STEP
 from robotapp_api.values.quantity import parse_milli
 
 SET_FOR_ALL: Final = {
@@ -90,10 +90,10 @@ def _init_container_problems(component: Component, at: str) -> Iterator[Problem]
 
 def _device_problems(component: Component, at: str) -> Iterator[Problem]:
     for index, device in enumerate(component.devices):
-        if device.count > 1:
+        if device.count > 1 and device.type == GPU:
             yield invalid(
                 f"{at}.devices[{index}].count",
-                f"one entry is one device so far; write {device.count} entries with names of their own and without count",
+                f"GPUs are counted by their device plugin; write resources.limits with its resource, such as nvidia.com/gpu: {device.count}, and leave count out",
             )
 
 

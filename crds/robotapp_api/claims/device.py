@@ -21,9 +21,8 @@ from robotapp_api.claims.identity import (
 )
 from robotapp_api.claims.objects import EXCLUSIVE, App, Claim, DeviceThing, Holder, Pod
 from robotapp_api.claims.release import Release
+from robotapp_api.model.names import GPU
 
-GPU: Final = "gpu"
-"""A type our scheduler never claims: its device plugin hands it out as an extended resource, the node only has to have one."""
 USB: Final = "usb"
 """A type that devices of other types go by as well: a camera that an agent reports as video may be what a label calls usb."""
 _USB_IDENTITY: Final = re.compile(r"(?:usb:)?([0-9a-f]{4}:[0-9a-f]{4})(?::(.*))?", re.IGNORECASE)

@@ -26,7 +26,7 @@ class Device(Model):
     usb_id: Annotated[UsbId | None, Field(alias="usbID")] = None
     """USB identity vid:pid or vid:pid:serial, such as 8086:0b3a."""
     count: Annotated[int, Field(ge=1, le=16)] = 1
-    """How many such devices the component needs. More than 1 is not possible yet: write one entry for each device."""
+    """How many different devices of this kind the component needs, all on one node. Not for GPUs, which a device plugin counts."""
     sharing: Sharing = "Exclusive"
     """Who may use the device at the same time: nobody else (Exclusive), pods of this namespace (Namespace) or everybody
     (Cluster). A device that is not exclusive must be there and is not held, but nobody gets it alone while it is in use;

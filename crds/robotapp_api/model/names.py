@@ -31,6 +31,8 @@ SAFE_IDS: Final = "1-101,215-232"
 """Domain ids anybody may ask for: 0 is everybody's default, and the ports of 102-214 meet Linux ephemeral ports."""
 ROBOT_END: Final = "@robot"
 """End of an edge that is the robot's node itself rather than a component."""
+GPU: Final = "gpu"
+"""A device type our scheduler never claims: its device plugin hands it out as an extended resource, the node only has to have one."""
 
 
 class Label(StrEnum):

@@ -37,9 +37,9 @@ REFUSED: list[tuple[str, dict[str, Any], str, str]] = [
     ),
     (
         "count",
-        {"components": [part("a", devices=[{"name": "bus", "type": "can", "count": 2}])]},
+        {"components": [part("a", devices=[{"name": "eye", "type": "gpu", "count": 2}])]},
         "InvalidSpec",
-        "write 2 entries with names of their own",
+        "write resources.limits with its resource, such as nvidia.com/gpu: 2",
     ),
     (
         "edges",

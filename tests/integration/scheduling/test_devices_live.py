@@ -191,3 +191,29 @@ def test_sharing_and_exclusive_wishes_keep_out_of_each_others_devices(
         assert stage.node_of(third) == ""
         stage.delete_pod("alone")
         stage.wait_bound(third)
+
+
+def test_an_app_whose_components_need_more_devices_than_any_node_has_is_planned_over_two_nodes(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    """Two buses of any name and can0 itself: where both are, the two leave can0 to the other, or they do not fit."""
+    second = Device(id="can-can1", type="can", interface="can1")
+    wants = {"pair": {"count": 2}, "first": {"interface": "can0"}}
+    parts = [component(name, devices=[{"name": "bus", "type": "can", **device}]) for name, device in wants.items()]
+    edges = [{"topic": "/t", "from": "pair", "to": "first"}]
+    with nodes(installed_plane, edge("edge-1", devices=[CAN, second]), with_can("edge-2")):
+        app = stage.create_app("buses", parts, edges=edges)
+        for name in wants:
+            stage.create_deployment(deployment(app, name))
+        granted: dict[str, tuple[str, str]] = {}
+
+        def bound() -> bool:
+            for found in stage.pods(**{str(Label.APP): "buses"}):
+                labels, annotations = found["metadata"]["labels"], found["metadata"].get("annotations", {})
+                given = annotations.get(str(Annotation.GRANTED_DEVICES), "")
+                granted[labels[str(Label.COMPONENT)]] = (found["spec"].get("nodeName", ""), given)
+            return len(granted) == 2 and all(node for node, _ in granted.values())
+
+        stage.wait(bound, what=lambda: f"{granted}")
+        assert granted == {"pair": ("edge-1", "can-can0,can-can1"), "first": ("edge-2", "can-can0")}
+        assert len(claims(installed_plane, stage.namespace)) == 3

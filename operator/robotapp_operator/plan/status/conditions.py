@@ -3,9 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
-from robotapp_api.claims.device import GPU, claimed
+from robotapp_api.claims.device import claimed
 from robotapp_api.model.conditions import condition
-from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Condition, Reason
+from robotapp_api.model.names import GPU, SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Condition, Reason
 from robotapp_api.values.round_trips import is_unreachable
 from robotapp_operator.plan.diff.newer import version_key
 from robotapp_operator.plan.spec.text import clip, shown

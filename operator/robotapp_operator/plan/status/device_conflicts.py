@@ -3,18 +3,21 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from robotapp_api.claims.device import GPU, assign, busy_text, claimed, fits, is_device
+from robotapp_api.claims.device import assign, busy_text, claimed, fits, is_device
 from robotapp_api.claims.identity import UNKNOWN_DEVICE_TYPE, claim_name_device, device_label
 from robotapp_api.claims.instances import Instance, closed_nodes
 from robotapp_api.claims.objects import Claim, DeviceThing
 from robotapp_api.model.component import Component
 from robotapp_api.model.device import Device
+from robotapp_api.model.names import GPU
 from robotapp_operator.plan.render.node_affinity import may_run_on
 from robotapp_operator.plan.spec.desired import App, Desired, desired_of
 from robotapp_operator.plan.spec.objects import Node, Telemetry
 
 SHOWN: Final = 3
 """So many devices are named in a message."""
+MOST_REQUESTS: Final = 256
+"""Beyond these, devices of one app are not compared with each other: that takes the cube of their number."""
 
 
 class Place(NamedTuple):
@@ -61,10 +64,11 @@ def device_trouble(
         DeviceRequest(component.name, device.name, fitting)
         for component in app.spec.components
         for device in component.devices
+        for _ in range(device.count)
         if claimed(device)
         and (fitting := _fitting(component, device, desired_of(app, instance.robot), telemetry=telemetry, nodes=nodes))
     ]
-    if group := rivals([request.fitting for request in requests]):
+    if group := rivals([request.fitting for request in requests[:MOST_REQUESTS]]):
         return _rivals_text([requests[index] for index in group])
     for request in requests:
         found = [_claim_on(place, claims, telemetry[place.node]) for place in sorted(request.fitting)]
@@ -138,6 +142,11 @@ def _rivals_text(group: Sequence[DeviceRequest]) -> str:
     ]
     places = sorted(frozenset[Place]().union(*(request.fitting for request in group)))
     shown = _and([str(place) for place in places[:SHOWN]])
+    if len(set(components)) == 1:
+        return (
+            f"{components[0]} wants {len(group)} devices, but only {shown} would do: remove a device or lower its count"
+        )
+    names = list(dict.fromkeys(names))
     if len(places) == 1:
         return f"{_and(names)} both want {shown}, which only one can have: remove the device from one of them"
     return f"{_and(names)} want {len(group)} devices, but only {shown} would do: remove a device from one of them"

@@ -11,6 +11,7 @@ from typing import Final
 
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.all_or_nothing import GroupScheduler, all_or_none
+from robotapp_scheduler.core.cycle.joint_devices import keep_devices
 from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.core.cycle.schedule_result import PlacementHint, ScheduleResult
 from robotapp_scheduler.core.framework.interface import Code
@@ -114,7 +115,11 @@ def plan_group(
 ) -> list[ScheduleResult]:
     """Decisions for all pods, in the order in which they were tried last. A plan is followed as a whole, or not."""
     if placement is not None and placement.nodes:
-        followed = _follow(core, pods, attempts, placement)
+        core.cluster.devices.keep(keep_devices(core.cluster, pods, placement.nodes))
+        try:
+            followed = _follow(core, pods, attempts, placement)
+        finally:
+            core.cluster.devices.keep({})
         if followed is not None:
             return all_or_none(core, followed)
         placement.result, placement.why = (

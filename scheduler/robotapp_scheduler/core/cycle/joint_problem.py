@@ -1,8 +1,9 @@
 """Turns the pods of one app instance into a problem for the joint planner: what each costs where, and what binds them.
 
 Node scores are taken as the profile gives them while the others are not placed; connections among the pods are added as
-the plugins of the profile that limit or score connections see them (`LimitsConnections`, `ScoresConnections`). What the problem does not know (spread, affinity among the
-pods, devices) is checked when the plan is followed.
+the plugins of the profile that limit or score connections see them (`LimitsConnections`, `ScoresConnections`), and devices
+as one more resource (`joint_devices`). What the problem does not know (spread, affinity among the pods) is checked when
+the plan is followed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,6 +16,7 @@ from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Edge as Connection
 from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cycle.joint_devices import device_capacity
 from robotapp_scheduler.core.cycle.tiers import tier_ranks
 from robotapp_scheduler.core.framework.interface import MAX_SCORE
 from robotapp_scheduler.core.framework.profiles import Profile
@@ -80,7 +82,8 @@ def joint_problem_of(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | No
     if app is None or not 2 <= len(pods) <= MOST_PODS:
         return None
     edges = _edges(core, app, pods)
-    if not any(edge.relation is Relation.RTT for edge in edges) or len(edges) > MOST_EDGES:
+    timed = any(edge.relation is Relation.RTT for edge in edges)
+    if len(edges) > MOST_EDGES or not (timed or _want_devices(app, pods)):
         return None
     table = core.cluster.nodes
     costs, ranks = [], []
@@ -91,11 +94,22 @@ def joint_problem_of(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | No
         costs.append(_cost(evaluation, core.cluster.nodes.size))
         tiers = pod.ros.tiers if pod.ros is not None else ()
         ranks.append(tier_ranks(table, tiers) if tiers else np.zeros(table.size, dtype=np.int32))
+    cost = np.stack(costs)
     demand, free = _capacity(core.cluster, pods)
     edges += _of_volumes(pods)  # known only now: appraising a pod resolves its ROS fields
-    problem = Problem(np.stack(costs), demand, free, tuple(edges), core.cluster.rtt.latencies())
+    devices, usable = device_capacity(core.cluster, pods, np.isfinite(cost))
+    if not timed and not len(usable):
+        return None
+    demand, free = np.hstack((demand, devices)), np.vstack((free, usable))
+    problem = Problem(cost, demand, free, tuple(edges), core.cluster.rtt.latencies())
     problem = with_tiers(problem, np.stack(ranks))
     return JointProblem(problem, tuple(pod.uid for pod in pods), tuple(table.names))
+
+
+def _want_devices(app: App, pods: Sequence[PodInfo]) -> bool:
+    """Do two of them want devices?"""
+    names = [pod.member.component for pod in pods if pod.member is not None and pod.member.component in app.components]
+    return sum(bool(app.components[name].devices) for name in names) > 1
 
 
 def _cost(evaluation: Evaluation, size: int) -> FloatArray:

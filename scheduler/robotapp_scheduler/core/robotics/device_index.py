@@ -5,7 +5,7 @@ under, also when an agent begins or ceases to describe the node meanwhile (`clai
 good enough to choose a node, never to grant (the shell's create of the RobotClaim decides).
 """
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from robotapp_api.claims.device import PREFERENCE, Take, assign, fits_kind, is_device, take_device
@@ -60,6 +60,7 @@ class DeviceIndex:
         """Promises and shared uses of a node by pod uid."""
         self._use_nodes: dict[str, str] = {}
         self._capable: dict[tuple[str, str, str, str], frozenset[str]] = {}
+        self._kept: Mapping[tuple[str, str], str] = {}
 
     def __repr__(self) -> str:
         return f"DeviceIndex({len(self._devices)} nodes, {len(self._claim_nodes)} claims, {len(self._use_nodes)} users)"
@@ -148,6 +149,21 @@ class DeviceIndex:
             )
         return found
 
+    def usable(self, request: DeviceRequest, node: str, holder: DeviceHolder) -> frozenset[int]:
+        """Positions in `of(node)` of the devices that would meet this request of the holder now."""
+        return frozenset(
+            i
+            for i, device in enumerate(self.of(node))
+            if fits_kind(request, device) and self.blocker(node, device, holder, exclusive=request.exclusive) is None
+        )
+
+    def keep(self, devices: Mapping[tuple[str, str], str]) -> None:
+        """While a plan is followed: by (node, device id) the pod that needs it alone, "" for several that share it.
+
+        Others take such a device when there is no other.
+        """
+        self._kept = devices
+
     def contested(self, node: str) -> bool:
         """Whether any device of the node is claimed, assumed or shared."""
         return node in self._claims or node in self._uses
@@ -179,7 +195,10 @@ class DeviceIndex:
         shared = {
             i for request, options in zip(requests, fitting, strict=True) if not request.exclusive for i in options
         }
-        found = assign(own, preferred=self._preferred(devices, node, holder, last=shared)) if own else []
+        last = shared | {
+            i for i, device in enumerate(devices if self._kept else ()) if self._is_kept(node, device, holder)
+        }
+        found = assign(own, preferred=self._preferred(devices, node, holder, last=last)) if own else []
         if found is None:
             return None
         open_ = {i for i in shared.difference(found) if self.blocker(node, devices[i], holder, exclusive=False) is None}
@@ -187,19 +206,32 @@ class DeviceIndex:
         held = iter(
             [device._replace(id=name) for device, name in zip(map(devices.__getitem__, found), names, strict=True)]
         )
-        grants = []
+        grants = list[DeviceGrant]()
         for request, options in zip(requests, fitting, strict=True):
-            device = (
-                next(held) if request.exclusive else self._to_share(node, [devices[i] for i in options if i in open_])
-            )
+            if request.exclusive:
+                device: Device | None = next(held)
+            else:  # one entry with a count shares as many different devices; two entries may share one
+                same = {grant.device for grant in grants if grant.request == request.name}
+                device = self._to_share(node, [devices[i] for i in options if i in open_ and devices[i] not in same])
             if device is None:
                 return None
             grants.append(DeviceGrant(request.name, node, device, request.exclusive))
         return tuple(grants)
 
+    def _is_kept(self, node: str, device: Device, holder: DeviceHolder) -> bool:
+        """For another pod than this one?"""
+        return self._kept.get((node, device.id), holder.pod_uid) != holder.pod_uid
+
     def _to_share(self, node: str, devices: Sequence[Device]) -> Device | None:
         """Rather one that is shared already: the others stay free for pods that need one alone."""
-        return min(devices, key=lambda device: next(self._uses_of(node, device), None) is None, default=None)
+        return min(
+            devices,
+            key=lambda device: (
+                bool(self._kept.get((node, device.id))),
+                next(self._uses_of(node, device), None) is None,
+            ),
+            default=None,
+        )
 
     def _names(self, node: str, devices: Sequence[Device], holder: DeviceHolder) -> list[str]:
         """The id to claim each device under: the one under which this holder has it already, else its own."""
@@ -227,7 +259,7 @@ class DeviceIndex:
     ) -> list[int]:
         """Devices that are free for this holder; those it has or inherits come first, or a retry would collect more.
 
-        last: devices that its own shared requests could use, taken when there is no other.
+        last: devices that its own shared requests could use, or that others need, taken when there is no other.
         """
         free = [i for i, device in enumerate(devices) if self.blocker(node, device, holder) is None]
         if not self.contested(node) and not last:

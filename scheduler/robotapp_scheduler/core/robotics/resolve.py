@@ -2,8 +2,8 @@
 
 from typing import Final, Protocol
 
-from robotapp_api.claims.device import GPU, claimed
-from robotapp_api.model.names import ROBOT_END, Label
+from robotapp_api.claims.device import claimed
+from robotapp_api.model.names import GPU, ROBOT_END, Label
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component

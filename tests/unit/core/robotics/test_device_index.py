@@ -224,3 +224,26 @@ def test_what_nobody_has_claimed_or_was_promised_is_counted_by_type() -> None:
     assert devices.free_by_type() == {"can": 2, "usb": 0}
     devices.remove_claim("dev.n.usb-1")
     assert devices.free_by_type() == {"can": 2, "usb": 1}
+
+
+def test_a_shared_entry_with_a_count_takes_as_many_different_devices_and_two_entries_may_share_one() -> None:
+    devices = index(can(0), can(1))
+    two = (DeviceRequest("bus", "can", exclusive=False),) * 2
+    found = devices.choose(two, "n", MINE)
+    assert found is not None
+    assert {grant.device.id for grant in found} == {"can-can0", "can-can1"}
+    assert index(can(0)).choose(two, "n", MINE) is None
+    names = [DeviceRequest(name, "can", exclusive=False) for name in ("left", "right")]
+    assert index(can(0)).choose(names, "n", MINE) is not None
+
+
+def test_a_device_that_is_kept_for_another_pod_is_taken_when_there_is_no_other() -> None:
+    devices = index(can(0), can(1))
+    devices.keep({("n", "can-can0"): "other"})
+    (grant,) = devices.choose((CAN,), "n", MINE) or ()
+    assert grant.device.id == "can-can1"
+    both = devices.choose((CAN, CAN), "n", MINE)
+    assert both is not None
+    devices.keep({("n", "can-can0"): MINE.pod_uid})
+    (grant,) = devices.choose((CAN,), "n", MINE) or ()
+    assert grant.device.id == "can-can0"

@@ -211,7 +211,7 @@ def test_a_problem_prints_its_field_first() -> None:
     ("fields", "field", "says"),
     [
         ({"env": [{"name": "ROBOTAPP_ROBOT", "value": "x"}]}, "env", "belongs to the operator"),
-        ({"devices": [{"name": "c", "type": "can", "count": 2}]}, "devices[0].count", "write 2 entries"),
+        ({"devices": [{"name": "g", "type": "gpu", "count": 2}]}, "devices[0].count", "nvidia.com/gpu: 2"),
         ({"ready": {"topic": {"name": "/odom", "minRate": 0}}}, "ready.topic.minRate", "0 is no rate"),
         (
             {"template": {"spec": {"volumes": [{"name": "robotapp-parameters", "emptyDir": {}}]}}},

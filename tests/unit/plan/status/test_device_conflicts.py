@@ -117,6 +117,15 @@ def test_two_components_that_want_one_device_are_told_that_one_must_go() -> None
     assert text == ("l and r both want can-can0 on amr-07, which only one can have: remove the device from one of them")
 
 
+def test_a_count_that_no_node_has_is_told_with_what_there_is() -> None:
+    app = make_app(component("l", runsOn=["Robot"], devices=[ANY_BUS | {"count": 3}]))
+    two, three = (node_with(*(f"can{i}" for i in range(count))) for count in (2, 3))
+    assert device_trouble(app, ON_ROBOT, claims=[], telemetry=two) == (
+        "l wants 3 devices, but only can-can0 on amr-07 and can-can1 on amr-07 would do: remove a device or lower its count"
+    )
+    assert device_trouble(app, ON_ROBOT, claims=[], telemetry=three) == ""
+
+
 def test_that_one_of_them_holds_it_changes_nothing_and_somebody_else_is_not_the_reason() -> None:
     for uid in ("uid-1", "other"):
         claims = [claim_of("can-can0", uid=uid)]
