@@ -1,0 +1,1 @@
+"""Random topologies and apps with budgets, placed by several schedulers, and what HiGHS proves of them."""
