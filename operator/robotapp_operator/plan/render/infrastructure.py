@@ -3,17 +3,11 @@
 from typing import Any, Final
 
 from robotapp_api.model.names import Label
+from robotapp_api.values.component_nodes import is_in, required_nodes, robot_tolerations
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child, role_labels, selector
 from robotapp_operator.plan.render.deployments import deployment_spec
 from robotapp_operator.plan.render.environment import DISCOVERY_SERVER_PORT, ZENOH_PORT
-from robotapp_operator.plan.render.node_affinity import (
-    disconnect_tolerations,
-    is_in,
-    required_nodes,
-    robot_tolerations,
-    shared_node_selector,
-    shared_tolerations,
-)
+from robotapp_operator.plan.render.node_affinity import disconnect_tolerations, shared_node_selector, shared_tolerations
 from robotapp_operator.plan.render.ros1 import MASTER_PORT, own_address
 from robotapp_operator.plan.render.services import role_service
 from robotapp_operator.plan.spec.desired import MASTER, ROUTER, SERVERS, Desired

@@ -6,9 +6,10 @@ from typing import Any, Final
 from robotapp_api.checks.spec import neighbours_of
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import HARDWARE_PREFIX, Label
+from robotapp_api.values.component_nodes import is_in, may_be_on_robot, required_nodes, robot_tolerations, tier_terms
 from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_api.values.selector import matches_labels
-from robotapp_api.values.tiers import KEEP, ROBOT, on_disconnect
+from robotapp_api.values.tiers import KEEP, on_disconnect
 from robotapp_api.values.toleration import HARD_EFFECTS, tolerates
 from robotapp_operator.plan.render.child import component_labels, selector
 from robotapp_operator.plan.spec.desired import Desired
@@ -23,7 +24,11 @@ def _keeps_pods(component: Component, desired: Desired) -> bool:
     Our scheduler holds a successor back while its predecessor may still drive; others do not, so with them a pod that may be
     on a robot is kept as well.
     """
-    if not component.on_disconnect and not desired.app.our_scheduler and _may_be_on_robot(component, desired):
+    if (
+        not component.on_disconnect
+        and not desired.app.our_scheduler
+        and may_be_on_robot(component.runs_on, desired.robot)
+    ):
         return True
     return on_disconnect(component.runs_on, component.on_disconnect) == KEEP
 
@@ -31,13 +36,9 @@ def _keeps_pods(component: Component, desired: Desired) -> bool:
 def tolerations(component: Component, desired: Desired) -> list[dict[str, Any]]:
     """The component's own, then robots' taints where it may run there, then how long it stays on a lost node."""
     result = [*component.template.spec.tolerations]
-    if _may_be_on_robot(component, desired):
+    if may_be_on_robot(component.runs_on, desired.robot):
         result += robot_tolerations(desired.robot)
     return result + disconnect_tolerations(None if _keeps_pods(component, desired) else int(desired.app.grace_s))
-
-
-def _may_be_on_robot(component: Component, desired: Desired) -> bool:
-    return ROBOT in component.runs_on or bool(desired.robot and not component.runs_on)
 
 
 def shared_tolerations(desired: Desired) -> list[dict[str, Any]]:
@@ -58,15 +59,6 @@ def shared_node_selector(desired: Desired) -> dict[str, str]:
         for key, value in first.template.spec.node_selector.items()
         if all(other.template.spec.node_selector.get(key) == value for other in others)
     }
-
-
-def robot_tolerations(robot: str) -> list[dict[str, Any]]:
-    """Robots are kept free of other work by a taint whose key is one of their labels."""
-    own = {"operator": "Equal", "value": robot} if robot else {"operator": "Exists"}
-    return [
-        {"key": Label.ROBOT.value, **own},
-        {"key": Label.TIER.value, "operator": "Equal", "value": "robot"},
-    ]
 
 
 def disconnect_tolerations(seconds: int | None) -> list[dict[str, Any]]:
@@ -113,34 +105,13 @@ def _toleration(written: Mapping[str, Any]) -> Toleration:
     return Toleration(*(str(written.get(name) or "") for name in ("key", "operator", "value", "effect")))
 
 
-def required_nodes(terms: list[list[dict[str, Any]]]) -> dict[str, Any]:
-    """Node affinity: one of `terms`, each a list of requirements that must all hold."""
-    return {
-        "requiredDuringSchedulingIgnoredDuringExecution": {
-            "nodeSelectorTerms": [{"matchExpressions": term} for term in terms]
-        }
-    }
-
-
-def is_in(key: str, *values: str) -> dict[str, Any]:
-    return {"key": key, "operator": "In", "values": list(values)}
-
-
 def _node_terms(component: Component, desired: Desired) -> list[list[dict[str, Any]]]:
-    """Which tiers are allowed; which of them is preferred is the scheduler's business. `Robot` means the instance's own."""
+    """Which tiers are allowed, and for other schedulers which hardware."""
     common: list[dict[str, Any]] = [] if desired.app.our_scheduler else list(_hardware(component))
-    if component.runs_on:
-        own = [[is_in(Label.ROBOT, desired.robot)]] if desired.robot and ROBOT in component.runs_on else []
-        labels = [tier.lower() for tier in component.runs_on if not (own and tier == ROBOT)]
-        others = [[is_in(Label.TIER, *labels)]] if labels else []
-        return [[*term, *common] for term in (*own, *others)]
-    if desired.robot:
-        # Anywhere, but never on another robot.
-        return [
-            [is_in(Label.ROBOT, desired.robot), *common],
-            [{"key": Label.ROBOT.value, "operator": "DoesNotExist"}, *common],
-        ]
-    return [common] if common else []
+    terms = tier_terms(component.runs_on, desired.robot)
+    if not terms:
+        return [common] if common else []
+    return [[*term, *common] for term in terms]
 
 
 def _hardware(component: Component) -> Iterable[dict[str, Any]]:
