@@ -6,31 +6,23 @@ time (nothing expires, back-off is over at once). Ties fall as in the live sched
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 import msgspec
 
 from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cache
-from robotapp_scheduler.core.cycle.group_cycle import placement_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.pods.in_place_resize import held_per_container
-from robotapp_scheduler.core.queue.queued_pod_info import Rejection
-from robotapp_scheduler.joint.solve import Limits, solve
 from robotapp_scheduler.simulation.dump import MOST_PROBLEMS, Dump
+from robotapp_scheduler.simulation.rounds import Rounds
 from robotapp_scheduler.watch.routes import routes
 
-ROUNDS: Final = 10
-"""Refused pods are tried again while others found a node: a pod may wait for one that comes later."""
-SETTLED: Final = Rejection(frozenset({"Simulation"}))
-"""Parks a refused pod: no event wakes it, the next round does."""
 _NO_TIME = 0.0
 Progress = Callable[[int, int], None]
 """Called with decisions so far and the number of pods that waited at first."""
-PLANNING: Final = Limits(steps=20)
-"""A group is planned for so many steps, not for some time: the same dump has the same outcome on any machine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,14 +78,12 @@ class _World:
     def __init__(self, dump: Dump, config: SchedulerConfig, progress: Progress) -> None:
         self._dump = dump
         self._progress = progress
-        self._decided = 0
         self._names = frozenset(config.scheduler_names)
         self._counted = held_per_container if config.sums_per_container else _as_it_is
         self.cluster = Cache(clock=lambda: _NO_TIME)
         self.core = SchedulerCore(self.cluster, config.build(), clock=lambda: _NO_TIME)
         self.outcome = Outcome(config=config.digest, problems=list(dump.problems), ignored=dict(dump.ignored))
         self._was: dict[str, str] = {}
-        self._rejected: dict[str, ScheduleResult] = {}
 
     def fill(self, replay: int) -> None:
         """Take the dump into the cluster, then queue what waits, in the order it was made."""
@@ -123,42 +113,22 @@ class _World:
 
     def place(self) -> None:
         """Decide until no pod finds a node any more."""
-        waiting = len(self.core.queue)
-        for _ in range(ROUNDS):
-            if not self._round(waiting) or not self._rejected:
-                break
-            self.core.queue.activate(list(self._rejected))
-        for uid, decision in self._rejected.items():
-            self._note(decision, uid)
+        waiting, decided = len(self.core.queue), 0
+
+        def popped(count: int) -> None:
+            nonlocal decided
+            decided += count
+            self._progress(decided, waiting)
+
+        for decision in Rounds(self.core, placed=self._note, popped=popped).place().values():
+            self._note(decision)
         for queued in self.core.queue.gated():
             gate = queued.gate
             pod = queued.info
             text = f"held: {gate.reason}" if gate is not None else "held"
             self.outcome.placements.append(Placement(pod.namespace, pod.name, pod.scheduler_name, None, text))
 
-    def _round(self, waiting: int) -> bool:
-        """One pass over the queue, in which so many stood at first; True when a pod found a node."""
-        found = False
-        while batch := self.core.queue.pop():
-            self._decided += len(batch)
-            self._progress(self._decided, waiting)
-            joint = self.core.joint_problem_of(batch)
-            planned = (
-                placement_of(joint, solve(joint.problem, PLANNING, lambda: _NO_TIME)) if joint is not None else None
-            )
-            for decision in self.core.schedule(batch, placement=planned):
-                uid = decision.pod.uid
-                if decision.placed:
-                    found = True
-                    self._rejected.pop(uid, None)
-                    self.core.queue.done(uid)
-                    self._note(decision, uid)
-                elif decision.queued is not None:
-                    self._rejected[uid] = decision
-                    self.core.queue.requeue(decision.queued, SETTLED)
-        return found
-
-    def _note(self, decision: ScheduleResult, uid: str) -> None:
+    def _note(self, decision: ScheduleResult) -> None:
         pod = decision.pod
         self.outcome.placements.append(
             Placement(
@@ -169,7 +139,7 @@ class _World:
                 message=decision.message,
                 feasible=decision.feasible,
                 score=decision.total,
-                was=self._was.get(uid, ""),
+                was=self._was.get(pod.uid, ""),
             )
         )
 
