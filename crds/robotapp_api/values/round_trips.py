@@ -149,6 +149,13 @@ class RoundTrips:
         self._reports.pop(node, None)
         return gone
 
+    def suppose(self, one: str, other: str, figures: Figures, *, now_s: float) -> None:
+        """Let the pair have these times from now on, whatever was measured. For a copy that is asked what would be."""
+        for near, far in ((one, other), (other, one)):
+            old = self._reports.get(near, _NOTHING)
+            live, spans = {**old.live, far: figures}, {**old.spans, far: _Span(now_s, _NEVER_S)}
+            self._replace(near, old, old._replace(live=live, spans=spans))
+
     def expire(self, now_s: float) -> dict[str, frozenset[str]]:
         """Forget times that grew too old. Returns the peers they were of, by node."""
         late = [(node, report) for node, report in self._reports.items() if report.next_s <= now_s]

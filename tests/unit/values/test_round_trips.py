@@ -166,3 +166,14 @@ def test_what_is_known_of_a_node_is_what_is_known_of_its_pairs(
         for one in "abc":
             found = {other: figures for other in "abc" if (figures := trips.between(one, other)) is not None}
             assert trips.around(one) == found
+
+
+def test_a_supposed_time_holds_both_ways_whatever_was_measured_and_does_not_expire() -> None:
+    trips = RoundTrips()
+    trips.receive("a", [Rtt(peer="b", p50_us=10, p95_us=20)], seq=1, interval_s=10, now_s=0.0)
+    trips.suppose("a", "b", Figures(40.0, 40.0), now_s=1.0)
+    trips.suppose("a", "c", Figures(7.0, 7.0), now_s=1.0)
+    assert trips.between("a", "b") == trips.between("b", "a") == Figures(40.0, 40.0)
+    assert trips.around("c") == {"a": Figures(7.0, 7.0)}
+    trips.expire(1e6)
+    assert trips.between("b", "a") == Figures(40.0, 40.0)

@@ -74,8 +74,9 @@ class Edge(Slim):
 
 
 class Reschedule(Slim):
-    """spec.placement.reschedule, as far as it is the scheduler's: whether and how often anything moves is the operator's."""
+    """spec.placement.reschedule, as far as the scheduler reads it: how often anything moves is the operator's."""
 
+    when: str = "Never"
     for_: str = msgspec.field(name="for", default="15s")
 
 

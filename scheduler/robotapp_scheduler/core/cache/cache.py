@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from robotapp_api.claims.objects import Claim
+from robotapp_api.values.round_trips import UNREACHABLE_US
 from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.api.ros import SharedVolume
@@ -228,6 +229,19 @@ class Cache:
         if self.devices.set_telemetry(name, telemetry.status.devices):
             change |= Change.DEVICES
         return self._telemetry_changed(name, change)
+
+    def suppose_round_trip(self, one: str, other: str, rtt_us: float) -> Change:
+        """Let a pair of nodes have this round-trip time. For a copy of the cluster that is asked what would be."""
+        self.rtt.suppose(one, other, rtt_us)
+        self.log.add(EVERY_ROW, Change.RTT)
+        return Change.RTT
+
+    def suppose_unreachable(self, node: str) -> Change:
+        """Let no probe reach a node from those that measure it. For a copy that is asked what would be."""
+        for peer in self.rtt.measured_around(node):
+            self.rtt.suppose(node, peer, UNREACHABLE_US)
+        self.log.add(EVERY_ROW, Change.RTT)
+        return Change.RTT
 
     def remove_telemetry(self, telemetry: NodeTelemetry) -> Change:
         """A node's agent object is gone: its devices are read from labels, its RTTs are unknown."""

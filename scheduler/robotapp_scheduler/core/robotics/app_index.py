@@ -5,7 +5,7 @@ pod → ReplicaSet → Deployment → RobotApp inside one namespace.
 """
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Final, NamedTuple
 
 from robotapp_api.model.names import ROBOT_END
@@ -103,6 +103,25 @@ def read_app(source: RobotApp) -> App:
             for each in source.spec.components
         ),
     )
+
+
+class Connection(NamedTuple):
+    """An edge once, as written: `link` is how the component `here`, one of its two ends, sees it."""
+
+    from_: str
+    to: str
+    here: str
+    link: Link
+
+
+def connections(app: App) -> Iterator[Connection]:
+    """The edges of an app, each once, in their order."""
+    seen = {name: iter(links) for name, links in app.links.items()}
+    for edge in app.source.spec.edges:
+        ends = [(end, next(seen[end])) for end in (edge.from_, edge.to) if end != ROBOT_END]
+        if ends:
+            here, link = ends[0]
+            yield Connection(edge.from_, edge.to, here, link)
 
 
 def on_one_node(app: App, component: str) -> bool:

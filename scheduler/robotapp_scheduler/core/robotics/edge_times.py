@@ -7,7 +7,7 @@ from robotapp_api.model.names import ROBOT_END
 from robotapp_api.values.round_trips import SAME_NODE
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.pod_info import Member
-from robotapp_scheduler.core.robotics.app_index import ON_BOARD, App, AppIndex, Link
+from robotapp_scheduler.core.robotics.app_index import ON_BOARD, App, AppIndex, Connection, Link
 
 Between = Callable[[str, str, int], float | None]
 """The round trip between two nodes at a percentile; infinite = unreachable, None = unknown."""
@@ -81,6 +81,15 @@ def time_us(link: Link, member: Member, node: str, around: Around, between: Betw
     if not known or len(known) < len(times):
         return None
     return min(known) if link.peer == ROBOT_END else max(known)
+
+
+def slowest_us(connection: Connection, member: Member, around: Around, between: Between) -> float | None:
+    """The round trip of an edge of an instance, over all pods of both ends. None when one is unknown, or a pod has no node."""
+    here = member._replace(component=connection.here)
+    nodes = [replica.node for replica in around.apps.replicas(here, connection.here)]
+    times = [time_us(connection.link, here, node, around, between) if node else None for node in nodes]
+    known = [time for time in times if time is not None]
+    return max(known) if known and len(known) == len(times) else None
 
 
 def worst_late(part: Part, around: Around, between: Between) -> Late | None:

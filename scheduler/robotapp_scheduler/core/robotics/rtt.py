@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_api.model.names import Label
-from robotapp_api.values.round_trips import RoundTrips, is_unreachable
+from robotapp_api.values.round_trips import Figures, RoundTrips, is_unreachable
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Load, NodeTelemetry
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.nodes.node_table import NodeTable
@@ -74,6 +74,16 @@ class RttModel:
         else:
             self._loads.pop(name, None)
         return self._changed(name, changed) if changed else False
+
+    def measured_around(self, name: str) -> list[str]:
+        """The nodes to which the time is measured, from either side."""
+        return list(self._trips.around(name))
+
+    def suppose(self, one: str, other: str, rtt_us: float) -> None:
+        """Let one pair have this round-trip time, median and p95. For a copy of the cluster that is asked what would be."""
+        self._trips.suppose(one, other, Figures(rtt_us, rtt_us), now_s=self._clock())
+        for near, far in ((one, other), (other, one)):
+            self._changed(near, (far,))
 
     def remove(self, name: str) -> bool:
         """The agent's object is gone."""

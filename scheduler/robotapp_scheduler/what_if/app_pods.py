@@ -1,0 +1,135 @@
+"""The pods that the operator would make of a RobotApp, with the fields that decide where they are placed."""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from itertools import islice
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from robotapp_api.claims.instances import Instance, RobotSelection, instances_of
+from robotapp_api.claims.objects import Meta
+from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, Label
+from robotapp_api.values.component_nodes import may_be_on_robot, required_nodes, robot_tolerations, tier_terms
+from robotapp_api.values.naming import child_name
+from robotapp_scheduler.core.api.core_v1 import Node, Pod
+from robotapp_scheduler.core.api.robotics_v1alpha1 import ObservedStatus, RobotApp
+from robotapp_scheduler.what_if.question import QuestionError
+
+MOST_PODS: Final = 500
+TRIED: Final = "what-if"
+
+
+class TriedApp(NamedTuple):
+    """An app that is not applied: as the watch would show it, its pods, and what has to be said about them."""
+
+    app: RobotApp
+    pods: tuple[Pod, ...]
+    notes: tuple[str, ...]
+
+
+def tried_app(source: Mapping[str, Any], nodes: Iterable[Node], *, profiles: Collection[str]) -> TriedApp:
+    """The app and its pods among these nodes; profiles: names that this scheduler serves. Raises QuestionError."""
+    meta, where = source["metadata"], f"RobotApp {source['metadata']['namespace']}/{source['metadata']['name']}"
+    uid = f"{TRIED}/{meta['namespace']}/{meta['name']}"
+    identity = {"name": meta["name"], "namespace": meta["namespace"], "uid": uid, "generation": 1}
+    try:
+        app = msgspec.convert({"metadata": identity, "spec": source.get("spec") or {}}, RobotApp)
+        app.status = ObservedStatus(observed_generation=1)
+        if app.spec.suspend:
+            return TriedApp(app, (), (f"{where} is suspended: it has no pods",))
+        instances, notes = _instances(source, uid, nodes, where)
+        made = (each for instance in instances for each in _pods(source, app, instance.robot, profiles))
+        pods = [msgspec.convert(each, Pod) for each in islice(made, MOST_PODS + 1)]
+    except (msgspec.ValidationError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise QuestionError(
+            f"{where} cannot be read: {error}; kubectl robotapp lint FILE finds what is wrong"
+        ) from error
+    if len(pods) > MOST_PODS:
+        raise QuestionError(
+            f"{where} has more than {MOST_PODS} pods on {len(instances)} robots; try it on fewer robots"
+        )
+    return TriedApp(app, tuple(pods), tuple(notes))
+
+
+def _instances(
+    source: Mapping[str, Any], uid: str, nodes: Iterable[Node], where: str
+) -> tuple[list[Instance], list[str]]:
+    robots = source["spec"].get("robots")
+    if robots is None:
+        return [Instance()], []
+    selection = RobotSelection(
+        uid, source["metadata"]["namespace"], robots["nodeSelector"], robots.get("assignment", "Each")
+    )
+    found = instances_of(selection, [_meta(node) for node in nodes], running=(), claimed=())
+    notes = [f"{where}: {each.problem}" for each in found if each.problem]
+    if not found:
+        notes = [f"{where}: robots.nodeSelector names no robot that admits the namespace"]
+    return [each for each in found if not each.problem], notes
+
+
+def _meta(node: Node) -> Meta:
+    meta = node.metadata
+    return Meta(name=meta.name, uid=meta.uid, labels=dict(meta.labels or {}), annotations=dict(meta.annotations or {}))
+
+
+def _pods(source: Mapping[str, Any], app: RobotApp, robot: str, profiles: Collection[str]) -> Iterator[dict[str, Any]]:
+    scheduler = source["spec"].get("schedulerName") or SCHEDULER_NAME
+    if scheduler not in profiles:
+        raise QuestionError(
+            f"RobotApp {app.metadata.name}: schedulerName {str(scheduler)[:63]!r} is none of this scheduler's: "
+            + ", ".join(sorted(profiles))
+        )
+    for component in source["spec"]["components"]:
+        for number in range(component.get("replicas", 1)):
+            yield _pod(app, component, robot, number=number, scheduler=scheduler)
+
+
+def _pod(app: RobotApp, component: dict[str, Any], robot: str, *, number: int, scheduler: str) -> dict[str, Any]:
+    meta, template = app.metadata, component.get("template") or {}
+    name, spec = f"{child_name(meta.name, robot, component['name'])}-{number}", template.get("spec") or {}
+    own = {
+        Label.APP.value: meta.name,
+        Label.APP_UID.value: meta.uid,
+        Label.INSTANCE.value: robot,
+        Label.COMPONENT.value: component["name"],
+    }
+    labels = (template.get("metadata") or {}).get("labels") or {}
+    owner = {"apiVersion": API_VERSION, "kind": "RobotApp", "name": meta.name, "uid": meta.uid, "controller": True}
+    return {
+        "metadata": {
+            "name": name,
+            "namespace": meta.namespace,
+            "uid": f"{TRIED}/{meta.namespace}/{name}",
+            "labels": labels | own,
+            "ownerReferences": [owner],
+        },
+        "spec": {
+            "schedulerName": scheduler,
+            "nodeSelector": spec.get("nodeSelector") or None,
+            "tolerations": _tolerations(component, spec, robot),
+            "affinity": _affinity(component, robot),
+            "initContainers": [_container(each) for each in spec.get("initContainers") or ()],
+            "containers": [_container(component)],
+            "volumes": spec.get("volumes") or [],
+        },
+    }
+
+
+def _container(written: Mapping[str, Any]) -> dict[str, Any]:
+    """The API server's default: what is not requested is requested up to its limit."""
+    resources = written.get("resources") or {}
+    requests = {**(resources.get("limits") or {}), **(resources.get("requests") or {})}
+    found = {"name": written.get("name", ""), "image": written.get("image", ""), "resources": {"requests": requests}}
+    if restart := written.get("restartPolicy"):
+        found["restartPolicy"] = restart
+    return found
+
+
+def _tolerations(component: Mapping[str, Any], spec: Mapping[str, Any], robot: str) -> list[dict[str, Any]]:
+    own = list(spec.get("tolerations") or ())
+    return own + robot_tolerations(robot) if may_be_on_robot(component.get("runsOn") or (), robot) else own
+
+
+def _affinity(component: Mapping[str, Any], robot: str) -> dict[str, Any] | None:
+    terms = tier_terms(component.get("runsOn") or (), robot)
+    return {"nodeAffinity": required_nodes(terms)} if terms else None

@@ -1,0 +1,308 @@
+"""Answers a question on a cache that is changed for good: call it in a copy of the process alone.
+
+Lost nodes are marked as the node controller marks them, their pods end and get successors; round trips are replaced, apps are added
+with the pods that the operator would make, profiles are swapped. Then the scheduler's own core places what has no node.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Final
+
+from robotapp_api.model.names import Label, PodReason
+from robotapp_api.values.duration import format_us
+from robotapp_scheduler.config.load import SchedulerConfig
+from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.cycle.better_node import better_node, settled
+from robotapp_scheduler.core.cycle.re_evaluate import as_waiting
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.cycle.schedule_result import FAULTS, ScheduleResult
+from robotapp_scheduler.core.framework.profiles import Profile
+from robotapp_scheduler.core.pods.pod_info import Member, member_of
+from robotapp_scheduler.core.robotics.edge_times import Part, movable, part_of, worst_late
+from robotapp_scheduler.simulation.rounds import Rounds
+from robotapp_scheduler.simulation.run import latest_bound
+from robotapp_scheduler.what_if.app_pods import TriedApp, tried_app
+from robotapp_scheduler.what_if.difference import Answer, Outcome, PodChange, edge_changes, in_order
+from robotapp_scheduler.what_if.edges import Instance, edge_times, instances_on
+from robotapp_scheduler.what_if.lost_nodes import SUCCESSOR, change_of, fate, lost, successor_of
+from robotapp_scheduler.what_if.question import Question, QuestionError, check_nodes
+
+ENOUGH_S: Final = 0.6
+"""After this long no further running pod is looked at: the answer is to be there within a second."""
+MOST_REPLAYED: Final = 2000
+MOVES_WHEN: Final = "BudgetExceeded"
+"""`placement.reschedule.when` of an app whose pods the operator moves."""
+NOT_TRIED: Final = (
+    "not tried: claims of domains, evictions, discovery servers of new apps; a priorityClassName of theirs counts as 0"
+)
+
+
+def answer(
+    core: SchedulerCore, question: Question, config: SchedulerConfig | None, *, clock: Callable[[], float]
+) -> Answer:
+    """What would be different. Raises QuestionError. The cache is another one afterwards."""
+    check_nodes(question, core.cluster.nodes.row_of)
+    return _Decider(core, question, config, clock).answer()
+
+
+class _Decider:
+    def __init__(
+        self, core: SchedulerCore, question: Question, config: SchedulerConfig | None, clock: Callable[[], float]
+    ) -> None:
+        self._before = core
+        self._cluster = core.cluster
+        self._question = question
+        self._clock = clock
+        self._began_s = clock()
+        profiles: Mapping[str, Profile] = (
+            config.build() if config is not None else {name: core.runner(name).profile for name in core.scheduler_names}
+        )
+        self._core = SchedulerCore(core.cluster, profiles, clock=clock)
+        self._pods: list[PodChange] = []
+        self._notes: list[str] = []
+        self._was: dict[str, str] = {}
+        """Where a pod that is placed anew was, by uid."""
+        self._tried: set[str] = set()
+        self._lost = frozenset(question.node_loss)
+
+    def answer(self) -> Answer:
+        replaced = self._running(frozenset(self._question.names))
+        concerned = list(dict.fromkeys([*instances_on(self._question.nodes, self._cluster), *replaced]))
+        before = edge_times(concerned, self._cluster)
+        late = self._late(concerned)
+        for pair in self._question.rtt:
+            self._cluster.suppose_round_trip(pair.one, pair.other, float(pair.us))
+        successors = [pod for node in self._question.node_loss for pod in self._lose(node)]
+        apps = self._apps(replaced)
+        concerned = [each for each in concerned if each not in replaced]
+        self._queue(successors, [pod for app in apps for pod in app.pods])
+        self._place()
+        self._better(concerned, late)
+        if self._question.config is not None:
+            self._replay()
+        new = dict.fromkeys((app.app.metadata.uid, _instance_of(pod)) for app in apps for pod in app.pods)
+        after = edge_times([*concerned, *new], self._cluster, lost=self._lost)
+        edges, same = edge_changes(before, after)
+        return Answer(
+            pods=in_order(self._pods),
+            edges=edges,
+            edges_unchanged=same,
+            notes=(*self._notes, NOT_TRIED),
+            decided_ms=round(1000 * (self._clock() - self._began_s), 1),
+        )
+
+    # --- Lost nodes and new apps ---------------------------------------------------------------------------------
+
+    def _lose(self, node: str) -> list[Pod]:
+        """Mark the node and end its pods; their successors."""
+        cluster, others = self._cluster, 0
+        row = cluster.nodes.row_of[node]
+        stored = cluster.nodes.objects[row]
+        if stored is not None:
+            cluster.apply_node(lost(stored))
+        cluster.suppose_unreachable(node)
+        found = []
+        for placed in list(cluster.pods_on(node)):
+            pod = placed.pod
+            if pod.metadata.deletion_timestamp is not None:
+                continue
+            if pod.spec.scheduler_name not in self._before.scheduler_names:
+                others += 1
+                continue
+            change = fate(pod, node, cluster)
+            if change is not None:
+                self._pods.append(change)
+                continue
+            successor = successor_of(pod)
+            self._was[successor.metadata.uid] = node
+            found.append(successor)
+        if others:
+            self._notes.append(
+                f"{others} pods of other schedulers are on lost nodes: where they would go is theirs to say"
+            )
+        return found
+
+    def _running(self, names: frozenset[tuple[str, str]]) -> frozenset[Instance]:
+        """The instances of the apps with these namespaces and names."""
+        apps = self._cluster.apps
+        found = set()
+        for app_uid, instance in apps.instances() if names else ():
+            app = apps.app(app_uid)
+            if app is not None and (app.source.metadata.namespace, app.source.metadata.name) in names:
+                found.add((app_uid, instance))
+        return frozenset(found)
+
+    def _apps(self, replaced: frozenset[Instance]) -> list[TriedApp]:
+        """Add the apps, in place of those that run under their names."""
+        places = self._taken_away(replaced)
+        found = []
+        for source in self._question.apps:
+            nodes = [node for node in self._cluster.nodes.objects if node is not None]
+            tried = tried_app(source, nodes, profiles=self._core.scheduler_names)
+            self._cluster.apply_app(tried.app)
+            self._notes += tried.notes
+            for pod in tried.pods:
+                labels = pod.metadata.labels or {}
+                meta, member = tried.app.metadata, (labels.get(Label.INSTANCE, ""), labels.get(Label.COMPONENT, ""))
+                rest = places.get((meta.namespace, meta.name, *member))
+                if rest:
+                    self._was[pod.metadata.uid] = rest.pop(0)
+            found.append(tried)
+        return found
+
+    def _taken_away(self, replaced: frozenset[Instance]) -> dict[tuple[str, ...], list[str]]:
+        """Remove the pods of these instances; their nodes by namespace, app, instance and component."""
+        places: dict[tuple[str, ...], list[str]] = {}
+        for placed in list(self._cluster.placed.values()) if replaced else ():
+            member = member_of(placed.pod.metadata.labels or {})
+            if member is not None and (member.app_uid, member.instance) in replaced:
+                app = self._cluster.apps.app(member.app_uid)
+                meta = app.source.metadata if app is not None else placed.pod.metadata
+                key = (meta.namespace, meta.name, member.instance, member.component)
+                places.setdefault(key, []).append(placed.node)
+                self._cluster.remove_pod(placed.pod)
+        for namespace, name in sorted({key[:2] for key in places}):
+            self._notes.append(f"RobotApp {namespace}/{name} runs: its pods are compared with where they are now")
+        return places
+
+    # --- Deciding ------------------------------------------------------------------------------------------------
+
+    def _queue(self, successors: list[Pod], made: list[Pod]) -> None:
+        """Queue the pods. A predecessor that need not be waited for is gone when its successor is placed."""
+        cluster = self._cluster
+        for pod in (*successors, *made):
+            try:
+                cluster.apply_pod(pod)
+            except (ValueError, TypeError, OverflowError) as error:
+                raise QuestionError(f"pod {pod.metadata.namespace}/{pod.metadata.name}: {error}") from error
+        for pod in successors:
+            gate = self._core.groups.gate(cluster.pod_info(pod))
+            if gate is not None and gate.code == PodReason.WAITING_FOR_PREDECESSOR:
+                self._note(pod, Outcome.PENDING, code=gate.code, reason=gate.reason)
+                continue
+            before = cluster.placed.get(pod.metadata.uid.removeprefix(SUCCESSOR))
+            if before is not None:
+                cluster.remove_pod(before.pod)
+                cluster.apply_pod(pod)
+            self._tried.add(pod.metadata.uid)
+            self._core.queue.add(pod)
+        for pod in made:
+            self._tried.add(pod.metadata.uid)
+            self._core.queue.add(pod)
+
+    def _place(self) -> None:
+        refused = Rounds(self._core, placed=self._placed).place()
+        for decision in refused.values():
+            self._note(decision.pod.pod, Outcome.PENDING, code=str(decision.reason), reason=_with_evictions(decision))
+        for queued in self._core.queue.gated():
+            gate = queued.gate
+            self._note(
+                queued.info.pod,
+                Outcome.PENDING,
+                code=str(gate.code) if gate is not None else "",
+                reason=gate.reason if gate is not None else "",
+            )
+
+    def _placed(self, decision: ScheduleResult) -> None:
+        was, node = self._was.get(decision.pod.uid, ""), decision.node or ""
+        if was == node:
+            return
+        could = decision.feasible
+        reason = f"score {decision.total}, {could} nodes could" if could > 1 else "the only node that could"
+        self._note(decision.pod.pod, Outcome.MOVES if was else Outcome.PLACED, to=node, reason=reason)
+
+    def _note(self, pod: Pod, outcome: Outcome, **fields: str) -> None:
+        was = self._was.get(pod.metadata.uid, "")
+        self._pods.append(change_of(pod, self._cluster, outcome, from_=was, **fields))
+
+    # --- Running pods --------------------------------------------------------------------------------------------
+
+    def _parts(self, instances: list[Instance]) -> Iterator[Part]:
+        apps = self._cluster.apps
+        for app_uid, instance in instances:
+            app = apps.app(app_uid)
+            for name in movable(app) if app is not None else ():
+                part = part_of(app, Member(app_uid, instance, name), apps) if app is not None else None
+                if part is not None:
+                    yield part
+
+    def _late(self, instances: list[Instance]) -> set[str]:
+        """Uids of pods that are over a budget."""
+        measured = self._cluster.rtt.measured_us
+        return {part.pod.metadata.uid for part in self._parts(instances) if worst_late(part, self._cluster, measured)}
+
+    def _better(self, instances: list[Instance], late: set[str]) -> None:
+        """Where pods would go whose budget is exceeded only now."""
+        cluster, skipped = self._cluster, 0
+        for part in self._parts(instances):
+            worst = worst_late(part, cluster, cluster.rtt.measured_us)
+            if worst is None or part.pod.metadata.uid in late or not settled(self._core, part):
+                continue
+            if self._clock() - self._began_s > ENOUGH_S:
+                skipped += 1
+                continue
+            found = better_node(self._core, part)
+            if found is None:
+                continue
+            moves = part.app.source.spec.placement.reschedule.when == MOVES_WHEN
+            times = f"{format_us(found.before_us)} of {format_us(worst.link.budget_us or 0)}, {format_us(found.after_us)} there"
+            reason = f"{worst.link.what} to {worst.link.peer}: {times}"
+            reason += "" if moves else "; placement.reschedule.when is not BudgetExceeded"
+            outcome = Outcome.MOVES if moves else Outcome.MAY_MOVE
+            self._pods.append(change_of(part.pod, cluster, outcome, from_=part.node, to=found.node, reason=reason))
+        if skipped:
+            self._notes.append(f"{skipped} more pods are over a budget: not looked at for want of time")
+
+    def _replay(self) -> None:
+        """Decide about running pods under both configurations, the latest first, as many as there is time for."""
+        pods = latest_bound(
+            (placed.pod for placed in self._cluster.placed.values()), self._before.scheduler_names, MOST_REPLAYED
+        )
+        pods = [pod for pod in pods if pod.metadata.uid not in self._tried and not pod.metadata.deletion_timestamp]
+        looked = 0
+        for pod in reversed(pods):
+            if self._clock() - self._began_s > ENOUGH_S:
+                break
+            looked += 1
+            old, new = self._chosen(self._before, pod), self._chosen(self._core, pod)
+            if old[0] == new[0] or pod.spec.node_name == new[0]:
+                continue
+            reason = "placed again with this configuration; nothing moves it by itself" if new[0] else new[1]
+            self._pods.append(
+                change_of(
+                    pod,
+                    self._cluster,
+                    Outcome.MAY_MOVE,
+                    from_=pod.spec.node_name,
+                    to=new[0],
+                    code=new[2],
+                    reason=reason,
+                )
+            )
+        total = sum(1 for placed in self._cluster.placed.values() if self._ours(placed.pod))
+        self._notes.append(
+            f"{looked} of {total} running pods were placed again with the configuration, the latest first"
+        )
+
+    def _ours(self, pod: Pod) -> bool:
+        return pod.spec.scheduler_name in self._before.scheduler_names
+
+    def _chosen(self, core: SchedulerCore, pod: Pod) -> tuple[str, str, str]:
+        """Node, message and code of the decision about this pod."""
+        with as_waiting(self._cluster, pod) as waiting:
+            info = self._cluster.pod_info(waiting)
+            if info.scheduler_name not in core.scheduler_names:
+                return "", f"the configuration has no profile {info.scheduler_name}", ""
+            try:
+                record, _ = core.consider(info, core.runner(info.scheduler_name))
+            except FAULTS as error:
+                return "", str(error), str(PodReason.SCHEDULER_ERROR)
+        return record.node or "", record.message, "" if record.node else str(PodReason.UNSCHEDULABLE)
+
+
+def _instance_of(pod: Pod) -> str:
+    return (pod.metadata.labels or {}).get(Label.INSTANCE, "")
+
+
+def _with_evictions(decision: ScheduleResult) -> str:
+    count = len(decision.plan.victims) if decision.plan is not None else 0
+    return f"{decision.message}; evicting {count} pods would make room" if count else decision.message

@@ -1,0 +1,76 @@
+"""What becomes of the pods of a lost node: which stay, which end, and which get a successor that needs another node."""
+
+from typing import Final
+
+import msgspec
+
+from robotapp_scheduler.core.api.core_v1 import Node, Pod, Taint
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cycle.group_gates import fails_over
+from robotapp_scheduler.core.pods.pod_info import member_of
+from robotapp_scheduler.core.pods.pod_signature import controller_of
+from robotapp_scheduler.what_if.difference import Outcome, PodChange
+
+UNREACHABLE: Final = "node.kubernetes.io/unreachable"
+TAINTS: Final = tuple(Taint(key=UNREACHABLE, effect=effect) for effect in ("NoSchedule", "NoExecute"))
+_UNTIL_DELETED: Final = "StatefulSet"
+SUCCESSOR: Final = "what-if/successor/"
+
+
+def lost(node: Node) -> Node:
+    """The node as the node controller marks it when its kubelet is silent."""
+    taints = tuple(taint for taint in node.spec.taints if taint.key != UNREACHABLE)
+    return msgspec.structs.replace(node, spec=msgspec.structs.replace(node.spec, taints=(*taints, *TAINTS)))
+
+
+def fate(pod: Pod, node: str, cluster: Cache) -> PodChange | None:
+    """What becomes of a pod of the lost node that gets no successor elsewhere; None for one that does."""
+    owner = controller_of(pod.metadata.owner_references)
+    if owner is None:
+        return change_of(pod, cluster, Outcome.ENDS, from_=node, reason="it has no controller that makes it anew")
+    if owner.kind == "DaemonSet":
+        return change_of(pod, cluster, Outcome.STAYS, from_=node, reason="its DaemonSet needs it on this node alone")
+    if owner.kind == _UNTIL_DELETED:
+        reason = "its StatefulSet waits until the pod or the node is deleted"
+        return change_of(pod, cluster, Outcome.PENDING, from_=node, reason=reason)
+    return _kept(pod, node, cluster)
+
+
+def successor_of(pod: Pod) -> Pod:
+    """The pod that its controller makes in place of this one."""
+    meta = msgspec.structs.replace(pod.metadata, uid=SUCCESSOR + pod.metadata.uid, deletion_timestamp=None)
+    return msgspec.structs.replace(pod, metadata=meta, spec=msgspec.structs.replace(pod.spec, node_name=""))
+
+
+def change_of(pod: Pod, cluster: Cache, outcome: Outcome, **fields: str) -> PodChange:
+    """What would become of the pod, with the app it belongs to."""
+    meta, member = pod.metadata, member_of(pod.metadata.labels or {})
+    app = cluster.apps.app(member.app_uid) if member is not None else None
+    return PodChange(
+        namespace=meta.namespace,
+        pod=meta.name,
+        app=app.source.metadata.name if app is not None else "",
+        component=member.component if member is not None else "",
+        instance=member.instance if member is not None else "",
+        outcome=outcome,
+        from_=fields.get("from_", ""),
+        to=fields.get("to", ""),
+        code=fields.get("code", ""),
+        reason=fields.get("reason", ""),
+    )
+
+
+def _kept(pod: Pod, node: str, cluster: Cache) -> PodChange | None:
+    """A component that does not fail over, and servers of an instance on its robot, stay with their node."""
+    member = member_of(pod.metadata.labels or {})
+    app = cluster.apps.app(member.app_uid) if member is not None else None
+    if app is None or member is None:
+        return None
+    component = app.components.get(member.component)
+    if component is None:
+        on_robot = bool(cluster.nodes.on_robot(node))
+        reason = "it serves the robot it is on"
+        return change_of(pod, cluster, Outcome.STAYS, from_=node, reason=reason) if on_robot else None
+    if fails_over(component) or component.on_disconnect == "Stop":
+        return None
+    return change_of(pod, cluster, Outcome.STAYS, from_=node, reason="onDisconnect: Keep")

@@ -1,0 +1,261 @@
+"""What would be, decided on the cache of a scheduler."""
+
+from typing import Any
+
+import pytest
+from tests.support.late_apps import COMPONENTS, edge, measure, robot_and_servers
+from tests.support.scheduling import make_core, make_node, make_pod, owner
+
+from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, Label
+from robotapp_scheduler.config import load as configuration
+from robotapp_scheduler.config.load import SchedulerConfig
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.what_if import decide
+from robotapp_scheduler.what_if.app_pods import MOST_PODS
+from robotapp_scheduler.what_if.difference import Answer, EdgeChange, EdgeState, EdgeVerdict, Outcome, PodChange
+from robotapp_scheduler.what_if.question import Question, QuestionError, RoundTrip, UnknownNodeError
+
+
+def answer(core: SchedulerCore, *, config: SchedulerConfig | None = None, **asked: Any) -> Answer:
+    return decide.answer(core, Question(**asked), config, clock=lambda: 0.0)
+
+
+def lost(core: SchedulerCore, *nodes: str) -> Answer:
+    return answer(core, node_loss=nodes)
+
+
+def slow(one: str, other: str, rtt: str) -> tuple[RoundTrip, ...]:
+    return (RoundTrip(one, other, rtt),)
+
+
+def only(answer: Answer) -> PodChange:
+    (found,) = answer.pods
+    return found
+
+
+def replica(name: str, node: str, **fields: Any) -> Any:
+    return make_pod(name, node=node, owner=owner("ReplicaSet", "rs", "rs-1"), **fields)
+
+
+def app(*components: dict[str, Any], name: str = "new", **spec: Any) -> dict[str, Any]:
+    return {
+        "apiVersion": API_VERSION,
+        "kind": "RobotApp",
+        "metadata": {"name": name, "namespace": "default"},
+        "spec": {"components": list(components), **spec},
+    }
+
+
+def states(change: EdgeChange) -> tuple[EdgeState, EdgeState]:
+    assert change.before is not None
+    assert change.after is not None
+    return change.before, change.after
+
+
+# --- Lost nodes ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_component_of_a_lost_server_moves_and_its_edge_leaves_or_keeps_its_budget() -> None:
+    core = robot_and_servers()
+    measure(core, {"e1": 12.0, "e3": 50.0})
+    found = lost(core, "e1")
+    moved = only(found)
+    assert (moved.component, moved.outcome, moved.from_, moved.to) == ("planner", Outcome.MOVES, "e1", "e2")
+    assert (found.edges, found.edges_unchanged) == ((), 1), "12 ms before and 8 ms after, of 20 ms"
+
+
+def test_an_edge_over_its_budget_is_met_again_where_the_component_moves() -> None:
+    (edge_of_planner,) = lost(robot_and_servers(), "e1").edges
+    before, after = states(edge_of_planner)
+    assert (before.rtt_ms, before.verdict, after.rtt_ms, after.verdict) == (
+        60.0,
+        EdgeVerdict.EXCEEDED,
+        8.0,
+        EdgeVerdict.MET,
+    )
+
+
+def test_a_component_on_board_stays_on_its_lost_robot_and_nothing_answers_there() -> None:
+    core = robot_and_servers()
+    measure(core, {"e1": 12.0})
+    found = lost(core, "amr")
+    assert (only(found).component, only(found).outcome) == ("driver", Outcome.STAYS)
+    _, after = states(found.edges[0])
+    assert (after.rtt_ms, after.verdict) == (None, EdgeVerdict.EXCEEDED)
+
+
+def test_a_component_that_stops_waits_for_its_node() -> None:
+    core = robot_and_servers(components=(COMPONENTS[0], {"name": "planner", "onDisconnect": "Stop"}))
+    found = only(lost(core, "e1"))
+    assert (found.outcome, found.code, found.to) == (Outcome.PENDING, "WaitingForPredecessor", "")
+    assert "waiting for its predecessor teleop-planner-abc-planner on e1 to end" in found.reason
+
+
+def test_a_pod_that_fits_nowhere_else_is_pending_with_the_text_of_its_condition() -> None:
+    core = robot_and_servers()
+    for name in ("e2", "e3"):
+        core.cluster.apply_pod(make_pod(f"load-{name}", node=name, cpu="1500m"))
+    found = only(lost(core, "e1"))
+    assert (found.outcome, found.code) == (Outcome.PENDING, "Unschedulable")
+    assert found.reason.startswith("0/4 nodes are available: ")
+
+
+def test_pods_of_replica_sets_move_others_end_wait_or_stay() -> None:
+    core = make_core(make_node("n1"), make_node("n2"))
+    core.cluster.apply_pod(replica("web", "n1"))
+    core.cluster.apply_pod(make_pod("bare", node="n1"))
+    core.cluster.apply_pod(make_pod("every", node="n1", owner=owner("DaemonSet", "ds", "ds-1")))
+    core.cluster.apply_pod(make_pod("db-0", node="n1", owner=owner("StatefulSet", "db", "db-1")))
+    core.cluster.apply_pod(replica("foreign", "n1", scheduler="default-scheduler"))
+    core.cluster.apply_pod(replica("elsewhere", "n2"))
+    found = lost(core, "n1")
+    assert {each.pod: (each.outcome, each.to) for each in found.pods} == {
+        "web": (Outcome.MOVES, "n2"),
+        "bare": (Outcome.ENDS, ""),
+        "every": (Outcome.STAYS, ""),
+        "db-0": (Outcome.PENDING, ""),
+    }
+    assert any("1 pods of other schedulers" in note for note in found.notes)
+
+
+def test_when_both_nodes_are_lost_nothing_fits() -> None:
+    core = make_core(make_node("n1"), make_node("n2"))
+    core.cluster.apply_pod(replica("web", "n1"))
+    assert only(lost(core, "n1", "n2")).outcome == Outcome.PENDING
+
+
+def test_a_node_that_is_not_there_is_an_error() -> None:
+    with pytest.raises(UnknownNodeError, match="no node 'e9'"):
+        lost(robot_and_servers(), "e9")
+
+
+# --- Round trips --------------------------------------------------------------------------------------------------------
+
+
+def test_a_slow_pair_breaks_the_budget_and_a_better_node_is_named() -> None:
+    core = robot_and_servers(placement={"reschedule": {"when": "BudgetExceeded"}})
+    measure(core, {"e1": 12.0})
+    found = answer(core, rtt=slow("e1", "amr", "40ms"))
+    before, after = states(found.edges[0])
+    assert (before.verdict, after.rtt_ms, after.source, after.verdict) == (
+        EdgeVerdict.MET,
+        40.0,
+        "measured",
+        EdgeVerdict.EXCEEDED,
+    )
+    moved = only(found)
+    assert (moved.outcome, moved.from_, moved.to) == (Outcome.MOVES, "e1", "e2")
+    assert moved.reason == "/planner to driver: 40ms of 20ms, 8ms there"
+
+
+def test_an_app_that_has_not_opted_in_may_move_and_does_not() -> None:
+    core = robot_and_servers()
+    measure(core, {"e1": 12.0})
+    found = only(answer(core, rtt=slow("amr", "e1", "40ms")))
+    assert (found.outcome, found.to) == (Outcome.MAY_MOVE, "e2")
+    assert "placement.reschedule.when is not BudgetExceeded" in found.reason
+
+
+def test_a_pair_that_stays_within_the_budget_changes_nothing_and_so_does_one_of_others() -> None:
+    core = robot_and_servers()
+    measure(core, {"e1": 12.0})
+    found = answer(core, rtt=slow("amr", "e1", "19ms"))
+    assert (found.pods, found.edges, found.edges_unchanged) == ((), (), 1)
+    found = answer(core, rtt=slow("e2", "e3", "19ms"))
+    assert (found.pods, found.edges, found.edges_unchanged) == ((), (), 0)
+
+
+def test_a_lost_node_and_a_slow_pair_together_leave_the_third_node() -> None:
+    core = robot_and_servers()
+    found = answer(core, node_loss=("e1",), rtt=slow("amr", "e2", "70ms"))
+    assert only(found).to == "e3"
+
+
+# --- Apps ---------------------------------------------------------------------------------------------------------------
+
+
+def test_a_new_app_is_placed_whole_with_its_edges() -> None:
+    core = robot_and_servers()
+    new = app({"name": "a", "runsOn": ["Robot"]}, {"name": "b"}, edges=[edge("a", "b")],
+              robots={"nodeSelector": {"matchLabels": {str(Label.ROBOT): "amr"}}})  # fmt: skip
+    core.cluster.remove_pod(core.cluster.placed["driver"].pod)
+    found = answer(core, apps=(new,))
+    places = {each.component: (each.outcome, each.to) for each in found.pods}
+    assert places["a"] == (Outcome.PLACED, "amr")
+    assert places["b"][0] == Outcome.PLACED
+    assert {each.instance for each in found.pods} == {"amr"}
+    (change,) = found.edges
+    assert change.before is None
+    assert change.after is not None
+    assert change.after.verdict == EdgeVerdict.MET
+
+
+def test_an_app_that_runs_is_compared_with_where_it_is() -> None:
+    core = robot_and_servers()
+    changed = app(*COMPONENTS, name="teleop", edges=[edge("planner", "driver")],
+                  robots={"nodeSelector": {"matchLabels": {str(Label.ROBOT): "amr"}}})  # fmt: skip
+    found = answer(core, apps=(changed,))
+    assert [(each.component, each.outcome, each.from_) for each in found.pods] == [("planner", Outcome.MOVES, "e1")]
+    assert any("teleop runs" in note for note in found.notes)
+    before, after = states(found.edges[0])
+    assert (before.verdict, after.verdict) == (EdgeVerdict.EXCEEDED, EdgeVerdict.MET)
+
+
+def test_what_an_app_requests_decides_limits_included() -> None:
+    core = make_core(make_node("small", cpu="1"), make_node("large", cpu="8"))
+    big = {"name": "big", "resources": {"limits": {"cpu": "4"}}}
+    picky = {"name": "picky", "template": {"spec": {"nodeSelector": {"kubernetes.io/hostname": "small"}}}}
+    huge = {"name": "huge", "resources": {"requests": {"cpu": "64"}}}
+    found = answer(core, apps=(app(big, picky, huge, placement={"gang": "None"}),))
+    assert {each.component: each.to for each in found.pods} == {"big": "large", "picky": "small", "huge": ""}
+
+
+def test_apps_that_cannot_be_read_are_errors_and_those_without_pods_are_explained() -> None:
+    core = make_core(make_node("n1"))
+    for spec, text in (
+        ({"components": [{"name": 7}]}, "cannot be read"),
+        ({"components": "x"}, "cannot be read"),
+        ({"components": [{"name": "a"}], "schedulerName": "theirs"}, "'theirs' is none of this scheduler's"),
+        ({"components": [{"name": "a", "replicas": MOST_PODS + 1}]}, f"more than {MOST_PODS} pods"),
+    ):
+        with pytest.raises(QuestionError, match=text):
+            answer(core, apps=({**app(), "spec": spec},))
+    found = answer(core, apps=(app({"name": "a", "resources": {"requests": {"cpu": "much"}}}),))
+    assert "much" in only(found).reason
+    found = answer(core, apps=(app({"name": "a"}, suspend=True),))
+    assert (found.pods, found.notes[0]) == ((), "RobotApp default/new is suspended: it has no pods")
+    found = answer(core, apps=(app({"name": "a"}, robots={"nodeSelector": {"matchLabels": {"x": "y"}}}),))
+    assert "names no robot" in found.notes[0]
+
+
+# --- Configuration ------------------------------------------------------------------------------------------------------
+
+
+def test_another_configuration_shows_which_pods_would_go_elsewhere_if_placed_again() -> None:
+    core = make_core(make_node("empty", cpu="8"), make_node("full", cpu="8"))
+    core.cluster.apply_pod(replica("load", "full", cpu="4", scheduler="default-scheduler"))
+    core.cluster.apply_pod(replica("web", "empty", cpu="1"))
+    most = {"name": "NodeResourcesFit", "args": {"scoringStrategy": {
+        "type": "MostAllocated", "resources": [{"name": "cpu", "weight": 100}]}}}  # fmt: skip
+    config = configuration.parse(
+        {
+            "apiVersion": "kubescheduler.config.k8s.io/v1",
+            "kind": "KubeSchedulerConfiguration",
+            "profiles": [
+                {
+                    "schedulerName": SCHEDULER_NAME,
+                    "pluginConfig": [most],
+                    "plugins": {
+                        "multiPoint": {
+                            "disabled": [{"name": "NodeResourcesBalancedAllocation"}, {"name": "LoadBalanceScore"}]
+                        }
+                    },
+                }
+            ],
+        },
+        catalogue=catalogue(),
+    )
+    found = decide.answer(core, Question(config={"kind": "x"}), config, clock=lambda: 0.0)
+    assert (only(found).pod, only(found).outcome, only(found).to) == ("web", Outcome.MAY_MOVE, "full")
+    assert any(note.startswith("1 of 1 running pods") for note in found.notes)
