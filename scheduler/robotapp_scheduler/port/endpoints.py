@@ -1,4 +1,4 @@
-"""The pages of the port: health for everybody; /metrics, /explain, /configz and /simulate for authorised users.
+"""The pages of the port: health for everybody; /metrics, /explain, /configz, /simulate and /what-if for authorised users.
 
 The caller is authenticated first, then what it may see and how often; every refusal names what would help.
 """
@@ -7,7 +7,7 @@ import time
 from collections.abc import Awaitable, Callable
 from typing import Final, Protocol
 
-from aiohttp import web
+from aiohttp import StreamReader, web
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 
 from robotapp_api.serving.access import Access, Caller, TooManyError
@@ -16,11 +16,13 @@ from robotapp_api.values.buckets import Buckets
 from robotapp_scheduler.port.frames import NOT_RECORDED, Request, Response
 from robotapp_scheduler.port.remote import Scheduler
 from robotapp_scheduler.port.simulate import Simulator
+from robotapp_scheduler.what_if.question import MOST_BODY, Question, QuestionError, parse
 
 A_ROLE_FOR_PODS: Final = "ClusterRole view may, ask for a RoleBinding of it there"
 EXPLAIN_PER_S, EXPLAIN_AT_ONCE = 10.0, 100
 DECIDE_PER_S, DECIDE_AT_ONCE = 0.5, 30
 OFTEN: Final = "you ask for explanations too often; ask again later"
+NAMES_NODES: Final = "nodeLoss and rtt name nodes: you may not get nodes; ClusterRole robotapp-cluster-viewer may, ask for a binding of it"
 
 
 class Gate(PathGate, Protocol):
@@ -70,6 +72,7 @@ class Endpoints:
         router.add_get("/explain/{namespace}/{pod}", self._explained)
         router.add_get("/simulate", self._wanted)
         router.add_post("/simulate", self._simulated)
+        router.add_post("/what-if", self._tried)
 
     async def _metrics(self, request: web.Request) -> web.Response:
         refusal = await refused(self._gate, request, "get", "/metrics")
@@ -134,6 +137,62 @@ class Endpoints:
         found = await self._simulator.simulate(request.content.iter_chunked(1 << 16), replay=int(replay))
         await self._scheduler.request(Request("simulated", status=found.status))
         return web.Response(status=found.status, body=found.body, content_type="application/json")
+
+    async def _tried(self, request: web.Request) -> web.Response:
+        """What would be. Whoever may get all pods sees all of it, others the part of `?namespace=`."""
+        namespace = request.query.get("namespace", "")
+        access = await asked(self._gate.access(caller(request), ""))
+        if access is Access.FORBIDDEN and namespace:
+            access = await asked(self._gate.access(caller(request), namespace))
+        elif isinstance(access, Access):
+            namespace = ""
+        if not isinstance(access, Access):
+            return access
+        if access is Access.UNKNOWN_CALLER:
+            return unknown_caller(request)
+        if access is Access.FORBIDDEN:
+            where = f"in namespace {namespace}" if namespace else "in all namespaces; name one: ?namespace="
+            return problem(403, f"you may not get pods {where}: {A_ROLE_FOR_PODS}")
+        try:
+            body = await _read(request.content)
+            question = parse(body)
+        except QuestionError as error:
+            return problem(400, str(error))
+        return await self._unfit(request, question, access, namespace) or await self._answered(
+            request, Request("what-if", namespace=namespace, with_nodes=access is Access.ALL, body=body)
+        )
+
+    async def _unfit(
+        self, request: web.Request, question: Question, access: Access, namespace: str
+    ) -> web.Response | None:
+        """The refusal of a question beyond the user's rights."""
+        if question.nodes and access is not Access.ALL:
+            return problem(403, NAMES_NODES)
+        for own, name in question.names:
+            if namespace not in ("", own):
+                return problem(403, f"RobotApp {own}/{name}: you may get pods in namespace {namespace} only")
+        if question.config is not None:
+            return await refused(self._gate, request, "post", "/simulate")
+        return None
+
+    async def _answered(self, request: web.Request, asked_for: Request) -> web.Response:
+        try:
+            self._count(self._decided_by, self._gate.user_of(caller(request)))
+        except TooManyError as error:
+            return too_many(error)
+        return _json(await self._scheduler.request(asked_for))
+
+
+async def _read(content: StreamReader) -> bytes:
+    """The body, no more than MOST_BODY of it. Raises QuestionError."""
+    parts: list[bytes] = []
+    left = MOST_BODY
+    async for chunk in content.iter_chunked(1 << 16):
+        left -= len(chunk)
+        if left < 0:
+            raise QuestionError(f"the body has more than {MOST_BODY >> 20} MiB")
+        parts.append(chunk)
+    return b"".join(parts)
 
 
 def application(scheduler: Scheduler, endpoints: Endpoints) -> web.Application:

@@ -14,7 +14,9 @@ T = TypeVar("T")
 
 
 class Request(msgspec.Struct, frozen=True, omit_defaults=True):
-    """`what`: a page, "explain" and "decide" for one pod, or "simulated" with the status a simulation ended with."""
+    """`what`: a page, "explain" and "decide" for one pod, "what-if" with its body, or "simulated" with the status a simulation
+    ended with. Of "what-if" the namespace is the only one whose pods are shown, "" = all.
+    """
 
     what: str
     namespace: str = ""
@@ -22,6 +24,7 @@ class Request(msgspec.Struct, frozen=True, omit_defaults=True):
     with_nodes: bool = False
     full: bool = False
     status: int = 0
+    body: bytes = b""
     number: int = 0
     """Of the sender: the response bears the same one."""
 

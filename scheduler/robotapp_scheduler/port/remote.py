@@ -11,7 +11,8 @@ from robotapp_scheduler.port.frames import FramesError, Request, Response, recei
 TIMEOUT_S: Final = 4.0
 """The kubelet waits 5 s for an answer of /livez."""
 LONG_TIMEOUT_S: Final = 20.0
-"""For a decision that is made once more, behind others."""
+"""For what a forked worker decides, behind others."""
+LONG: Final = frozenset({"decide", "what-if"})
 FRESH_S: Final = 0.25
 """A page is rendered at most once per this period."""
 HEALTH_PAGES: Final = frozenset({"livez", "readyz"})
@@ -65,7 +66,7 @@ class Remote:
         self._open[request.number] = future
         send(self._writer, request)
         try:
-            async with asyncio.timeout(LONG_TIMEOUT_S if request.what == "decide" else TIMEOUT_S):
+            async with asyncio.timeout(LONG_TIMEOUT_S if request.what in LONG else TIMEOUT_S):
                 return await future
         except TimeoutError:
             body = (

@@ -1,14 +1,15 @@
 """Answers requests of the port's process, in the process that places pods.
 
 Pages and recorded explanations are answered at once. Deciding about a pod once more takes as long as placing a hundred, so a
-forked worker does it, one pod at a time. Requests get 429 when no worker runs and the limit of starts is reached.
+forked worker does it, one pod at a time. "what-if" changes the worker's copy for good, so it gets one of its own, in its turn.
+Requests get 429 when no worker runs and the limit of starts is reached.
 """
 
 import asyncio
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Final
 
 import msgspec
@@ -27,22 +28,25 @@ MOST_WAIT_S: Final = 3.0
 """A request that would wait longer for a worker gets 429."""
 MOST_WAITING: Final = 8
 Page = Callable[[], tuple[int, bytes]]
+WhatIf = Callable[[Request], tuple[int, bytes]]
 
 
 class RequestHandler:
-    """Answers `pages` by their name, "explain" and "decide" from the explainer, and counts what is "simulated"."""
+    """Answers `pages` by their name, "explain" and "decide" from the explainer, "what-if", and counts what is "simulated"."""
 
     def __init__(
         self,
         pages: Mapping[str, Page],
         explain: Explainer,
+        what_if: WhatIf,
         *,
         clock: Callable[[], float] = time.monotonic,
         in_worker: Callable[[], None] = lambda: None,
     ) -> None:
-        """`in_worker` is called in a forked worker, before it decides."""
+        """`in_worker` is called in a forked worker, before it decides; `what_if` in one that ends afterwards."""
         self._pages = pages
         self._explain = explain
+        self._what_if = what_if
         self._in_worker = in_worker
         self._turn = asyncio.Lock()
         self._waiting = 0
@@ -70,8 +74,8 @@ class RequestHandler:
                     request = await receive(reader, Request)
                 except FramesError:
                     return
-                if request.what in {"explain", "decide"}:
-                    group.create_task(self._explained(request, writer))
+                if request.what in {"explain", "decide", "what-if"}:
+                    group.create_task(self._decided_about(request, writer))
                 else:
                     self._answer(writer, request, *self._page(request))
 
@@ -89,14 +93,17 @@ class RequestHandler:
         if not writer.is_closing():
             send(writer, Response(request.number, status, body))
 
-    async def _explained(self, request: Request, writer: asyncio.StreamWriter) -> None:
+    async def _decided_about(self, request: Request, writer: asyncio.StreamWriter) -> None:
         try:
-            response = await self._explanation(request)
+            if request.what == "what-if":
+                response = await self._in_turn(request, self._tried)
+            else:
+                response = await self._explanation(request)
         except WorkerError as error:
-            response = 503, _problem(f"the decision cannot be made once more: {error}")
+            response = 503, _problem(f"{request.what}: the decision cannot be made: {error}")
         except Exception:
-            log.exception("%s/%s cannot be explained", request.namespace, request.pod)
-            response = 500, _problem("the explanation cannot be made; the scheduler's log has the reason")
+            log.exception("%s %s/%s cannot be answered", request.what, request.namespace, request.pod)
+            response = 500, _problem(f"{request.what} cannot be answered; the scheduler's log has the reason")
         self._answer(writer, request, *response)
 
     async def _explanation(self, request: Request) -> tuple[int, bytes]:
@@ -108,14 +115,34 @@ class RequestHandler:
             return 404, b""
         if request.what != "decide":
             return NOT_RECORDED, b""
+        return await self._in_turn(request, self._decide)
+
+    async def _in_turn(
+        self, request: Request, work: Callable[[Request], Awaitable[tuple[int, bytes]]]
+    ) -> tuple[int, bytes]:
+        """One at a time, and not many wait."""
         if self._waiting >= MOST_WAITING:
             return 429, MANY
         self._waiting += 1
         try:
             async with self._turn:
-                return await self._decide(request)
+                return await work(request)
         finally:
             self._waiting -= 1
+
+    async def _tried(self, request: Request) -> tuple[int, bytes]:
+        worker = await self._new_worker()
+        if worker is None:
+            return 429, MANY
+        try:
+            found = msgspec.msgpack.decode(
+                await worker.request(msgspec.msgpack.encode(request)), type=tuple[int, bytes]
+            )
+        except WorkerError:
+            self._worker = None
+            raise
+        await self._end_worker()
+        return found
 
     async def _decide(self, request: Request) -> tuple[int, bytes]:
         encoded = msgspec.msgpack.encode(request)
@@ -158,6 +185,8 @@ class RequestHandler:
         """Runs in the forked worker."""
         self._in_worker()
         request = msgspec.msgpack.decode(encoded, type=Request)
+        if request.what == "what-if":
+            return msgspec.msgpack.encode(self._what_if(request))
         found: Mapping[str, Any] | None = self._explain(
             request.namespace, request.pod, with_nodes=request.with_nodes, full=request.full
         )

@@ -1,5 +1,6 @@
 """The port's pages: what each user may see, how often, and the texts of refusals."""
 
+import io
 import json
 from collections.abc import AsyncIterator, Mapping
 from typing import Any
@@ -11,6 +12,7 @@ from prometheus_client import CollectorRegistry
 from tests.support.scheduling import Clock
 
 from robotapp_api.client.transport.errors import Unreachable
+from robotapp_api.model.names import API_VERSION
 from robotapp_api.serving.access import Access, Caller
 from robotapp_api.serving.port import opened
 from robotapp_scheduler.config.load import built_in
@@ -21,6 +23,7 @@ from robotapp_scheduler.port.pages import Checks, pages, simulation_config
 from robotapp_scheduler.port.simulate import Simulator
 from robotapp_scheduler.shell.config.reload import Running
 from robotapp_scheduler.shell.metrics.metrics import Metrics
+from robotapp_scheduler.what_if.question import MOST_BODY
 
 
 class Site:
@@ -34,6 +37,9 @@ class Site:
         self.remembered = True
         self.decided = 0
         self.simulated: list[int] = []
+        self.tried: list[Request] = []
+        self.only = ""
+        """The one namespace whose pods a user may get; "" = what `answer` says for all."""
         self.clock = Clock()
         self.metrics = Metrics(CollectorRegistry())
         running = Running(built_in(catalogue()))
@@ -53,6 +59,9 @@ class Site:
         if request.what == "simulated":
             self.simulated.append(request.status)
             return Response(0, 200, b"")
+        if request.what == "what-if":
+            self.tried.append(request)
+            return Response(0, 200, b"{}")
         self.decided += request.what == "decide"
         if request.namespace != "team-a":
             return Response(0, 404, b"")
@@ -65,7 +74,7 @@ class Site:
         self.checked.append((caller.token, namespace))
         if isinstance(self.answer, Exception):
             raise self.answer
-        return self.answer
+        return self.answer if self.only in ("", namespace) else Access.FORBIDDEN
 
     async def path(self, caller: Caller, verb: str, path: str) -> Access:
         return await self.access(caller, f"{verb} {path}")
@@ -217,7 +226,7 @@ async def test_a_pod_nobody_decided_about_is_404(site: tuple[Site, str]) -> None
 
 
 async def post(url: str, body: bytes) -> tuple[int, str]:
-    async with aiohttp.ClientSession() as session, session.post(url, data=body) as response:
+    async with aiohttp.ClientSession() as session, session.post(url, data=io.BytesIO(body)) as response:
         return response.status, await response.text()
 
 
@@ -231,3 +240,75 @@ async def test_simulate_is_for_who_may_post_it_and_tells_which_kinds_it_wants(si
     found.answer = Access.FORBIDDEN
     assert (await post(f"{url}/simulate", b"{}"))[0] == 403
     assert (await get(f"{url}/simulate"))[0] == 403
+
+
+# --- What-if ------------------------------------------------------------------------------------------------------------
+
+LOSS = b'{"nodeLoss": ["n1"]}'
+
+
+def tried_app(namespace: str) -> bytes:
+    meta = {"name": "a", "namespace": namespace}
+    return json.dumps({"apps": [{"apiVersion": API_VERSION, "kind": "RobotApp", "metadata": meta}]}).encode()
+
+
+async def test_who_may_get_all_pods_and_nodes_is_shown_all_of_what_would_be(site: tuple[Site, str]) -> None:
+    found, url = site
+    assert (await post(f"{url}/what-if?namespace=team-a", LOSS))[0] == 200
+    assert found.tried == [Request("what-if", namespace="", with_nodes=True, body=LOSS)]
+    assert found.checked == [("", "")]
+
+
+async def test_who_may_get_the_pods_of_one_namespace_is_shown_these(site: tuple[Site, str]) -> None:
+    found, url = site
+    found.only = "team-a"
+    assert (await post(f"{url}/what-if?namespace=team-a", LOSS))[0] == 200
+    assert found.tried[0].namespace == "team-a"
+    for query, text in (("", "name one: ?namespace="), ("?namespace=team-b", "may not get pods in namespace team-b")):
+        status, answer = await post(f"{url}/what-if{query}", LOSS)
+        assert (status, text in answer) == (403, True)
+    assert (await post(f"{url}/what-if?namespace=team-a", tried_app("team-a")))[0] == 200
+    status, answer = await post(f"{url}/what-if?namespace=team-a", tried_app("team-b"))
+    assert (status, "RobotApp team-b/a" in answer) == (403, True)
+    assert len(found.tried) == 2
+
+
+async def test_to_name_nodes_takes_the_right_to_get_nodes(site: tuple[Site, str]) -> None:
+    found, url = site
+    found.answer = Access.WITHOUT_NODES
+    status, answer = await post(f"{url}/what-if?namespace=team-a", LOSS)
+    assert (status, "you may not get nodes" in answer) == (403, True)
+    assert (await post(f"{url}/what-if?namespace=team-a", tried_app("team-a")))[0] == 200
+    assert [request.with_nodes for request in found.tried] == [False]
+
+
+async def test_a_configuration_to_try_takes_the_right_to_simulate(site: tuple[Site, str]) -> None:
+    found, url = site
+    assert (await post(f"{url}/what-if", b'{"config": {"kind": "x"}}'))[0] == 200
+    assert found.checked[-1] == ("", "post /simulate")
+    found.only = "team-a"
+    assert (await post(f"{url}/what-if?namespace=team-a", b'{"config": {"kind": "x"}}'))[0] == 403
+
+
+async def test_a_bad_or_endless_question_never_reaches_the_process_that_places_pods(site: tuple[Site, str]) -> None:
+    found, url = site
+    for body, text in (
+        (b"", "nodeLoss"),
+        (b'{"rtt": [{"one": "a", "other": "b", "rtt": "soon"}]}', "'soon' is not a duration"),
+        (b" " * (MOST_BODY + 1), "more than 1 MiB"),
+    ):
+        status, answer = await post(f"{url}/what-if", body)
+        assert (status, text in json.loads(answer)["error"]) == (400, True)
+    found.answer = Access.UNKNOWN_CALLER
+    assert (await post(f"{url}/what-if", LOSS))[0] == 401
+    found.answer = Unreachable("down", maybe_applied=False)
+    assert (await post(f"{url}/what-if", LOSS))[0] == 503
+    assert found.tried == []
+
+
+async def test_what_if_and_decisions_made_again_are_counted_together_per_user(site: tuple[Site, str]) -> None:
+    found, url = site
+    for _ in range(DECIDE_AT_ONCE):
+        assert (await post(f"{url}/what-if", LOSS))[0] == 200
+    assert (await post(f"{url}/what-if", LOSS))[0] == 429
+    assert len(found.tried) == DECIDE_AT_ONCE

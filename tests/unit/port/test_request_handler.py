@@ -32,8 +32,17 @@ class World:
         self.known = known = [make_pod("decided"), make_pod("waiting")]
         explain = Explainer(self.core, waiting=lambda: known, digest=lambda: "d1", clock=Clock())
         self.made = 0
-        self.handler = RequestHandler({"metrics": self._metrics, "broken": self._broken}, explain, clock=self.clock)
+        self.handler = RequestHandler(
+            {"metrics": self._metrics, "broken": self._broken}, explain, self._what_if, clock=self.clock
+        )
         self.remote: Remote
+
+    def _what_if(self, request: Request) -> tuple[int, bytes]:
+        if request.body == b"die":
+            os._exit(3)
+        for name in list(self.core.cluster.nodes.row_of):
+            self.core.cluster.remove_node(name)
+        return 200, b"%d nodes, pid %d" % (self.core.cluster.nodes.count, os.getpid())
 
     def _metrics(self) -> tuple[int, bytes]:
         self.made += 1
@@ -152,3 +161,24 @@ async def test_the_loop_turns_while_a_copy_works() -> None:
 
 def children() -> str:
     return Path(f"/proc/self/task/{os.getpid()}/children").read_text()
+
+
+async def test_what_if_changes_a_copy_that_serves_nothing_else() -> None:
+    async with opened() as world:
+        response = await world.remote.request(Request("what-if", body=b"{}"))
+        assert response.status == 200
+        assert response.body.startswith(b"0 nodes, pid ")
+        assert world.core.cluster.nodes.count == 2
+        assert not children(), "its copy has ended"
+        response = await world.remote.request(Request("decide", namespace="default", pod="waiting", full=True))
+        assert response.status == 200
+        response = await world.remote.request(Request("what-if", body=b"{}"))
+        assert (response.status, "try again" in body(response)["error"]) == (429, True)
+
+
+async def test_a_what_if_that_ends_its_copy_is_an_error_and_nothing_more() -> None:
+    async with opened() as world:
+        response = await world.remote.request(Request("what-if", body=b"die"))
+        assert (response.status, "ended with 3" in body(response)["error"]) == (503, True)
+        assert world.core.cluster.nodes.count == 2
+        assert not children()

@@ -33,6 +33,7 @@ from robotapp_scheduler.port.explain import Explainer
 from robotapp_scheduler.port.pages import Checks, pages
 from robotapp_scheduler.port.request_handler import RequestHandler
 from robotapp_scheduler.port.supervisor import PortSupervisor
+from robotapp_scheduler.port.what_if import WhatIf
 from robotapp_scheduler.shell.binding.binder import Binder
 from robotapp_scheduler.shell.binding.binding_cycle import BindingCycle
 from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver, granted_pods
@@ -359,7 +360,10 @@ class Scheduler:
         explainer = Explainer(
             self.core, waiting=self.intake.waiting.values, digest=lambda: self.running.config.digest, clock=CLOCK
         )
-        return RequestHandler(pages(checks, self.metrics.registry, self.running), explainer, in_worker=self._in_worker)
+        what_if = WhatIf(self.core, self.running)
+        return RequestHandler(
+            pages(checks, self.metrics.registry, self.running), explainer, what_if, in_worker=self._in_worker
+        )
 
     def _in_worker(self) -> None:
         """Called in a forked copy of the process: calls of plugins there are not recorded in the crash journal."""

@@ -1,0 +1,54 @@
+"""The statuses of answers to what-if, and that a user is shown no more than it may see."""
+
+import json
+from typing import Any
+
+import pytest
+from tests.support.scheduling import make_core, make_node, make_pod, owner
+
+from robotapp_scheduler.config.load import built_in
+from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.port.frames import Request
+from robotapp_scheduler.port.what_if import WhatIf
+from robotapp_scheduler.shell.config.reload import Running
+
+
+@pytest.fixture
+def core() -> SchedulerCore:
+    core = make_core(make_node("n1"), make_node("n2"))
+    for namespace in ("team-a", "team-b"):
+        core.cluster.apply_pod(
+            make_pod(namespace, namespace=namespace, node="n1", owner=owner("ReplicaSet", "rs", "rs-1"))
+        )
+    return core
+
+
+def ask(core: SchedulerCore, asked: Any, namespace: str = "", *, with_nodes: bool = True) -> tuple[int, Any]:
+    body = json.dumps(asked).encode()
+    request = Request("what-if", namespace=namespace, with_nodes=with_nodes, body=body)
+    status, found = WhatIf(core, Running(built_in(catalogue())))(request)
+    return status, json.loads(found)
+
+
+def test_pods_of_others_are_counted(core: SchedulerCore) -> None:
+    status, found = ask(core, {"nodeLoss": ["n1"]}, "team-a")
+    assert status == 200
+    assert [(each["pod"], each["from"], each["to"]) for each in found["pods"]] == [("team-a", "n1", "n2")]
+    assert found["hidden"] == {"pods": 1, "edges": 0}
+    assert "team-b" not in json.dumps(found)
+
+
+@pytest.mark.parametrize(
+    ("asked", "status", "text"),
+    [
+        ({"nodeLoss": ["n3"]}, 422, "there is no node 'n3'"),
+        ({"nodeLoss": 3}, 400, "$.nodeLoss"),
+        ({"config": {"kind": "KubeSchedulerConfiguration", "apiVersion": "x"}}, 400, "cannot be used"),
+        ({"config": {"apiVersion": "kubescheduler.config.k8s.io/v1", "kind": "KubeSchedulerConfiguration", "profiles":
+            [{"plugins": {"multiPoint": {"enabled": [{"name": "os:system"}]}}}]}}, 400, "cannot be used"),
+    ],
+)  # fmt: skip
+def test_a_mistake_of_the_user_is_a_sentence(core: SchedulerCore, asked: Any, status: int, text: str) -> None:
+    found = ask(core, asked)
+    assert (found[0], text in found[1]["error"]) == (status, True)
