@@ -2,7 +2,7 @@
 
 import pytest
 from tests.support.apiobjects import app, component
-from tests.support.storage_live import VOLUMES, claim, claims_path, volume
+from tests.support.storage_live import VOLUMES, claim, claims_path, delete_volume, volume
 from tests.support.world import World
 
 from robotapp_api.model.names import Label
@@ -28,9 +28,10 @@ def test_components_run_where_the_volume_is_and_the_one_that_mounts_it_has_it(wo
     try:
         world.create(app("survey", components=[mapper, component("planner", sharedData=shared)]))
         world.watch.until_ready("survey", within_s=PATIENCE_S)
-        pods = {pod["metadata"]["labels"][str(Label.COMPONENT)]: pod["spec"] for pod in world.pods()}
+        labels = ((pod["metadata"]["labels"].get(str(Label.COMPONENT)), pod["spec"]) for pod in world.pods())
+        pods = {name: spec for name, spec in labels if name}  # without the discovery servers
         assert {name: spec["nodeName"] for name, spec in pods.items()} == {"mapper": home, "planner": home}
         (container,) = pods["mapper"]["containers"]
         assert {"name": "map", "mountPath": "/map"} in container["volumeMounts"]
     finally:
-        world.cp.api.delete(f"{VOLUMES}/{full}")
+        delete_volume(world.cp, full)
