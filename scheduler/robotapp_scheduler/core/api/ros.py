@@ -90,7 +90,7 @@ class SharedVolume(msgspec.Struct, frozen=True, gc=False):
     volume: str = ""
     """The PersistentVolume it is bound to; empty = none yet."""
     users: tuple[str, ...] = ()
-    """Nodes where pods mount it; the pod must be on one of them, if there are any."""
+    """Nodes where pods mount it that are not ending; the pod must be on one of them, if there are any."""
     revision: int = 0
     """Of everything that the cache knows of volumes, so that contexts made before a change of it are not equal."""
 

@@ -8,6 +8,8 @@ results are repaired.
 from collections.abc import Callable, Iterable
 from typing import Final
 
+import msgspec
+
 from robotapp_api.claims.objects import Claim
 from robotapp_api.values.round_trips import UNREACHABLE_US
 from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
@@ -191,8 +193,15 @@ class Cache:
         return [self.placed[uid] for uid in self.names.uids(namespace, name)]
 
     def shared_volume(self, namespace: str, claim: str) -> SharedVolume | None:
-        """What a claim means for a pod whose shared data it is; None where it limits no pod."""
-        return self.volumes.shared((namespace, claim))
+        """What a claim means for a pod whose shared data it is; None where it limits no pod.
+
+        Pods that are ending hold nobody at their node: on one that is lost they would for ever.
+        """
+        found = self.volumes.shared((namespace, claim))
+        if found is None or not found.users:
+            return found
+        staying = (node for node in found.users if any(map(_mounts(namespace, claim), self.pods_on(node))))
+        return msgspec.structs.replace(found, users=tuple(staying))
 
     # --- RobotApps, owners, claims, telemetry ----------------------------------------------------------------------
 
@@ -404,3 +413,14 @@ class Cache:
             self._priorities[priority] = count
         else:
             del self._priorities[priority]
+
+
+def _mounts(namespace: str, claim: str) -> Callable[[PlacedPod], bool]:
+    """Whether a pod that stays mounts a claim."""
+
+    def found(pod: PlacedPod) -> bool:
+        if pod.terminating or pod.volumes is None or pod.namespace != namespace:
+            return False
+        return any(use.name == claim for use in pod.volumes.claims)
+
+    return found

@@ -6,7 +6,7 @@ import numpy as np
 
 from robotapp_scheduler.core.api.ros import SharedVolume
 from robotapp_scheduler.core.cache.snapshot import Snapshot
-from robotapp_scheduler.core.events.cluster_event import Change
+from robotapp_scheduler.core.events.cluster_event import PLACED, Change
 from robotapp_scheduler.core.framework.interface import FilterResult, PreFilter, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -31,10 +31,7 @@ class SharedDataFilter:
     reads = ("ros.peers",)
     node_reads = ("name", "labels")
     row_local = True
-    events = (
-        Change.NODE_ADDED | Change.LABELS | Change.POD_ADDED | Change.POD_REMOVED | Change.APPS | Change.PVC | Change.PV
-        | Change.CSI_NODE
-    )  # fmt: skip
+    events = PLACED | Change.NODE_ADDED | Change.LABELS | Change.APPS | Change.PVC | Change.PV | Change.CSI_NODE
     resolvable = False
 
     def __init__(self) -> None:

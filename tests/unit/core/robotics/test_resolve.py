@@ -11,6 +11,7 @@ from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
 from robotapp_scheduler.core.robotics.app_index import read_app
 from robotapp_scheduler.core.robotics.resolve import qos_fields, resolve
+from robotapp_scheduler.plugins.ros.shared_data import SharedDataFilter
 
 
 def fleet() -> Cache:
@@ -218,6 +219,22 @@ def test_claims_of_shared_data_are_looked_up_and_those_of_many_nodes_limit_nothi
     ]
     text = json.dumps({"pvc": names})
     assert getattr(annotated(cluster, shared=text), "volumes", None) == found
+
+
+def test_a_pod_that_is_ending_keeps_nobody_at_the_node_of_its_volume() -> None:
+    """On a node that is lost it ends for ever, and its successor may go elsewhere."""
+    cluster = app_cluster({"name": "a", "sharedData": {"claimNames": ["map"]}})
+    cluster.volumes.apply_claim(make_claim("map"))
+    mounts = {"volumes": [{"persistentVolumeClaim": {"claimName": "map"}}]}
+    reader = make_pod("reader", node="edge", **mounts)
+    cluster.apply_pod(reader)
+    cluster.apply_pod(make_pod("writer", node="cloud", **mounts))
+    cluster.apply_pod(make_pod("stranger", node="edge", namespace="other", **mounts))
+    assert [each.users for each in context(cluster, "a").volumes] == [("cloud", "edge")]
+    ending = make_pod("reader", node="edge", **mounts)
+    ending.metadata.deletion_timestamp = "2026-01-01T00:00:00Z"
+    assert cluster.apply_pod(ending) & SharedDataFilter.events, "who waits for it is tried again"
+    assert [each.users for each in context(cluster, "a").volumes] == [("cloud",)]
 
 
 def test_peers_to_join_and_to_avoid_are_resolved_to_nodes() -> None:
