@@ -8,7 +8,7 @@ from typing import Any, Final
 import typer
 
 from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS, Resource
+from robotapp_api.client.api.resources import NODES, ROBOTAPPINSTANCES, ROBOTAPPS, Resource
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import Label
 from robotapp_cli.fields import Json, meta
@@ -28,6 +28,22 @@ def complete_robots(ctx: typer.Context, incomplete: str) -> list[str]:
     selector = f"{Label.APP}={ctx.params['name']}" if ctx.params.get("name") else ""
     found = {name for name in _asked(ctx, ROBOTAPPINSTANCES, name_of, selector) if name}
     return sorted(name for name in found if name.startswith(incomplete))
+
+
+def complete_nodes(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Nodes of the cluster that begin with what was typed."""
+    return [name for name in _asked(ctx, NODES, _name) if name.startswith(incomplete)]
+
+
+def complete_pairs(ctx: typer.Context, incomplete: str) -> list[str]:
+    """The next node of `A:B=`, with what is typed before it; nothing where a time is due."""
+    if "=" in incomplete:
+        return []
+    first, colon, start = incomplete.partition(":")
+    names = _asked(ctx, NODES, _name)
+    if not colon:
+        return [f"{name}:" for name in names if name.startswith(first)]
+    return [f"{first}:{name}=" for name in names if name.startswith(start) and name != first]
 
 
 def _name(obj: Json) -> str:

@@ -8,7 +8,7 @@ import typer
 from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_cli.apps import show_info, show_list
 from robotapp_cli.claims import show_domains
-from robotapp_cli.completion import complete_names, complete_robots
+from robotapp_cli.completion import complete_names, complete_nodes, complete_pairs, complete_robots
 from robotapp_cli.devices import show_devices
 from robotapp_cli.explain import Question, show_explain
 from robotapp_cli.failures import CliError, Exit, ended_by
@@ -17,6 +17,7 @@ from robotapp_cli.output import Output
 from robotapp_cli.rendering import show_children, show_file
 from robotapp_cli.session import Options, run
 from robotapp_cli.simulate import Wish, show_simulation
+from robotapp_cli.what_if import Supposition, show_what_if
 from robotapp_cli.written import address, object_name
 
 _EPILOG = """\
@@ -141,6 +142,51 @@ def simulate_command(
     """Say where waiting pods, and those of files, would go; nothing is placed."""
     wish = Wish(tuple(files or ()), offline, config, replay, scheduler_url, scheduler_namespace)
     run(Options(namespace, False, context, kubeconfig, output), lambda session: show_simulation(session, wish))
+
+
+@app.command(
+    "what-if",
+    epilog="Examples: kubectl robotapp what-if --node-loss edge-1; kubectl robotapp what-if --rtt edge-1:amr-07=40ms -o json; "
+    "kubectl robotapp what-if --app teleop.yaml --node-loss edge-1 --node-loss edge-2",
+)
+def what_if_command(
+    *,
+    node_loss: Annotated[
+        list[str] | None,
+        typer.Option("--node-loss", metavar="NODE", help="This node is lost.", autocompletion=complete_nodes),
+    ] = None,
+    rtt: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--rtt",
+            metavar="A:B=TIME",
+            help="The round trip between these two nodes is this long, such as 40ms.",
+            autocompletion=complete_pairs,
+        ),
+    ] = None,
+    apps: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--app",
+            metavar="FILE",
+            help="The RobotApps of this file are applied (- for standard input), in place of those with their names.",
+        ),
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", metavar="FILE", help="The scheduler has this KubeSchedulerConfiguration.")
+    ] = None,
+    scheduler_url: SchedulerUrl = None,
+    scheduler_namespace: SchedulerNamespace = SYSTEM_NAMESPACE,
+    namespace: Namespace = None,
+    context: Context = None,
+    kubeconfig: Kubeconfig = None,
+    output: OutputFormat = Output.TABLE,
+) -> None:
+    """Say which pods would move and which latency budgets would break, supposing all this at once; nothing is changed."""
+    supposed = Supposition(
+        tuple(node_loss or ()), tuple(rtt or ()), tuple(apps or ()), config, scheduler_url, scheduler_namespace
+    )
+    run(Options(namespace, False, context, kubeconfig, output), lambda session: show_what_if(session, supposed))
 
 
 @app.command("domains", epilog="Example: kubectl robotapp domains -n fleet-a")

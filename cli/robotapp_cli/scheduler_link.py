@@ -26,12 +26,17 @@ _LEASE: Final = "robotapp-scheduler"
 _PORT: Final = 10259
 _PATIENCE_S: Final = 5.0
 _LONG_PATIENCE_S: Final = 70.0
-"""For /simulate, which may work for a minute."""
+"""For /simulate, which may work for a minute, and /what-if."""
 _LISTENING: Final = re.compile(r"127\.0\.0\.1:(\d+)")
 
 
 class NoAnswerError(Exception):
-    """The scheduler cannot be asked; the text says why."""
+    """The scheduler cannot be asked, or refuses; the text says why. `why` is its own text, `status` that of its answer."""
+
+    def __init__(self, text: str, *, why: str = "", status: int = 0) -> None:
+        super().__init__(text)
+        self.why = why
+        self.status = status
 
 
 @dataclass(slots=True)
@@ -89,7 +94,8 @@ class Link:
             raise NoAnswerError(f"{self.base} does not answer: {_why(error)}{self._hint}") from error
         if not isinstance(found, dict) or answer.status != 200:
             text = "; ".join([found.get("error", ""), *found.get("problems", ())]) if isinstance(found, dict) else ""
-            raise NoAnswerError(f"{self.base} answers {answer.status} {text}".rstrip())
+            told = f"{self.base} answers {answer.status} {text}".rstrip()
+            raise NoAnswerError(told, why=text, status=answer.status)
         return found
 
 

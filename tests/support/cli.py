@@ -51,7 +51,7 @@ STATUS = {
 
 
 class FakeScheduler:
-    """GET /explain/<namespace>/<pod> from `records`, /simulate as told; `status` other than 200 refuses everybody."""
+    """GET /explain/<namespace>/<pod> from `records`, /simulate and /what-if as told; `status` other than 200 refuses everybody."""
 
     def __init__(self) -> None:
         self.records: dict[str, Json] = {}
@@ -72,6 +72,7 @@ class FakeScheduler:
         served.router.add_get("/explain/{namespace}/{pod}", self._answer)
         served.router.add_get("/simulate", self._tell)
         served.router.add_post("/simulate", self._simulate)
+        served.router.add_post("/what-if", self._simulate)
         self._runner = web.AppRunner(served, access_log=None, shutdown_timeout=0.1)
         await self._runner.setup()
         await web.TCPSite(self._runner, "127.0.0.1", 0).start()

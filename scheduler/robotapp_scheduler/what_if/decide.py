@@ -26,8 +26,10 @@ from robotapp_scheduler.what_if.edges import Instance, edge_times, instances_on
 from robotapp_scheduler.what_if.lost_nodes import SUCCESSOR, change_of, fate, lost, successor_of
 from robotapp_scheduler.what_if.question import Question, QuestionError, check_nodes
 
-ENOUGH_S: Final = 0.6
-"""After this long no further running pod is looked at: the answer is to be there within a second."""
+REPLAY_S: Final = 0.5
+"""After this long no further running pod is placed again: the answer is to be there within a second."""
+SEARCH_S: Final = 3.0
+"""After this long no better node is searched any more: the worker is given five seconds, and a busy machine is slow."""
 MOST_REPLAYED: Final = 2000
 MOVES_WHEN: Final = "BudgetExceeded"
 """`placement.reschedule.when` of an app whose pods the operator moves."""
@@ -237,7 +239,7 @@ class _Decider:
             worst = worst_late(part, cluster, cluster.rtt.measured_us)
             if worst is None or part.pod.metadata.uid in late or not settled(self._core, part):
                 continue
-            if self._clock() - self._began_s > ENOUGH_S:
+            if self._clock() - self._began_s > SEARCH_S:
                 skipped += 1
                 continue
             found = better_node(self._core, part)
@@ -260,7 +262,7 @@ class _Decider:
         pods = [pod for pod in pods if pod.metadata.uid not in self._tried and not pod.metadata.deletion_timestamp]
         looked = 0
         for pod in reversed(pods):
-            if self._clock() - self._began_s > ENOUGH_S:
+            if self._clock() - self._began_s > REPLAY_S:
                 break
             looked += 1
             old, new = self._chosen(self._before, pod), self._chosen(self._core, pod)

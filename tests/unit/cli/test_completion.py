@@ -5,7 +5,7 @@ import typer
 from click import Command
 from tests.support.cli import INSTANCES, ROBOTAPPS, Stage, instance, robotapp
 
-from robotapp_cli.completion import complete_names, complete_robots
+from robotapp_cli.completion import complete_names, complete_nodes, complete_pairs, complete_robots
 
 
 def context(**params: object) -> typer.Context:
@@ -34,3 +34,13 @@ def test_robots_are_those_of_the_app_on_the_command_line(stage: Stage) -> None:
 def test_without_a_cluster_there_is_silence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("KUBECONFIG", "/nowhere")
     assert complete_names(context(), "te") == complete_robots(context(), "te") == []
+    assert complete_nodes(context(), "e") == complete_pairs(context(), "e") == []
+
+
+def test_nodes_and_pairs_of_nodes_are_offered_as_far_as_they_are_typed(stage: Stage) -> None:
+    stage.add("/nodes", *({"metadata": {"name": name}} for name in ("edge-1", "edge-2", "amr-07")))
+    given = context(kubeconfig=str(stage.kubeconfig))
+    assert complete_nodes(given, "edge") == ["edge-1", "edge-2"]
+    assert complete_pairs(given, "am") == ["amr-07:"]
+    assert complete_pairs(given, "edge-1:") == ["edge-1:amr-07=", "edge-1:edge-2="]
+    assert complete_pairs(given, "edge-1:amr-07=") == []

@@ -100,7 +100,7 @@ def test_the_page_of_the_command_line_lists_every_command() -> None:
     group: Any = typer.main.get_command(app)
     table = (ROOT / "docs/cli.md").read_text(encoding="utf-8").partition("\n\n- ")[0]
     assert set(group.commands) == set(
-        re.findall(r"`([a-z]+)(?: [^`]*)?`", "".join(re.findall(r"^\| (.*?) \|", table, re.MULTILINE)))
+        re.findall(r"`([a-z-]+)(?: [^`]*)?`", "".join(re.findall(r"^\| (.*?) \|", table, re.MULTILINE)))
     )
 
 
