@@ -10,7 +10,6 @@ from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
 from robotapp_api.model.distros import DISTROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
-from robotapp_api.model.placement import Fallback
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neighbours
 from robotapp_api.values.tiers import ROBOT
@@ -35,11 +34,9 @@ def spec_notes(spec: RobotAppSpec) -> Iterator[Note]:
         yield Note(
             "spec.placement.objective", f"{spec.placement.objective} has no effect yet; places are chosen by latency"
         )
-    if spec.placement.fallback != Fallback():
-        yield Note(
-            "spec.placement.fallback",
-            "has no effect yet; a pod without a place waits, and on board as a fallback is runsOn: [Edge, Robot]",
-        )
+    preferred = any(edge.latency is not None and edge.latency.enforce == "Preferred" for edge in spec.edges)
+    if spec.placement.fallback is not None and not preferred:
+        yield Note("spec.placement.fallback", "changes nothing: no edge has a budget with enforce: Preferred")
     onboard = [component.name for component in spec.components if ROBOT in component.runs_on]
     if spec.robots is None and onboard:
         yield Note(

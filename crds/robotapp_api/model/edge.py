@@ -57,7 +57,7 @@ class EdgeLatency(Model):
     percentile: Percentile = 95
     """Percentile of the measured round-trip time that is compared, 50 or 95."""
     enforce: Enforce = "Required"
-    """Required refuses nodes outside the budget, Preferred only ranks them lower."""
+    """Required refuses nodes outside the budget, Preferred only ranks them lower; placement.fallback holds it for some time."""
 
 
 def _qos_refusal(field: str, *, when: str, offered: str, asked: str) -> Rule:

@@ -104,6 +104,8 @@ class Annotation(StrEnum):
     """On templates of RobotApp children: name of the RobotClaim whose id ROS_DOMAIN_ID carries."""
     BETTER_NODE = "robotics.io/better-node"
     """On pods, written by the scheduler: where the pod would be placed now that an edge of it is over its budget."""
+    FALLBACK = "robotics.io/fallback"
+    """On pods, written by the scheduler when it binds them: Preferred budgets and tiers of runsOn that were given up for the node."""
     MOVES = "robotics.io/moves"
     """On a component's Deployment: when its pods were evicted to start elsewhere, written before each eviction."""
     LOST_DEVICES = "robotics.io/lost-devices"
@@ -156,6 +158,8 @@ class Reason(StrEnum):
     NOTHING_TO_ALLOCATE = "NothingToAllocate"
     # Placed
     PLACED = "Placed"
+    FALLBACK_USED = "FallbackUsed"
+    """All pods are on nodes, and placement.fallback or the order of runsOn gave something up for that."""
     UNSCHEDULABLE = "Unschedulable"
     WAITING_FOR_PODS = "WaitingForPods"
     # BudgetMet

@@ -14,12 +14,13 @@ RescheduleWhen = Literal["Never", "BudgetExceeded"]
 
 
 class Fallback(Model):
-    """What happens when no placement fits. Not used yet: the pods wait."""
+    """What happens when no place meets every budget with `enforce: Preferred`. Until then they count as Required."""
 
     steps: Annotated[tuple[FallbackStep, ...], Field(max_length=8)] = ("RelaxPreferred", "Wait")
-    """Steps in order: RelaxPreferred drops wishes, Wait keeps the pods pending. On board as a fallback is runsOn: [Edge, Robot]."""
+    """Steps in order: RelaxPreferred places the pods without the budgets that cannot be met, Wait keeps them pending; without
+    RelaxPreferred they wait until all are met. On board as a fallback is runsOn: [Edge, Robot]."""
     after: Duration = "10s"
-    """Time without a placement before the next step."""
+    """Time that the pods wait before the first step, and before every further one."""
 
 
 class Reschedule(Model):
@@ -44,10 +45,11 @@ class Placement(Model):
     """Node of the ROS 1 master, and the node that latencies of components without edges are counted to; empty means the
     robot's node."""
     objective: Objective = "Latency"
-    """What placement optimises: Latency keeps edges short, Balance spreads load over the nodes."""
+    """What placement optimises within the budgets: Latency keeps edges short, Balance spreads load over the nodes first."""
     gang: Gang = "All"
     """All places the components of an instance together or not at all; None places each as soon as it fits."""
-    fallback: Fallback = Fallback()
-    """What happens when no placement fits."""
+    fallback: Fallback | None = None
+    """Places that meet budgets with `enforce: Preferred` come first, for some time. Absent: such a budget only ranks nodes, and no
+    pod waits for it."""
     reschedule: Reschedule = Reschedule()
     """When running components may move."""

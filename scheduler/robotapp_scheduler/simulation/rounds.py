@@ -37,11 +37,14 @@ class Rounds:
         return f"<Rounds of {self._core!r}>"
 
     def place(self) -> dict[str, ScheduleResult]:
-        """Decide until no pod finds a node any more. Returns the refused ones by pod uid; gated ones stay in the queue."""
+        """Decide until no pod finds a node any more. Returns the refused ones by pod uid; gated ones stay in the queue.
+
+        A second call tries those that the first one refused.
+        """
         for _ in range(ROUNDS):
+            self._core.queue.activate(list(self._rejected))
             if not self._round() or not self._rejected:
                 break
-            self._core.queue.activate(list(self._rejected))
         return self._rejected
 
     def _round(self) -> bool:

@@ -17,7 +17,7 @@ FINE: Final = {
 }
 """Reasons of conditions that need no cure."""
 NEVER_WRITTEN: Final = {
-    *(EventReason.DEVICE_CLAIMED, EventReason.DEVICE_LOST, EventReason.FALLBACK_USED, EventReason.RESCHEDULED),
+    *(EventReason.DEVICE_CLAIMED, EventReason.DEVICE_LOST, EventReason.RESCHEDULED),
 }
 """Names of events that are kept for later."""
 FROM_KUBECTL: Final = {'no matches for kind "RobotApp"'}

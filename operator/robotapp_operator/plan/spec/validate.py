@@ -62,6 +62,10 @@ def _of_other_schedulers(app: App) -> Iterator[str]:
             f"spec.placement.reschedule.when: {app.spec.placement.reschedule.when} has no effect with scheduler "
             f"{app.scheduler_name}, which proposes no better node"
         )
+    if not app.our_scheduler and app.spec.placement.fallback is not None:
+        yield (
+            f"spec.placement.fallback: has no effect with scheduler {app.scheduler_name}, which knows no latency budgets"
+        )
     for index, component in enumerate(() if app.our_scheduler else app.spec.components):
         if component.on_disconnect == "Stop":
             yield (

@@ -2,11 +2,13 @@
 
 import dataclasses
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
 from robotapp_api.model.component import Component
-from robotapp_api.model.names import Reason
+from robotapp_api.model.names import Annotation, Reason
+from robotapp_api.values.given_up import GivenUp, parse_given_up
 from robotapp_operator.plan.spec.objects import ContainerStatus, Deployment, ObjectCondition, Pod
 
 MAX_COMPONENT_CHARACTERS: Final = 1024
@@ -35,6 +37,8 @@ class ComponentView:
     restarts: int = 0
     reason: Reason | None = None
     message: str = ""
+    given_up: tuple[GivenUp, ...] = ()
+    """What was given up when its pods were placed."""
 
     @property
     def node(self) -> str:
@@ -95,7 +99,18 @@ def component_view(
         restarts=min(MAX_RESTARTS, sum(one.restart_count for pod in live for one in pod.status.container_statuses)),
         reason=reason,
         message=message[:MAX_COMPONENT_CHARACTERS],
+        given_up=_given_up(live),
     )
+
+
+def _given_up(pods: Sequence[Pod]) -> tuple[GivenUp, ...]:
+    """Annotations that are not what the scheduler writes count for nothing: others may write them, too."""
+    found = []
+    for pod in pods:
+        text = pod.metadata.annotations.get(Annotation.FALLBACK.value, "") if pod.spec.node_name else ""
+        with suppress(ValueError):
+            found += [parse_given_up(text)] if text else []
+    return tuple(found)
 
 
 def cut_off(servers: Sequence[Pod], clients: Sequence[Pod]) -> tuple[str, ...]:

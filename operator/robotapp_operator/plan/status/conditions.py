@@ -10,6 +10,7 @@ from robotapp_api.values.round_trips import is_unreachable
 from robotapp_operator.plan.diff.newer import version_key
 from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
+from robotapp_operator.plan.status.given_up import given_up_texts
 from robotapp_operator.plan.status.latency import EdgeView
 from robotapp_operator.plan.status.troubled import cut_off_text, edge_text, lost_text, rank_of, what_is_missing
 
@@ -160,7 +161,11 @@ def placed(facts: AppFacts) -> Verdict:
                 return Verdict("False", Reason.UNSCHEDULABLE, f"{bound} of {len(parts)} placed; {text}")
     if parts and bound == len(parts):
         nodes = sorted({node for component in parts for node in component.nodes})
-        return Verdict("True", Reason.PLACED, f"{bound} of {len(parts)} components on {shown(nodes)}")
+        text = f"{bound} of {len(parts)} components on {shown(nodes)}"
+        lost = [_named(facts, instance, each) for instance in facts.instances for each in given_up_texts(instance)]
+        if lost:
+            return Verdict("True", Reason.FALLBACK_USED, f"{text}; given up: {shown(lost, limit=4)}")
+        return Verdict("True", Reason.PLACED, text)
     return Verdict(
         "Unknown", Reason.WAITING_FOR_PODS, f"{bound} of {len(parts)} components have all their pods on nodes"
     )

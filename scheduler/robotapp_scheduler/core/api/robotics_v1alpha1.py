@@ -80,12 +80,21 @@ class Reschedule(Slim):
     for_: str = msgspec.field(name="for", default="15s")
 
 
+class Fallback(Slim):
+    """spec.placement.fallback."""
+
+    steps: tuple[str, ...] = ("RelaxPreferred", "Wait")
+    after: str = "10s"
+
+
 class Placement(Slim):
     """spec.placement."""
 
     zones: tuple[str, ...] = ()
     master_node: str = ""
     gang: str = "All"
+    fallback: Fallback | None = None
+    """None: Preferred budgets are never more than a cost."""
     reschedule: Reschedule = msgspec.field(default_factory=Reschedule)
 
 

@@ -1,5 +1,6 @@
 """The ROS side of one pod: what it requires (`RosRequest`), and that resolved against the cluster (`RosContext`)."""
 
+from datetime import datetime
 from typing import Final
 
 import msgspec
@@ -72,6 +73,8 @@ class Endpoint(msgspec.Struct, frozen=True, gc=False):
     percentile: int = 95
     required: bool = True
     """False: only scored (the edge is Preferred, or the peer moves after us)."""
+    preferred: bool = False
+    """The edge is Preferred; `required` all the same while `placement.fallback` holds it."""
 
 
 class PeerGroup(msgspec.Struct, frozen=True, gc=False):
@@ -127,6 +130,8 @@ class RosContext(msgspec.Struct, frozen=True, gc=False):
     """Nodes of peers the pod must not share (separateFrom)."""
     volumes: tuple[SharedVolume, ...] = ()
     """Claims of its shared data that limit where it may be; those that many nodes can use at a time are left out."""
+    held_until: datetime | None = None
+    """Until when Preferred budgets are required (robotics.fallback); None: they are a cost."""
 
 
 def tier(qos_class: str, *, reliability: str, liveliness: str) -> int:

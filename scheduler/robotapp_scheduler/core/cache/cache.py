@@ -6,6 +6,7 @@ results are repaired.
 """
 
 from collections.abc import Callable, Iterable
+from datetime import datetime
 from typing import Final
 
 import msgspec
@@ -32,6 +33,7 @@ from robotapp_scheduler.core.pods.pod_signature import PodSignatures, same_signa
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaims
 from robotapp_scheduler.core.robotics.app_index import AppIndex
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant, DeviceIndex
+from robotapp_scheduler.core.robotics.fallback import LATEST
 from robotapp_scheduler.core.robotics.rtt import RttModel
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
 
@@ -40,9 +42,12 @@ WITH_TERMS: Final = {each: each | Change.TERMS for each in (Change.POD_ADDED, Ch
 
 
 class Cache:
-    """Nodes, placed pods of any scheduler, apps, claims and telemetry. `clock` (monotonic seconds) ages telemetry."""
+    """Nodes, placed pods of any scheduler, apps, claims and telemetry.
 
-    def __init__(self, *, clock: Callable[[], float]) -> None:
+    `clock` (monotonic seconds) ages telemetry; `now` is the time of day, for how long pods have waited: for ever unless given.
+    """
+
+    def __init__(self, *, clock: Callable[[], float], now: Callable[[], datetime] = lambda: LATEST) -> None:
         self.nodes = NodeTable()
         self.resource_arrays = ResourceArrays(self.nodes)
         self.minimum_free = MinimumFree(self.nodes)
@@ -72,6 +77,7 @@ class Cache:
         """Live pods without a node, by uid."""
         self._priorities: dict[int, int] = {}
         self._clock = clock
+        self.now = now
 
     def __repr__(self) -> str:
         return f"Cache({self.nodes.count} nodes, {len(self.placed)} placed, {len(self._seen)} waiting)"

@@ -64,7 +64,7 @@ def settled(core: SchedulerCore, part: Part) -> bool:
 
 def _choice(core: SchedulerCore, part: Part, standing: str) -> Choice:
     cluster = core.cluster
-    with as_waiting(cluster, part.pod) as pod:
+    with as_waiting(cluster, part.pod, anew=True) as pod:
         info = cluster.pod_info(pod)
         # Without caches: neither they nor the counters of decisions notice.
         runner = ProfileRunner(core.runner(info.scheduler_name).profile, cluster, caching=False)

@@ -9,6 +9,7 @@ from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation, PodReason
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
 from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cycle.given_up import held_text
 from robotapp_scheduler.core.cycle.group_gates import (
     GROUP_EVENTS,
     GROUP_PLUGIN,
@@ -19,6 +20,7 @@ from robotapp_scheduler.core.cycle.group_gates import (
     WHOLE_READS,
     changes_requirements,
 )
+from robotapp_scheduler.core.cycle.joint_problem import LimitsConnections
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.fit_error import histogram, pre_filter_message
@@ -146,6 +148,10 @@ class Diagnosis:
             rejected_by=frozenset(plugins),
             nodes=count,
         )
+        if pod.ros is not None and pod.ros.held_until is not None:
+            decision.message += (
+                f" {held_text(self._cluster, pod, evaluation, _limiting(self._runner.profile))}".rstrip()
+            )
         return self._post_filtered(decision, evaluation, outside)
 
     def lost_all(self, pod: PodInfo, evaluation: Evaluation, blocked: int) -> ScheduleResult:
@@ -182,6 +188,10 @@ class Diagnosis:
             decision.message += f" {found.text}" if found.text else ""
             decision.nominate, decision.plan, decision.post_filtered = found.nominate, found.plan, True
         return decision
+
+
+def _limiting(profile: Profile) -> frozenset[str]:
+    return frozenset(loaded.name for loaded in profile.filters if isinstance(loaded.plugin, LimitsConnections))
 
 
 def _before_dynamic_resources(profile: Profile) -> list[str]:

@@ -23,6 +23,7 @@ from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.nodes.columns import FloatArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.app_index import App, on_one_node
+from robotapp_scheduler.core.robotics.fallback import held_until
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation, with_tiers
@@ -143,7 +144,7 @@ def _edges(core: Scores, app: App, pods: Sequence[PodInfo]) -> list[Edge]:
     for i, pod in enumerate(pods):
         if pod.member is not None and pod.member.component in app.components:
             of.setdefault(pod.member.component, []).append(i)
-    rules = _Rules(core.runner(pods[0].scheduler_name).profile)
+    rules = _Rules(core.runner(pods[0].scheduler_name).profile, held=_held(core.cluster, app, pods[0]))
     found = [
         rules.edge(connection, app, left, right)
         for connection in app.source.spec.edges
@@ -154,10 +155,17 @@ def _edges(core: Scores, app: App, pods: Sequence[PodInfo]) -> list[Edge]:
     return [*found, *_together(app, of), *_apart(app, of), *_ports(pods)]
 
 
+def _held(cluster: Cache, app: App, pod: PodInfo) -> bool:
+    instance = pod.member.instance if pod.member is not None else ""
+    return held_until(app, instance, cluster.apps, cluster.now) is not None
+
+
 class _Rules:
     """What a connection costs, by the plugins of a profile. Of a shadow plugin only the longest round trip counts."""
 
-    def __init__(self, profile: Profile) -> None:
+    def __init__(self, profile: Profile, *, held: bool) -> None:
+        """held: Preferred budgets are required."""
+        self._held = held
         limits = [each.plugin for each in profile.filters if isinstance(each.plugin, LimitsConnections)]
         shadows = [each.plugin for each in profile.shadow_filters if isinstance(each.plugin, LimitsConnections)]
         points = [
@@ -176,7 +184,7 @@ class _Rules:
         ends = (app.components[connection.from_], app.components[connection.to])
         own = [_us(latency.budget)] if latency is not None and latency.budget else [_own(end) for end in ends]
         budget_us = min(us if us is not None else self._ceiling_us for us in own)
-        required = latency is None or latency.enforce == "Required"
+        required = self._held or latency is None or latency.enforce == "Required"
         return Edge(
             left,
             right,

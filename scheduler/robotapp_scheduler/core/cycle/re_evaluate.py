@@ -66,12 +66,17 @@ def re_evaluate(core: SchedulerCore, pod: Pod) -> tuple[Record, Table | None]:
 
 
 @contextmanager
-def as_waiting(cluster: Cache, pod: Pod) -> Iterator[Pod]:
-    """The pod as one without a node, and the cluster without it; afterwards all is as before."""
+def as_waiting(cluster: Cache, pod: Pod, *, anew: bool = False) -> Iterator[Pod]:
+    """The pod as one without a node, and the cluster without it; afterwards all is as before. anew: as if it was made now."""
     if not pod.spec.node_name:  # it waits, or is on its way: an assumption lasts milliseconds, and is left alone
         yield pod
         return
-    waiting = msgspec.structs.replace(pod, spec=msgspec.structs.replace(pod.spec, node_name=""))
+    made = cluster.now().isoformat() if anew else pod.metadata.creation_timestamp
+    waiting = msgspec.structs.replace(
+        pod,
+        metadata=msgspec.structs.replace(pod.metadata, creation_timestamp=made),
+        spec=msgspec.structs.replace(pod.spec, node_name=""),
+    )
     # Not removed and applied again: its group would be one that was never placed, and it the last among equals on its node.
     record = cluster.placed[pod.metadata.uid]
     with DryRun(cluster, preemption=False) as dry_run:

@@ -1,6 +1,7 @@
 """One attempt: gates, PreFilter, filters, scores, choice, devices, assume, and the record of why."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from datetime import datetime
 from typing import Any, Final
 
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
@@ -37,6 +38,7 @@ from robotapp_scheduler.core.preemption.nominated_pods import with_nominated
 from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus, QueuedPodInfo
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
+from robotapp_scheduler.core.robotics.fallback import LATEST
 from robotapp_scheduler.core.robotics.resolve import qos_fields, resolve
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner, Stopwatch, pod_hash
@@ -76,6 +78,8 @@ class SchedulerCore:
         self._together: frozenset[str] = frozenset()
         """Pods that are being placed in the same go."""
         self._preempting: set[str] = set()
+        self._held: dict[Hashable, datetime] = {}
+        """App instances by `group_key`, and when their Preferred budgets stop being required."""
         self._runners: dict[str, ProfileRunner] = {}
         self._decided: dict[tuple[str, str, str], int] = {}
         """Counted by runners of former configurations."""
@@ -150,6 +154,18 @@ class SchedulerCore:
             self.queue.activate([uid])
         else:
             self.queue.reopen(uid)
+
+    @property
+    def holding(self) -> bool:
+        """Are there Preferred budgets that are required for some time?"""
+        return bool(self._held)
+
+    def end_holds(self) -> None:
+        """Try the pods of apps again whose Preferred budgets stopped being required. To be called about once a second."""
+        now = self.cluster.now()
+        for key in [key for key, until in self._held.items() if until <= now]:
+            del self._held[key]
+            self.queue.activate(self.queue.group(key))
 
     # --- Attempts ------------------------------------------------------------------------------------------------
 
@@ -275,6 +291,9 @@ class SchedulerCore:
         if gate is not None:
             return held(pod, gate)
         pod.ros = resolve(pod, self.cluster)
+        until = pod.ros.held_until if pod.ros is not None else None
+        if until is not None and until != LATEST:
+            self._held[group_key(pod)] = until
         return None
 
     def _attempt(

@@ -62,6 +62,10 @@ class SchedulingQueue:
         """A pod that waits here; None once it is in flight."""
         return self._pods.get(uid) if uid not in self._flying else None
 
+    def group(self, key: Hashable) -> list[str]:
+        """Uids of the pods of a group that are not placed."""
+        return list(self._groups.get(key, ()))
+
     def pending(self) -> dict[str, int]:
         """Pods per queue, for scheduler_pending_pods."""
         return {

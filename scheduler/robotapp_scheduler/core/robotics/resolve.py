@@ -1,5 +1,7 @@
 """Resolves a pod's ROS requirements against the cluster as it is now: annotations or RobotApp in, `RosContext` out."""
 
+from collections.abc import Callable
+from datetime import datetime
 from typing import Final, Protocol
 
 from robotapp_api.claims.device import claimed
@@ -22,6 +24,7 @@ from robotapp_scheduler.core.api.ros import (
 )
 from robotapp_scheduler.core.pods.pod_info import Member, PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Link, on_one_node, tied
+from robotapp_scheduler.core.robotics.fallback import held_until
 
 NOTHING: Final = RosRequest()
 """Annotations that are present and require nothing."""
@@ -32,6 +35,10 @@ class Surroundings(Protocol):
 
     @property
     def apps(self) -> AppIndex: ...
+    @property
+    def now(self) -> Callable[[], datetime]:
+        """The time of day."""
+
     def robot_nodes(self, robot: str) -> tuple[str, ...]:
         """Nodes of a robot."""
 
@@ -69,7 +76,8 @@ def resolve(pod: PodInfo, around: Surroundings) -> RosContext | None:
 def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around: Surroundings) -> RosContext:
     spec = app.source.spec
     own_budget_us = _us(component.policies.latency_budget)
-    endpoints = _app_endpoints(pod, member, app, component, around)
+    until = held_until(app, member.instance, around.apps, around.now)
+    endpoints = _app_endpoints(pod, member, app, around, held=until is not None)
     if not endpoints and own_budget_us is not None:
         endpoints = _robot_endpoint(member.instance, around, budget_us=own_budget_us)
     requests = tuple(
@@ -97,6 +105,7 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
         ),
         apart=_apart(member, app, around),
         volumes=_shared_volumes(pod, shared.claim_names, around),
+        held_until=until,
     )
 
 
@@ -106,21 +115,21 @@ def _app_hardware(component: Component) -> tuple[Hardware, ...]:
     return tuple(Hardware(r.type, r.model, r.interface) for r in component.requires) + gpus
 
 
-def _app_endpoints(
-    pod: PodInfo, member: Member, app: App, component: Component, around: Surroundings
-) -> tuple[Endpoint, ...]:
-    fallback_us = _us(component.policies.latency_budget)
+def _app_endpoints(pod: PodInfo, member: Member, app: App, around: Surroundings, *, held: bool) -> tuple[Endpoint, ...]:
+    """`held`: Preferred budgets are required."""
+    component = app.components[member.component]
+    own_us = _us(component.policies.latency_budget)
     found: list[Endpoint] = []
     for link in app.links.get(component.name, ()):
-        budget_us = link.budget_us if link.budget_us is not None else fallback_us
+        budget_us = link.budget_us if link.budget_us is not None else own_us
         if link.peer == ROBOT_END:
             nodes = around.robot_end(member.instance)
             if nodes:
-                found.append(_end(link, nodes, budget_us, required=link.required))
+                found.append(_end(link, nodes, budget_us, required=link.required or held))
             continue
         peer = app.components.get(link.peer)
         # A pod that cannot go elsewhere is placed all the same; the peer, which can, has to come closer.
-        required = link.required and not (tied(component) and peer is not None and not tied(peer))
+        required = (link.required or held) and not (tied(component) and peer is not None and not tied(peer))
         replicas = around.apps.replicas(member, link.peer)
         places: list[tuple[str, ...]] = [(r.node,) for r in replicas if r.node and r.pod.metadata.uid != pod.uid]
         if not places:
@@ -142,7 +151,7 @@ def _lacks_end(member: Member, app: App, component: Component, around: Surroundi
 
 def _end(link: Link, nodes: tuple[str, ...], budget_us: int | None, *, required: bool) -> Endpoint:
     what = f"{link.what} to {link.peer}"
-    return Endpoint(what=what, nodes=nodes, budget_us=budget_us, percentile=link.percentile, required=required)
+    return Endpoint(what, nodes, budget_us, link.percentile, required, not link.required)
 
 
 def _partners(pod: PodInfo, member: Member, app: App, around: Surroundings) -> tuple[PeerGroup, ...]:

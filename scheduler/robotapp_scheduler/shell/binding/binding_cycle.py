@@ -9,9 +9,10 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import NamedTuple
 
-from robotapp_api.model.names import PodReason
+from robotapp_api.model.names import Annotation, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.diagnosis import UNFIT_PROFILE
+from robotapp_scheduler.core.cycle.given_up import given_up
 from robotapp_scheduler.core.cycle.group_gates import groups_around
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
@@ -199,7 +200,12 @@ class BindingCycle:
     ) -> ScheduleResult | None:
         """Run all points before the bind, on another node when another holder got a device. None = the pod was queued again."""
         while True:
-            refused = await steps.run(str(decision.node), grants=decision.grants, volumes=decision.volumes)
+            refused = await steps.run(
+                str(decision.node),
+                grants=decision.grants,
+                volumes=decision.volumes,
+                annotations=self._fallback(decision),
+            )
             if refused is None:
                 return decision
             await steps.give_back()
@@ -213,6 +219,11 @@ class BindingCycle:
                 self.refuse(decision, started_s=started_s)
                 self._reporter.note(decision.pod.pod, reason=refused.reason, text=refused.message)
                 return None
+
+    def _fallback(self, decision: ScheduleResult) -> dict[str, str]:
+        """The annotation that tells what was given up for this node; all pods of the group are assumed by now."""
+        found = given_up(self._core.cluster, decision.pod, str(decision.node))
+        return {} if found is None else {Annotation.FALLBACK.value: found.text()}
 
     def _settle(
         self, decision: ScheduleResult, steps: ExtensionPoints, outcome: BindOutcome | Refused, started_s: float

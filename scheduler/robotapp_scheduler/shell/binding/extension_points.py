@@ -7,8 +7,8 @@ an attempt ends but with the bind, everything that was reserved is given back in
 import asyncio
 import inspect
 import logging
-from collections.abc import Awaitable, Callable, Sequence
-from types import TracebackType
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from types import MappingProxyType, TracebackType
 from typing import Any, Final, NamedTuple, Self
 
 import msgspec
@@ -36,6 +36,7 @@ Nominate = Callable[[Pod, str], Awaitable[None]]
 HOOK_S: Final = 600.0
 """Limit of an `async` hook of a third-party plugin: one that never returned would hold its pod's room for ever."""
 REJECTED: Final = frozenset({Code.UNSCHEDULABLE, Code.UNRESOLVABLE, Code.PENDING})
+NO_ANNOTATIONS: Final[Mapping[str, str]] = MappingProxyType({})
 FINE: Final = frozenset({Code.SUCCESS, Code.SKIP})
 
 
@@ -101,14 +102,20 @@ class ExtensionPoints:
     # --- Before the bind -----------------------------------------------------------------------------------------
 
     async def run(
-        self, node: str, *, grants: Sequence[DeviceGrant] = (), volumes: VolumePlan | None = None
+        self,
+        node: str,
+        *,
+        grants: Sequence[DeviceGrant] = (),
+        volumes: VolumePlan | None = None,
+        annotations: Mapping[str, str] = NO_ANNOTATIONS,
     ) -> Refused | None:
         """Call all hooks before the bind; None when the pod may be bound to this node, or `stale`.
 
-        May be called again after `give_back`.
+        `annotations` go into the Binding beside those of the plugins. May be called again after `give_back`.
         """
         self._node, self.stale = node, False
         self.context = BindContext(self._handle, grants=grants, volumes=volumes)
+        self.context.annotations.update(annotations)
         return (
             await self._run_point("Reserve", "reserve", self._profile.reserves)
             or await self._run_point("Permit", "permit", self._profile.permits)

@@ -278,6 +278,7 @@ class SchedulerLoop:
         self.turned_s = self._clock()
         core = self._core
         core.queue.tick()
+        core.end_holds()
         core.queue.move(core.cluster.tick())
         if self.turned_s >= self._pools_due_s:
             self._pools_due_s = self.turned_s + POOLS_S

@@ -127,7 +127,7 @@ class Scheduler:
         profiles = config.build()
         self._watch_over(profiles)
         return SchedulerCore(
-            Cache(clock=CLOCK),
+            Cache(clock=CLOCK, now=utc_now),
             profiles,
             clock=CLOCK,
             stopwatch=Stopwatch(self.metrics),

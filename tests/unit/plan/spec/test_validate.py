@@ -370,3 +370,15 @@ def test_fields_without_effect_are_told_and_do_not_refuse_the_app() -> None:
         "spec.components[0].devices[0].onLoss",
     ]
     assert notes_of(make_app()) == ()
+
+
+def test_a_fallback_is_noted_where_no_budget_is_preferred_and_where_another_scheduler_places() -> None:
+    edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}}
+    preferred = edge | {"latency": {"budget": "30ms", "enforce": "Preferred"}}
+    waits = {"fallback": {"steps": ["Wait"]}}
+    assert notes_of(make_app(edges=[preferred], placement=waits)) == ()
+    assert notes_of(make_app(edges=[edge], placement=waits)) == (
+        "spec.placement.fallback: changes nothing: no edge has a budget with enforce: Preferred",
+    )
+    (note,) = notes_of(make_app(edges=[preferred], placement=waits, schedulerName="default-scheduler"))
+    assert note.startswith("spec.placement.fallback: has no effect with scheduler default-scheduler")

@@ -5,7 +5,8 @@ from typing import Any
 import pytest
 from tests.support.factories import component, make_app, make_deployment, make_pod
 
-from robotapp_api.model.names import Reason
+from robotapp_api.model.names import Annotation, Reason
+from robotapp_api.values.given_up import GivenUp
 from robotapp_operator.plan.spec.objects import Deployment, Pod
 from robotapp_operator.plan.status.components import ComponentView, component_view, cut_off
 
@@ -154,3 +155,15 @@ def test_a_parameter_file_that_does_not_exist_is_named_until_the_component_is_re
     assert component_view(part, make_deployment(ready=1), [make_pod(node="e")], missing=missing).message == ""
     pulling = make_pod(node="e", waiting=("ErrImagePull", "x"))
     assert component_view(part, make_deployment(), [pulling], missing=missing).reason == Reason.IMAGE_PULL
+
+
+def test_what_was_given_up_is_read_from_pods_on_nodes_and_only_in_the_form_of_the_scheduler() -> None:
+    given = GivenUp((), "Robot", ("Edge",))
+
+    def noted(text: str, node: str = "amr-1") -> ComponentView:
+        return view(make_deployment(), make_pod(node=node, metadata={"annotations": {Annotation.FALLBACK.value: text}}))
+
+    assert noted(given.text()).given_up == (given,)
+    assert noted(given.text(), node="").given_up == ()
+    assert noted("whatever").given_up == ()
+    assert view(make_deployment(), make_pod(node="amr-1")).given_up == ()

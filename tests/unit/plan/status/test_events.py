@@ -95,3 +95,13 @@ def test_a_dead_distribution_is_told_once_per_generation() -> None:
     assert end_of_life(dataclasses.replace(app, generation=2), {"observedGeneration": 1}, date(2026, 1, 1)) is not None
     assert end_of_life(app, {}, date(2024, 1, 1)) is None
     assert end_of_life(make_app(ros={"distro": "rolling"}), {}, date(2099, 1, 1)) is None
+
+
+def test_a_fallback_that_was_used_is_told_once_and_not_as_a_warning() -> None:
+    used = status(
+        Placed=("True", "FallbackUsed", "2 of 2 components on a; given up: planner runs on tier Robot instead of Edge")
+    )
+    (item,) = events_between({}, used, new_domains={})
+    assert (item.reason, item.warning) == (EventReason.FALLBACK_USED, False)
+    assert "given up: planner runs on tier Robot" in item.note
+    assert reasons(used, used) == []

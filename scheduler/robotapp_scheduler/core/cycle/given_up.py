@@ -1,0 +1,123 @@
+"""What an app gives up by its fallbacks, and what keeps its pods waiting before.
+
+`placement.fallback` holds Preferred budgets for some time (core.robotics.fallback), then pods are placed without those that cannot
+be met. `runsOn` is an order, so a pod on a later tier gave up the earlier ones.
+"""
+
+from collections.abc import Collection, Iterator
+from typing import Final
+
+import numpy as np
+
+from robotapp_api.model.names import ROBOT_END
+from robotapp_api.values.duration import format_us
+from robotapp_api.values.given_up import GivenUp, GivenUpEdge, time_text
+from robotapp_scheduler.core.api.ros import Endpoint
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cycle.tiers import tier_ranks
+from robotapp_scheduler.core.nodes.columns import IntArray
+from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
+from robotapp_scheduler.core.robotics.app_index import Link
+from robotapp_scheduler.core.robotics.edge_times import peer_nodes
+from robotapp_scheduler.core.robotics.fallback import LATEST
+from robotapp_scheduler.core.robotics.rtt import SOURCE_NAMES
+from robotapp_scheduler.core.runtime.evaluation import Evaluation
+from robotapp_scheduler.core.runtime.filter_results import HOLE
+
+MOST_NAMED: Final = 3
+Time = tuple[float, str, str]
+"""Microseconds, "measured" or "estimated", and the node at the other end."""
+
+
+# --- Of a pod that is placed -----------------------------------------------------------------------------------------
+
+
+def given_up(cluster: Cache, pod: PodInfo, node: str) -> GivenUp | None:
+    """What a pod of an app gives up on this node, against where the others of its app are now; None for nothing."""
+    member = pod.member
+    app = cluster.apps.app(member.app_uid) if member is not None else None
+    component = app.components.get(member.component) if app is not None and member is not None else None
+    if app is None or member is None or component is None:
+        return None
+    links = app.links.get(component.name, ()) if app.source.spec.placement.fallback is not None else ()
+    edges = tuple(edge for link in links for edge in _exceeded(cluster, member, link, node))
+    rank = _rank(cluster, component.runs_on, node) if len(component.runs_on) > 1 else 0
+    if not edges and not rank:
+        return None
+    return GivenUp(edges, component.runs_on[rank] if rank else "", component.runs_on[:rank])
+
+
+def _rank(cluster: Cache, tiers: tuple[str, ...], node: str) -> int:
+    """The position of the node's tier in `runsOn`; 0 for a node of none."""
+    row = cluster.nodes.row_of.get(node)
+    rank = int(tier_ranks(cluster.nodes, tiers)[row]) if row is not None else 0
+    return rank if rank < len(tiers) else 0
+
+
+def _exceeded(cluster: Cache, member: Member, link: Link, node: str) -> Iterator[GivenUpEdge]:
+    """The connection if it is over its Preferred budget: to the nearest of a robot's nodes, or to the farthest replica."""
+    if link.required or link.budget_us is None or link.peer == member.component:
+        return
+    times: list[Time] = []
+    for peer in peer_nodes(link, member, cluster):
+        us, source = cluster.rtt.between(peer, node, link.percentile) if peer else (None, "")
+        if us is not None:
+            times.append((us, source, peer))
+    if times:
+        us, source, peer = min(times) if link.peer == ROBOT_END else max(times)
+        if us > link.budget_us:
+            yield GivenUpEdge(link.what, link.peer, link.budget_us, us, source, (node, peer))
+
+
+# --- Of a pod that waits ---------------------------------------------------------------------------------------------
+
+
+def held_text(cluster: Cache, pod: PodInfo, evaluation: Evaluation, limiting: Collection[str]) -> str:
+    """Why a pod without a place waits: its Preferred budgets with the best time that there is; "" when none is held.
+
+    limiting: names of the filters that reject nodes by round trips.
+    """
+    ros = pod.ros
+    held = [end for end in ros.endpoints if end.required and end.preferred] if ros is not None else []
+    if ros is None or ros.held_until is None or not held:
+        return ""
+    rows = _rows_of_others(evaluation, limiting)
+    best = [(end, _best(cluster, end, rows)) for end in held] if len(rows) else []
+    missed = [(end, time) for end, time in best if time is not None and time[0] > (end.budget_us or 0)]
+    if not best or (not missed and len(held) == 1):
+        return ""  # it is not for these budgets that it waits
+    found = missed or [(end, time) for end, time in best if time is not None]
+    texts = [_needs(end, time) for end, time in found[:MOST_NAMED]] + (["…"] if len(found) > MOST_NAMED else [])
+    together = "" if missed else "no node meets all Preferred budgets: "
+    if ros.held_until == LATEST:
+        until = "the pod waits until it does (placement.fallback)"
+    else:
+        until = f"from {ros.held_until.strftime('%H:%M:%SZ')} on it is placed without (placement.fallback)"
+    return f"{together}{'; '.join(texts)}; {until}."
+
+
+def _needs(end: Endpoint, time: Time) -> str:
+    us, source, node = time
+    return f"{end.what} prefers {format_us(end.budget_us or 0)}, best is {time_text(us)} ({source}) on {node}"
+
+
+def _rows_of_others(evaluation: Evaluation, limiting: Collection[str]) -> IntArray:
+    """Rows of the nodes that every filter but these would take."""
+    fits = evaluation.reason != HOLE
+    for column in evaluation.filters:
+        if column.plugin.name not in limiting and not column.skipped and not column.clean:
+            fits &= column.codes == 0
+    positions = np.flatnonzero(fits)
+    return positions if evaluation.rows is None else evaluation.rows[positions]
+
+
+def _best(cluster: Cache, end: Endpoint, rows: IntArray) -> Time | None:
+    """The shortest known time of a connection over these rows, with the candidate's node; None when none is known."""
+    found: list[Time] = []
+    for peer in end.nodes:
+        row = cluster.rtt.from_node(peer, end.percentile)
+        times = row.rtt_us[rows]
+        if not np.isnan(times).all():
+            at = int(rows[int(np.nanargmin(times))])
+            found.append((float(row.rtt_us[at]), SOURCE_NAMES[int(row.source[at])], cluster.nodes.names[at]))
+    return min(found, default=None)
