@@ -47,6 +47,15 @@ def latencies(random: Random, *, rows: int, zones: int, measured: int, unknown: 
     )
 
 
+def crowded(random: Random, problem: Problem) -> Problem:
+    """The problem with pods that would rather not share a row."""
+    cost = np.array(
+        [[random.choice((0.0, 5.0, 60.0, 400.0)) for _ in range(problem.pods)] for _ in range(problem.pods)]
+    )
+    crowd = np.triu(cost, 1)
+    return Problem(problem.cost, problem.demand, problem.free, problem.edges, problem.rtt, crowd=crowd + crowd.T)
+
+
 def small_problem(random: Random) -> Problem:
     """Up to four pods on up to six rows, with every kind of rule."""
     pods, rows = random.randint(1, 4), random.randint(1, 6)

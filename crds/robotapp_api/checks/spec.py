@@ -30,10 +30,6 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
 
 def spec_notes(spec: RobotAppSpec) -> Iterator[Note]:
     """Fields that are stored and understood but have no effect yet, as far as they are not left at their defaults."""
-    if spec.placement.objective != "Latency":
-        yield Note(
-            "spec.placement.objective", f"{spec.placement.objective} has no effect yet; places are chosen by latency"
-        )
     preferred = any(edge.latency is not None and edge.latency.enforce == "Preferred" for edge in spec.edges)
     if spec.placement.fallback is not None and not preferred:
         yield Note("spec.placement.fallback", "changes nothing: no edge has a budget with enforce: Preferred")

@@ -35,6 +35,7 @@ def encode_problem(problem: Problem, limits: Limits) -> bytes:
         rtt.access_us,
         rtt.minimum_us,
         *rtt.measured,
+        *(() if problem.crowd is None else (problem.crowd,)),
     )
     order = _Order(
         arrays=[_Array(array.dtype.str, array.shape, np.ascontiguousarray(array).tobytes()) for array in arrays],
@@ -48,12 +49,13 @@ def encode_problem(problem: Problem, limits: Limits) -> bytes:
 def decode_problem(content: bytes) -> tuple[Problem, Limits]:
     """What `encode_problem` made."""
     order = msgspec.msgpack.decode(content, type=_Order)
-    cost, demand, free, zone, path_us, access_us, minimum_us, left, right, us = (
+    cost, demand, free, zone, path_us, access_us, minimum_us, left, right, us, *crowd = (
         np.frombuffer(array.content, dtype=array.kind).reshape(array.shape) for array in order.arrays
     )
     edges = tuple(Edge(edge[0], edge[1], Relation(edge[2]), *edge[3:]) for edge in order.edges)
     rtt = Latencies(zone, path_us, Measured(left, right, us), access_us=access_us, minimum_us=minimum_us)
-    return Problem(cost, demand, free, edges, rtt, order.step), Limits(*order.limits)
+    problem = Problem(cost, demand, free, edges, rtt, order.step, crowd[0] if crowd else None)
+    return problem, Limits(*order.limits)
 
 
 def encode_solution(solution: Solution) -> bytes:

@@ -67,6 +67,11 @@ class Problem:
     rtt: Latencies
     step: float = 0.0
     """What a place of the next later tier costs more: more than all other costs together, see `with_tiers`."""
+    crowd: FloatArray | None = None
+    """`crowd[pod, pod]`: what two pods cost each other on one row, symmetric, 0 on the diagonal; None for nothing.
+
+    The exact search leaves it out, so its bounds stay below the truth; every plan that is compared has it.
+    """
     _prices: dict[tuple[tuple[float, ...], int], FloatArray] = field(default_factory=dict)
     around: list[list[tuple[Edge, int]]] = field(default_factory=list)
     """Per pod its edges and the pods at their other ends."""
@@ -108,11 +113,22 @@ class Problem:
         room: npt.NDArray[np.bool_] = ((needed <= self.free) | (needed == 0)).all(axis=0)
         return room
 
+    def crowded(self, pod: int, plan: Sequence[int]) -> FloatArray:
+        """What each row costs because of the pods of the plan that are there."""
+        found = np.zeros(self.rows)
+        if self.crowd is not None:
+            there = [other for other, row in enumerate(plan) if row != UNPLACED and other != pod]
+            np.add.at(found, [plan[other] for other in there], self.crowd[pod, there])
+        return found
+
     def total(self, plan: Sequence[int]) -> float:
         """Cost of a whole plan (a row per pod), INF when a rule or a node's capacity is broken."""
         if self.overloaded(plan):
             return INF
         total = sum(float(self.cost[pod, row]) for pod, row in enumerate(plan))
+        if self.crowd is not None:
+            rows = np.asarray(plan)
+            total += float(self.crowd[rows[:, None] == rows].sum()) / 2
         return total + sum(float(self.prices(edge, plan[edge.left])[plan[edge.right]]) for edge in self.edges)
 
     def overloaded(self, plan: Sequence[int]) -> list[int]:
@@ -134,13 +150,19 @@ def with_tiers(problem: Problem, ranks: npt.NDArray[np.int32]) -> Problem:
     if not ranks.any():
         return problem
     step = 2.0 ** (math.frexp(_most(problem))[1] + 1)  # a power of two: multiples of it are exact
-    return Problem(problem.cost + step * ranks, problem.demand, problem.free, problem.edges, problem.rtt, step)
+    cost = problem.cost + step * ranks
+    return Problem(cost, problem.demand, problem.free, problem.edges, problem.rtt, step, problem.crowd)
 
 
 def _most(problem: Problem) -> float:
     """No plan that keeps all rules costs more."""
     pods = np.where(np.isfinite(problem.cost), problem.cost, 0.0).max(axis=1).sum()
-    return float(pods) + sum(_dearest(edge, problem.rtt) for edge in problem.edges if edge.relation is Relation.RTT)
+    crowd = float(problem.crowd.sum()) / 2 if problem.crowd is not None else 0.0
+    return (
+        float(pods)
+        + crowd
+        + sum(_dearest(edge, problem.rtt) for edge in problem.edges if edge.relation is Relation.RTT)
+    )
 
 
 def _dearest(edge: Edge, rtt: Latencies) -> float:

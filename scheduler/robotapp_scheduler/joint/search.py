@@ -49,6 +49,8 @@ class Board:
             row = self.plan[other]
             if row != UNPLACED:
                 cost += problem.prices(edge, row)
+        if problem.crowd is not None:
+            cost += problem.crowded(pod, self.plan)
         own = self.plan[pod]
         for resource in np.flatnonzero(problem.demand[pod]):
             needed = problem.demand[pod, resource]
@@ -116,6 +118,11 @@ class Board:
             for edge, other in problem.around[pod]:
                 if self.plan[other] != UNPLACED and other not in pods[:i]:
                     total += float(problem.prices(edge, self.plan[pod])[self.plan[other]])
+            if problem.crowd is not None:
+                there = [
+                    other for other, row in enumerate(self.plan) if row == self.plan[pod] and other not in pods[:i]
+                ]
+                total += float(problem.crowd[pod, there].sum())
         return total
 
 

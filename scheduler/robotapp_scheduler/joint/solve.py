@@ -127,8 +127,8 @@ class _Search:
         if overloaded:
             for part in self._split(case, rows, overloaded[0]):
                 self._push(bound, part)
-        elif not found.exact or vague:
-            self._kept = min(self._kept, bound)
+        elif not found.exact or vague or self._problem.crowd is not None:
+            self._kept = min(self._kept, bound)  # with pods that crowd each other out, another plan may be better
         # Else the minimum is a plan of this cost, and was offered.
 
     def _push(self, bound: float, case: _Case) -> None:

@@ -4,9 +4,17 @@ from random import Random
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.support.joint_problems import brute_force, brute_force_in_order, field_problem, small_problem, small_ranks
+from tests.support.joint_problems import (
+    brute_force,
+    brute_force_in_order,
+    crowded,
+    field_problem,
+    small_problem,
+    small_ranks,
+)
 
-from robotapp_scheduler.joint.problem import INF, with_tiers
+from robotapp_scheduler.joint.problem import INF, Problem, with_tiers
+from robotapp_scheduler.joint.search import Board
 from robotapp_scheduler.joint.solve import Limits, solve
 
 RANDOM = st.integers(0, 2**32).map(Random)
@@ -64,6 +72,39 @@ def test_a_gap_that_is_a_number_proves_that_no_plan_has_earlier_tiers(
         assert sum(int(ranks[pod, row]) for pod, row in enumerate(found.rows)) == fewest
         cost = plain.total(found.rows)
         assert cost - best <= found.gap * cost + 1e-4
+
+
+@settings(deadline=None)
+@given(RANDOM, st.integers(1, 20), st.booleans())
+def test_with_pods_that_crowd_each_other_out_the_optimum_lies_between_bound_and_plan(
+    random: Random, steps: int, tiers: bool
+) -> None:
+    plain = crowded(random, small_problem(random))
+    problem = with_tiers(plain, small_ranks(random, plain)) if tiers else plain
+    found, best = solve(problem, Limits(seconds=1e9, steps=steps, gap=0.0), lambda: 0.0), brute_force(problem)
+    assert found.bound <= best + 1e-6
+    assert best <= found.cost + 1e-6
+    assert (best == INF) >= found.impossible
+    if found.rows is not None:
+        assert abs(problem.total(found.rows) - found.cost) < 1e-6
+        others = sum(
+            problem.crowd[i, j] for i in range(problem.pods) for j in range(i) if found.rows[i] == found.rows[j]
+        )
+        without = Problem(problem.cost, problem.demand, problem.free, problem.edges, problem.rtt, problem.step)
+        assert abs(without.total(found.rows) + others - found.cost) < 1e-6
+
+
+@settings(deadline=None)
+@given(RANDOM)
+def test_a_boards_prices_are_what_the_plan_costs_more(random: Random) -> None:
+    problem = crowded(random, small_problem(random))
+    plan = [random.randrange(problem.rows) for _ in range(problem.pods)]
+    board = Board(problem, plan)
+    pod = random.randrange(problem.pods)
+    prices = board.prices(pod)
+    totals = [problem.total([*plan[:pod], row, *plan[pod + 1 :]]) for row in range(problem.rows)]
+    known = [row for row in range(problem.rows) if totals[row] < INF]
+    assert all(abs((totals[a] - totals[b]) - (prices[a] - prices[b])) < 1e-6 for a in known for b in known)
 
 
 @settings(deadline=None, max_examples=10)

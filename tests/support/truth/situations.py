@@ -334,7 +334,7 @@ SITUATIONS: Mapping[str, Situation] = {
     ),
     "together on one node": running(parts=({"name": "talk", "colocateWith": ["hear"]}, {"name": "hear"})),
     "never on one node": running(parts=({"name": "talk", "separateFrom": ["hear"]}, {"name": "hear"})),
-    "fields that do nothing yet": running(spec=lambda _: {"placement": {"objective": "Balance"}}),
+    "fields that do nothing yet": running(spec=lambda _: {"ros2": {"transport": "SHM"}}),
     "a robot out of reach": Situation(
         says={"Ready": "False/RobotOffline"},
         phase="Offline",

@@ -87,7 +87,7 @@ READERS: Final[Mapping[str, str]] = {
         spec.placement.zones""",
     f"{CORE}/robotics/app_index.py": """
         spec.components.sharedData.with spec.components.colocateWith spec.components.separateFrom spec.edges.kind spec.edges.topic spec.edges.from
-        spec.edges.to spec.edges.latency.budget spec.edges.latency.enforce""",
+        spec.edges.to spec.edges.latency.budget spec.edges.latency.enforce spec.placement.objective""",
     f"{CORE}/robotics/fallback.py": "spec.placement.fallback.steps spec.placement.fallback.after",
     f"{CORE}/cycle/all_or_nothing.py": "spec.placement.gang",
 }
@@ -111,7 +111,6 @@ TOLD: Final[Mapping[str, dict[str, Any]]] = {
     "spec.components.policies.queueSize": {"components": [component(policies={"queueSize": 3})]},
     "spec.components.policies.tcpNodelay": {"components": [component(policies={"tcpNodelay": True})]},
     "spec.edges.bandwidth": {"edges": [{"topic": "/t", "from": "operator", "to": "driver", "bandwidth": "40M"}]},
-    "spec.placement.objective": {"placement": {"objective": "Balance"}},
     "spec.ros2.transport": {"ros2": {"transport": "SHM"}},
 }
 """Fields that wait for a later issue, or a value of them does, with a spec that sets them: `Accepted` names them."""

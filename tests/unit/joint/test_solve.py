@@ -4,7 +4,8 @@ from itertools import count
 from random import Random
 
 import numpy as np
-from tests.support.joint_problems import brute_force, field_problem
+import pytest
+from tests.support.joint_problems import brute_force, crowded, field_problem
 
 from robotapp_scheduler.joint.latencies import Latencies, Measured
 from robotapp_scheduler.joint.message import decode_problem, decode_solution, encode_problem, encode_solution
@@ -184,14 +185,17 @@ def test_a_step_is_beyond_whatever_edges_can_cost() -> None:
         assert tiered.of_tiers(3 * tiered.step + most + 5) == 3 * tiered.step
 
 
-def test_a_problem_and_its_solution_survive_the_way_to_the_worker_and_back() -> None:
+@pytest.mark.parametrize("crowd", [False, True])
+def test_a_problem_and_its_solution_survive_the_way_to_the_worker_and_back(crowd: bool) -> None:
     there = field_problem(Random(1), pods=4, edges=4, rows=30)
+    there = crowded(Random(2), there) if crowd else there
     there = with_tiers(there, np.array([[row % 3 for row in range(30)]] * 4, dtype=np.int32))
     back, limits = decode_problem(encode_problem(there, Limits(seconds=1e9, steps=5)))
     assert limits == Limits(seconds=1e9, steps=5)
     solution = solve(there, limits, ticking)
     assert solve(back, limits, ticking) == solution
     assert back.step == there.step > 0
+    np.testing.assert_array_equal(back.crowd, there.crowd)
     assert decode_solution(encode_solution(solution)) == solution
     impossible = Solution(None, INF, INF, 1)
     assert decode_solution(encode_solution(impossible)) == impossible

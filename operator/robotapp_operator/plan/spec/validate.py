@@ -66,6 +66,11 @@ def _of_other_schedulers(app: App) -> Iterator[str]:
         yield (
             f"spec.placement.fallback: has no effect with scheduler {app.scheduler_name}, which knows no latency budgets"
         )
+    if not app.our_scheduler and app.spec.placement.objective != "Latency":
+        yield (
+            f"spec.placement.objective: {app.spec.placement.objective} has no effect with scheduler {app.scheduler_name}, "
+            "which places the pods of an app one by one"
+        )
     for index, component in enumerate(() if app.our_scheduler else app.spec.components):
         if component.on_disconnect == "Stop":
             yield (

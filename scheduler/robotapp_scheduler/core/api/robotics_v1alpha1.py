@@ -92,6 +92,7 @@ class Placement(Slim):
 
     zones: tuple[str, ...] = ()
     master_node: str = ""
+    objective: str = "Latency"
     gang: str = "All"
     fallback: Fallback | None = None
     """None: Preferred budgets are never more than a cost."""

@@ -8,6 +8,8 @@ import msgspec
 DEFAULT_QOS_CLASS: Final = "system_default"
 TIERS: Final = {"realtime": 3, "sensor_data": 2, "system_default": 1, "best_effort": 0}
 """Queue tier per QoS class. DDS reliability is another thing: best-effort cameras must not starve."""
+BALANCE_SHARE: Final = 0.05
+"""The part of what round trips count for that is left to them, within their budgets, with `objective: Balance`."""
 EXCLUSIVE_TYPES: Final = frozenset({"usb", "can", "serial", "gpio"})
 """Hardware requirement types of bare pods that are held by one pod at a time. GPUs are shared by their device plugin."""
 
@@ -130,6 +132,8 @@ class RosContext(msgspec.Struct, frozen=True, gc=False):
     """Nodes of peers the pod must not share (separateFrom)."""
     volumes: tuple[SharedVolume, ...] = ()
     """Claims of its shared data that limit where it may be; those that many nodes can use at a time are left out."""
+    balance: bool = False
+    """`objective: Balance`: load counts before round trips within their budgets."""
     held_until: datetime | None = None
     """Until when Preferred budgets are required (robotics.fallback); None: they are a cost."""
 

@@ -15,6 +15,7 @@ from robotapp_api.values.duration import parse_us
 from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Edge as Connection
+from robotapp_scheduler.core.api.ros import BALANCE_SHARE
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.joint_devices import device_capacity
 from robotapp_scheduler.core.cycle.tiers import tier_ranks
@@ -22,7 +23,7 @@ from robotapp_scheduler.core.framework.interface import MAX_SCORE
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.nodes.columns import FloatArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.robotics.app_index import App, on_one_node
+from robotapp_scheduler.core.robotics.app_index import App, balances, on_one_node
 from robotapp_scheduler.core.robotics.fallback import held_until
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
@@ -56,6 +57,14 @@ class ScoresConnections(Protocol):
     @property
     def most_points(self) -> int:
         """What one connection is worth to a node at best, before the plugin's weight."""
+
+
+@runtime_checkable
+class ScoresLoad(Protocol):
+    """A score of what is left on a node, as LoadBalanceScore is."""
+
+    def points_per_share(self, pod: PodInfo) -> tuple[float, float]:
+        """What the whole cpu and the whole memory of a node are worth to a pod, before the plugin's weight."""
 
 
 class JointProblem(NamedTuple):
@@ -102,7 +111,8 @@ def joint_problem_of(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | No
     if not timed and not len(usable):
         return None
     demand, free = np.hstack((demand, devices)), np.vstack((free, usable))
-    problem = Problem(cost, demand, free, tuple(edges), core.cluster.rtt.latencies())
+    crowd = _crowd(core, pods) if balances(app) else None
+    problem = Problem(cost, demand, free, tuple(edges), core.cluster.rtt.latencies(), crowd=crowd)
     problem = with_tiers(problem, np.stack(ranks))
     return JointProblem(problem, tuple(pod.uid for pod in pods), tuple(table.names))
 
@@ -136,6 +146,23 @@ def _capacity(cluster: Cache, pods: Sequence[PodInfo]) -> tuple[IntArray, IntArr
     return demand, np.concatenate((left, pods_left[None, :]))
 
 
+def _crowd(core: Scores, pods: Sequence[PodInfo]) -> FloatArray:
+    """What two pods cost each other on a node of average size, by the profile's scores of load: `cost` knows the others nowhere."""
+    table = core.cluster.nodes
+    codes = [table.resources.index[name] for name in ("cpu", "memory")]
+    average = table.resources.allocatable[codes, : table.size][:, table.valid[: table.size]].mean(axis=1)
+    requests = [dict(table.resources.held(pod.requests.exact)) for pod in pods]
+    shares = np.array([[request.get(code, 0) for code in codes] for request in requests]) / np.maximum(average, 1.0)
+    lost = np.zeros((len(pods), len(pods)))
+    for each in core.runner(pods[0].scheduler_name).profile.scores:
+        if isinstance(each.plugin, ScoresLoad) and not each.shadow:
+            points = np.array([each.plugin.points_per_share(pod) for pod in pods])
+            lost += each.weight * (points @ shares.T)
+    np.fill_diagonal(lost, 0.0)
+    found: FloatArray = lost + lost.T
+    return found
+
+
 # --- What binds them -------------------------------------------------------------------------------------------------
 
 
@@ -144,7 +171,8 @@ def _edges(core: Scores, app: App, pods: Sequence[PodInfo]) -> list[Edge]:
     for i, pod in enumerate(pods):
         if pod.member is not None and pod.member.component in app.components:
             of.setdefault(pod.member.component, []).append(i)
-    rules = _Rules(core.runner(pods[0].scheduler_name).profile, held=_held(core.cluster, app, pods[0]))
+    profile = core.runner(pods[0].scheduler_name).profile
+    rules = _Rules(profile, held=_held(core.cluster, app, pods[0]), balance=balances(app))
     found = [
         rules.edge(connection, app, left, right)
         for connection in app.source.spec.edges
@@ -163,9 +191,10 @@ def _held(cluster: Cache, app: App, pod: PodInfo) -> bool:
 class _Rules:
     """What a connection costs, by the plugins of a profile. Of a shadow plugin only the longest round trip counts."""
 
-    def __init__(self, profile: Profile, *, held: bool) -> None:
-        """held: Preferred budgets are required."""
+    def __init__(self, profile: Profile, *, held: bool, balance: bool) -> None:
+        """held: Preferred budgets are required. balance: round trips within them count little."""
         self._held = held
+        self._share = BALANCE_SHARE if balance else 1.0
         limits = [each.plugin for each in profile.filters if isinstance(each.plugin, LimitsConnections)]
         shadows = [each.plugin for each in profile.shadow_filters if isinstance(each.plugin, LimitsConnections)]
         points = [
@@ -188,7 +217,7 @@ class _Rules:
         return Edge(
             left,
             right,
-            per_us=self._weight / max(budget_us, 1.0),
+            per_us=self._share * self._weight / max(budget_us, 1.0),
             budget_us=budget_us,
             hard=required and self._limits,
             penalty=self._weight,

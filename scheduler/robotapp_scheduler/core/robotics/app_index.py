@@ -76,6 +76,11 @@ def budget_for_s(app: App) -> float:
         return parse_us(Reschedule().for_) / 1_000_000
 
 
+def balances(app: App) -> bool:
+    """`placement.objective: Balance`?"""
+    return app.source.spec.placement.objective == "Balance"
+
+
 def tied(component: Component) -> bool:
     """Bound to a robot or device: never refused because of a peer that could go elsewhere."""
     return component.runs_on == ON_BOARD or bool(component.devices)

@@ -23,7 +23,7 @@ from robotapp_scheduler.core.api.ros import (
     SharedVolume,
 )
 from robotapp_scheduler.core.pods.pod_info import Member, PlacedPod, PodInfo
-from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Link, on_one_node, tied
+from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Link, balances, on_one_node, tied
 from robotapp_scheduler.core.robotics.fallback import held_until
 
 NOTHING: Final = RosRequest()
@@ -105,6 +105,7 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
         ),
         apart=_apart(member, app, around),
         volumes=_shared_volumes(pod, shared.claim_names, around),
+        balance=balances(app),
         held_until=until,
     )
 

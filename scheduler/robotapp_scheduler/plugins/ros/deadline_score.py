@@ -6,17 +6,14 @@ from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import ScoreResult
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.plugins.ros.round_trips import nearest_us
-
-NEUTRAL = 50.0
-"""Score where the RTT is unknown."""
+from robotapp_scheduler.plugins.ros.round_trips import margin_points, nearest_us
 
 
 class DeadlineScore:
     """100·max(0, 1 - RTT p95 / deadline) of the worst connection."""
 
     name = "DeadlineScore"
-    reads = ("ros.deadline",)
+    reads = ("ros.deadline", "ros.objective")
     node_reads = ("rtt",)
     row_local = True
     events = Change.NONE
@@ -27,6 +24,6 @@ class DeadlineScore:
             return None
         scores = np.full(nodes.n, 100.0)
         for endpoint in pod.ros.endpoints:
-            margin = 100.0 * (1.0 - nearest_us(nodes, endpoint, percentile=95) / float(pod.ros.deadline_us))
-            scores = np.minimum(scores, np.where(np.isnan(margin), NEUTRAL, np.maximum(margin, 0.0)))
+            margin = 1.0 - nearest_us(nodes, endpoint, percentile=95) / float(pod.ros.deadline_us)
+            scores = np.minimum(scores, margin_points(margin, balance=pod.ros.balance))
         return scores

@@ -9,14 +9,11 @@ from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import MAX_SCORE, ScoreResult, Scores
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.plugins.ros.round_trips import nearest_us
-
-NEUTRAL = 50.0
-"""Score of an unknown RTT, and of ROS pods without a budget."""
+from robotapp_scheduler.plugins.ros.round_trips import NEUTRAL, margin_points, nearest_us
 
 
 class LatencyScoreArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """normalize: Budget measures against the budget, MinMax against the other nodes (the thesis' form)."""
+    """normalize: Budget measures against the budget, MinMax against the other nodes (the thesis' form; not for apps that balance load)."""
 
     normalize: str = "Budget"
 
@@ -25,7 +22,7 @@ class LatencyScore:
     """100·(1 - RTT/budget) of the worst connection, clipped to 0…100, so that one slow node does not flatten the rest."""
 
     name = "LatencyScore"
-    reads = ("ros.endpoints",)
+    reads = ("ros.endpoints", "ros.objective")
     node_reads = ("rtt",)
     events = Change.NONE
     most_points = MAX_SCORE
@@ -46,12 +43,12 @@ class LatencyScore:
         ends = [end for end in pod.ros.endpoints if end.budget_us]
         if not ends:
             return np.full(nodes.n, NEUTRAL)
-        if not self._by_budget:
+        if not self._by_budget and not pod.ros.balance:
             return Scores(_nearness(nodes, ends), "minmax")
         scores = np.full(nodes.n, 100.0)
         for end in ends:
-            margin = 100.0 * (1.0 - nearest_us(nodes, end) / float(end.budget_us or 1))
-            scores = np.minimum(scores, np.where(np.isnan(margin), NEUTRAL, np.clip(margin, 0.0, 100.0)))
+            margin = 1.0 - nearest_us(nodes, end) / float(end.budget_us or 1)
+            scores = np.minimum(scores, margin_points(margin, balance=pod.ros.balance))
         return scores
 
 

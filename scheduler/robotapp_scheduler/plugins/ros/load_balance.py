@@ -41,6 +41,11 @@ class LoadBalanceScore:
         if not self._measured:
             self.score_row = self._score_row
 
+    def points_per_share(self, pod: PodInfo) -> tuple[float, float]:
+        """What the whole cpu and the whole memory of a node are worth, for the joint planner (core.cycle.joint_problem.ScoresLoad)."""
+        cpu, memory, _ = WEIGHTS.get(pod.ros.qos_class if pod.ros is not None else "", DEFAULT)
+        return 100.0 * cpu, 100.0 * memory
+
     def score(self, pod: PodInfo, nodes: Snapshot) -> ScoreResult:
         """0…100 per node; Skip for a pod without ROS fields."""
         if pod.ros is None:

@@ -1,11 +1,16 @@
 """RTT of a pod's connections to every node, shared by the latency plugins."""
 
+from typing import Final
+
 import numpy as np
 
-from robotapp_scheduler.core.api.ros import Endpoint
+from robotapp_scheduler.core.api.ros import BALANCE_SHARE, Endpoint
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.robotics.rtt import ESTIMATED
+
+NEUTRAL: Final = 50.0
+"""Score of an unknown RTT, and of ROS pods without a budget."""
 
 
 def nearest_us(nodes: Snapshot, endpoint: Endpoint, percentile: int | None = None) -> FloatArray:
@@ -19,6 +24,18 @@ def nearest_us(nodes: Snapshot, endpoint: Endpoint, percentile: int | None = Non
     if len(rows) > 1 and lost.any():  # a node of which nothing is known may be in reach
         result = np.where(lost & np.any([np.isnan(row) for row in rows], axis=0), np.nan, result)
     return result
+
+
+def margin_points(margin: FloatArray, *, balance: bool) -> FloatArray:
+    """0…100 for the share of a limit that round trips leave (negative: exceeded, NaN: unknown).
+
+    With `balance` all that keep the limit are worth nearly the same, so that other scores decide between them.
+    """
+    points = np.clip(100.0 * margin, 0.0, 100.0)
+    if balance:
+        points = np.where(margin < 0.0, 0.0, 100.0 - BALANCE_SHARE * (100.0 - points))
+    found: FloatArray = np.where(np.isnan(margin), NEUTRAL, points)
+    return found
 
 
 def estimated(nodes: Snapshot, endpoint: Endpoint, rtt_us: FloatArray) -> BoolArray:

@@ -90,8 +90,8 @@ def test_the_operators_checks_wait_until_the_spec_is_complete() -> None:
 
 
 def test_what_has_no_effect_yet_is_a_warning() -> None:
-    (note,) = found(app(placement={"objective": "Balance"}))
-    assert (note.severity, note.path) == (Severity.WARNING, "spec.placement.objective")
+    (note,) = found(app(ros2={"transport": "SHM"}))
+    assert (note.severity, note.path) == (Severity.WARNING, "spec.ros2.transport")
     assert "has no effect yet" in note.message
 
 

@@ -300,10 +300,10 @@ def test_a_refused_app_is_observed_all_the_same_and_an_unreadable_one_is_not(wor
 
 
 def test_what_has_no_effect_yet_is_noted(world: World) -> None:
-    world.app(placement={"objective": "Balance"})
+    world.app(ros2={"transport": "SHM"})
     facts = world.observer.app(world.cache.apps[UID], now=NOW)
     assert facts is not None
-    assert any("spec.placement.objective" in note for note in facts.notes)
+    assert any("spec.ros2.transport" in note for note in facts.notes)
 
 
 def test_everything_is_computed_anew_once_in_a_while(world: World) -> None:

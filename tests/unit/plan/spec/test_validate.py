@@ -362,7 +362,6 @@ def test_fields_without_effect_are_told_and_do_not_refuse_the_app() -> None:
     )
     assert problems_of(app, {}) == ()
     assert [note.partition(": ")[0] for note in notes_of(app)] == [
-        "spec.placement.objective",
         "spec.placement.fallback",
         "spec.ros2.transport",
         "spec.edges[0].bandwidth",
@@ -382,3 +381,7 @@ def test_a_fallback_is_noted_where_no_budget_is_preferred_and_where_another_sche
     )
     (note,) = notes_of(make_app(edges=[preferred], placement=waits, schedulerName="default-scheduler"))
     assert note.startswith("spec.placement.fallback: has no effect with scheduler default-scheduler")
+    balanced = {"placement": {"objective": "Balance"}}
+    assert notes_of(make_app(**balanced)) == ()
+    (note,) = notes_of(make_app(**balanced, schedulerName="default-scheduler"))
+    assert note.startswith("spec.placement.objective: Balance has no effect with scheduler default-scheduler")
