@@ -98,7 +98,7 @@ def test_an_app_that_would_rather_wait_is_placed_when_its_budget_can_be_met(
     waits = {"steps": ["Wait"], "after": "1s"}
     user.apply("patient", *parts, robots=ON_ROBOT, edges=[WISH], placement={"fallback": waits})
     placed = user.wait("patient", "Placed", "False", reason="Unschedulable")
-    assert "best is 42ms (measured) on edge-1; the pod waits until it does" in placed["message"]
+    assert "best is 42ms (measured) on edge-1; the pod waits until that is met" in placed["message"]
     network.set_rtt("edge-2", ROBOT, 8.0)
     try:
         user.wait("patient", "Placed", "True", reason="Placed")

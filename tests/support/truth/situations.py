@@ -239,6 +239,7 @@ SITUATIONS: Mapping[str, Situation] = {
     "on an edge server": running(parts=({"name": "talk", "runsOn": ["Edge"]}, {"name": "hear"})),
     "in the cloud, else on an edge server": running(parts=({"name": "talk", "runsOn": ["Cloud", "Edge"]},)),
     "an edge server is wanted, all are cordoned, so on board": running(
+        says=WELL | {"Placed": "True/FallbackUsed"},
         parts=({"name": "talk", "runsOn": ["Edge", "Robot"]},),
         spec=lambda place: {"robots": robot(place)},
         around=lambda place: cordoned(place, *place.edges),
@@ -265,6 +266,15 @@ SITUATIONS: Mapping[str, Situation] = {
         phase="Placing",
         parts=({"name": "talk", "runsOn": ["Cloud"]}, {"name": "hear", "runsOn": ["Robot"]}),
         spec=lambda place: {"robots": robot(place), "edges": edge("5ms")},
+    ),
+    "a preferred budget that no place meets, given up after a second": running(
+        says=WELL | {"Placed": "True/FallbackUsed", "BudgetMet": "False/BudgetExceeded"},
+        parts=ON_BOARD,
+        spec=lambda place: {
+            "robots": robot(place),
+            "edges": edge("1ms", enforce="Preferred"),
+            "placement": {"fallback": {"after": "1s"}},
+        },
     ),
     "a link that became too slow": running(
         says=WELL | {"BudgetMet": "False/BudgetExceeded"},

@@ -15,18 +15,16 @@ from robotapp_api.values.given_up import GivenUp, GivenUpEdge, time_text
 from robotapp_scheduler.core.api.ros import Endpoint
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.tiers import tier_ranks
-from robotapp_scheduler.core.nodes.columns import IntArray
+from robotapp_scheduler.core.nodes.columns import FloatArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
 from robotapp_scheduler.core.robotics.app_index import Link
 from robotapp_scheduler.core.robotics.edge_times import peer_nodes
 from robotapp_scheduler.core.robotics.fallback import LATEST
-from robotapp_scheduler.core.robotics.rtt import SOURCE_NAMES
+from robotapp_scheduler.core.robotics.rtt import SOURCE_NAMES, RttRow
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.filter_results import HOLE
 
 MOST_NAMED: Final = 3
-Time = tuple[float, str, str]
-"""Microseconds, "measured" or "estimated", and the node at the other end."""
 
 
 # --- Of a pod that is placed -----------------------------------------------------------------------------------------
@@ -58,7 +56,7 @@ def _exceeded(cluster: Cache, member: Member, link: Link, node: str) -> Iterator
     """The connection if it is over its Preferred budget: to the nearest of a robot's nodes, or to the farthest replica."""
     if link.required or link.budget_us is None or link.peer == member.component:
         return
-    times: list[Time] = []
+    times: list[tuple[float, str, str]] = []
     for peer in peer_nodes(link, member, cluster):
         us, source = cluster.rtt.between(peer, node, link.percentile) if peer else (None, "")
         if us is not None:
@@ -82,22 +80,28 @@ def held_text(cluster: Cache, pod: PodInfo, evaluation: Evaluation, limiting: Co
     if ros is None or ros.held_until is None or not held:
         return ""
     rows = _rows_of_others(evaluation, limiting)
-    best = [(end, _best(cluster, end, rows)) for end in held] if len(rows) else []
-    missed = [(end, time) for end, time in best if time is not None and time[0] > (end.budget_us or 0)]
-    if not best or (not missed and len(held) == 1):
+    times = [_times(cluster, end, rows) for end in held]
+    late = [found > (end.budget_us or 0) for end, found in zip(held, times, strict=True)]  # an unknown time is not
+    if not len(rows) or not np.any(late, axis=0).all():
         return ""  # it is not for these budgets that it waits
-    found = missed or [(end, time) for end, time in best if time is not None]
-    texts = [_needs(end, time) for end, time in found[:MOST_NAMED]] + (["…"] if len(found) > MOST_NAMED else [])
+    missed = [i for i, where in enumerate(late) if where.all()]
+    named = missed or [i for i, where in enumerate(late) if where.any()]
+    texts = [_needs(cluster, held[i], times[i], rows) for i in named[:MOST_NAMED]]
+    texts += ["…"] if len(named) > MOST_NAMED else []
     together = "" if missed else "no node meets all Preferred budgets: "
     if ros.held_until == LATEST:
-        until = "the pod waits until it does (placement.fallback)"
+        until = "the pod waits until that is met (placement.fallback)"
     else:
         until = f"from {ros.held_until.strftime('%H:%M:%SZ')} on it is placed without (placement.fallback)"
     return f"{together}{'; '.join(texts)}; {until}."
 
 
-def _needs(end: Endpoint, time: Time) -> str:
-    us, source, node = time
+def _needs(cluster: Cache, end: Endpoint, times: FloatArray, rows: IntArray) -> str:
+    """A budget and the best time there is, with its node."""
+    at = int(rows[int(np.nanargmin(times))])
+    node, us = cluster.nodes.names[at], float(np.nanmin(times))
+    sources = [found.source[at] for found in _from(cluster, end) if found.rtt_us[at] == us]
+    source = SOURCE_NAMES[int(max(sources))]
     return f"{end.what} prefers {format_us(end.budget_us or 0)}, best is {time_text(us)} ({source}) on {node}"
 
 
@@ -111,13 +115,11 @@ def _rows_of_others(evaluation: Evaluation, limiting: Collection[str]) -> IntArr
     return positions if evaluation.rows is None else evaluation.rows[positions]
 
 
-def _best(cluster: Cache, end: Endpoint, rows: IntArray) -> Time | None:
-    """The shortest known time of a connection over these rows, with the candidate's node; None when none is known."""
-    found: list[Time] = []
-    for peer in end.nodes:
-        row = cluster.rtt.from_node(peer, end.percentile)
-        times = row.rtt_us[rows]
-        if not np.isnan(times).all():
-            at = int(rows[int(np.nanargmin(times))])
-            found.append((float(row.rtt_us[at]), SOURCE_NAMES[int(row.source[at])], cluster.nodes.names[at]))
-    return min(found, default=None)
+def _from(cluster: Cache, end: Endpoint) -> list[RttRow]:
+    return [cluster.rtt.from_node(peer, end.percentile) for peer in end.nodes]
+
+
+def _times(cluster: Cache, end: Endpoint, rows: IntArray) -> FloatArray:
+    """The time of a connection over these rows, from the nearest of its nodes; NaN where it is not known."""
+    found: FloatArray = np.fmin.reduce([each.rtt_us[rows] for each in _from(cluster, end)])
+    return found

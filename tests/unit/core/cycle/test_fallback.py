@@ -1,5 +1,6 @@
 """`placement.fallback`: Preferred budgets are required until the app has waited for `after`, and what was given up is told."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
@@ -82,12 +83,41 @@ def test_the_app_is_placed_as_soon_as_the_budget_can_be_met() -> None:
     assert places(decide(core)) == {"driver": ROBOT, "planner": "e1"}
 
 
+def two_robots_apart(budgets: Sequence[str], enforce: str = "Preferred") -> str:
+    """What a planner says whose server is near one of two robots' nodes and far from the other, each the other way round."""
+    nodes = [make_node("a"), make_node("b"), tier_node("e1", "edge"), tier_node("e2", "edge")]
+    core, day, _ = core_of(nodes, {"a": {"e1": 5, "e2": 40}, "b": {"e1": 40, "e2": 5}})
+    names = ("left", "right", "planner")
+    edges = [prefer("planner", name, budget) for name, budget in zip(names, budgets, strict=False)]
+    edges += [prefer("right", "planner", "1ms", "Required")] if enforce == "Required" else []
+    give_app(core, *({"name": name} for name in names), edges=edges, fallback=RELAX, gang="None")
+    for name, host in zip(names, "ab", strict=False):
+        give_pod(core, day, name, nodeSelector={"kubernetes.io/hostname": host})
+    give_pod(core, day, "planner", nodeSelector={"robotics.io/tier": "edge"})
+    return decide(core)["planner"].message
+
+
+def test_budgets_that_can_be_met_one_by_one_only_are_all_named() -> None:
+    text = two_robots_apart(["30ms", "20ms"])
+    assert (
+        "no node meets all Preferred budgets: /planner to left prefers 30ms, best is 5ms (measured) on e1; "
+        "/planner to right prefers 20ms, best is 5ms (measured) on e2; from 03:04:15Z on" in text
+    ), text
+    assert "right prefers 4ms, best is 5ms (measured) on e2; from" in two_robots_apart(["50ms", "4ms"])
+
+
+def test_a_pod_that_waits_for_a_required_budget_says_nothing_of_preferred_ones() -> None:
+    text = two_robots_apart(["50ms"], "Required")
+    assert "exceeded the latency budget" in text
+    assert "prefers" not in text
+
+
 @pytest.mark.parametrize("steps", [["Wait"], []])
 def test_without_the_step_that_relaxes_it_waits_for_ever(steps: list[str]) -> None:
     core, day, clock = field()
     start(core, day, {"steps": steps, "after": "10s"})
     assert (
-        "best is 42ms (measured) on e1; the pod waits until it does (placement.fallback)."
+        "best is 42ms (measured) on e1; the pod waits until that is met (placement.fallback)."
         in decide(core)["planner"].message
     )
     later(core, day, clock, 100_000)
