@@ -247,7 +247,11 @@ def test_without_the_plugin_that_claims_them_no_devices_are_chosen() -> None:
     ("plugins", "missing"),
     [
         ({"reserve": PluginSet(disabled=(PluginRef("*"),))}, "ROSReserve at reserve"),
-        ({"multiPoint": PluginSet(disabled=(PluginRef("ROSReserve"),))}, "ROSReserve at reserve"),
+        (
+            {"multiPoint": PluginSet(disabled=(PluginRef("ROSReserve"),))},
+            "ROSReserve at reserve and ROSReserve at postBind",
+        ),
+        ({"postBind": PluginSet(disabled=(PluginRef("*"),))}, "ROSReserve at postBind"),
         ({"multiPoint": PluginSet(enabled=(PluginRef("DefaultBinder"),))}, "ROSBind at bind"),
         (
             {

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import logging
 import os
+import re
 import signal
 import sys
 import time
@@ -38,6 +39,11 @@ def turn(until_s: float = LONG_S) -> None:
     began_s = time.monotonic()
     while time.monotonic() - began_s < until_s:
         pass
+
+
+def without_times(text: str) -> str:
+    """How long the watchdog waited is the machine's affair: a busy one wakes it late."""
+    return re.sub(r"\b\d+(\.\d+)? s\b", "… s", text)
 
 
 class Loops:
@@ -87,9 +93,11 @@ async def test_a_filter_without_end_is_broken_off_and_its_pod_told_with_the_name
         decision = core.schedule_one(make_info("bad", labels={"loops": "yes"}))
         assert time.monotonic() - began_s < LONG_S / 2
     assert (decision.placed, decision.reason) == (False, PodReason.SCHEDULER_ERROR)
-    assert decision.message == "plugin Loops: filter did not answer within 0.1 s and was broken off"
+    assert without_times(decision.message) == "plugin Loops: filter did not answer within … s and was broken off"
     (told,) = [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
-    assert told.startswith("filter of plugin Loops has not answered for 0.1 s about pod default/bad: it is broken off")
+    assert without_times(told).startswith(
+        "filter of plugin Loops has not answered for … s about pod default/bad: it is broken off"
+    )
     assert "in turn" in told
     assert core.schedule_one(make_info("good")).placed
 
@@ -135,7 +143,8 @@ async def test_a_hook_on_the_way_to_the_node_is_broken_off_too() -> None:
     ):
         refused = await steps.run("n1")
     assert refused is not None
-    assert refused.message == 'running Reserve plugin "Loops": Overdue: did not answer within 0.1 s and was broken off'
+    text = 'running Reserve plugin "Loops": Overdue: did not answer within … s and was broken off'
+    assert without_times(refused.message) == text
 
 
 async def test_an_async_hook_that_holds_the_loop_after_an_await_is_broken_off_too() -> None:
