@@ -167,7 +167,8 @@ async def test_an_async_hook_that_holds_the_loop_after_an_await_is_broken_off_to
     ):
         refused = await steps.run("n1")
     assert refused is not None
-    assert refused.message == 'running Reserve plugin "Awaits": Overdue: did not answer within 0.1 s and was broken off'
+    text = 'running Reserve plugin "Awaits": Overdue: did not answer within … s and was broken off'
+    assert without_times(refused.message) == text
     assert running_call() is None
 
 
@@ -223,7 +224,9 @@ async def test_what_holds_the_loop_without_a_plugin_is_told_once_and_goes_on(cap
     async with watched(deciding=lambda: make_info("p")):
         turn(0.4)
     (told,) = [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
-    assert told.startswith("nothing was decided for 0.1 s with pod default/p: the event loop is held here\n")
+    assert without_times(told).startswith(
+        "nothing was decided for … s with pod default/p: the event loop is held here\n"
+    )
     assert "turn(0.4)" in told
 
 
