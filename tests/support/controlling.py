@@ -33,6 +33,7 @@ class Worker:
         self.answer: Any = True
         self.forget: Callable[[str], None] = lambda _: None
         self.effect: Callable[[], None] = lambda: None
+        self.awaits_s: Callable[[str, str], float] = lambda *_: 0.0
 
     async def work(self, *args: Any) -> Any:
         self.calls.append(args)

@@ -56,7 +56,13 @@ class Queue:
         self._hurried: set[Key] = set()
         """Keys for which `hurry` or `end_back_off` was called while they were being worked on."""
         self._failures: dict[Key, int] = {}
-        self._changed = asyncio.Event()
+        self._waiting: dict[bool, deque[asyncio.Future[None]]] = {False: deque(), True: deque()}
+        """Workers that wait for a key of the foreground and (True) of the background, longest first."""
+        self._woken = {False: 0, True: 0}
+        """How many of them were woken and have not looked for a key yet."""
+        self._alarm: asyncio.TimerHandle | None = None
+        self._alarm_s = float("inf")
+        """Wakes workers when the earliest delayed key is due; at that second by `clock`."""
         self._closed = False
         self.adds = 0
         self.retries = 0
@@ -96,7 +102,7 @@ class Queue:
             self._due[key] = due
             self._sequence += 1
             heapq.heappush(self._heap, (due, self._sequence, key))
-            self._changed.set()
+            self._wake()
 
     def hurry(self, key: Key) -> None:
         """Make `key` due now because of an event that it did not cause, so that a retry may work. Ends its back-off, also that
@@ -176,7 +182,7 @@ class Queue:
     def close(self) -> None:
         """Let every waiting `get` return None."""
         self._closed = True
-        self._changed.set()
+        self._wake()
 
     async def get(self, *, background: bool = False) -> tuple[Key, float] | None:
         """Wait for a due key; None once the queue is closed."""
@@ -184,13 +190,46 @@ class Queue:
             item = self.pop(background=background)
             if item is not None:
                 return item
-            self._changed.clear()
+            turn: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+            self._waiting[background].append(turn)
+            self._wake()
             try:
-                async with asyncio.timeout(self.next_due_s()):
-                    await self._changed.wait()
-            except TimeoutError:
-                continue
+                await turn
+            except asyncio.CancelledError:
+                self._woken[background] -= not turn.cancelled()
+                self._wake()  # the key that this worker was woken for is another one's now
+                raise
+            self._woken[background] -= 1
         return None
+
+    def _wake(self) -> None:
+        """Wake as many workers as there are due keys of their kind, and look again when the next key is due.
+
+        Every change of the queue comes by here: if it woke all workers, most of them would find nothing to do.
+        """
+        if not any(self._waiting.values()):
+            return
+        self._promote()
+        for background, waiting in self._waiting.items():
+            while waiting and (self._closed or self._lacks_a_worker(background)):
+                turn = waiting.popleft()
+                if not turn.done():
+                    turn.set_result(None)
+                    self._woken[background] += 1
+        later_s = self.next_due_s()
+        if later_s is not None and self._clock() + later_s < self._alarm_s:
+            if self._alarm is not None:
+                self._alarm.cancel()
+            self._alarm_s = self._clock() + later_s
+            self._alarm = asyncio.get_running_loop().call_later(later_s, self._on_alarm)
+
+    def _lacks_a_worker(self, background: bool) -> bool:
+        """Whether more keys are due than workers were woken for."""
+        return sum(map(len, self._ready[background].values())) > self._woken[background]
+
+    def _on_alarm(self) -> None:
+        self._alarm, self._alarm_s = None, float("inf")
+        self._wake()
 
     def _promote(self) -> None:
         now = self._clock()

@@ -20,7 +20,7 @@ from robotapp_operator.plan.diff.diff import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.diff.unowned import unowned_pointers
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.spec.objects import Deployment, Meta
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Meta, version_number
 from robotapp_operator.plan.status.components import over_quota
 from robotapp_operator.queue.work import StartOver
 
@@ -31,8 +31,9 @@ RESOURCES: Final[Mapping[str, Resource]] = {DEPLOYMENT: DEPLOYMENTS, SERVICE: SE
 
 @dataclasses.dataclass(slots=True)
 class Written:
-    """The result of a run: objects as stored now, and refusals that the user must resolve."""
+    """The result of a run: objects as stored now (`versions`: uid and version), and refusals that the user must resolve."""
 
+    versions: dict[ChildRef, tuple[str, int]] = dataclasses.field(default_factory=dict)
     settled: dict[str, tuple[int, str]] = dataclasses.field(default_factory=dict)
     refusals: list[tuple[Reason, str]] = dataclasses.field(default_factory=list)
     count: int = 0
@@ -57,6 +58,7 @@ async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[st
             raise StartOver(str(race)) from race
         meta = result["metadata"]
         done.settled[meta["uid"]] = (meta.get("generation", 0), change.child.hash)
+        done.versions[change.child.ref] = (meta["uid"], version_number(meta["resourceVersion"]))
         done.count += 1
     return done
 

@@ -34,6 +34,8 @@ YIELD_S: Final = 0.05
 """Pause before each background key while foreground keys wait for a worker."""
 FIRST_OBJECT_S: Final = 1.0
 """RobotAppInstances of a new app are created after its Deployments."""
+INSTANCE_REST_S: Final = 0.5
+"""Rest of an instance's key: its pods and Deployments change in bursts, of which one look sees the end."""
 STATUS_REST_S: Final = 0.2
 """Rest of an app's status key: five times per second at most, and less often the more instances the app has."""
 STATUS_REST_PER_INSTANCE_S: Final = 0.001
@@ -248,8 +250,11 @@ class Controller:
     async def _instance_children(self, key: Key) -> float | None:
         before = self._shown_results(key)
         done = await self._children.reconcile(key.group, key.instance)
-        if key.group in self._cache.apps and self._shown_results(key) != before:
-            enqueue_status(self._queue, key.group, key.instance)
+        if key.group in self._cache.apps:
+            if self._shown_results(key) != before:
+                enqueue_status(self._queue, key.group, key.instance)
+            if awaits_s := self._children.awaits_s(key.group, key.instance):
+                self._queue.add(key, delay_s=awaits_s)
         return 0.0 if done else None
 
     def _shown_results(self, key: Key) -> tuple[object, ...]:
@@ -267,7 +272,7 @@ class Controller:
         again_s = await self._objects.publish(key.group, key.instance)
         if again_s is not None:
             self._queue.add(key, delay_s=again_s)
-        return 0.0
+        return INSTANCE_REST_S
 
     async def _moves(self, key: Key) -> float:
         again_s = await self._mover.look(key.group, key.instance)

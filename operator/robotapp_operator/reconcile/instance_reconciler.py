@@ -6,7 +6,7 @@ carries the Deployment's resourceVersion as it was before the claims were listed
 
 import logging
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import msgspec
@@ -34,11 +34,11 @@ from robotapp_operator.plan.render.child import Child
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.instances import allowed_robots
-from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Service
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Service, version_number
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.apply_plan import execute, stop
-from robotapp_operator.reconcile.reconcile_state import ReconcileState
+from robotapp_operator.reconcile.reconcile_state import ReconcileState, Unseen
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config_maps import ParamsWatch
 from robotapp_operator.watch.lister import cached_domain, needs_domain, problems_now, wanted_instances
@@ -47,26 +47,36 @@ log = logging.getLogger(__name__)
 
 TURNS: Final = 4
 """Start over this often at once; then the queue backs off."""
+AWAIT_S: Final = 15.0
+"""How long the watch may take to show what was written, before the instance is read anew."""
 
 
 class Children:
-    """Reconciles instances. `version` is the operator's, written on everything it renders."""
+    """Reconciles instances. `version` is the operator's, written on everything it renders. `clock` is monotonic."""
 
     def __init__(
-        self, client: ApiClient, cache: Cache, memory: ReconcileState, params: ParamsWatch, *, version: str
+        self,
+        client: ApiClient,
+        cache: Cache,
+        memory: ReconcileState,
+        params: ParamsWatch,
+        *,
+        version: str,
+        clock: Callable[[], float],
     ) -> None:
         self._client = client
         self._cache = cache
         self._memory = memory
         self._params = params
         self._version = version
+        self._clock = clock
 
     async def reconcile(self, uid: str, robot: str) -> bool:
         """Bring one instance's children in place. True when all is written; raises StartOver when others keep writing."""
         record = self._cache.apps.get(uid)
         if record is not None and record.app is not None:
             await self._read_params(record.app)
-        if self._settled(uid, robot) or self._waits_for_its_pool(uid, robot):
+        if self.awaits_s(uid, robot) or self._settled(uid, robot) or self._waits_for_its_pool(uid, robot):
             return True
         for turn in range(TURNS):
             try:
@@ -76,6 +86,31 @@ class Children:
                 if turn == TURNS - 1:
                     raise
         raise AssertionError("the last turn returns or raises")
+
+    def awaits_s(self, uid: str, robot: str) -> float:
+        """Seconds for which the caches are not judged, because the watch has not shown all of our last writes; else 0.
+
+        The events of these writes come one by one, and each adds the instance's key: to the first ones the later objects seem
+        to be missing, and everything would be read and the claim written once per object.
+        """
+        record, memory = self._cache.apps.get(uid), self._memory.of(uid)
+        unseen = memory.unseen.get(robot)
+        if unseen is None:
+            return 0.0
+        left_s = unseen.until_s - self._clock()
+        changed = record is None or record.deleting or record.generation != unseen.generation
+        if changed or left_s <= 0 or self._all_seen(uid, robot, unseen):
+            del memory.unseen[robot]
+            return 0.0
+        return left_s
+
+    def _all_seen(self, uid: str, robot: str, unseen: Unseen) -> bool:
+        observed = self._cache.children(uid, robot)
+        return all(
+            (item := observed.get(ref)) is not None
+            and (item.metadata.uid != written or version_number(item.metadata.resource_version) >= version)
+            for ref, (written, version) in unseen.versions.items()
+        )
 
     def forget(self, uid: str) -> None:
         """The app is gone: whatever is kept for its next run is not needed any more."""
@@ -213,6 +248,8 @@ class Children:
             memory.troubles[robot] = (Reason.FAILED_CREATE, text)
         written = await execute(self._client, app, what, fences=fences, version=self._version)
         memory.settled.update(written.settled)
+        if written.versions:
+            memory.unseen[robot] = Unseen(app.generation, self._clock() + AWAIT_S, written.versions)
         if written.refusals:
             memory.troubles[robot] = written.refusals[0]
         return not written.refusals and not what.foreign

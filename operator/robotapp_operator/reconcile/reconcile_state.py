@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections import defaultdict
+from collections.abc import Mapping
 from typing import Any
 
 from robotapp_api.claims.domain import DomainOutcome
@@ -9,6 +10,7 @@ from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.rescheduling import Move
+from robotapp_operator.plan.spec.objects import ChildRef
 from robotapp_operator.plan.spec.validate import Problem
 from robotapp_operator.plan.status.budget_times import BudgetTimes
 from robotapp_operator.plan.status.facts import InstanceFacts
@@ -55,13 +57,24 @@ class InstanceMemory:
         self.version = version
 
 
+@dataclasses.dataclass(frozen=True, slots=True)
+class Unseen:
+    """Children of one instance that were written for this generation of the app: uid and version of each, and until when
+    (monotonic) the watch is expected to show them.
+    """
+
+    generation: int
+    until_s: float
+    versions: Mapping[ChildRef, tuple[str, int]]
+
+
 @dataclasses.dataclass(slots=True)
 class AppMemory:
     """What the operator remembers of one app. Tables are by instance name where nothing else is named.
 
     `outcomes`: the last answer to a request for a domain, granted or refused. `troubles`: what the server refused. `held`:
     the templates that are not written although they differ. `settled`: by a Deployment's uid, its generation and the hash it was found
-    with. `new_domains`: ids granted since the last status. `bugs`: per kind of work and instance. `chosen`: which instances
+    with. `unseen`: what was written last and may not be in the caches yet. `new_domains`: ids granted since the last status. `bugs`: per kind of work and instance. `chosen`: which instances
     and which problems the app had when it was last planned. `shown` and `rest`: the latency figures that its own status is
     about. `bucket`: when that status may be written. `reported`: what its last status was made of.
     `rendered`: this process has rendered a status of the app.
@@ -71,6 +84,7 @@ class AppMemory:
     troubles: dict[str, Trouble] = dataclasses.field(default_factory=dict)
     held: dict[str, tuple[Held, ...]] = dataclasses.field(default_factory=dict)
     settled: dict[str, tuple[int, str]] = dataclasses.field(default_factory=dict)
+    unseen: dict[str, Unseen] = dataclasses.field(default_factory=dict)
     new_domains: dict[str, int] = dataclasses.field(default_factory=dict)
     instances: dict[str, InstanceMemory] = dataclasses.field(default_factory=dict)
     bugs: dict[tuple[str, str], str] = dataclasses.field(default_factory=dict)
@@ -127,6 +141,7 @@ class ReconcileState:
             memory.outcomes,
             memory.troubles,
             memory.held,
+            memory.unseen,
             memory.new_domains,
             memory.instances,
             memory.shown,

@@ -282,6 +282,41 @@ async def test_every_waiting_worker_gets_work() -> None:
     assert {item[0].instance for item in found if item} == set("abc")
 
 
+async def test_a_key_wakes_one_worker_and_lets_the_others_sleep() -> None:
+    queue = Queue(clock=asyncio.get_running_loop().time, jitter=lambda: 0.0)
+    pops = 0
+    original = queue.pop
+
+    def counted(*, background: bool = False) -> tuple[Key, float] | None:
+        nonlocal pops
+        pops += 1
+        return original(background=background)
+
+    queue.pop = counted  # type: ignore[method-assign]
+    workers = [asyncio.create_task(queue.get()) for _ in range(8)]
+    await asyncio.sleep(0)
+    before = pops
+    queue.add(key("a"))
+    queue.add(key("late"), delay_s=0.01)
+    done, _ = await asyncio.wait(workers, return_when=asyncio.FIRST_COMPLETED)
+    assert (len(done), pops - before) == (1, 1)
+    await asyncio.sleep(0.05)
+    assert (sum(worker.done() for worker in workers), pops - before) == (2, 2)
+    queue.close()
+    await asyncio.wait_for(asyncio.gather(*workers), 5)
+
+
+async def test_the_key_of_a_worker_that_was_cancelled_goes_to_another() -> None:
+    queue = Queue(clock=asyncio.get_running_loop().time, jitter=lambda: 0.0)
+    first, second = asyncio.create_task(queue.get()), asyncio.create_task(queue.get())
+    await asyncio.sleep(0)
+    queue.add(key("a"))
+    first.cancel()
+    item = await asyncio.wait_for(second, 5)
+    assert item is not None
+    assert item[0] == key("a")
+
+
 STEPS = st.lists(
     st.one_of(
         st.tuples(st.sampled_from(["add", "hurry"]), st.sampled_from("abcdef"), st.sampled_from([0.0, 0.5, 3.0])),

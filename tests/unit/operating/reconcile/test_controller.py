@@ -56,6 +56,15 @@ async def test_objects_of_instances_that_are_gone_are_visited_too(world: World) 
     assert world.due(ORPHAN_S) == {Key(Work.INSTANCE, "uid-1", "gone")}
 
 
+async def test_children_whose_writes_are_not_seen_yet_are_looked_at_when_that_has_taken_too_long(world: World) -> None:
+    key = Key(Work.CHILDREN, "uid-1", "a")
+    world.cache.update_app(app_body())
+    world.children.awaits_s = lambda *_: 5.0
+    await world.handle(key)
+    assert key not in world.due(4.9)
+    assert key in world.due(0.2)
+
+
 async def test_an_object_is_looked_at_again_when_that_is_asked_for(world: World) -> None:
     key = Key(Work.INSTANCE, "uid-1", "a")
     world.cache.update_app(app_body())

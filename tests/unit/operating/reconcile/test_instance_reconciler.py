@@ -2,6 +2,7 @@
 
 import asyncio
 import hashlib
+import itertools
 from collections.abc import AsyncIterator
 from typing import Any
 
@@ -12,6 +13,7 @@ from tests.support.clients import client_for, configmap
 from tests.support.factories import app_body, make_node
 from tests.support.factories import robots as robot_nodes
 
+from robotapp_api.claims.objects import Claim
 from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.api.resources import (
     CONFIGMAPS,
@@ -27,6 +29,7 @@ from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, Service
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.queue.workqueue import Queue
+from robotapp_operator.reconcile import instance_reconciler
 from robotapp_operator.reconcile.instance_reconciler import Children
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
@@ -38,7 +41,9 @@ MULTICAST = {"ros2": {"discovery": {"mode": "Multicast"}}}
 
 
 class World:
-    """A server, its client and one operator's memory. No informers: caches hold only what a test puts there."""
+    """A server, its client and one operator's memory. No informers: caches hold only what a test puts there, and each look
+    at the clock is later than any watch would be, so that nothing is waited for; unless `now_s` stops it.
+    """
 
     def __init__(self, api: FakeApiServer, client: ApiClient) -> None:
         self.api = api
@@ -47,7 +52,11 @@ class World:
         self.memory = ReconcileState()
         queue = Queue(clock=lambda: 0.0, jitter=lambda: 0.0)
         self.params = ParamsWatch(client, self.cache, queue)
-        self.children = Children(client, self.cache, self.memory, self.params, version=VERSION)
+        self.now_s: float | None = None
+        self._ticks = itertools.count(step=60.0)
+        self.children = Children(
+            client, self.cache, self.memory, self.params, version=VERSION, clock=lambda: self.now_s or next(self._ticks)
+        )
 
     async def pool(self, ids: str = "1-101") -> None:
         await self.client.create(
@@ -111,6 +120,52 @@ async def test_a_second_run_writes_nothing(world: World) -> None:
     before = world.writes()
     assert await world.children.reconcile(uid, "")
     assert world.writes() == before
+
+
+async def test_what_was_written_is_awaited_before_anything_is_read_again(world: World) -> None:
+    """The events of our own writes come one by one, and each adds the key."""
+    await world.pool()
+    uid = await world.app()
+    world.now_s = 100.0
+    await world.children.reconcile(uid, "")
+    before = len(world.api.requests)
+    for item in (await world.client.list(DEPLOYMENTS, as_type=Deployment)).items:
+        assert world.children.awaits_s(uid, "") == instance_reconciler.AWAIT_S
+        assert await world.children.reconcile(uid, "")
+        world.cache.deployments.put(uid, item.metadata.name, item)
+    await world.mirror()
+    claim = (await world.client.list(ROBOTCLAIMS, as_type=Claim)).items[0]
+    world.cache.claims.put(uid, claim.name, claim)
+    assert await world.children.reconcile(uid, "")
+    assert world.children.awaits_s(uid, "") == 0
+    reads = [path for method, path in world.api.requests[before:] if method == "GET"]
+    assert not any("labelSelector" in path and "instance" in path for path in reads)
+
+
+async def test_an_edit_does_not_wait_for_the_events_of_the_last_write(world: World) -> None:
+    await world.pool()
+    uid = await world.app()
+    world.now_s = 100.0
+    await world.children.reconcile(uid, "")
+    await world.edit("teleop", suspend=True)
+    await world.children.reconcile(uid, "")
+    assert {item["spec"]["replicas"] for item in await world.deployments()} == {0}
+
+
+async def test_events_that_never_come_are_awaited_for_seconds_only(world: World) -> None:
+    """A Deployment that is deleted between its creation and its event is written again."""
+    await world.pool()
+    uid = await world.app()
+    world.now_s = 100.0
+    await world.children.reconcile(uid, "")
+    (first, *_) = await world.deployments()
+    await world.client.delete(DEPLOYMENTS, first["metadata"]["name"], namespace="default")
+    world.now_s += instance_reconciler.AWAIT_S - 0.1
+    await world.children.reconcile(uid, "")
+    assert len(await world.deployments()) == 1
+    world.now_s += 0.1
+    await world.children.reconcile(uid, "")
+    assert len(await world.deployments()) == 2
 
 
 async def test_an_app_that_is_gone_is_forgotten_and_nothing_is_written(world: World) -> None:
