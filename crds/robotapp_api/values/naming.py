@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+from functools import lru_cache
 from typing import Final
 
 MAX_NAME: Final = 63
@@ -20,6 +21,7 @@ def sanitise(text: str) -> str:
     return label if label[:1].isalpha() else f"ra-{label}".rstrip("-")
 
 
+@lru_cache(maxsize=16_384)
 def child_name(app: str, robot: str = "", component: str = "") -> str:
     """Name of the child of one instance (`robot` is "" without robots) and component ("" for the instance's own children).
 

@@ -44,6 +44,7 @@ class Metrics:
         self._worked = Histogram(
             "workqueue_work_duration_seconds", "Duration of work on a key", ["name"], registry=self.registry
         )
+        self._series: dict[str, tuple[Histogram, Gauge, Histogram, Histogram]] = {}
 
     def watch(self, queue: Queue, cache: Cache, client: ApiClient) -> None:
         """Read gauges from their owners at scrape time."""
@@ -63,8 +64,9 @@ class Metrics:
         """Times one reconciliation; call the yielded function with its result."""
         name = f"{CONTROLLER}-{work}"
         started = time.perf_counter()
-        self._waited.labels(name).observe(late_s)
-        self._active.labels(name).inc()
+        waited, active, took, worked = self._of_work(name)
+        waited.observe(late_s)
+        active.inc()
 
         def result(outcome: str) -> None:
             self._total.labels(name, outcome).inc()
@@ -74,10 +76,18 @@ class Metrics:
         try:
             yield result
         finally:
-            self._active.labels(name).dec()
+            active.dec()
             elapsed = time.perf_counter() - started
-            self._time.labels(name).observe(elapsed)
-            self._worked.labels(name).observe(elapsed)
+            took.observe(elapsed)
+            worked.observe(elapsed)
+
+    def _of_work(self, name: str) -> tuple[Histogram, Gauge, Histogram, Histogram]:
+        """The series of one kind of work: looking one up costs more than adding to it."""
+        found = self._series.get(name)
+        if found is None:
+            waited, active = self._waited.labels(name), self._active.labels(name)
+            found = self._series[name] = waited, active, self._time.labels(name), self._worked.labels(name)
+        return found
 
     def bug(self) -> None:
         self._panics.labels(CONTROLLER).inc()

@@ -15,16 +15,16 @@ _API_VERSIONS: Final = {DEPLOYMENT: "apps/v1", SERVICE: "v1"}
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Child:
-    """A wanted object. `hash` covers labels and spec; it is written as an annotation and compared before any write."""
+    """A wanted object, not to be changed. `hash` covers labels and spec; it is written as an annotation and compared before any write."""
 
     ref: ChildRef
     labels: dict[str, str]
     spec: dict[str, Any]
     annotations: dict[str, str] = dataclasses.field(default_factory=dict)
+    hash: str = dataclasses.field(init=False)
 
-    @property
-    def hash(self) -> str:
-        return content_hash([self.labels, self.spec])
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hash", content_hash([self.labels, self.spec]))
 
     @property
     def component(self) -> str:

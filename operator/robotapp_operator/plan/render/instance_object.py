@@ -40,26 +40,32 @@ def object_name(app: str, instance: str) -> str:
 
 def wanted_object(app: App, instance: str) -> dict[str, Any]:
     """The object to create. blockOwnerDeletion is false, so that a foreground deletion of the app does not wait for it."""
-    labels = {Label.APP.value: app.name, Label.APP_UID.value: app.uid, Label.INSTANCE.value: instance}
     owner = owner_reference(app) | {"blockOwnerDeletion": False}
     return {
         "metadata": {
             "name": object_name(app.name, instance),
             "namespace": app.namespace,
-            "labels": labels,
+            "labels": _labels(app, instance),
             "ownerReferences": [owner],
         },
-        "spec": {"app": app.name, "appUID": app.uid, "instance": instance, "robot": instance},
+        "spec": msgspec.to_builtins(_spec(app, instance)),
     }
 
 
 def is_as_wanted(item: AppInstance, app: App, instance: str) -> bool:
     """Is this the object of the app's instance, with its owner and the labels people look for?"""
-    wanted = wanted_object(app, instance)
     meta = item.metadata
     return (
-        msgspec.to_builtins(item.spec) == wanted["spec"]
-        and (meta.namespace, meta.name) == (app.namespace, wanted["metadata"]["name"])
+        item.spec == _spec(app, instance)
+        and (meta.namespace, meta.name) == (app.namespace, object_name(app.name, instance))
         and meta.controller_uid == app.uid
-        and wanted["metadata"]["labels"].items() <= meta.labels.items()
+        and _labels(app, instance).items() <= meta.labels.items()
     )
+
+
+def _spec(app: App, instance: str) -> AppInstanceSpec:
+    return AppInstanceSpec(app=app.name, app_uid=app.uid, instance=instance, robot=instance)
+
+
+def _labels(app: App, instance: str) -> dict[str, str]:
+    return {Label.APP.value: app.name, Label.APP_UID.value: app.uid, Label.INSTANCE.value: instance}

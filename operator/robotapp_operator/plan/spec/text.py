@@ -1,12 +1,16 @@
 """The bytes a text takes in a status, and texts cut to a number of bytes."""
 
 import json
+import re
 from collections.abc import Iterable
 from typing import Any, Final
 
 ELLIPSIS: Final = "…"
 _LONGER: Final = {"<": 5, ">": 5, "&": 5, "\u2028": 3, "\u2029": 3}
 """Characters the API server stores as \\uXXXX, and by how much that is longer."""
+
+_AS_IT_IS: Final = re.compile(r"[ !#-%'-;=?-\[\]-~]*")
+"""Texts of characters that take one byte each."""
 
 
 def stored_bytes(value: Any) -> int:
@@ -28,7 +32,7 @@ def clip(text: str, limit: int) -> str:
 
 
 def _bytes(text: str) -> int:
-    return stored_bytes(text) - len('""')
+    return len(text) if _AS_IT_IS.fullmatch(text) else stored_bytes(text) - len('""')
 
 
 def shown(values: Iterable[object], limit: int = 8) -> str:

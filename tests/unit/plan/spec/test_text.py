@@ -27,6 +27,13 @@ def test_a_clipped_text_fits_and_is_a_beginning(text: str, limit: int) -> None:
     assert text.startswith(found.removesuffix("…") if found != text else text)
 
 
+@given(st.text(st.sampled_from('ab "\\<>&\x7f\n~ä'), max_size=9) | st.text(max_size=9))
+def test_a_text_is_cut_when_it_takes_more_than_there_is_room_for(text: str) -> None:
+    room = stored_bytes(text) - 2
+    assert clip(text, room) == text
+    assert room == 0 or clip(text, room - 1) != text
+
+
 @given(
     st.recursive(st.text(max_size=9) | st.integers(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner))
 )
