@@ -1,5 +1,6 @@
 """A stand-in for the node agents: writes the NodeTelemetry of every simulated node, labelled as simulated."""
 
+import functools
 import threading
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -144,14 +145,21 @@ class SimulatedTelemetry:
 
     def _peers(self, name: str, asked: Iterable[str]) -> list[str]:
         """All others while they fit; else those asked for, one of each zone, and the own zone."""
-        others = [node for node in self._topology if node.name != name]
-        if len(others) <= PEER_LIMIT:
-            return [node.name for node in others]
-        of_zone = {node.zone: node.name for node in reversed(others)}
-        own_zone = self._topology.node(name).zone
-        wanted = [peer for peer in asked if peer in self._topology.nodes and peer != name]
-        wanted += [*of_zone.values(), *(node.name for node in others if node.zone == own_zone)]
-        return list(dict.fromkeys(wanted))[:PEER_LIMIT]
+        if len(self._topology) <= PEER_LIMIT + 1:
+            return [node.name for node in self._topology if node.name != name]
+        wanted = [peer for peer in asked if peer in self._topology.nodes]
+        for members in self._zones.values():
+            wanted += members[:1] if members[0] != name else members[1:2]
+        wanted += self._zones[self._topology.node(name).zone]
+        return [peer for peer in dict.fromkeys(wanted) if peer != name][:PEER_LIMIT]
+
+    @functools.cached_property
+    def _zones(self) -> Mapping[str, list[str]]:
+        """Names of the nodes of each zone."""
+        found: dict[str, list[str]] = {}
+        for node in self._topology:
+            found.setdefault(node.zone, []).append(node.name)
+        return found
 
     def _rtt_status(self, name: str, peer: str) -> dict[str, Any]:
         value_ms, seq = self._topology.rtt_ms(name, peer), self._agents[name].sequence

@@ -1,4 +1,4 @@
-"""Apply to Ready: one app, between bad ones, 200 at once, more apps than domains, 50 robots; memory and writes at rest.
+"""Apply to Ready: one app, between bad ones, 200 at once beside bare Deployments, more apps than domains, 50 robots; memory.
 
 Ready is what the watch shows: condition Ready=True with the observedGeneration of the stored object. Seconds run from
 the API create call. All phases share one control plane with simulated kubelets; sweep and quarantine are one second.
@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -25,18 +26,23 @@ from tests.support.world import World
 from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.schema.crd import schema_of
 from robotapp_testbed import ControlPlane, product
+from robotapp_testbed.identity import OPERATOR_ACCOUNT
 from robotapp_testbed.network import Topology
 from robotapp_testbed.topology import fleet
 
 ROOT = Path(__file__).resolve().parents[2]
 IDS = "1-101,215-232"
 POOL_SIZE = 119
+WITHIN_S = 300
 POOLS = {"bench-a": IDS, "bench-b": IDS}
 ROBOTS = 50
 TELEOP_TARGET_S = 1.5
 BETWEEN_TARGET_S = 2.0
 MALFORMED, BATCH = 90, 15
 RSS_LIMIT_BYTES = 300_000_000
+COMPONENTS = 3
+TIMES_BARE = 1.5
+"""Apps may take so many times as long as the Deployments of their components alone."""
 QUIET_LIMIT = 1.0
 """Writes per app and minute while nothing changes."""
 
@@ -73,6 +79,7 @@ def run(cp: ControlPlane, options: argparse.Namespace) -> Figures:
             figures, found = phase(world, options)
             problems += [f"{name}: {each}" for each in found]
             result[name] = figures
+            problems += beside_bare(result) if name == "bare" else []
             _say(f"  {figures}{'; '.join(['', *found])}")
         result["operator"] = process_use.usage(world.operator)
         result["scheduler"] = process_use.usage(world.scheduler)
@@ -110,7 +117,10 @@ def bad_input(world: World, _: argparse.Namespace) -> tuple[Figures, list[str]]:
 
 def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
     """Many apps over two pools, then a quiet minute with all of them running."""
-    found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=180)
+    began, before_s = datetime.now(UTC), world.operator.cpu_seconds()
+    found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S)
+    operator_s = world.operator.cpu_seconds() - before_s
+    asked = quiet.requests_since(world.cp, began, account=OPERATOR_ACCOUNT)
     settled_s = _settle(world)
     records = quiet.writes_during(world.cp, options.quiet_seconds)
     counts = quiet.by_object(records)
@@ -123,7 +133,25 @@ def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]
     }
     busy = busy_in_quiet(counts, per_app_minute=rest["writes_per_app_minute"])
     world.clear()
-    return {**asdict(found), "quiet": rest}, [*found.problems, *busy]
+    cost = {"operator_ms_per_app": operator_s * 1000 / options.apps, "operator_requests": dict(asked.most_common())}
+    return {**asdict(found), **cost, "quiet": rest}, [*found.problems, *busy]
+
+
+def bare(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
+    """As many Deployments as the apps of the storm have components, applied at once without any app."""
+    count = options.apps * COMPONENTS
+    return {"deployments": count, "seconds": journeys.bare(world, count=count, within_s=WITHIN_S)}, []
+
+
+def beside_bare(result: Figures) -> list[str]:
+    """Compare the storm with the bare Deployments; what is too slow, in words."""
+    if "storm" not in result:
+        return []
+    apps, alone = result["storm"], result["bare"]
+    times = apps["seconds"] / alone["seconds"]
+    per_deployment = times * alone["deployments"] / max(1, apps["deployments"])
+    result["times_bare"] = {"in_all": times, "per_deployment": per_deployment}
+    return [f"apps take {times:.2f} times as long as bare Deployments"] if times > TIMES_BARE else []
 
 
 def busy_in_quiet(counts: Mapping[str, int], *, per_app_minute: float) -> list[str]:
@@ -150,6 +178,7 @@ PHASES: Mapping[str, Callable[[World, argparse.Namespace], tuple[Figures, list[s
     "teleop": teleop,
     "bad_input": bad_input,
     "storm": storm,
+    "bare": bare,
     "overflow": overflow,
     "robots": robots,
 }

@@ -1,4 +1,4 @@
-"""Sees every change of the RobotApps of a namespace, and notes when each was first Ready at its generation."""
+"""Sees every change of the RobotApps (or Deployments) of a namespace, and notes when each was first Ready at its generation."""
 
 import asyncio
 import threading
@@ -11,7 +11,7 @@ from typing import Any, Self
 from tests.support.watching import running
 
 from robotapp_api.client import ApiClient, Change, Reflector, load
-from robotapp_api.client.api.resources import ROBOTAPPS
+from robotapp_api.client.api.resources import ROBOTAPPS, Resource
 
 App = Mapping[str, Any]
 
@@ -19,12 +19,22 @@ App = Mapping[str, Any]
 class AppWatch:
     """A watch in a thread of its own, so that blocking tests get exact times.
 
-    `apps` is the last state by name; `ready_s` the monotonic second at which that uid was first seen Ready.
+    `apps` is the last state by name; `ready_s` the monotonic second at which that uid was first seen Ready. Another
+    `resource` needs a `ready` of its own.
     """
 
-    def __init__(self, kubeconfig: Path, namespace: str) -> None:
+    def __init__(
+        self,
+        kubeconfig: Path,
+        namespace: str,
+        *,
+        resource: Resource = ROBOTAPPS,
+        ready: Callable[[App], bool] | None = None,
+    ) -> None:
         self._endpoint = load(kubeconfig)
         self._namespace = namespace
+        self._resource = resource
+        self._is_ready = ready or is_ready
         self._changed = threading.Condition()
         self._apps: dict[str, App] = {}
         self._stop: Callable[[], object] = lambda: None
@@ -36,7 +46,7 @@ class AppWatch:
     def __enter__(self) -> Self:
         self._thread.start()
         if not self._synced.wait(timeout=30):
-            raise TimeoutError(f"the watch on RobotApps of {self._namespace} did not start")
+            raise TimeoutError(f"the watch on {self._resource.plural} of {self._namespace} did not start")
         return self
 
     def __exit__(
@@ -64,9 +74,9 @@ class AppWatch:
     def until_ready(self, *names: str, within_s: float) -> float:
         """Block until these apps exist and are Ready; the monotonic second at which the last one was."""
         self.until(
-            lambda apps: all(name in apps and is_ready(apps[name]) for name in names),
+            lambda apps: all(name in apps and self._is_ready(apps[name]) for name in names),
             within_s=within_s,
-            what=f"{len(names)} apps Ready",
+            what=f"{len(names)} {self._resource.plural} Ready",
         )
         return max(self.ready_s[self._apps[name]["metadata"]["uid"]] for name in names)
 
@@ -78,7 +88,7 @@ class AppWatch:
         self._stop = lambda: loop.call_soon_threadsafe(ended.set)
         async with ApiClient(self._endpoint, user_agent="robotapp-test-watch") as client:
             reflector = Reflector(
-                client, ROBOTAPPS, as_type=dict, namespace=self._namespace, on_change=self._note, inactivity_s=300
+                client, self._resource, as_type=dict, namespace=self._namespace, on_change=self._note, inactivity_s=300
             )
             async with running(reflector):
                 self._synced.set()
@@ -93,12 +103,12 @@ class AppWatch:
                 self._apps.pop(name, None)
             else:
                 self._apps[name] = change.new
-                if is_ready(change.new):
+                if self._is_ready(change.new):
                     self.ready_s.setdefault(change.new["metadata"]["uid"], now_s)
             self._changed.notify_all()
 
     def _unready(self) -> str:
-        waiting = [f"{name}: {condition(app, 'Ready')}" for name, app in self._apps.items() if not is_ready(app)]
+        waiting = [f"{name}: {condition(app, 'Ready')}" for name, app in self._apps.items() if not self._is_ready(app)]
         return f"{len(self._apps)} apps, {len(waiting)} not Ready, such as {waiting[:3]}"
 
 
@@ -106,6 +116,13 @@ def condition(app: App, kind: str) -> Mapping[str, Any]:
     """The named condition, or an empty one."""
     found = app.get("status", {}).get("conditions", [])
     return next((each for each in found if each["type"] == kind), {})
+
+
+def is_available(deployment: App) -> bool:
+    """All replicas of this spec are available."""
+    status, meta = deployment.get("status", {}), deployment["metadata"]
+    wanted = deployment["spec"].get("replicas", 1)
+    return status.get("observedGeneration") == meta["generation"] and status.get("availableReplicas", 0) == wanted
 
 
 def is_ready(app: App) -> bool:

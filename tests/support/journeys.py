@@ -1,26 +1,32 @@
 """What users do with many apps at once, and what must hold then. Small in tests/integration/journeys, large in tests/bench."""
 
 import contextlib
+import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from tests.support.appwatch import App, condition, is_ready
+from tests.support.appwatch import App, AppWatch, condition, is_available, is_ready
 from tests.support.world import APIS, Object, World, plain_app
 
-from robotapp_api.model.names import Condition, Label, Reason
+from robotapp_api.client.api.resources import DEPLOYMENTS
+from robotapp_api.model.names import SCHEDULER_NAME, Condition, Label, Reason
 from robotapp_testbed import wait_until
 from robotapp_testbed.failures import ApiStatusError
 
 
 @dataclass(frozen=True, slots=True)
 class Storm:
-    """`seconds` from the first create until the last app was Ready, `most_s` until 95 % were; `problems` in words."""
+    """`seconds` from the first create until the last app was Ready, `most_s` until 95 % were; `problems` in words.
+
+    `deployments`: how many the operator made, discovery servers included.
+    """
 
     seconds: float
     most_s: float
     domains: Mapping[str, int]
     problems: tuple[str, ...]
+    deployments: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +96,36 @@ def storm(world: World, pools: Sequence[str], *, apps: int, within_s: float) -> 
         [world.watch.ready_s[world.watch.apps[app["metadata"]["name"]]["metadata"]["uid"]] for app in made], 0.95
     )
     domains = {pool: len(found) for pool, found in ids.items()}
-    return Storm(ready_s - sent_s, most_s - sent_s, domains, tuple(problems))
+    made_of = len(world.cp.api.get(_deployments(world))["items"])
+    return Storm(ready_s - sent_s, most_s - sent_s, domains, tuple(problems), made_of)
+
+
+def bare(world: World, *, count: int, within_s: float) -> float:
+    """Seconds from the first create until `count` Deployments of one pod each, all applied at once, are available.
+
+    Our scheduler places them; no RobotApp is involved. They are deleted afterwards.
+    """
+    path = _deployments(world)
+    made = [_bare_deployment(f"bare-{number:04}") for number in range(count)]
+    with AppWatch(world.cp.kubeconfig(), world.namespace, resource=DEPLOYMENTS, ready=is_available) as watch:
+        sent_s = time.monotonic()
+        world.cp.api.each(lambda obj: world.cp.api.create(path, obj), made)
+        ready_s = watch.until_ready(*(obj["metadata"]["name"] for obj in made), within_s=within_s)
+    world.cp.api.delete(path)
+    if not wait_until(lambda: not world.pods(), timeout_s=within_s, poll_s=0.5):
+        raise AssertionError(f"{len(world.pods())} pods are left of the bare Deployments")
+    return ready_s - sent_s
+
+
+def _deployments(world: World) -> str:
+    return f"/apis/apps/v1/namespaces/{world.namespace}/deployments"
+
+
+def _bare_deployment(name: str) -> Object:
+    labels = {"app": name}
+    pod = {"schedulerName": SCHEDULER_NAME, "containers": [{"name": "main", "image": "registry.example/part:1"}]}
+    spec = {"selector": {"matchLabels": labels}, "template": {"metadata": {"labels": labels}, "spec": pod}}
+    return {"apiVersion": "apps/v1", "kind": "Deployment", "metadata": {"name": name}, "spec": spec}
 
 
 def overflow(world: World, pool: str, *, size: int, apps: int, within_s: float) -> Overflow:

@@ -38,6 +38,17 @@ def writes_since(cp: ControlPlane, since: datetime, *, namespace: str = "") -> l
     ]
 
 
+def requests_since(cp: ControlPlane, since: datetime, *, account: str) -> Counter[str]:
+    """How often an account asked for what after `since`, reads included: `verb resource/subresource`."""
+    return Counter(
+        " ".join(_shown(record).split()[1:3])
+        for record in cp.audit()
+        if record["user"].get("username", "").rpartition(":")[2] == account
+        and record.get("objectRef", {}).get("resource") not in (None, *_BY_THE_CLOCK)
+        and datetime.fromisoformat(record["requestReceivedTimestamp"]) >= since
+    )
+
+
 def most_within_a_minute(times: Sequence[datetime]) -> int:
     """The most of these, which are in order, that lie within one minute; a second less, for what requests take."""
     minute = timedelta(seconds=59)

@@ -104,9 +104,8 @@ class FakeApiServer:
                 raise Refused(410, "Expired", "the provided continue parameter is too old")
             version, items = self._pages.pop(token)
         else:
-            match = _match(query)
             version = self.store.version
-            items = [obj for obj in self.store.select(where.collection, where.namespace) if match(obj)]
+            items = self.store.select(where.collection, where.namespace, _match(query))
         meta: Json = {"resourceVersion": str(version)}
         limit = int(query.get("limit") or 0)
         if limit and len(items) > limit:
@@ -135,9 +134,8 @@ class FakeApiServer:
         match = _match(request.query)
         if request.query.get("sendInitialEvents") == "true" or not request.query.get("resourceVersion"):
             version = self.store.version
-            for obj in self.store.select(where.collection, where.namespace):
-                if match(obj):
-                    await _send(out, "ADDED", obj)
+            for obj in self.store.select(where.collection, where.namespace, match):
+                await _send(out, "ADDED", obj)
             if request.query.get("sendInitialEvents") == "true":
                 annotations = {"k8s.io/initial-events-end": "true"}
                 await _send(out, "BOOKMARK", _bookmark(where, version, annotations))

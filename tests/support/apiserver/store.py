@@ -85,11 +85,13 @@ class Store:
             plural = key.collection.rpartition("/")[2]
             raise Refused(404, "NotFound", f'{plural} "{key.name}" not found') from None
 
-    def select(self, collection: str, namespace: str | None) -> list[Json]:
+    def select(
+        self, collection: str, namespace: str | None, match: Callable[[Json], bool] = lambda _: True
+    ) -> list[Json]:
         chosen = [
             (key, obj)
             for key, obj in self.objects.items()
-            if key.collection == collection and namespace in (None, key.namespace)
+            if key.collection == collection and namespace in (None, key.namespace) and match(obj)
         ]
         return [copy.deepcopy(obj) for _, obj in sorted(chosen, key=lambda pair: pair[0])]
 
