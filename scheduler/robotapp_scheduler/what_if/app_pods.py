@@ -13,6 +13,7 @@ from robotapp_api.values.component_nodes import may_be_on_robot, required_nodes,
 from robotapp_api.values.naming import child_name
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import ObservedStatus, RobotApp
+from robotapp_scheduler.core.robotics.app_index import App
 from robotapp_scheduler.what_if.question import QuestionError
 
 MOST_PODS: Final = 500
@@ -27,14 +28,20 @@ class TriedApp(NamedTuple):
     notes: tuple[str, ...]
 
 
-def tried_app(source: Mapping[str, Any], nodes: Iterable[Node], *, profiles: Collection[str]) -> TriedApp:
-    """The app and its pods among these nodes; profiles: names that this scheduler serves. Raises QuestionError."""
+def tried_app(
+    source: Mapping[str, Any], nodes: Iterable[Node], *, profiles: Collection[str], running: App | None = None
+) -> TriedApp:
+    """The app and its pods among these nodes. Raises QuestionError.
+
+    profiles: names that this scheduler serves. running: the app that has this name, whose devices it goes on using.
+    """
     meta, where = source["metadata"], f"RobotApp {source['metadata']['namespace']}/{source['metadata']['name']}"
-    uid = f"{TRIED}/{meta['namespace']}/{meta['name']}"
-    identity = {"name": meta["name"], "namespace": meta["namespace"], "uid": uid, "generation": 1}
+    uid = running.uid if running is not None else f"{TRIED}/{meta['namespace']}/{meta['name']}"
+    generation = running.source.metadata.generation + 1 if running is not None else 1
+    identity = {"name": meta["name"], "namespace": meta["namespace"], "uid": uid, "generation": generation}
     try:
         app = msgspec.convert({"metadata": identity, "spec": source.get("spec") or {}}, RobotApp)
-        app.status = ObservedStatus(observed_generation=1)
+        app.status = ObservedStatus(observed_generation=generation)
         if app.spec.suspend:
             return TriedApp(app, (), (f"{where} is suspended: it has no pods",))
         instances, notes = _instances(source, uid, nodes, where)
@@ -61,7 +68,13 @@ def _instances(
         uid, source["metadata"]["namespace"], robots["nodeSelector"], robots.get("assignment", "Each")
     )
     found = instances_of(selection, [_meta(node) for node in nodes], running=(), claimed=())
-    notes = [f"{where}: {each.problem}" for each in found if each.problem]
+    # Its own text names the robot's nodes, which not every user may see.
+    label = f"{Label.ROBOT_PRIMARY}=true"
+    notes = [
+        f"{where}: nothing starts on robot {each.robot} until one of its nodes is labelled {label}"
+        for each in found
+        if each.problem
+    ]
     if not found:
         notes = [f"{where}: robots.nodeSelector names no robot that admits the namespace"]
     return [each for each in found if not each.problem], notes

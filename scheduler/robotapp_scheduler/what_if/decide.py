@@ -7,7 +7,7 @@ with the pods that the operator would make, profiles are swapped. Then the sched
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
-from robotapp_api.model.names import Label, PodReason
+from robotapp_api.model.names import PodReason
 from robotapp_api.values.duration import format_us
 from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.core.api.core_v1 import Pod
@@ -17,14 +17,16 @@ from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import FAULTS, ScheduleResult
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
+from robotapp_scheduler.core.robotics.app_index import App
 from robotapp_scheduler.core.robotics.edge_times import Part, movable, part_of, worst_late
 from robotapp_scheduler.simulation.rounds import Rounds
 from robotapp_scheduler.simulation.run import latest_bound
-from robotapp_scheduler.what_if.app_pods import TriedApp, tried_app
+from robotapp_scheduler.what_if.app_pods import tried_app
 from robotapp_scheduler.what_if.difference import Answer, Outcome, PodChange, edge_changes, in_order
 from robotapp_scheduler.what_if.edges import Instance, edge_times, instances_on
 from robotapp_scheduler.what_if.lost_nodes import SUCCESSOR, change_of, fate, lost, successor_of
 from robotapp_scheduler.what_if.question import Question, QuestionError, check_nodes
+from robotapp_scheduler.what_if.running_apps import FormerPod, instances_of, running_apps, take_away
 
 REPLAY_S: Final = 0.5
 """After this long no further running pod is placed again: the answer is to be there within a second."""
@@ -67,22 +69,23 @@ class _Decider:
         self._lost = frozenset(question.node_loss)
 
     def answer(self) -> Answer:
-        replaced = self._running(frozenset(self._question.names))
+        running = running_apps(self._question.names, self._cluster)
+        replaced = instances_of(running.values(), self._cluster)
         concerned = list(dict.fromkeys([*instances_on(self._question.nodes, self._cluster), *replaced]))
         before = edge_times(concerned, self._cluster)
         late = self._late(concerned)
         for pair in self._question.rtt:
             self._cluster.suppose_round_trip(pair.one, pair.other, float(pair.us))
+        former = take_away(running.values(), self._cluster)
         successors = [pod for node in self._question.node_loss for pod in self._lose(node)]
-        apps = self._apps(replaced)
-        concerned = [each for each in concerned if each not in replaced]
-        self._queue(successors, [pod for app in apps for pod in app.pods])
+        made = self._apps(running, former)
+        self._queue(successors, made)
         self._place()
-        self._better(concerned, late)
+        self._better([each for each in concerned if each not in replaced], late)
         if self._question.config is not None:
             self._replay()
-        new = dict.fromkeys((app.app.metadata.uid, _instance_of(pod)) for app in apps for pod in app.pods)
-        after = edge_times([*concerned, *new], self._cluster, lost=self._lost)
+        new = [(member.app_uid, member.instance) for pod in made if (member := member_of(pod.metadata.labels or {}))]
+        after = edge_times(dict.fromkeys([*concerned, *new]), self._cluster, lost=self._lost)
         edges, same = edge_changes(before, after)
         return Answer(
             pods=in_order(self._pods),
@@ -123,48 +126,26 @@ class _Decider:
             )
         return found
 
-    def _running(self, names: frozenset[tuple[str, str]]) -> frozenset[Instance]:
-        """The instances of the apps with these namespaces and names."""
-        apps = self._cluster.apps
-        found = set()
-        for app_uid, instance in apps.instances() if names else ():
-            app = apps.app(app_uid)
-            if app is not None and (app.source.metadata.namespace, app.source.metadata.name) in names:
-                found.add((app_uid, instance))
-        return frozenset(found)
-
-    def _apps(self, replaced: frozenset[Instance]) -> list[TriedApp]:
-        """Add the apps, in place of those that run under their names."""
-        places = self._taken_away(replaced)
-        found = []
-        for source in self._question.apps:
+    def _apps(self, running: Mapping[tuple[str, str], App], former: dict[Member, list[FormerPod]]) -> list[Pod]:
+        """Add the apps in place of those that run under their names; their pods."""
+        found: list[Pod] = []
+        for source, name in zip(self._question.apps, self._question.names, strict=True):
             nodes = [node for node in self._cluster.nodes.objects if node is not None]
-            tried = tried_app(source, nodes, profiles=self._core.scheduler_names)
+            tried = tried_app(source, nodes, profiles=self._core.scheduler_names, running=running.get(name))
             self._cluster.apply_app(tried.app)
             self._notes += tried.notes
             for pod in tried.pods:
-                labels = pod.metadata.labels or {}
-                meta, member = tried.app.metadata, (labels.get(Label.INSTANCE, ""), labels.get(Label.COMPONENT, ""))
-                rest = places.get((meta.namespace, meta.name, *member))
-                if rest:
-                    self._was[pod.metadata.uid] = rest.pop(0)
-            found.append(tried)
+                member = member_of(pod.metadata.labels or {})
+                places = former.get(member, []) if member is not None else []
+                self._was[pod.metadata.uid] = places.pop(0).node if places else ""
+            found += tried.pods
+        for left in former.values():
+            for pod, node in left:
+                reason = "its app would have no such pod any more"
+                self._pods.append(change_of(pod, self._cluster, Outcome.ENDS, from_=node, reason=reason))
+        for namespace, app in running:
+            self._notes.append(f"RobotApp {namespace}/{app} runs: its pods are compared with where they are now")
         return found
-
-    def _taken_away(self, replaced: frozenset[Instance]) -> dict[tuple[str, ...], list[str]]:
-        """Remove the pods of these instances; their nodes by namespace, app, instance and component."""
-        places: dict[tuple[str, ...], list[str]] = {}
-        for placed in list(self._cluster.placed.values()) if replaced else ():
-            member = member_of(placed.pod.metadata.labels or {})
-            if member is not None and (member.app_uid, member.instance) in replaced:
-                app = self._cluster.apps.app(member.app_uid)
-                meta = app.source.metadata if app is not None else placed.pod.metadata
-                key = (meta.namespace, meta.name, member.instance, member.component)
-                places.setdefault(key, []).append(placed.node)
-                self._cluster.remove_pod(placed.pod)
-        for namespace, name in sorted({key[:2] for key in places}):
-            self._notes.append(f"RobotApp {namespace}/{name} runs: its pods are compared with where they are now")
-        return places
 
     # --- Deciding ------------------------------------------------------------------------------------------------
 
@@ -184,7 +165,6 @@ class _Decider:
             before = cluster.placed.get(pod.metadata.uid.removeprefix(SUCCESSOR))
             if before is not None:
                 cluster.remove_pod(before.pod)
-                cluster.apply_pod(pod)
             self._tried.add(pod.metadata.uid)
             self._core.queue.add(pod)
         for pod in made:
@@ -299,10 +279,6 @@ class _Decider:
             except FAULTS as error:
                 return "", str(error), str(PodReason.SCHEDULER_ERROR)
         return record.node or "", record.message, "" if record.node else str(PodReason.UNSCHEDULABLE)
-
-
-def _instance_of(pod: Pod) -> str:
-    return (pod.metadata.labels or {}).get(Label.INSTANCE, "")
 
 
 def _with_evictions(decision: ScheduleResult) -> str:

@@ -4,7 +4,17 @@ from typing import Any
 
 import pytest
 from tests.support.late_apps import COMPONENTS, edge, measure, robot_and_servers
-from tests.support.scheduling import make_core, make_node, make_pod, owner
+from tests.support.scheduling import (
+    app_object,
+    chain,
+    device_claim,
+    make_core,
+    make_node,
+    make_pod,
+    member_pod,
+    owner,
+    telemetry,
+)
 
 from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, Label
 from robotapp_scheduler.config import load as configuration
@@ -202,6 +212,32 @@ def test_an_app_that_runs_is_compared_with_where_it_is() -> None:
     assert (before.verdict, after.verdict) == (EdgeVerdict.EXCEEDED, EdgeVerdict.MET)
 
 
+def test_an_app_that_runs_goes_on_using_its_devices_and_loses_the_pods_it_needs_no_more() -> None:
+    camera = {"name": "cam", "type": "usb"}
+    core = make_core(make_node("n1"), make_node("n2"))
+    core.cluster.apply_telemetry(telemetry("n1", devices=[{"id": "usb-cam", "type": "usb"}]))
+    core.cluster.apply_app(app_object({"name": "eye", "devices": [camera]}, {"name": "log"}))
+    for name in ("eye", "log"):
+        for owned in chain(name):
+            core.cluster.apply_owner(owned)
+        core.cluster.apply_pod(member_pod(name, node="n1"))
+    core.cluster.apply_claim(device_claim("n1", "usb-cam", uid="app-1", component="eye", holder_name="teleop"))
+    changed = app({"name": "eye", "devices": [camera], "resources": {"requests": {"cpu": "2"}}}, name="teleop")
+    found = answer(core, apps=(changed,))
+    assert [(each.component, each.outcome, each.from_) for each in found.pods] == [("log", Outcome.ENDS, "n1")]
+    another = answer(core, apps=(app({"name": "eye", "devices": [camera]}, name="rival"),))
+    assert only(another).outcome == Outcome.PENDING, "the camera is held"
+
+
+def test_a_replaced_app_on_a_lost_node_is_placed_once() -> None:
+    core = robot_and_servers()
+    changed = app(*COMPONENTS, name="teleop", edges=[edge("planner", "driver")],
+                  robots={"nodeSelector": {"matchLabels": {str(Label.ROBOT): "amr"}}})  # fmt: skip
+    found = answer(core, apps=(changed,), node_loss=("e1",))
+    assert [(each.component, each.outcome, each.from_) for each in found.pods] == [("planner", Outcome.MOVES, "e1")]
+    assert only(found).to not in ("", "e1")
+
+
 def test_what_an_app_requests_decides_limits_included() -> None:
     core = make_core(make_node("small", cpu="1"), make_node("large", cpu="8"))
     big = {"name": "big", "resources": {"limits": {"cpu": "4"}}}
@@ -221,12 +257,12 @@ def test_apps_that_cannot_be_read_are_errors_and_those_without_pods_are_explaine
     ):
         with pytest.raises(QuestionError, match=text):
             answer(core, apps=({**app(), "spec": spec},))
-    found = answer(core, apps=(app({"name": "a", "resources": {"requests": {"cpu": "much"}}}),))
-    assert "much" in only(found).reason
     found = answer(core, apps=(app({"name": "a"}, suspend=True),))
     assert (found.pods, found.notes[0]) == ((), "RobotApp default/new is suspended: it has no pods")
     found = answer(core, apps=(app({"name": "a"}, robots={"nodeSelector": {"matchLabels": {"x": "y"}}}),))
     assert "names no robot" in found.notes[0]
+    found = answer(core, apps=(app({"name": "a", "resources": {"requests": {"cpu": "much"}}}),))
+    assert "much" in only(found).reason
 
 
 # --- Configuration ------------------------------------------------------------------------------------------------------
