@@ -8,7 +8,7 @@ import msgspec
 
 from robotapp_api.claims.instances import Instance, RobotSelection, instances_of
 from robotapp_api.claims.objects import Meta
-from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, Label
+from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SCHEDULER_NAME, Label
 from robotapp_api.values.component_nodes import may_be_on_robot, required_nodes, robot_tolerations, tier_terms
 from robotapp_api.values.naming import child_name
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
@@ -105,6 +105,9 @@ def _pod(app: RobotApp, component: dict[str, Any], robot: str, *, number: int, s
         Label.APP_UID.value: meta.uid,
         Label.INSTANCE.value: robot,
         Label.COMPONENT.value: component["name"],
+        Label.NAME.value: component["name"],
+        Label.PART_OF.value: meta.name,
+        Label.MANAGED_BY.value: OPERATOR_MANAGER,
     }
     labels = (template.get("metadata") or {}).get("labels") or {}
     owner = {"apiVersion": API_VERSION, "kind": "RobotApp", "name": meta.name, "uid": meta.uid, "controller": True}
