@@ -79,7 +79,7 @@ def run(cp: ControlPlane, options: argparse.Namespace) -> Figures:
             figures, found = phase(world, options)
             problems += [f"{name}: {each}" for each in found]
             result[name] = figures
-            problems += beside_bare(result) if name == "bare" else []
+            problems += beside_bare(result) if name == "storm" else []
             _say(f"  {figures}{'; '.join(['', *found])}")
         result["operator"] = process_use.usage(world.operator)
         result["scheduler"] = process_use.usage(world.scheduler)
@@ -145,7 +145,7 @@ def bare(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]
 
 def beside_bare(result: Figures) -> list[str]:
     """Compare the storm with the bare Deployments; what is too slow, in words."""
-    if "storm" not in result:
+    if "bare" not in result:
         return []
     apps, alone = result["storm"], result["bare"]
     times = apps["seconds"] / alone["seconds"]
@@ -177,8 +177,8 @@ def robots(world: World, _: argparse.Namespace) -> tuple[Figures, list[str]]:
 PHASES: Mapping[str, Callable[[World, argparse.Namespace], tuple[Figures, list[str]]]] = {
     "teleop": teleop,
     "bad_input": bad_input,
-    "storm": storm,
     "bare": bare,
+    "storm": storm,
     "overflow": overflow,
     "robots": robots,
 }

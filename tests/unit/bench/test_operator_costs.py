@@ -64,4 +64,4 @@ def test_apps_that_take_too_long_beside_bare_deployments_are_a_problem() -> None
     assert beside_bare(good) == []
     assert good["times_bare"] == {"in_all": 1.5, "per_deployment": pytest.approx(0.9)}
     assert beside_bare(result(31.0)) == ["apps take 1.55 times as long as bare Deployments"]
-    assert beside_bare({"bare": {"seconds": 20.0}}) == []
+    assert beside_bare({"storm": {"seconds": 20.0}}) == []
