@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.joint.latencies import Latencies, Measured
+from robotapp_scheduler.joint.link_limits import LinkLimits
 from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation
 
 LOST: Final = 0.1
@@ -67,7 +68,18 @@ def small_problem(random: Random) -> Problem:
         left, right = random.sample(range(pods), 2)
         edges.append(_edge(random, left, right))
     rtt = latencies(random, rows=rows, zones=random.randint(1, 3), measured=random.randint(0, 8))
-    return Problem(cost, demand, free.astype(np.int64), tuple(edges), rtt)
+    links = _links(random, pods, rows) if random.random() < 0.5 else None
+    return Problem(cost, demand, free.astype(np.int64), tuple(edges), rtt, links=links)
+
+
+def _links(random: Random, pods: int, rows: int) -> LinkLimits:
+    """Flows between pods and to placed ends, and rows of which every other one's link is known; some carry nothing more."""
+    pairs = [
+        (*random.sample(range(pods), 2), random.randint(0, 9)) for _ in range(random.randint(0, 5) if pods > 1 else 0)
+    ]
+    ends = [(random.randrange(pods), random.randrange(rows), random.randint(0, 9)) for _ in range(random.randint(0, 3))]
+    free_bps = np.array([random.choice((INF, float(random.randint(0, 15)))) for _ in range(rows)])
+    return LinkLimits(free_bps, tuple(pairs), tuple(ends))
 
 
 def _edge(random: Random, left: int, right: int) -> Edge:

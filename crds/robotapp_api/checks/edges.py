@@ -3,8 +3,10 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from robotapp_api.checks.problem import Problem, invalid
+from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.edge import QOS_DURATIONS, QOS_STRENGTHS, Edge
+from robotapp_api.model.names import Annotation
+from robotapp_api.values.bandwidth import bandwidth_bps
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.quantity import parse_milli
 
@@ -24,6 +26,23 @@ def edge_problems(edges: tuple[Edge, ...]) -> Iterator[Problem]:
                     f"{edge.from_} offers {edge.topic} with {field} {value}, but {before} stands at another edge of it (the first is spec.edges[{at}]); write one value",
                 )
     yield from _unmet(edges, {key: known for key, (_, known) in first.items()})
+
+
+def edge_notes(edges: tuple[Edge, ...]) -> Iterator[Note]:
+    """Where a bandwidth is not looked at."""
+    for index, edge in enumerate(edges):
+        if _takes_bandwidth(edge):
+            field = "bandwidth" if edge.bandwidth is not None else "rateHz"
+            text = f"bandwidth is checked on nodes whose annotation {Annotation.LINK_BANDWIDTH} states what their link carries, and on no others"
+            yield Note(f"spec.edges[{index}].{field}", text)
+            return
+
+
+def _takes_bandwidth(edge: Edge) -> bool:
+    try:
+        return bandwidth_bps(edge.bandwidth, rate_hz=edge.rate_hz, message_bytes=edge.message_bytes) > 0
+    except ValueError:
+        return False  # its own field is refused for that
 
 
 def _unmet(edges: tuple[Edge, ...], offered: Mapping[tuple[str, str, str], Mapping[str, Any]]) -> Iterator[Problem]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 
 from robotapp_api.checks.components import component_notes, component_problems
-from robotapp_api.checks.edges import edge_problems
+from robotapp_api.checks.edges import edge_notes, edge_problems
 from robotapp_api.checks.middleware import FAST_DDS, KNOWN, mode_problem
 from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
 from robotapp_api.checks.problem import Note, Problem, invalid
@@ -47,9 +47,7 @@ def spec_notes(spec: RobotAppSpec) -> Iterator[Note]:
         yield Note("spec.ros2.transport", f"UDP changes nothing for {rmw_of(spec)}; it is for Fast DDS")
     if spec.ros2 and spec.ros2.transport == "SHM":
         yield Note("spec.ros2.transport", "SHM has no effect yet; pods of one node do not share memory")
-    for index, edge in enumerate(spec.edges):
-        if edge.bandwidth is not None:
-            yield Note(f"spec.edges[{index}].bandwidth", "has no effect yet; places are chosen by latency")
+    yield from edge_notes(spec.edges)
     for index, component in enumerate(spec.components):
         yield from component_notes(component, f"spec.components[{index}]")
 

@@ -114,7 +114,7 @@ class Edge(Model):
     to: EdgeEnd
     """Component that subscribes or calls, or @robot for the robot's node itself."""
     rate_hz: Quantity | None = None
-    """Messages per second, such as 20 or "0.5"."""
+    """Messages per second, such as 20 or "0.5". Together with messageBytes it gives the bandwidth where that is not written."""
     message_bytes: (
         Annotated[
             int,
@@ -123,7 +123,7 @@ class Edge(Model):
         ]
         | None
     ) = None
-    """Typical size of a message in bytes."""
+    """Typical size of a message in bytes. Together with rateHz it gives the bandwidth where that is not written."""
     qos: Qos | None = None
     """Quality of service offered by `from`."""
     requested_qos: Qos | None = None
@@ -131,4 +131,5 @@ class Edge(Model):
     latency: EdgeLatency | None = None
     """Latency budget of the edge."""
     bandwidth: Quantity | None = None
-    """Bits per second, such as 40M. Not used for placement yet, and no limit."""
+    """Bits per second, such as 40M; absent means rateHz messages of messageBytes. All edges that leave a node must fit its access link,
+    where the node annotation robotics.io/link-bandwidth states what that carries. Not a limit at run time."""

@@ -108,6 +108,8 @@ class Annotation(StrEnum):
     """On pods, written by the scheduler when it binds them: Preferred budgets and tiers of runsOn that were given up for the node."""
     MOVES = "robotics.io/moves"
     """On a component's Deployment: when its pods were evicted to start elsewhere, written before each eviction."""
+    LINK_BANDWIDTH = "robotics.io/link-bandwidth"
+    """On nodes, written by an admin: bit/s that the node's access link carries, such as 40M."""
     LOST_DEVICES = "robotics.io/lost-devices"
     """On a component's Deployment: claims of devices that vanished, each with the uid of the pod that had it."""
 

@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 
 from robotapp_scheduler.joint.latencies import Latencies, Measured
+from robotapp_scheduler.joint.link_limits import LinkLimits
 from robotapp_scheduler.joint.problem import Edge, Problem, Relation
 from robotapp_scheduler.joint.solve import Limits, Solution
 
@@ -21,6 +22,8 @@ class _Order(msgspec.Struct, array_like=True):
     edges: list[tuple[Any, ...]]
     limits: tuple[float, int, float, int]
     step: float
+    flows: tuple[tuple[tuple[int, int, int], ...], tuple[tuple[int, int, int], ...]] | None
+    """Of the links: between pods, and to placed ends. What is left on the rows is the last array."""
 
 
 def encode_problem(problem: Problem, limits: Limits) -> bytes:
@@ -36,12 +39,14 @@ def encode_problem(problem: Problem, limits: Limits) -> bytes:
         rtt.minimum_us,
         *rtt.measured,
         *(() if problem.crowd is None else (problem.crowd,)),
+        *(() if problem.links is None else (problem.links.free_bps,)),
     )
     order = _Order(
         arrays=[_Array(array.dtype.str, array.shape, np.ascontiguousarray(array).tobytes()) for array in arrays],
         edges=[tuple(edge) for edge in problem.edges],
         limits=(limits.seconds, limits.steps, limits.gap, limits.cells),
         step=problem.step,
+        flows=(problem.links.pairs, problem.links.ends) if problem.links is not None else None,
     )
     return msgspec.msgpack.encode(order)
 
@@ -49,12 +54,13 @@ def encode_problem(problem: Problem, limits: Limits) -> bytes:
 def decode_problem(content: bytes) -> tuple[Problem, Limits]:
     """What `encode_problem` made."""
     order = msgspec.msgpack.decode(content, type=_Order)
-    cost, demand, free, zone, path_us, access_us, minimum_us, left, right, us, *crowd = (
+    cost, demand, free, zone, path_us, access_us, minimum_us, left, right, us, *more = (
         np.frombuffer(array.content, dtype=array.kind).reshape(array.shape) for array in order.arrays
     )
     edges = tuple(Edge(edge[0], edge[1], Relation(edge[2]), *edge[3:]) for edge in order.edges)
     rtt = Latencies(zone, path_us, Measured(left, right, us), access_us=access_us, minimum_us=minimum_us)
-    problem = Problem(cost, demand, free, edges, rtt, order.step, crowd[0] if crowd else None)
+    links = LinkLimits(more.pop(), *order.flows) if order.flows is not None else None
+    problem = Problem(cost, demand, free, edges, rtt, order.step, more[0] if more else None, links)
     return problem, Limits(*order.limits)
 
 

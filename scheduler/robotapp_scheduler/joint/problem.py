@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.joint.latencies import FloatArray, Latencies
+from robotapp_scheduler.joint.link_limits import LinkLimits
 
 INF: Final = float("inf")
 UNPLACED: Final = -1
@@ -72,6 +73,8 @@ class Problem:
 
     The exact search leaves it out, so its bounds stay below the truth; every plan that is compared has it.
     """
+    links: LinkLimits | None = None
+    """What access links carry; None where none is known or nothing flows."""
     _prices: dict[tuple[tuple[float, ...], int], FloatArray] = field(default_factory=dict)
     around: list[list[tuple[Edge, int]]] = field(default_factory=list)
     """Per pod its edges and the pods at their other ends."""
@@ -123,7 +126,7 @@ class Problem:
 
     def total(self, plan: Sequence[int]) -> float:
         """Cost of a whole plan (a row per pod), INF when a rule or a node's capacity is broken."""
-        if self.overloaded(plan):
+        if self.overloaded(plan) or self.overloaded_links(plan):
             return INF
         total = sum(float(self.cost[pod, row]) for pod, row in enumerate(plan))
         if self.crowd is not None:
@@ -139,6 +142,10 @@ class Problem:
                 rows[row] = rows[row] + self.demand[pod] if row in rows else self.demand[pod]
         return [row for row, needed in rows.items() if bool(((needed > self.free[:, row]) & (needed > 0)).any())]
 
+    def overloaded_links(self, plan: Sequence[int]) -> list[int]:
+        """Rows whose access link would carry more than it has left."""
+        return self.links.over(plan) if self.links is not None else []
+
 
 def with_tiers(problem: Problem, ranks: npt.NDArray[np.int32]) -> Problem:
     """The problem in which no saving of other costs makes up for one place of a later tier. `ranks[pod, row]` from 0 on.
@@ -151,7 +158,7 @@ def with_tiers(problem: Problem, ranks: npt.NDArray[np.int32]) -> Problem:
         return problem
     step = 2.0 ** (math.frexp(_most(problem))[1] + 1)  # a power of two: multiples of it are exact
     cost = problem.cost + step * ranks
-    return Problem(cost, problem.demand, problem.free, problem.edges, problem.rtt, step, problem.crowd)
+    return Problem(cost, problem.demand, problem.free, problem.edges, problem.rtt, step, problem.crowd, problem.links)
 
 
 def _most(problem: Problem) -> float:

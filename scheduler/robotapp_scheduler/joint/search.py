@@ -58,6 +58,8 @@ class Board:
             if own != UNPLACED and short[own] and self.left[resource, own] + needed >= needed:
                 short[own] = False  # it is counted there already
             cost[short] = INF
+        if problem.links is not None:
+            cost[problem.links.blocked(self.plan, pod)] = INF
         return cost
 
     def fill(self, order: Sequence[int], within: Mapping[int, Mask] = EVERYWHERE) -> bool:

@@ -1,8 +1,8 @@
 """The best places for a whole group, with a certified gap.
 
 Lower bounds come from eliminating the pods one by one over candidates and groups of rows (`values`, `elimination`).
-A minimum that uses a group makes its best rows candidates; one that overloads a row is split into cases (branch and
-bound). What greedy and local search found bounds from above, and is the answer when time is up.
+A minimum that uses a group makes its best rows candidates; one that overloads a row or its access link is split into cases
+(branch and bound). What greedy and local search found bounds from above, and is the answer when time is up.
 """
 
 import heapq
@@ -127,6 +127,9 @@ class _Search:
         if overloaded:
             for part in self._split(case, rows, overloaded[0]):
                 self._push(bound, part)
+        elif full := [] if vague else self._problem.overloaded_links(rows):
+            for part in self._split_link(case, rows, full[0]):
+                self._push(bound, part)
         elif not found.exact or vague or self._problem.crowd is not None:
             self._kept = min(self._kept, bound)  # with pods that crowd each other out, another plan may be better
         # Else the minimum is a plan of this cost, and was offered.
@@ -176,6 +179,23 @@ class _Search:
                 return
             yield _Case(case.off | {(pod, row)}, on)
             on = (*on, (pod, row))
+
+    def _split_link(self, case: _Case, rows: Plan, row: int) -> Iterator[_Case]:
+        """Of an overloaded link: one of the row's pods is elsewhere, or all stay and one that they talk to joins them."""
+        links, on, off = self._problem.links, case.on, case.off
+        if links is None:
+            return
+        forced = dict(on)
+        for pod in [pod for pod, found in enumerate(rows) if found == row and pod not in forced]:
+            if not self._fits(on, row):
+                return
+            yield _Case(off | {(pod, row)}, on)
+            on = (*on, (pod, row))
+        for pod in links.near(row, rows):
+            if pod not in forced and (pod, row) not in off and self._problem.cost[pod, row] < INF:
+                self._values.add(pod, [row])
+                yield _Case(off, (*on, (pod, row)))
+                off |= {(pod, row)}
 
     def _fits(self, on: tuple[tuple[int, int], ...], row: int) -> bool:
         plan = [UNPLACED] * self._problem.pods

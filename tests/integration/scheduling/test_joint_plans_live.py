@@ -12,7 +12,7 @@ from tests.support.apiobjects import component
 from tests.support.ports import ask
 from tests.support.stage import Json, Stage, deployment, nodes
 
-from robotapp_api.model.names import API_VERSION, Label
+from robotapp_api.model.names import API_VERSION, Annotation, Label
 from robotapp_scheduler.shell.planner.planner import WORKER
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.nodes import SimulatedNode, edge
@@ -176,3 +176,29 @@ def test_a_ring_of_sixty_four_components_runs_on_nodes_of_which_one_is_too_far(
         stage.wait(whole, what=lambda: f"{placed(stage, 'ring')}", timeout_s=120)
         where = placed(stage, "ring")
         assert len({node == "far-cloud" for node in where.values()}) == 1, where
+
+
+@pytest.mark.usefixtures("scheduler")
+def test_an_app_waits_while_a_robots_link_does_not_carry_its_stream_and_starts_when_it_does(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    """24 Mbit/s from a camera on the robot to a component that only the server has room for."""
+    edges: list[Json] = [{"topic": "/image", "from": "camera", "to": "vision", "rateHz": 30, "messageBytes": 100_000}]
+    wants = {"camera": ("robot", "1"), "vision": ("server", "8")}
+    with nodes(installed_plane, edge("robot", cpu="2"), edge("server", cpu="16")):
+        installed_plane.kubectl("annotate", "node", "robot", f"{Annotation.LINK_BANDWIDTH}=20M")
+        app = stage.create_app("stream", [component(name) for name in wants], edges=edges)
+        for name, (node, cpu) in wants.items():
+            box = {"name": "main", "image": "registry.invalid/main:1", "resources": {"requests": {"cpu": cpu}}}
+            where = {"nodeSelector": {"kubernetes.io/hostname": node}} if name == "camera" else {}
+            stage.create_deployment(deployment(app, name, containers=[box], **where))
+
+        def refusals() -> str:
+            found = stage.pods(**{str(Label.APP): "stream"})
+            return " ".join(each.get("message", "") for pod in found for each in pod["status"].get("conditions", []))
+
+        stage.wait(lambda: "too little bandwidth on an access link" in refusals(), what=refusals)
+        assert set(placed(stage, "stream").values()) == {""}
+        installed_plane.kubectl("annotate", "--overwrite", "node", "robot", f"{Annotation.LINK_BANDWIDTH}=30M")
+        expected = {name: node for name, (node, _) in wants.items()}
+        stage.wait(lambda: placed(stage, "stream") == expected, what=lambda: f"{placed(stage, 'stream')} {refusals()}")

@@ -29,13 +29,13 @@ CORE = "scheduler/robotapp_scheduler/core"
 READERS: Final[Mapping[str, str]] = {
     f"{CHECKS}/ros.py": "spec.ros.version spec.ros.distro spec.ros2.rmw spec.ros2.discovery.mode",
     f"{CHECKS}/edges.py": """
-        spec.edges.type spec.edges.rateHz spec.edges.messageBytes
+        spec.edges.type
         spec.edges.qos.reliability spec.edges.qos.durability spec.edges.qos.history spec.edges.qos.depth
         spec.edges.qos.deadline spec.edges.qos.liveliness spec.edges.qos.lease
         spec.edges.requestedQos.reliability spec.edges.requestedQos.durability spec.edges.requestedQos.history
         spec.edges.requestedQos.depth spec.edges.requestedQos.deadline spec.edges.requestedQos.liveliness
         spec.edges.requestedQos.lease""",
-    f"{CHECKS}/components.py": "spec.components.devices.count spec.components.ready.lifecycle",
+    f"{CHECKS}/components.py": "spec.components.ready.lifecycle",
     "crds/robotapp_api/values/selector.py": """
         spec.robots.nodeSelector.matchLabels spec.robots.nodeSelector.matchExpressions.key
         spec.robots.nodeSelector.matchExpressions.operator spec.robots.nodeSelector.matchExpressions.values""",
@@ -83,11 +83,12 @@ READERS: Final[Mapping[str, str]] = {
     f"{CORE}/robotics/resolve.py": """
         spec.components.qosClass spec.components.policies.latencyBudget spec.components.policies.deadline
         spec.components.policies.reliability spec.components.policies.liveliness
-        spec.components.sharedData.peerPods spec.components.sharedData.claimNames
+        spec.components.sharedData.peerPods spec.components.sharedData.claimNames spec.components.devices.count
         spec.placement.zones""",
     f"{CORE}/robotics/app_index.py": """
         spec.components.sharedData.with spec.components.colocateWith spec.components.separateFrom spec.edges.kind spec.edges.topic spec.edges.from
-        spec.edges.to spec.edges.latency.budget spec.edges.latency.enforce spec.placement.objective""",
+        spec.edges.to spec.edges.latency.budget spec.edges.latency.enforce spec.placement.objective
+        spec.edges.bandwidth spec.edges.rateHz spec.edges.messageBytes""",
     f"{CORE}/robotics/fallback.py": "spec.placement.fallback.steps spec.placement.fallback.after",
     f"{CORE}/cycle/all_or_nothing.py": "spec.placement.gang",
 }
@@ -110,7 +111,6 @@ TOLD: Final[Mapping[str, dict[str, Any]]] = {
     "spec.components.policies.durability": {"components": [component(policies={"durability": "transient_local"})]},
     "spec.components.policies.queueSize": {"components": [component(policies={"queueSize": 3})]},
     "spec.components.policies.tcpNodelay": {"components": [component(policies={"tcpNodelay": True})]},
-    "spec.edges.bandwidth": {"edges": [{"topic": "/t", "from": "operator", "to": "driver", "bandwidth": "40M"}]},
     "spec.ros2.transport": {"ros2": {"transport": "SHM"}},
 }
 """Fields that wait for a later issue, or a value of them does, with a spec that sets them: `Accepted` names them."""

@@ -70,7 +70,10 @@ class Edge(Slim):
     topic: str = ""
     from_: str = msgspec.field(name="from", default="")
     to: str = ""
+    rate_hz: str | int | None = None
+    message_bytes: int | None = None
     latency: EdgeLatency | None = None
+    bandwidth: str | int | None = None
 
 
 class Reschedule(Slim):

@@ -119,6 +119,10 @@ class RosContext(msgspec.Struct, frozen=True, gc=False):
     endpoints: tuple[Endpoint, ...] = ()
     unknown_end: bool = False
     """A latency budget of the pod has no other end on a known node. Components of its own app that are not placed yet are known."""
+    flows: tuple[tuple[str, int], ...] = ()
+    """(node, bit/s) of connections to placed ends, where any node's access link is known."""
+    links: int = 0
+    """Stands for what is left on all links."""
     deadline_us: int | None = None
     zones: tuple[str, ...] = ()
     master_node: str = ""

@@ -31,6 +31,7 @@ from robotapp_scheduler.core.pods.pod_group_index import PodGroups, in_group
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo, same_groups
 from robotapp_scheduler.core.pods.pod_signature import PodSignatures, same_signature
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaims
+from robotapp_scheduler.core.robotics.access_links import AccessLinks
 from robotapp_scheduler.core.robotics.app_index import AppIndex
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant, DeviceIndex
 from robotapp_scheduler.core.robotics.fallback import LATEST
@@ -53,6 +54,7 @@ class Cache:
         self.minimum_free = MinimumFree(self.nodes)
         self.ports = PortUsers()
         self.apps = AppIndex()
+        self.links = AccessLinks(self.nodes, self.apps)
         self.devices = DeviceIndex()
         self.volumes = Volumes()
         self.pod_groups = PodGroups()

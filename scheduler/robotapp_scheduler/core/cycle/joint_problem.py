@@ -112,7 +112,10 @@ def joint_problem_of(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | No
         return None
     demand, free = np.hstack((demand, devices)), np.vstack((free, usable))
     crowd = _crowd(core, pods) if balances(app) else None
-    problem = Problem(cost, demand, free, tuple(edges), core.cluster.rtt.latencies(), crowd=crowd)
+    filters = core.runner(pods[0].scheduler_name).profile.filters
+    limited = any(isinstance(each.plugin, LimitsConnections) for each in filters)
+    links = core.cluster.links.limits(app, pods) if limited else None
+    problem = Problem(cost, demand, free, tuple(edges), core.cluster.rtt.latencies(), crowd=crowd, links=links)
     problem = with_tiers(problem, np.stack(ranks))
     return JointProblem(problem, tuple(pod.uid for pod in pods), tuple(table.names))
 

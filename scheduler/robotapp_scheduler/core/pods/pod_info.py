@@ -255,6 +255,7 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "ros.qos": lambda pod: pod.ros and pod.ros.qos_class,
     "ros.topology": lambda pod: pod.ros and (pod.ros.zones, pod.ros.master_node),
     "ros.endpoints": lambda pod: pod.ros and (pod.ros.endpoints, pod.ros.unknown_end),
+    "ros.links": lambda pod: pod.ros and (pod.ros.flows, pod.ros.links),
     "ros.objective": lambda pod: pod.ros and pod.ros.balance,
     "ros.deadline": lambda pod: pod.ros and (pod.ros.deadline_us, pod.ros.endpoints),
     "ros.hardware": lambda pod: pod.ros and (pod.ros.hardware, pod.ros.devices),

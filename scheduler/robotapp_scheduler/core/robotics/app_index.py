@@ -5,10 +5,11 @@ pod → ReplicaSet → Deployment → RobotApp inside one namespace.
 """
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from robotapp_api.model.names import ROBOT_END
+from robotapp_api.model.names import ROBOT_END, Label
+from robotapp_api.values.bandwidth import bandwidth_bps
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neighbours
 from robotapp_api.values.tiers import ROBOT
@@ -34,6 +35,14 @@ class Link(NamedTuple):
     required: bool
 
 
+class Flow(NamedTuple):
+    """What an edge takes of the links between its ends."""
+
+    from_: str
+    to: str
+    bps: int
+
+
 class App(NamedTuple):
     """A RobotApp with its edges turned into links per component; `problems` are values that cannot be read.
 
@@ -45,6 +54,8 @@ class App(NamedTuple):
     links: dict[str, tuple[Link, ...]]
     problems: tuple[str, ...]
     neighbours: Mapping[str, Neighbours]
+    flows: tuple[Flow, ...] = ()
+    """Of the edges whose bandwidth is stated."""
 
     @property
     def uid(self) -> str:
@@ -98,15 +109,17 @@ def read_app(source: RobotApp) -> App:
     for i, component in enumerate(source.spec.components):
         _duration(component.policies.latency_budget, f"components[{i}].policies.latencyBudget", problems)
         _duration(component.policies.deadline, f"components[{i}].policies.deadline", problems)
+    flows = tuple(_flows(source.spec.edges, problems))
     return App(
         source=source,
         components={component.name: component for component in source.spec.components},
         links={name: tuple(found) for name, found in links.items()},
-        problems=tuple(problems),
         neighbours=neighbours(
             Part(each.name, (*each.colocate_with, *each.shared_data.with_), each.separate_from)
             for each in source.spec.components
         ),
+        flows=flows,
+        problems=tuple(problems),
     )
 
 
@@ -127,6 +140,17 @@ def connections(app: App) -> Iterator[Connection]:
         if ends:
             here, link = ends[0]
             yield Connection(edge.from_, edge.to, here, link)
+
+
+def _flows(edges: Sequence[Edge], problems: list[str]) -> Iterator[Flow]:
+    for i, edge in enumerate(edges):
+        try:
+            bps = bandwidth_bps(edge.bandwidth, rate_hz=edge.rate_hz, message_bytes=edge.message_bytes)
+        except ValueError as error:
+            problems.append(f"spec.edges[{i}]: {error}")
+            continue
+        if bps > 0:
+            yield Flow(edge.from_, edge.to, bps)
 
 
 def on_one_node(app: App, component: str) -> bool:
@@ -167,6 +191,7 @@ class AppIndex:
         self._on_node: dict[str, Counter[InstanceKey]] = {}
         self._touched: set[InstanceKey] = set()
         self._touched_apps: set[str] = set()
+        self._other_flows: set[InstanceKey] = set()
 
     def __repr__(self) -> str:
         return f"AppIndex({len(self._apps)} apps, {len(self._owners)} owners, {len(self._replicas)} instances)"
@@ -181,11 +206,13 @@ class AppIndex:
             return False
         self._apps[source.metadata.uid] = read_app(source)
         self._touched_apps.add(source.metadata.uid)
+        self._change_flows(source.metadata.uid)
         return True
 
     def remove_app(self, uid: str) -> bool:
         """The app is gone."""
         self._touched_apps.discard(uid)
+        self._change_flows(uid)
         return self._apps.pop(uid, None) is not None
 
     def app(self, uid: str) -> App | None:
@@ -196,6 +223,7 @@ class AppIndex:
         """Add or update a ReplicaSet or Deployment; True when its owner changed."""
         old = self._owners.get(owner.metadata.uid)
         self._owners[owner.metadata.uid] = owner
+        self._change_flows_of(owner)
         return old is None or old.metadata.owner_references != owner.metadata.owner_references
 
     def remove_owner(self, uid: str) -> bool:
@@ -236,6 +264,7 @@ class AppIndex:
         replicas[pod.metadata.uid] = Replica(pod, node)
         self._count(key, replicas[pod.metadata.uid], 1)
         self._touched.add(key)
+        self._other_flows.add(key)
 
     def drop(self, pod: Pod) -> None:
         """Stop counting a pod that is gone or terminal."""
@@ -243,6 +272,7 @@ class AppIndex:
         if member is None:
             return
         key = (member.app_uid, member.instance)
+        self._other_flows.add(key)
         instance = self._replicas.get(key, {})
         replicas = instance.get(member.component, {})
         self._count(key, replicas.pop(pod.metadata.uid, None), -1)
@@ -286,6 +316,23 @@ class AppIndex:
     def expected(self, member: Member, component: str) -> tuple[str, ...]:
         """Nodes a component of the same instance may still end up on; empty when they are not known."""
         return self._expected.get(member._replace(component=component), ())
+
+    def take_other_flows(self) -> set[InstanceKey]:
+        """Instances whose connections may take other links, or more of them, since the last call."""
+        found, self._other_flows = self._other_flows, set()
+        return found
+
+    def _change_flows(self, app_uid: str) -> None:
+        self._other_flows.update(key for key in self._replicas if key[0] == app_uid)
+
+    def _change_flows_of(self, owner: Owned) -> None:
+        """Whose pods count is decided by their owners."""
+        labels = owner.metadata.labels or {}
+        uid, instance = labels.get(Label.APP_UID, ""), labels.get(Label.INSTANCE)
+        if instance is None:
+            self._change_flows(uid)
+        else:
+            self._other_flows.add((uid, instance))
 
     def instances(self) -> list[InstanceKey]:
         """Everything that has a live pod."""

@@ -23,6 +23,7 @@ from robotapp_scheduler.core.api.ros import (
     SharedVolume,
 )
 from robotapp_scheduler.core.pods.pod_info import Member, PlacedPod, PodInfo
+from robotapp_scheduler.core.robotics.access_links import AccessLinks
 from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Link, balances, on_one_node, tied
 from robotapp_scheduler.core.robotics.fallback import held_until
 
@@ -45,6 +46,8 @@ class Surroundings(Protocol):
     def robot_end(self, robot: str) -> tuple[str, ...]:
         """The robot's primary node; all of its nodes while that is not known."""
 
+    @property
+    def links(self) -> AccessLinks: ...
     def placed_named(self, namespace: str, name: str) -> list[PlacedPod]:
         """Placed pods of this name, or of the Deployment of this name."""
 
@@ -87,11 +90,15 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
         for _ in range(d.count)
     )
     shared = component.shared_data
+    flows = tuple(around.links.flows(member, component.name, but=pod.uid)) if app.flows else ()
+    free_bps = around.links.free() if flows else None
     return RosContext(
         tenant=pod.namespace,
         qos_class=component.qos_class,
         endpoints=endpoints,
         unknown_end=_lacks_end(member, app, component, around),
+        flows=flows if free_bps is not None else (),
+        links=hash(free_bps.tobytes()) if free_bps is not None else 0,
         deadline_us=_us(component.policies.deadline),
         zones=spec.placement.zones,
         master_node=spec.placement.master_node,

@@ -1,5 +1,6 @@
-"""LatencyFilter: nodes that are too far from the other ends of a pod's connections."""
+"""LatencyFilter: nodes that are too far from the other ends of a pod's connections, or on whose links these do not fit."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import msgspec
@@ -14,6 +15,8 @@ from robotapp_scheduler.core.framework.interface import FilterResult, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_facts import NodeFact
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.core.robotics.access_links import LINK_BANDWIDTH
+from robotapp_scheduler.joint.link_limits import no_room
 from robotapp_scheduler.plugins.ros.round_trips import estimated, nearest_us
 
 DRAINING: Final = "node(s) were shutting down gracefully"
@@ -22,6 +25,7 @@ LIKELY_TOO_FAR: Final = "node(s) exceeded the latency budget by estimate"
 UNKNOWN: Final = "node(s) had no latency measurement"
 OUTLIER: Final = "node(s) were latency outliers"
 NO_END: Final = "node(s) couldn't be measured to the other end of the latency budget: it is not known"
+NO_BANDWIDTH: Final = "node(s) left too little bandwidth on an access link for the pod's connections"
 UNREACHABLE: Final = "node(s) got no answer from the other end of a connection"
 SHUTTING_DOWN: Final = NodeFact(
     "shutting-down",
@@ -29,7 +33,7 @@ SHUTTING_DOWN: Final = NodeFact(
     absent=False,
 )
 """No new ROS pods on these."""
-_PASS, _DRAINING, _TOO_FAR, _UNKNOWN, _OUTLIER, _UNREACHABLE, _LIKELY_TOO_FAR, _NO_END = range(-1, 7)
+_PASS, _DRAINING, _TOO_FAR, _UNKNOWN, _OUTLIER, _UNREACHABLE, _LIKELY_TOO_FAR, _NO_END, _NO_BANDWIDTH = range(-1, 8)
 
 
 class LatencyFilterArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
@@ -47,10 +51,10 @@ class LatencyFilter:
     """
 
     name = "LatencyFilter"
-    reads = ("ros.endpoints",)
-    node_reads = ("rtt", SHUTTING_DOWN)
+    reads = ("ros.endpoints", "ros.links")
+    node_reads = ("rtt", SHUTTING_DOWN, LINK_BANDWIDTH)
     events = (
-        Change.NODE_ADDED | Change.ANNOTATIONS | Change.LABELS  # which zone a node is in, and which one is `@robot`
+        Change.NODE_ADDED | Change.ANNOTATIONS | Change.LABELS  # which zone a node is in, which one is `@robot`, what links carry
         | Change.RTT | Change.POD_ADDED | Change.POD_REMOVED | Change.APPS
     )  # fmt: skip
     resolvable = False
@@ -79,8 +83,19 @@ class LatencyFilter:
                 self._judge(nodes, endpoint, codes, detail)
         if self.deny_unknown and pod.ros.unknown_end:
             self._mark(codes, np.ones(nodes.n, dtype=np.bool_), _NO_END)
+        if pod.ros.flows:
+            self._mark(codes, _overloading(pod.ros.flows, nodes), _NO_BANDWIDTH)
         mask = np.equal(codes, _PASS)
-        reasons = ((DRAINING,), (TOO_FAR,), (UNKNOWN,), (OUTLIER,), (UNREACHABLE,), (LIKELY_TOO_FAR,), (NO_END,))
+        reasons = (
+            (DRAINING,),
+            (TOO_FAR,),
+            (UNKNOWN,),
+            (OUTLIER,),
+            (UNREACHABLE,),
+            (LIKELY_TOO_FAR,),
+            (NO_END,),
+            (NO_BANDWIDTH,),
+        )
         return Verdict(mask, np.maximum(codes, 0), reasons, detail=detail, detail_unit="ms")
 
     def _judge(self, nodes: Snapshot, endpoint: Endpoint, codes: IntArray, detail: FloatArray) -> None:
@@ -104,3 +119,17 @@ class LatencyFilter:
     @staticmethod
     def _mark(codes: IntArray, where: BoolArray, code: int) -> None:
         codes[where & (codes == _PASS)] = code
+
+
+def _overloading(flows: Sequence[tuple[str, int]], nodes: Snapshot) -> BoolArray:
+    """Nodes with which a link would carry more than is known to be left on it."""
+    free_bps, row_of = nodes.cluster.links.free(), nodes.cluster.nodes.row_of
+    if free_bps is None:
+        return np.zeros(nodes.n, dtype=np.bool_)
+    peers: dict[int, int] = {}
+    for node, bps in flows:
+        row = row_of.get(node)
+        if row is not None:
+            peers[row] = peers.get(row, 0) + bps
+    blocked: BoolArray = nodes.pick(no_room(free_bps, peers))
+    return blocked

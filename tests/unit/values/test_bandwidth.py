@@ -1,0 +1,28 @@
+"""What an edge takes of the links it crosses."""
+
+import pytest
+
+from robotapp_api.values.bandwidth import bandwidth_bps
+
+
+def test_what_is_written_counts_else_the_rate_times_the_bits_of_a_message() -> None:
+    assert bandwidth_bps("40M", rate_hz=20, message_bytes=48) == 40_000_000
+    assert bandwidth_bps(None, rate_hz=20, message_bytes=48) == 7680
+    assert (
+        bandwidth_bps(None, rate_hz="0.5", message_bytes=1000)
+        == bandwidth_bps(None, rate_hz="500m", message_bytes=1000)
+        == 4000
+    )
+    assert bandwidth_bps(None, rate_hz="0.0001", message_bytes=1) == 1, "rounded up, as quantities are"
+
+
+def test_a_rate_or_a_size_alone_states_no_bandwidth() -> None:
+    assert (
+        bandwidth_bps(None, rate_hz=20, message_bytes=None) == bandwidth_bps(None, rate_hz=None, message_bytes=48) == 0
+    )
+    assert bandwidth_bps(None, rate_hz=20, message_bytes=0) == 0
+
+
+def test_what_is_no_quantity_is_an_error() -> None:
+    with pytest.raises(ValueError, match="is not a quantity"):
+        bandwidth_bps("fast", rate_hz=None, message_bytes=None)
