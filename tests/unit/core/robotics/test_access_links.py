@@ -4,12 +4,13 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from tests.support.pod_groups import arrive, depart
-from tests.support.scheduling import app_object, chain, make_core, make_node, member_pod, telemetry
+from tests.support.pod_groups import arrive, depart, run, tell
+from tests.support.scheduling import Clock, app_object, chain, make_core, make_node, member_pod, telemetry
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.cycle.group_cycle import placement_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.robotics.access_links import AccessLinks
 from robotapp_scheduler.joint.solve import Limits, solve
 
@@ -17,7 +18,13 @@ Json = dict[str, Any]
 NODES = ("robot", "edge-1", "edge-2")
 
 
-def world(edges: list[Json], *, links: dict[str, str], components: tuple[str, ...] = ("a", "b", "c")) -> SchedulerCore:
+def world(
+    edges: list[Json],
+    *,
+    links: dict[str, str],
+    components: tuple[str, ...] = ("a", "b", "c"),
+    clock: Clock | None = None,
+) -> SchedulerCore:
     labels = {"robot": {str(Label.ROBOT): "amr"}}
     core = make_core(
         *(
@@ -27,7 +34,8 @@ def world(edges: list[Json], *, links: dict[str, str], components: tuple[str, ..
                 annotations={str(Annotation.LINK_BANDWIDTH): links[name]} if name in links else {},
             )
             for name in NODES
-        )
+        ),
+        clock=clock,
     )
     for i, name in enumerate(NODES):
         core.cluster.apply_telemetry(telemetry(name, rtt_ms={other: 1.0 + i for other in NODES if other != name}))
@@ -131,6 +139,19 @@ def test_a_group_is_planned_within_the_links_though_apart_its_pods_would_have_ot
     assert placed(core, "a", "b", "c", pinned={"a": "robot", "b": "edge-1"}) == {"a": "", "b": "", "c": ""}
     core = world(edges, links={})
     assert placed(core, "a", "b", "c", pinned={"a": "robot", "b": "edge-1"})["b"] == "edge-1"
+
+
+def test_an_app_that_waits_is_tried_again_when_the_node_states_a_wider_link() -> None:
+    clock = Clock()
+    stream = [edge("a", "b", rateHz=30, messageBytes=100_000)]
+    core = world(stream, links={"robot": "20M"}, components=("a", "b"), clock=clock)
+    for name, node in (("a", "robot"), ("b", "edge-1")):
+        arrive(core, member_pod(name, instance="amr", nodeSelector={"kubernetes.io/hostname": node}))
+    assert run(core) == {}
+    wider = make_node("robot", labels={str(Label.ROBOT): "amr"}, annotations={str(Annotation.LINK_BANDWIDTH): "30M"})
+    tell(core, Event("nodes", core.cluster.apply_node(wider), None, wider))
+    clock.forward(60)
+    assert sorted(run(core).values()) == ["edge-1", "robot"]
 
 
 def test_what_is_kept_per_instance_is_what_counting_anew_gives() -> None:
