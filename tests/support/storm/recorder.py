@@ -103,6 +103,11 @@ class Recorder:
         """Claims seen so far."""
         return len(self._claims)
 
+    @property
+    def passed(self) -> dict[str, int]:
+        """The revision that each watch has passed, by kind; without a kind whose watch has not begun."""
+        return {kind: int(version) for kind, version in self._versions.copy().items()}
+
     def ripe(self, *, all_of_them: bool = False) -> list[Event]:
         """What happened since the last call, up to the revision that both watches have passed; each event comes once."""
         with self._lock:
