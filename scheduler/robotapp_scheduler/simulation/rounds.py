@@ -7,6 +7,7 @@ from robotapp_scheduler.core.cycle.group_cycle import placement_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.queue.queued_pod_info import Rejection
+from robotapp_scheduler.core.robotics.fallback import EARLIEST, LATEST
 from robotapp_scheduler.joint.solve import Limits, solve
 
 ROUNDS: Final = 10
@@ -39,13 +40,22 @@ class Rounds:
     def place(self) -> dict[str, ScheduleResult]:
         """Decide until no pod finds a node any more. Returns the refused ones by pod uid; gated ones stay in the queue.
 
-        A second call tries those that the first one refused.
+        Then time passes once: `placement.fallback` gives up what it held.
         """
-        for _ in range(ROUNDS):
+        cluster = self._core.cluster
+        cluster.now = lambda: EARLIEST
+        self._rounds()
+        if self._rejected and self._core.holding:
+            cluster.now = lambda: LATEST
             self._core.queue.activate(list(self._rejected))
+            self._rounds()
+        return self._rejected
+
+    def _rounds(self) -> None:
+        for _ in range(ROUNDS):
             if not self._round() or not self._rejected:
                 break
-        return self._rejected
+            self._core.queue.activate(list(self._rejected))
 
     def _round(self) -> bool:
         """One pass over the queue; True when a pod found a node."""

@@ -16,7 +16,6 @@ from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.pods.in_place_resize import held_per_container
-from robotapp_scheduler.core.robotics.fallback import EARLIEST, LATEST
 from robotapp_scheduler.simulation.dump import MOST_PROBLEMS, Dump
 from robotapp_scheduler.simulation.rounds import Rounds
 from robotapp_scheduler.watch.routes import routes
@@ -81,9 +80,7 @@ class _World:
         self._progress = progress
         self._names = frozenset(config.scheduler_names)
         self._counted = held_per_container if config.sums_per_container else _as_it_is
-        self._waited = False
-        """Whether the pods have waited for as long as `placement.fallback` lets them."""
-        self.cluster = Cache(clock=lambda: _NO_TIME, now=lambda: LATEST if self._waited else EARLIEST)
+        self.cluster = Cache(clock=lambda: _NO_TIME)
         self.core = SchedulerCore(self.cluster, config.build(), clock=lambda: _NO_TIME)
         self.outcome = Outcome(config=config.digest, problems=list(dump.problems), ignored=dict(dump.ignored))
         self._was: dict[str, str] = {}
@@ -115,7 +112,7 @@ class _World:
         self.outcome.nodes = self.cluster.nodes.count
 
     def place(self) -> None:
-        """Decide until no pod finds a node any more; then what apps give up in the end is given up, and once more."""
+        """Decide until no pod finds a node any more."""
         waiting, decided = len(self.core.queue), 0
 
         def popped(count: int) -> None:
@@ -123,12 +120,7 @@ class _World:
             decided += count
             self._progress(decided, waiting)
 
-        rounds = Rounds(self.core, placed=self._note, popped=popped)
-        rejected = rounds.place()
-        if rejected and self.core.holding:
-            self._waited = True
-            rejected = rounds.place()
-        for decision in rejected.values():
+        for decision in Rounds(self.core, placed=self._note, popped=popped).place().values():
             self._note(decision)
         for queued in self.core.queue.gated():
             gate = queued.gate

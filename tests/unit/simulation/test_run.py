@@ -146,3 +146,46 @@ def test_a_pod_that_is_being_resized_leaves_as_much_room_as_in_the_release_that_
     given = (node("n", cpu="4"), resized, pod("p", cpu="1"))
     assert nodes_of(outcome(*given)) == {"p": "n"}
     assert nodes_of(outcome(*given, compatVersion="1.35")) == {"p": None}
+
+
+def of_app(kind: str, component: str, owned_by: tuple[str, str]) -> Any:
+    """A Deployment, ReplicaSet or Pod of a component; `owned_by` is kind and uid."""
+    labels = {"robotics.io/app-uid": "app", "robotics.io/component": component, "robotics.io/instance": ""}
+    owner = {"kind": owned_by[0], "name": owned_by[1], "uid": owned_by[1], "controller": True}
+    if kind == "Pod":
+        place = {"kubernetes.io/hostname": {"left": "a", "right": "b"}[component]}
+        return pod(component, labels=labels, owner=owner, nodeSelector=place)
+    name = f"{kind.lower()}-{component}"
+    meta = {"namespace": "default", "name": name, "uid": name, "labels": labels, "ownerReferences": [owner]}
+    return {"kind": kind, "apiVersion": "apps/v1", "metadata": meta, "spec": {}}
+
+
+def test_a_fallback_is_played_to_its_end() -> None:
+    far = {"status": {"rtt": [{"peer": "b", "p50Us": 90_000, "p95Us": 90_000}], "intervalSeconds": 10}}
+    latency = {"budget": "30ms", "enforce": "Preferred"}
+
+    def placed(fallback: Any) -> dict[str, str | None]:
+        app = {
+            "kind": "RobotApp",
+            "metadata": {"name": "app", "namespace": "default", "uid": "app", "generation": 1},
+            "spec": {
+                "components": [{"name": "left"}, {"name": "right"}],
+                "edges": [{"topic": "/t", "from": "left", "to": "right", "latency": latency}],
+                "placement": {"fallback": fallback},
+            },
+            "status": {"observedGeneration": 1},
+        }
+        children = [
+            each
+            for name in ("left", "right")
+            for each in (
+                of_app("Deployment", name, ("RobotApp", "app")),
+                of_app("ReplicaSet", name, ("Deployment", f"deployment-{name}")),
+                of_app("Pod", name, ("ReplicaSet", f"replicaset-{name}")),
+            )
+        ]
+        telemetry = {"kind": "NodeTelemetry", "metadata": {"name": "a"}, **far}
+        return nodes_of(outcome(node("a"), node("b"), app, telemetry, *children))
+
+    assert placed({"after": "10s"}) == {"left": "a", "right": "b"}
+    assert placed({"steps": ["Wait"]}) == {"left": None, "right": None}
