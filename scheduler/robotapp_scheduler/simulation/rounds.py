@@ -43,12 +43,16 @@ class Rounds:
         Then time passes once: `placement.fallback` gives up what it held.
         """
         cluster = self._core.cluster
-        cluster.now = lambda: EARLIEST
-        self._rounds()
-        if self._rejected and self._core.holding:
-            cluster.now = lambda: LATEST
-            self._core.queue.activate(list(self._rejected))
+        live = cluster.now
+        try:
+            cluster.now = lambda: EARLIEST
             self._rounds()
+            if self._rejected and self._core.holding:
+                cluster.now = lambda: LATEST
+                self._core.queue.activate(list(self._rejected))
+                self._rounds()
+        finally:
+            cluster.now = live
         return self._rejected
 
     def _rounds(self) -> None:

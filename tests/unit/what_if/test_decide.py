@@ -201,6 +201,15 @@ def test_a_new_app_is_placed_whole_with_its_edges() -> None:
     assert change.after.verdict == EdgeVerdict.MET
 
 
+@pytest.mark.parametrize(("steps", "outcome"), [(["RelaxPreferred"], Outcome.MOVES), (["Wait"], Outcome.PENDING)])
+def test_a_preferred_budget_is_given_up_in_the_end_where_the_app_allows_it(steps: list[str], outcome: Outcome) -> None:
+    preferred = [edge("planner", "driver", enforce="Preferred")]
+    core = robot_and_servers(edges=preferred, placement={"fallback": {"steps": steps}})
+    measure(core, {"e1": 12.0, "e2": 50.0, "e3": 70.0})
+    found = only(lost(core, "e1"))
+    assert (found.outcome, found.to) == (outcome, "e2" if outcome == Outcome.MOVES else "")
+
+
 def test_an_app_that_runs_is_compared_with_where_it_is() -> None:
     core = robot_and_servers()
     changed = app(*COMPONENTS, name="teleop", edges=[edge("planner", "driver")],
