@@ -7,6 +7,7 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any
 
+import aiohttp
 import pytest
 from prometheus_client.exposition import generate_latest
 from tests.support.apiserver import FakeApiServer, Key
@@ -70,9 +71,10 @@ class World:
 
 
 @asynccontextmanager
-async def world(*, leader: bool = False) -> AsyncIterator[World]:
+async def world(*, leader: bool = False, **changes: Any) -> AsyncIterator[World]:
+    """`changes` are of the process' flags."""
     async with FakeApiServer() as server, client_for(server.endpoint) as client:
-        scheduler = Scheduler(client, Running(config(leader=leader)), options())
+        scheduler = Scheduler(client, Running(config(leader=leader)), options(**changes))
         task = asyncio.create_task(scheduler.run())
         try:
             yield World(server, client, scheduler, task)
@@ -170,6 +172,36 @@ async def test_a_better_node_is_proposed_for_a_pod_whose_budget_is_exceeded(monk
         await until(proposed, what="a proposal")
         better = parse_better_node(proposed())
         assert (better.node, better.before_us, better.after_us) == ("e2", 60_000.0, 8_000.0)
+
+
+async def test_what_would_be_is_decided_in_a_copy_of_the_whole_process_and_nothing_is_written(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def installed(_: Informers) -> bool:
+        return True
+
+    monkeypatch.setattr(Informers, "_installed", installed)
+    question = {"nodeLoss": ["e1"], "rtt": [{"one": "amr", "other": "e2", "rtt": "12ms"}]}
+    async with world(insecure_explain=True, better_nodes=False) as found:
+        await late_app(found.client)
+        core = found.scheduler.core
+        await until(
+            lambda: core.cluster.rtt.measured_us("amr", "e2", 95) and len(core.cluster.placed) == 2, what="seen"
+        )
+        before = {key: each["metadata"]["resourceVersion"] for key, each in found.server.store.objects.items()}
+        async with aiohttp.ClientSession() as session:
+            where = f"https://127.0.0.1:{found.scheduler.port}/what-if"
+            async with session.post(where, json=question, ssl=False) as response:
+                assert response.status == 200, await response.text()
+                answer = await response.json()
+        (moved,) = answer["pods"]
+        assert (moved["component"], moved["outcome"], moved["from"], moved["to"]) == ("planner", "Moves", "e1", "e2")
+        (edge,) = answer["edges"]
+        assert (edge["before"]["rttMs"], edge["before"]["verdict"]) == (60.0, "Exceeded")
+        assert (edge["after"]["rttMs"], edge["after"]["verdict"]) == (12.0, "Met")
+        assert {key: each["metadata"]["resourceVersion"] for key, each in found.server.store.objects.items()} == before
+        assert {each.name: each.node for each in core.cluster.placed.values()} == {"driver": "amr", "planner": "e1"}
+        assert core.cluster.rtt.measured_us("amr", "e2", 95) == 8_000.0
 
 
 async def test_a_poison_node_is_counted_and_the_next_one_is_used() -> None:
