@@ -186,8 +186,9 @@ def remove(world: World, kind: str, name: str) -> None:
     """End a pod, with the app it is of."""
     if kind == APP:
         app = world.stage.pod(name)["metadata"]["labels"]["robotics.io/app"]
-        world.cp.api.delete(f"{ROBOTAPPS.format(world.stage.namespace)}/{app}")
+        # In this order: the garbage collector deletes what the app owns, perhaps before we do.
         world.cp.api.delete(f"/apis/apps/v1/namespaces/{world.stage.namespace}/deployments/{app}-planner")
+        world.cp.api.delete(f"{ROBOTAPPS.format(world.stage.namespace)}/{app}")
         world.stage.wait(lambda: not world.stage.pods(**{"robotics.io/app": app}), what=lambda: f"pods of {app} stay")
     else:
         world.stage.delete_pod(name)
