@@ -7,9 +7,11 @@ needed beside those to see pods and, to name nodes, to get nodes.
 import asyncio
 import json
 import sys
+import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
@@ -27,6 +29,8 @@ from robotapp_cli.simulate import document
 
 _MOST_BYTES: Final = 1 << 20
 _PROGRESS_AFTER_S: Final = 2.0
+_TURN_S: Final = 1.0
+_MOST_TURN_S: Final = 20.0
 _USAGE, _NO_SUCH_NODE = 400, 422
 _PAIR: Final = "a pair of nodes and its round-trip time, such as edge-1:amr-07=40ms"
 _EXITS: Final = {_USAGE: Exit.USAGE, _NO_SUCH_NODE: Exit.NOT_FOUND}
@@ -117,11 +121,23 @@ def _apps(path: Path, namespace: str) -> list[Json]:
 async def _answer(link: Link, path: str, content: bytes) -> Json:
     try:
         async with _progress():
-            return await link.post(path, content)
+            return await _in_turn(link, path, content)
     except NoAnswerError as error:
         if code := _EXITS.get(error.status):
             raise CliError(error.why, code=code) from error
         raise CliError(f"the scheduler did not answer what would be: {error}") from error
+
+
+async def _in_turn(link: Link, path: str, content: bytes) -> Json:
+    """The scheduler's answer. While it has too many such questions, this one is sent again, for twenty seconds at most."""
+    until_s = time.monotonic() + _MOST_TURN_S
+    while True:
+        try:
+            return await link.post(path, content)
+        except NoAnswerError as error:
+            if error.status != HTTPStatus.TOO_MANY_REQUESTS or time.monotonic() >= until_s:
+                raise
+            await asyncio.sleep(_TURN_S)
 
 
 @asynccontextmanager

@@ -56,6 +56,8 @@ class FakeScheduler:
     def __init__(self) -> None:
         self.records: dict[str, Json] = {}
         self.status = 200
+        self.busy = 0
+        """So many posted questions are refused with 429 first."""
         self.refusal: Json = {"error": "who are you"}
         self.wanted: Json = {"resources": []}
         self.outcome: Json = {}
@@ -94,6 +96,8 @@ class FakeScheduler:
     async def _simulate(self, request: web.Request) -> web.Response:
         self.posted.append(await request.read())
         self.queries.append(request.query_string)
+        if len(self.posted) <= self.busy:
+            return web.json_response(self.refusal, status=429)
         if self.status != 200:
             return web.json_response(self.refusal, status=self.status)
         return web.json_response(self.outcome)

@@ -177,6 +177,47 @@ def test_kubectl_completes_our_commands_and_the_names_in_the_cluster(world: Worl
     assert world.completed("info", "-n", NAMESPACE, "teleop", "--robot", "a") == ["amr-07", ":4"]
 
 
+def test_what_if_shows_where_a_pod_would_go_and_which_budget_would_break_and_writes_nothing(world: World) -> None:
+    here = next(node for node in nodes_of(world, "teleop").values() if node.startswith("edge"))
+    there = {"edge-1": "edge-2", "edge-2": "edge-1"}[here]
+    before = versions(world)
+
+    def asked(*arguments: str) -> Any:
+        return json.loads(world.text("what-if", *arguments, "-o", "json", "--scheduler-url", world.scheduler_url))
+
+    lost = asked("--node-loss", here)
+    moved = {each["component"]: (each["outcome"], each["from"], each["to"]) for each in lost["pods"]}
+    assert moved.pop("operator-ui") == ("Moves", here, there)
+    assert not moved.keys() - {""}, "beside it only the app's discovery servers may have been there"
+    slow = asked("--rtt", f"{here}:amr-07=90ms")
+    assert {each["edge"]: (each["before"]["verdict"], each["after"]) for each in slow["edges"]} == dict.fromkeys(
+        ("/cmd_vel", "/odom"), ("Met", {"rttMs": 90.0, "source": "measured", "verdict": "Exceeded"})
+    )
+    assert [(each["outcome"], each["to"]) for each in slow["pods"]] == [("MayMove", there)]
+    wrong = world.run("what-if", "--node-loss", "edge-9", "-n", NAMESPACE, "--scheduler-url", world.scheduler_url)
+    assert (wrong.returncode, "did you mean edge-" in wrong.stderr) == (4, True), wrong.stderr
+    tenant = world.run("what-if", "--node-loss", here, "--scheduler-url", world.scheduler_url, identity="tenant")
+    assert (tenant.returncode, "you may not get" in tenant.stderr) == (1, True), tenant.stderr
+    assert versions(world) == before
+
+
+def nodes_of(world: World, app: str) -> dict[str, str]:
+    """The node of each component."""
+    pods = world.plane.kubectl("get", "pods", "-n", NAMESPACE, "-l", f"robotics.io/app={app}", "-o", "json")
+    return {
+        pod["metadata"]["labels"]["robotics.io/component"]: pod["spec"].get("nodeName", "")
+        for pod in json.loads(pods)["items"]
+        if "robotics.io/component" in pod["metadata"]["labels"]
+    }
+
+
+def versions(world: World) -> dict[str, str]:
+    """The resourceVersion of everything that a decision could write."""
+    kinds = "pods,deployments,robotapps,robotclaims,events.v1.events.k8s.io"
+    found = json.loads(world.plane.kubectl("get", kinds, "-n", NAMESPACE, "-o", "json"))["items"]
+    return {each["metadata"]["uid"]: each["metadata"]["resourceVersion"] for each in found}
+
+
 def test_domains_and_devices_name_their_holders(world: World) -> None:
     domain = world.app("teleop")["status"]["summary"]["domain"]
     assert [domain, "default", f"{NAMESPACE}/teleop"] in [

@@ -8,6 +8,8 @@ import pytest
 import yaml
 from tests.support.cli import Json, Stage
 
+from robotapp_cli import what_if
+
 MOVED = {
     "namespace": "fleet",
     "pod": "teleop-ui-1",
@@ -146,7 +148,21 @@ def test_a_file_that_is_no_app_is_named_with_what_it_holds(
     assert (done.exit_code, text in done.stderr) == (2, True), done.stderr
 
 
-@pytest.mark.parametrize(("status", "code"), [(400, 2), (422, 4), (403, 1), (429, 1), (500, 1)])
+def test_a_scheduler_that_is_busy_is_asked_again(cluster: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(what_if, "_TURN_S", 0.0)
+    cluster.scheduler.busy = 2
+    assert "edge-2" in cluster.text("what-if", "--node-loss", "edge-1", *url(cluster))
+    assert len(cluster.scheduler.posted) == 3
+
+
+def test_a_scheduler_that_stays_busy_is_left_alone_in_the_end(cluster: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(what_if, "_MOST_TURN_S", 0.0)
+    cluster.scheduler.busy = 9
+    done = cluster.run("what-if", "--node-loss", "edge-1", *url(cluster))
+    assert (done.exit_code, "429 who are you" in done.stderr) == (1, True), done.stderr
+
+
+@pytest.mark.parametrize(("status", "code"), [(400, 2), (422, 4), (403, 1), (500, 1)])
 def test_a_refusal_of_the_scheduler_ends_with_the_code_of_its_kind(cluster: Stage, status: int, code: int) -> None:
     cluster.scheduler.status = status
     cluster.scheduler.refusal = {"error": "there is no node 'e9'", "problems": ["really"]}
