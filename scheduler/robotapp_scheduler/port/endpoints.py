@@ -4,7 +4,8 @@ The caller is authenticated first, then what it may see and how often; every ref
 """
 
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
 from typing import Final, Protocol
 
 from aiohttp import StreamReader, web
@@ -21,6 +22,8 @@ from robotapp_scheduler.what_if.question import MOST_BODY, Question, QuestionErr
 A_ROLE_FOR_PODS: Final = "ClusterRole view may, ask for a RoleBinding of it there"
 EXPLAIN_PER_S, EXPLAIN_AT_ONCE = 10.0, 100
 DECIDE_PER_S, DECIDE_AT_ONCE = 0.5, 30
+ONE_AT_A_TIME: Final = "another question of yours is being answered; ask again later"
+ONE_AT_A_TIME_S: Final = 1.0
 OFTEN: Final = "you ask for explanations too often; ask again later"
 NAMES_NODES: Final = "nodeLoss and rtt name nodes: you may not get nodes; ClusterRole robotapp-cluster-viewer may, ask for a binding of it"
 
@@ -61,6 +64,8 @@ class Endpoints:
         self._simulator = simulator
         self._explained_by = Buckets(per_s=EXPLAIN_PER_S, burst=EXPLAIN_AT_ONCE, clock=clock)
         self._decided_by = Buckets(per_s=DECIDE_PER_S, burst=DECIDE_AT_ONCE, clock=clock)
+        self._asking: set[str] = set()
+        """Users with a what-if that is not answered yet."""
 
     def __repr__(self) -> str:
         return f"<Endpoints behind {self._gate!r}>"
@@ -153,14 +158,32 @@ class Endpoints:
         if access is Access.FORBIDDEN:
             where = f"in namespace {namespace}" if namespace else "in all namespaces; name one: ?namespace="
             return problem(403, f"you may not get pods {where}: {A_ROLE_FOR_PODS}")
+        user = self._gate.user_of(caller(request))
         try:
+            self._count(self._decided_by, user)
             body = await _read(request.content)
-            question = parse(body)
+            with self._turn_of(user):
+                # Decoded it takes many times as much memory: it must not be held while its answer is awaited.
+                return await self._unfit(request, parse(body), access, namespace) or _json(
+                    await self._scheduler.request(
+                        Request("what-if", namespace=namespace, with_nodes=access is Access.ALL, body=body)
+                    )
+                )
         except QuestionError as error:
             return problem(400, str(error))
-        return await self._unfit(request, question, access, namespace) or await self._answered(
-            request, Request("what-if", namespace=namespace, with_nodes=access is Access.ALL, body=body)
-        )
+        except TooManyError as error:
+            return too_many(error)
+
+    @contextmanager
+    def _turn_of(self, user: str) -> Iterator[None]:
+        """One question of each user at a time, so that nobody takes all the places. Raises TooManyError."""
+        if user in self._asking:
+            raise TooManyError(ONE_AT_A_TIME, ONE_AT_A_TIME_S)
+        self._asking.add(user)
+        try:
+            yield
+        finally:
+            self._asking.discard(user)
 
     async def _unfit(
         self, request: web.Request, question: Question, access: Access, namespace: str
@@ -174,13 +197,6 @@ class Endpoints:
         if question.config is not None:
             return await refused(self._gate, request, "post", "/simulate")
         return None
-
-    async def _answered(self, request: web.Request, asked_for: Request) -> web.Response:
-        try:
-            self._count(self._decided_by, self._gate.user_of(caller(request)))
-        except TooManyError as error:
-            return too_many(error)
-        return _json(await self._scheduler.request(asked_for))
 
 
 async def _read(content: StreamReader) -> bytes:

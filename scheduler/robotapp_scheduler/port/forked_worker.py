@@ -10,11 +10,13 @@ import contextlib
 import ctypes
 import gc
 import os
+import resource
 import signal
 import socket
 import time
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final, NoReturn
 
 from robotapp_scheduler.port.frames import LENGTH, FramesError, framed, length_of, read_frame
@@ -23,6 +25,8 @@ TIMEOUT_S: Final = 5.0
 LIFE_S: Final = 2.0
 """How old what it knows may be."""
 NICE: Final = 10
+MOST_NEW_MEMORY: Final = 256 << 20
+"""Bytes that it may take beside what it inherited: when a container runs out of memory, the kernel ends all of its processes."""
 PR_SET_PDEATHSIG: Final = 1
 Work = Callable[[bytes], bytes]
 
@@ -111,6 +115,7 @@ def _serve(work: Work, server: socket.socket, life_s: float) -> NoReturn:
         end_with_parent()  # else the copy would hold the scheduler's port and files open
         gc.disable()  # it would touch, and so copy, every object there is
         os.nice(NICE)
+        _limit_memory()
         with server.makefile("rwb") as stream:
             while (head := stream.read(LENGTH)) and len(head) == LENGTH:
                 stream.write(framed(work(stream.read(length_of(head)))))
@@ -120,4 +125,11 @@ def _serve(work: Work, server: socket.socket, life_s: float) -> NoReturn:
         os._exit(status)
 
 
+def _limit_memory() -> None:
+    """Whatever exceeds it raises MemoryError."""
+    inherited = int(_MEMORY.read_text().split()[5]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_DATA, (inherited + MOST_NEW_MEMORY,) * 2)
+
+
 _LIBC: Final = ctypes.CDLL(None)
+_MEMORY: Final = Path("/proc/self/statm")

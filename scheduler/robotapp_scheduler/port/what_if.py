@@ -9,6 +9,7 @@ from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.port.forked_worker import MOST_NEW_MEMORY
 from robotapp_scheduler.port.frames import Request
 from robotapp_scheduler.shell.config.reload import Running
 from robotapp_scheduler.what_if import decide
@@ -18,6 +19,7 @@ from robotapp_scheduler.what_if.question import Question, QuestionError, Unknown
 WRONG: Final = 400
 NO_SUCH_NODE: Final = 422
 """Not 404, by which clients know an older scheduler."""
+TOO_LARGE: Final = f"to decide this takes more than {MOST_NEW_MEMORY >> 20} MiB; ask about fewer or smaller apps"
 
 
 class WhatIf:
@@ -42,6 +44,8 @@ class WhatIf:
         except ConfigError as error:
             problems = {"error": "the configuration cannot be used", "problems": list(error.problems)}
             return WRONG, msgspec.json.encode(problems)
+        except MemoryError:  # nothing of the question is held any more
+            return WRONG, msgspec.json.encode({"error": TOO_LARGE})
         shown = visible(found, namespace=request.namespace, with_nodes=request.with_nodes)
         return 200, msgspec.json.encode(shown)
 

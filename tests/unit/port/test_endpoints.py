@@ -1,5 +1,6 @@
 """The port's pages: what each user may see, how often, and the texts of refusals."""
 
+import asyncio
 import io
 import json
 from collections.abc import AsyncIterator, Mapping
@@ -9,6 +10,7 @@ import aiohttp
 import msgspec
 import pytest
 from prometheus_client import CollectorRegistry
+from tests.support.clients import until
 from tests.support.scheduling import Clock
 
 from robotapp_api.client.transport.errors import Unreachable
@@ -38,6 +40,8 @@ class Site:
         self.decided = 0
         self.simulated: list[int] = []
         self.tried: list[Request] = []
+        self.open = asyncio.Event()
+        self.open.set()
         self.only = ""
         """The one namespace whose pods a user may get; "" = what `answer` says for all."""
         self.clock = Clock()
@@ -61,6 +65,7 @@ class Site:
             return Response(0, 200, b"")
         if request.what == "what-if":
             self.tried.append(request)
+            await self.open.wait()
             return Response(0, 200, b"{}")
         self.decided += request.what == "decide"
         if request.namespace != "team-a":
@@ -312,3 +317,24 @@ async def test_what_if_and_decisions_made_again_are_counted_together_per_user(si
         assert (await post(f"{url}/what-if", LOSS))[0] == 200
     assert (await post(f"{url}/what-if", LOSS))[0] == 429
     assert len(found.tried) == DECIDE_AT_ONCE
+
+
+async def test_a_user_takes_one_place_in_the_line_however_many_questions_it_sends(site: tuple[Site, str]) -> None:
+    found, url = site
+    found.open.clear()
+    first = asyncio.create_task(post(f"{url}/what-if", LOSS))
+    await until(lambda: bool(found.tried))
+    status, answer = await post(f"{url}/what-if", LOSS)
+    assert (status, "another question of yours" in answer) == (429, True)
+    found.open.set()
+    assert (await first)[0] == 200
+    assert (await post(f"{url}/what-if", LOSS))[0] == 200
+    assert (await post(f"{url}/what-if", b"{"))[0] == 400
+    assert (await post(f"{url}/what-if", LOSS))[0] == 200, "one that was refused is no longer under way"
+
+
+async def test_bad_questions_count_too(site: tuple[Site, str]) -> None:
+    found, url = site
+    statuses = [(await post(f"{url}/what-if", b"{"))[0] for _ in range(DECIDE_AT_ONCE + 1)]
+    assert statuses == [400] * DECIDE_AT_ONCE + [429]
+    assert found.tried == []

@@ -3,12 +3,15 @@
 import json
 from typing import Any
 
+import msgspec
 import pytest
 from tests.support.scheduling import make_core, make_node, make_pod, owner
 
+from robotapp_api.model.names import API_VERSION
 from robotapp_scheduler.config.load import built_in
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.plugins.registry import catalogue
+from robotapp_scheduler.port.forked_worker import ForkedWorker
 from robotapp_scheduler.port.frames import Request
 from robotapp_scheduler.port.what_if import WhatIf
 from robotapp_scheduler.shell.config.reload import Running
@@ -52,3 +55,21 @@ def test_pods_of_others_are_counted(core: SchedulerCore) -> None:
 def test_a_mistake_of_the_user_is_a_sentence(core: SchedulerCore, asked: Any, status: int, text: str) -> None:
     found = ask(core, asked)
     assert (found[0], text in found[1]["error"]) == (status, True)
+
+
+async def test_an_app_that_would_take_all_memory_is_refused_and_the_scheduler_lives(core: SchedulerCore) -> None:
+    """Less than 1 MiB of JSON, with the same 300,000 entries in each of 500 pods."""
+    template = {"spec": {"tolerations": [{}] * 300_000}}
+    spec = {"components": [{"name": "c", "replicas": 500, "template": template}]}
+    app = {
+        "apiVersion": API_VERSION,
+        "kind": "RobotApp",
+        "metadata": {"name": "a", "namespace": "team-a"},
+        "spec": spec,
+    }
+    body = json.dumps({"apps": [app]}, separators=(",", ":")).encode()
+    what_if = WhatIf(core, Running(built_in(catalogue())))
+    worker = ForkedWorker(lambda asked: msgspec.msgpack.encode(what_if(Request("what-if", body=asked))), timeout_s=60)
+    status, found = msgspec.msgpack.decode(await worker.request(body), type=tuple[int, bytes])
+    await worker.end()
+    assert (status, "takes more than 256 MiB" in json.loads(found)["error"]) == (400, True)
