@@ -63,9 +63,14 @@ def parse_given_up(text: str) -> GivenUp:
         raise ValueError("is not what the scheduler writes") from None
     texts = [found.tier, *found.instead_of, *(part for each in edges for part in (each.edge, each.peer, each.source))]
     texts += [node for each in edges for node in each.nodes]
-    if len(edges) > MAX_EDGES or not all(isinstance(part, str) and len(part) <= MAX_TEXT for part in texts):
+    if len(edges) > MAX_EDGES or not all(map(_can_be_shown, texts)):
         raise ValueError("is not what the scheduler writes")
     return found
+
+
+def _can_be_shown(text: object) -> bool:
+    """Whether it may stand in a status. Half of a surrogate pair could not be sent at all, and a terminal obeys control characters."""
+    return isinstance(text, str) and len(text) <= MAX_TEXT and text.isprintable()
 
 
 def _edge_json(edge: GivenUpEdge) -> dict[str, Any]:

@@ -46,6 +46,8 @@ def test_of_many_edges_the_worst_are_written_and_they_fit() -> None:
         {"edges": [json.loads(GOOD.text())["edges"][0] | {"nodes": ["a"]}]},
         {"edges": [json.loads(GOOD.text())["edges"][0] | {"edge": None}]},
         {"edges": json.loads(GOOD.text())["edges"] * (MAX_EDGES + 1)},
+        {"tier": "\ud800"}, {"insteadOf": ["\x1b[2J"]},
+        {"edges": [json.loads(GOOD.text())["edges"][0] | {"nodes": ["edge-1", "edge\n2"]}]},
     ],
 )  # fmt: skip
 def test_what_is_of_another_form_is_refused(change: dict[str, object]) -> None:
