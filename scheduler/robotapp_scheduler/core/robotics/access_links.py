@@ -53,6 +53,7 @@ class AccessLinks:
         nodes = self._nodes
         capacity = nodes.facts.column(LINK_BANDWIDTH, nodes.objects)[: nodes.size]
         if not np.isfinite(capacity).any():
+            self._forget()
             return None
         self._update()
         free: FloatArray = capacity.copy()
@@ -120,6 +121,13 @@ class AccessLinks:
             if load:
                 self._loads[key] = load
                 self._add(load, +1)
+
+    def _forget(self) -> None:
+        """Nothing is limited: without this, the instances that change would be remembered until something is."""
+        self._apps.take_other_flows()
+        self._generation = -1
+        self._loads.clear()
+        self._totals.clear()
 
     def _add(self, load: dict[str, int], sign: int) -> None:
         for node, bps in load.items():

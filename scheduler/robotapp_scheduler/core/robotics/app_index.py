@@ -204,16 +204,20 @@ class AppIndex:
             and old.source.status.observed_generation == source.status.observed_generation
         ):
             return False
-        self._apps[source.metadata.uid] = read_app(source)
+        if old is not None:
+            self._change_flows(old)
+        self._apps[source.metadata.uid] = app = read_app(source)
         self._touched_apps.add(source.metadata.uid)
-        self._change_flows(source.metadata.uid)
+        self._change_flows(app)
         return True
 
     def remove_app(self, uid: str) -> bool:
         """The app is gone."""
         self._touched_apps.discard(uid)
-        self._change_flows(uid)
-        return self._apps.pop(uid, None) is not None
+        app = self._apps.pop(uid, None)
+        if app is not None:
+            self._change_flows(app)
+        return app is not None
 
     def app(self, uid: str) -> App | None:
         """The app of this uid, None when it is not in the cache."""
@@ -228,7 +232,10 @@ class AppIndex:
 
     def remove_owner(self, uid: str) -> bool:
         """A ReplicaSet or Deployment is gone."""
-        return self._owners.pop(uid, None) is not None
+        owner = self._owners.pop(uid, None)
+        if owner is not None:
+            self._change_flows_of(owner)
+        return owner is not None
 
     def belongs(self, pod: Pod, app_uid: str) -> bool:
         """Does the owner chain lead from the pod to this app, inside the app's namespace?"""
@@ -264,7 +271,7 @@ class AppIndex:
         replicas[pod.metadata.uid] = Replica(pod, node)
         self._count(key, replicas[pod.metadata.uid], 1)
         self._touched.add(key)
-        self._other_flows.add(key)
+        self._change_flows_of(pod)
 
     def drop(self, pod: Pod) -> None:
         """Stop counting a pod that is gone or terminal."""
@@ -272,7 +279,7 @@ class AppIndex:
         if member is None:
             return
         key = (member.app_uid, member.instance)
-        self._other_flows.add(key)
+        self._change_flows_of(pod)
         instance = self._replicas.get(key, {})
         replicas = instance.get(member.component, {})
         self._count(key, replicas.pop(pod.metadata.uid, None), -1)
@@ -322,17 +329,21 @@ class AppIndex:
         found, self._other_flows = self._other_flows, set()
         return found
 
-    def _change_flows(self, app_uid: str) -> None:
-        self._other_flows.update(key for key in self._replicas if key[0] == app_uid)
-
-    def _change_flows_of(self, owner: Owned) -> None:
-        """Whose pods count is decided by their owners."""
-        labels = owner.metadata.labels or {}
-        uid, instance = labels.get(Label.APP_UID, ""), labels.get(Label.INSTANCE)
-        if instance is None:
-            self._change_flows(uid)
+    def _change_flows(self, app: App, instance: str | None = None) -> None:
+        """Note one instance, or all. Only of apps with flows: where no app has any, nobody takes the notes."""
+        if not app.flows:
+            return
+        if instance is not None:
+            self._other_flows.add((app.uid, instance))
         else:
-            self._other_flows.add((uid, instance))
+            self._other_flows.update(key for key in self._replicas if key[0] == app.uid)
+
+    def _change_flows_of(self, owned: Pod | Owned) -> None:
+        """Whether pods count is decided by their owners, too."""
+        labels = owned.metadata.labels or {}
+        app = self._apps.get(labels.get(Label.APP_UID, ""))
+        if app is not None:
+            self._change_flows(app, labels.get(Label.INSTANCE))
 
     def instances(self) -> list[InstanceKey]:
         """Everything that has a live pod."""

@@ -180,3 +180,31 @@ def test_what_is_kept_per_instance_is_what_counting_anew_gives() -> None:
         assert kept is not None
         assert anew is not None
         assert kept.tolist() == anew.tolist()
+
+
+def test_pods_take_nothing_any_more_when_their_owner_or_their_app_is_gone() -> None:
+    core = world([edge("a", "b", bandwidth="30M")], links={"robot": "40M"}, components=("a", "b"))
+    on(core, "a", "robot")
+    on(core, "b", "edge-1")
+    assert left(core) == {"robot": 10e6}
+    deployment, _ = chain("b")
+    core.cluster.remove_owner(deployment)
+    assert left(core) == {"robot": 40e6}
+    core.cluster.apply_owner(deployment)
+    assert left(core) == {"robot": 10e6}
+    core.cluster.remove_app(app_object({"name": "a"}))
+    assert left(core) == {"robot": 40e6}
+
+
+def test_instances_that_come_and_go_are_not_remembered_where_nothing_limits_them() -> None:
+    for edges in ([], [edge("a", "b", bandwidth="30M")]):
+        core = world(edges, links={}, components=("a", "b"))
+        for i in range(50):
+            pods = [member_pod(name, instance=f"amr-{i}", node="edge-1") for name in ("a", "b")]
+            for pod in pods:
+                core.cluster.apply_pod(pod)
+            if edges:  # as every decision about a pod of such an app does
+                assert core.cluster.links.free() is None
+            for pod in pods:
+                depart(core, pod)
+        assert len(core.cluster.apps.take_other_flows()) < 5
