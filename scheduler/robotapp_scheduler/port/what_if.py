@@ -46,7 +46,8 @@ class WhatIf:
             return WRONG, msgspec.json.encode(problems)
         except MemoryError:  # nothing of the question is held any more
             return WRONG, msgspec.json.encode({"error": TOO_LARGE})
-        shown = visible(found, namespace=request.namespace, with_nodes=request.with_nodes)
+        nodes = self._core.cluster.nodes.row_of
+        shown = visible(found, namespace=request.namespace, with_nodes=request.with_nodes, nodes=nodes)
         return 200, msgspec.json.encode(shown)
 
     def _config(self, question: Question) -> SchedulerConfig | None:

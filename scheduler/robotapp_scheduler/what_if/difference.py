@@ -1,6 +1,7 @@
 """The answer as a difference, and the part of it that a user may see. Pure functions of values."""
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Collection, Iterable, Mapping
 from enum import StrEnum
 from typing import Final, NamedTuple
 
@@ -9,6 +10,7 @@ import msgspec
 from robotapp_api.values.round_trips import is_unreachable
 
 NAMELESS: Final = "node names take the right to get nodes"
+_WORD: Final = re.compile(r"[\w.-]*\w")
 
 
 class Outcome(StrEnum):
@@ -144,14 +146,14 @@ def edge_changes(
     return tuple(found), same
 
 
-def visible(answer: Answer, *, namespace: str, with_nodes: bool) -> Answer:
-    """The answer for a user who may see the pods of one namespace ("" = all), with the names of nodes or without."""
+def visible(answer: Answer, *, namespace: str, with_nodes: bool, nodes: Collection[str]) -> Answer:
+    """The answer for a user who may see the pods of one namespace ("" = all), with the names of `nodes` or without."""
     pods = [change for change in answer.pods if namespace in ("", change.namespace)]
     edges = [change for change in answer.edges if namespace in ("", change.namespace)]
     hidden = Hidden(len(answer.pods) - len(pods), len(answer.edges) - len(edges))
     notes = answer.notes
     if not with_nodes:
-        pods, notes = [_nameless(change) for change in pods], (*notes, NAMELESS)
+        pods, notes = [_nameless(change, nodes) for change in pods], (*notes, NAMELESS)
     return msgspec.structs.replace(answer, pods=tuple(pods), edges=tuple(edges), hidden=hidden, notes=notes)
 
 
@@ -167,7 +169,8 @@ def _state(time: EdgeTime | None, budget_us: int) -> EdgeState | None:
     return EdgeState(shown, time.source, verdict_of(time, budget_us))
 
 
-def _nameless(change: PodChange) -> PodChange:
-    """The reasons of filters count nodes and name none: every user sees them in the pod's condition, too."""
+def _nameless(change: PodChange, nodes: Collection[str]) -> PodChange:
+    """The reasons of filters count nodes. What names one all the same, as the best place for a held budget, names none here."""
     reason = change.reason if change.code == "Unschedulable" else ""
+    reason = _WORD.sub(lambda word: "…" if word[0] in nodes else word[0], reason)
     return msgspec.structs.replace(change, from_="", to="", reason=reason)

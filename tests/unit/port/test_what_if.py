@@ -5,9 +5,9 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.scheduling import make_core, make_node, make_pod, owner
+from tests.support.scheduling import make_core, make_node, make_pod, owner, telemetry
 
-from robotapp_api.model.names import API_VERSION
+from robotapp_api.model.names import API_VERSION, Label
 from robotapp_scheduler.config.load import built_in
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.plugins.registry import catalogue
@@ -55,6 +55,33 @@ def test_pods_of_others_are_counted(core: SchedulerCore) -> None:
 def test_a_mistake_of_the_user_is_a_sentence(core: SchedulerCore, asked: Any, status: int, text: str) -> None:
     found = ask(core, asked)
     assert (found[0], text in found[1]["error"]) == (status, True)
+
+
+def test_a_budget_that_is_held_names_no_node_to_who_may_not_get_nodes() -> None:
+    core = make_core(make_node("n1"), make_node("amr", labels={str(Label.ROBOT): "amr", str(Label.TIER): "robot"}))
+    core.cluster.apply_telemetry(telemetry("amr", rtt_ms={"n1": 60}))
+    spec = {
+        "robots": {"nodeSelector": {"matchLabels": {str(Label.ROBOT): "amr"}}},
+        "components": [
+            {"name": "driver", "runsOn": ["Robot"]},
+            {"name": "planner", "template": {"spec": {"nodeSelector": {"kubernetes.io/hostname": "n1"}}}},
+        ],
+        "edges": [
+            {"topic": "/x", "from": "driver", "to": "planner", "latency": {"budget": "30ms", "enforce": "Preferred"}}
+        ],
+        "placement": {"fallback": {"steps": ["Wait"]}},
+    }
+    app = {
+        "apiVersion": API_VERSION,
+        "kind": "RobotApp",
+        "metadata": {"name": "a", "namespace": "team-a"},
+        "spec": spec,
+    }
+    _, found = ask(core, {"apps": [app]}, "team-a")
+    assert "best is 60ms (measured) on n1" in found["pods"][1]["reason"]
+    _, found = ask(core, {"apps": [app]}, "team-a", with_nodes=False)
+    assert "best is 60ms (measured) on …" in found["pods"][1]["reason"]
+    assert "n1" not in json.dumps(found)
 
 
 async def test_an_app_that_would_take_all_memory_is_refused_and_the_scheduler_lives(core: SchedulerCore) -> None:

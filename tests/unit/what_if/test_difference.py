@@ -79,12 +79,12 @@ def test_a_verdict_is_a_comparison(us: float, budget_us: int) -> None:
 def test_who_may_see_one_namespace_sees_its_pods_and_how_many_others_there_are() -> None:
     edges, _ = edge_changes({}, {key("team"): EdgeTime(1.0, "measured"), key("other", 1): EdgeTime(1.0, "measured")})
     answer = Answer(pods=(change("team", "a"), change("other", "b"), change("other", "c")), edges=edges)
-    seen = visible(answer, namespace="team", with_nodes=True)
+    seen = visible(answer, namespace="team", with_nodes=True, nodes=())
     assert [each.pod for each in seen.pods] == ["a"]
     assert [each.namespace for each in seen.edges] == ["team"]
     assert seen.hidden == Hidden(pods=2, edges=1)
     assert b"other" not in msgspec.json.encode(seen)
-    assert visible(answer, namespace="", with_nodes=True) == answer
+    assert visible(answer, namespace="", with_nodes=True, nodes=()) == answer
 
 
 def test_without_the_right_to_get_nodes_no_node_is_named() -> None:
@@ -93,11 +93,13 @@ def test_without_the_right_to_get_nodes_no_node_is_named() -> None:
         pods=(
             change("team", "a", reason="waiting for its predecessor on n1", code="WaitingForPredecessor"),
             change("team", "b", reason=counted, code="Unschedulable"),
+            change("team", "c", reason="best is 5ms on edge-1.lab; b is on n1.", code="Unschedulable"),
         )
     )
-    seen = visible(answer, namespace="team", with_nodes=False)
+    seen = visible(answer, namespace="team", with_nodes=False, nodes={"n1", "edge-1.lab"})
     assert b"n1" not in msgspec.json.encode(seen)
     assert seen.pods[1].reason == counted
+    assert seen.pods[2].reason == "best is 5ms on …; b is on …."
     assert NAMELESS in seen.notes
 
 
