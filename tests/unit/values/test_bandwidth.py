@@ -3,6 +3,7 @@
 import pytest
 
 from robotapp_api.values.bandwidth import bandwidth_bps
+from robotapp_api.values.quantity import INT64_MAX
 
 
 def test_what_is_written_counts_else_the_rate_times_the_bits_of_a_message() -> None:
@@ -26,3 +27,8 @@ def test_a_rate_or_a_size_alone_states_no_bandwidth() -> None:
 def test_what_is_no_quantity_is_an_error() -> None:
     with pytest.raises(ValueError, match="is not a quantity"):
         bandwidth_bps("fast", rate_hz=None, message_bytes=None)
+
+
+def test_more_than_can_be_is_capped_whichever_way_it_is_written() -> None:
+    assert bandwidth_bps("999999999999999E", rate_hz=None, message_bytes=None) == INT64_MAX
+    assert bandwidth_bps(None, rate_hz="1E", message_bytes=2_147_483_648) == INT64_MAX

@@ -12,6 +12,7 @@ from robotapp_scheduler.core.cycle.group_cycle import placement_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.robotics.access_links import AccessLinks
+from robotapp_scheduler.joint.message import decode_problem, encode_problem
 from robotapp_scheduler.joint.solve import Limits, solve
 
 Json = dict[str, Any]
@@ -208,3 +209,14 @@ def test_instances_that_come_and_go_are_not_remembered_where_nothing_limits_them
             for pod in pods:
                 depart(core, pod)
         assert len(core.cluster.apps.take_other_flows()) < 5
+
+
+def test_a_rate_beyond_all_measure_is_a_problem_that_the_worker_is_sent() -> None:
+    core = world([edge("a", "b", rateHz="1E", messageBytes=2**31)], links={"robot": "20M"}, components=("a", "b"))
+    for name in ("a", "b"):
+        arrive(core, member_pod(name, instance="amr"))
+    joint = core.joint_problem_of(core.queue.pop())
+    assert joint is not None
+    problem, _ = decode_problem(encode_problem(joint.problem, Limits()))
+    assert problem.links is not None
+    assert [bps for *_, bps in problem.links.pairs] == [2**63 - 1]
