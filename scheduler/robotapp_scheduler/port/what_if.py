@@ -19,7 +19,10 @@ from robotapp_scheduler.what_if.question import Question, QuestionError, Unknown
 WRONG: Final = 400
 NO_SUCH_NODE: Final = 422
 """Not 404, by which clients know an older scheduler."""
+MOST_ANSWER: Final = 8 << 20
+"""Bytes. The answer passes through the process that places pods."""
 TOO_LARGE: Final = f"to decide this takes more than {MOST_NEW_MEMORY >> 20} MiB; ask about fewer or smaller apps"
+TOO_LONG: Final = f"the answer has more than {MOST_ANSWER >> 20} MiB; ask about fewer nodes, or fewer or smaller apps"
 
 
 class WhatIf:
@@ -37,6 +40,9 @@ class WhatIf:
         try:
             question = parse(request.body)
             found = decide.answer(self._core, question, self._config(question), clock=time.monotonic)
+            nodes = self._core.cluster.nodes.row_of
+            shown = visible(found, namespace=request.namespace, with_nodes=request.with_nodes, nodes=nodes)
+            answer = msgspec.json.encode(shown)
         except UnknownNodeError as error:
             return NO_SUCH_NODE, msgspec.json.encode({"error": str(error)})
         except QuestionError as error:
@@ -46,9 +52,7 @@ class WhatIf:
             return WRONG, msgspec.json.encode(problems)
         except MemoryError:  # nothing of the question is held any more
             return WRONG, msgspec.json.encode({"error": TOO_LARGE})
-        nodes = self._core.cluster.nodes.row_of
-        shown = visible(found, namespace=request.namespace, with_nodes=request.with_nodes, nodes=nodes)
-        return 200, msgspec.json.encode(shown)
+        return (200, answer) if len(answer) <= MOST_ANSWER else (WRONG, msgspec.json.encode({"error": TOO_LONG}))
 
     def _config(self, question: Question) -> SchedulerConfig | None:
         """Its configuration may name only plugins that the running one has loaded."""

@@ -100,3 +100,16 @@ async def test_an_app_that_would_take_all_memory_is_refused_and_the_scheduler_li
     status, found = msgspec.msgpack.decode(await worker.request(body), type=tuple[int, bytes])
     await worker.end()
     assert (status, "takes more than 256 MiB" in json.loads(found)["error"]) == (400, True)
+
+
+def test_an_answer_of_many_mib_does_not_pass_through_the_process_that_places_pods(core: SchedulerCore) -> None:
+    """Every pod of the answer names its component."""
+    spec = {"components": [{"name": "c" * 20_000, "replicas": 500}]}
+    app = {
+        "apiVersion": API_VERSION,
+        "kind": "RobotApp",
+        "metadata": {"name": "a", "namespace": "team-a"},
+        "spec": spec,
+    }
+    status, found = ask(core, {"apps": [app]})
+    assert (status, "more than 8 MiB" in found["error"]) == (400, True)
