@@ -17,6 +17,8 @@ RELAX: Final = "RelaxPreferred"
 EARLIEST: Final = datetime.min.replace(tzinfo=UTC)
 LATEST: Final = datetime.max.replace(tzinfo=UTC)
 """Also the end of a time that has none."""
+MOST_AHEAD: Final = timedelta(minutes=1)
+"""The API server's clock may be so far ahead of ours. A pod that was made later than that would be held until our clock is there."""
 
 
 def relaxes_after_s(fallback: Fallback | None) -> float:
@@ -46,6 +48,8 @@ def held_until(app: App, instance: str, apps: AppIndex, now: Callable[[], dateti
     if after_s == inf:
         return LATEST
     since = _waiting_since(app, instance, apps)
+    if since - now() > MOST_AHEAD:
+        since = EARLIEST
     until = since + timedelta(seconds=min(after_s, (LATEST - since).total_seconds()))
     return until if now() < until else None
 

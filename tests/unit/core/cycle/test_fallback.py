@@ -67,6 +67,19 @@ def test_the_app_waits_for_a_place_within_its_preferred_budget_and_is_placed_wit
     assert not core.holding
 
 
+@pytest.mark.parametrize(("ahead_s", "held"), [(30, True), (86_400, False)])
+def test_pods_that_a_broken_clock_made_in_the_future_are_not_held_until_then(ahead_s: float, held: bool) -> None:
+    core, day, clock = field()
+    day.forward(ahead_s)
+    start(core, day)
+    day.forward(-ahead_s)
+    assert (places(decide(core))["planner"] is None) is held
+    assert core.holding is held
+    later(core, day, clock, 40)
+    decide(core)
+    assert not core.holding
+
+
 def test_a_place_within_the_budget_is_taken_at_once_whatever_scores_better() -> None:
     core, day, _ = field(e1_ms=29)
     start(core, day)
