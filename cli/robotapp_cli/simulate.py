@@ -147,9 +147,9 @@ def _print_placements(placements: Sequence[Json], *, again: bool) -> None:
     columns = [Column("NAMESPACE"), Column("POD"), Column("NODE"), *([Column("WAS")] if again else [])]
     rows = []
     for each in placements:
-        could = each["feasible"]
+        many = each["feasible"]
         why = each["message"] or (
-            f"score {each['score']}, {could} nodes could" if could > 1 else "the only node that could"
+            f"best of {many} feasible nodes, score {each['score']}" if many > 1 else "the only feasible node"
         )
         rows.append([each["namespace"], each["name"], each["node"] or "-", *([each["was"]] if again else []), why])
     print_table([*columns, Column("WHY", wraps=True)], rows)

@@ -3,7 +3,7 @@
 from dataclasses import asdict
 from typing import Any, Final
 
-from robotapp_scheduler.simulation.run import Outcome, Placement
+from robotapp_scheduler.simulation.run import Outcome, Placement, chosen_text
 
 LEFT_OUT: Final = "not simulated: claims of domains and devices, evictions, time"
 
@@ -42,12 +42,7 @@ def as_table(outcome: Outcome) -> str:
 
 
 def _row(placement: Placement) -> tuple[str, str, str, str, str]:
-    if placement.node is None:
-        why = placement.message
-    elif placement.feasible > 1:
-        why = f"score {placement.score}, {placement.feasible} nodes could"
-    else:
-        why = "the only node that could"
+    why = placement.message if placement.node is None else chosen_text(placement.score, placement.feasible)
     return placement.namespace, placement.name, placement.node or "-", placement.was, why
 
 

@@ -42,6 +42,11 @@ class Placement:
     """The node it runs on in the dump, for a pod that was placed again (`replay`)."""
 
 
+def chosen_text(score: int, feasible: int) -> str:
+    """Why a pod got its node, for people. `feasible`: nodes that would have taken it."""
+    return f"best of {feasible} feasible nodes, score {score}" if feasible > 1 else "the only feasible node"
+
+
 @dataclass(slots=True)
 class Outcome:
     """Placements in the order they were decided, refused pods last."""

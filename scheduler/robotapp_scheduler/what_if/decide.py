@@ -17,13 +17,13 @@ from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import FAULTS, ScheduleResult
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
-from robotapp_scheduler.core.robotics.app_index import App
+from robotapp_scheduler.core.robotics.app_index import App, InstanceKey
 from robotapp_scheduler.core.robotics.edge_times import Part, movable, part_of, worst_late
 from robotapp_scheduler.simulation.rounds import Rounds
-from robotapp_scheduler.simulation.run import latest_bound
+from robotapp_scheduler.simulation.run import chosen_text, latest_bound
 from robotapp_scheduler.what_if.app_pods import tried_app
 from robotapp_scheduler.what_if.difference import Answer, Outcome, PodChange, edge_changes, in_order
-from robotapp_scheduler.what_if.edges import Instance, edge_times, instances_on
+from robotapp_scheduler.what_if.edges import edge_times, instances_on
 from robotapp_scheduler.what_if.lost_nodes import SUCCESSOR, change_of, fate, lost, successor_of
 from robotapp_scheduler.what_if.question import Question, QuestionError, check_nodes
 from robotapp_scheduler.what_if.running_apps import FormerPod, instances_of, running_apps, take_away
@@ -188,8 +188,7 @@ class _Decider:
         was, node = self._was.get(decision.pod.uid, ""), decision.node or ""
         if was == node:
             return
-        could = decision.feasible
-        reason = f"score {decision.total}, {could} nodes could" if could > 1 else "the only node that could"
+        reason = chosen_text(decision.total, decision.feasible)
         self._note(decision.pod.pod, Outcome.MOVES if was else Outcome.PLACED, to=node, reason=reason)
 
     def _note(self, pod: Pod, outcome: Outcome, **fields: str) -> None:
@@ -198,7 +197,7 @@ class _Decider:
 
     # --- Running pods --------------------------------------------------------------------------------------------
 
-    def _parts(self, instances: list[Instance]) -> Iterator[Part]:
+    def _parts(self, instances: list[InstanceKey]) -> Iterator[Part]:
         apps = self._cluster.apps
         for app_uid, instance in instances:
             app = apps.app(app_uid)
@@ -207,12 +206,12 @@ class _Decider:
                 if part is not None:
                     yield part
 
-    def _late(self, instances: list[Instance]) -> set[str]:
+    def _late(self, instances: list[InstanceKey]) -> set[str]:
         """Uids of pods that are over a budget."""
         measured = self._cluster.rtt.measured_us
         return {part.pod.metadata.uid for part in self._parts(instances) if worst_late(part, self._cluster, measured)}
 
-    def _better(self, instances: list[Instance], late: set[str]) -> None:
+    def _better(self, instances: list[InstanceKey], late: set[str]) -> None:
         """Where pods would go whose budget is exceeded only now."""
         cluster, skipped = self._cluster, 0
         for part in self._parts(instances):

@@ -22,7 +22,7 @@ class Outcome(StrEnum):
     STAYS = "Stays"
     """Its node is lost, and it is not replaced."""
     ENDS = "Ends"
-    """Its node is lost, and nothing makes it anew."""
+    """Its node is lost and nothing makes it anew, or the app that is tried has no such pod any more."""
     MAY_MOVE = "MayMove"
     """It would be placed elsewhere now, and nothing moves it there."""
 

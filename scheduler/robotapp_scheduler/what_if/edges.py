@@ -5,18 +5,15 @@ from collections.abc import Iterable
 from robotapp_api.values.round_trips import UNREACHABLE_US
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
-from robotapp_scheduler.core.robotics.app_index import connections
+from robotapp_scheduler.core.robotics.app_index import App, Connection, InstanceKey, connections
 from robotapp_scheduler.core.robotics.edge_times import slowest_us
 from robotapp_scheduler.core.robotics.rtt import SOURCE_NAMES
 from robotapp_scheduler.what_if.difference import EdgeKey, EdgeTime
 
-Instance = tuple[str, str]
-"""(app uid, instance)."""
 
-
-def instances_on(nodes: Iterable[str], cluster: Cache) -> list[Instance]:
+def instances_on(nodes: Iterable[str], cluster: Cache) -> list[InstanceKey]:
     """The app instances with a pod on one of these nodes, or whose robot one of them is."""
-    found: dict[Instance, None] = {}
+    found: dict[InstanceKey, None] = {}
     robots = set()
     for node in nodes:
         for placed in cluster.pods_on(node):
@@ -30,42 +27,35 @@ def instances_on(nodes: Iterable[str], cluster: Cache) -> list[Instance]:
 
 
 def edge_times(
-    instances: Iterable[Instance], cluster: Cache, *, lost: frozenset[str] = frozenset()
+    instances: Iterable[InstanceKey], cluster: Cache, *, lost: frozenset[str] = frozenset()
 ) -> dict[EdgeKey, EdgeTime]:
     """Every edge with a budget of these instances. No probe reaches a lost node."""
-    found = {}
+    found: dict[EdgeKey, EdgeTime] = {}
     for app_uid, instance in instances:
         app = cluster.apps.app(app_uid)
-        if app is None:
-            continue
-        meta = app.source.metadata
-        for number, each in enumerate(connections(app)):
-            link = each.link
-            if link.budget_us is None:
-                continue
-            key = EdgeKey(
-                meta.namespace,
-                meta.name,
-                instance,
-                number,
-                link.what,
-                each.from_,
-                each.to,
-                link.budget_us,
-                link.percentile,
-            )
-            sources: list[str] = []
-
-            def between(one: str, other: str, percentile: int, seen: list[str] = sources) -> float | None:
-                us, source = (
-                    (UNREACHABLE_US, "measured")
-                    if one in lost or other in lost
-                    else cluster.rtt.between(one, other, percentile)
-                )
-                seen.append(source)
-                return us
-
-            us = slowest_us(each, Member(app_uid, instance, each.here), cluster, between)
-            worst = min(sources, key=SOURCE_NAMES.index, default="measured")  # without a link both ends are on one node
-            found[key] = EdgeTime(us, "unknown" if us is None else worst)
+        for number, connection in enumerate(connections(app) if app is not None else ()):
+            if app is not None and (budget_us := connection.link.budget_us) is not None:
+                key = _key(app, instance, number, connection, budget_us)
+                found[key] = _time(connection, Member(app_uid, instance, connection.here), cluster, lost)
     return found
+
+
+def _key(app: App, instance: str, number: int, connection: Connection, budget_us: int) -> EdgeKey:
+    meta, link = app.source.metadata, connection.link
+    ends = (connection.from_, connection.to)
+    return EdgeKey(meta.namespace, meta.name, instance, number, link.what, *ends, budget_us, link.percentile)
+
+
+def _time(connection: Connection, member: Member, cluster: Cache, lost: frozenset[str]) -> EdgeTime:
+    """The slowest round trip of an edge; of the pairs of nodes that are compared, the least known names its source."""
+    sources: list[str] = []
+
+    def between(one: str, other: str, percentile: int) -> float | None:
+        known = cluster.rtt.between(one, other, percentile)
+        us, source = known if lost.isdisjoint((one, other)) else (UNREACHABLE_US, "measured")
+        sources.append(source)
+        return us
+
+    us = slowest_us(connection, member, cluster, between)
+    worst = min(sources, key=SOURCE_NAMES.index, default="measured")  # without a pair both ends are on one node
+    return EdgeTime(us, "unknown" if us is None else worst)

@@ -11,15 +11,15 @@ from robotapp_scheduler.core.pods.pod_info import member_of
 from robotapp_scheduler.core.pods.pod_signature import controller_of
 from robotapp_scheduler.what_if.difference import Outcome, PodChange
 
-UNREACHABLE: Final = "node.kubernetes.io/unreachable"
-TAINTS: Final = tuple(Taint(key=UNREACHABLE, effect=effect) for effect in ("NoSchedule", "NoExecute"))
+TAINT_KEY: Final = "node.kubernetes.io/unreachable"
+TAINTS: Final = tuple(Taint(key=TAINT_KEY, effect=effect) for effect in ("NoSchedule", "NoExecute"))
 _UNTIL_DELETED: Final = "StatefulSet"
 SUCCESSOR: Final = "what-if/successor/"
 
 
 def lost(node: Node) -> Node:
     """The node as the node controller marks it when its kubelet is silent."""
-    taints = tuple(taint for taint in node.spec.taints if taint.key != UNREACHABLE)
+    taints = tuple(taint for taint in node.spec.taints if taint.key != TAINT_KEY)
     return msgspec.structs.replace(node, spec=msgspec.structs.replace(node.spec, taints=(*taints, *TAINTS)))
 
 

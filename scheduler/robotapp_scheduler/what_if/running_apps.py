@@ -6,8 +6,7 @@ from typing import NamedTuple
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.pods.pod_info import Member
-from robotapp_scheduler.core.robotics.app_index import App
-from robotapp_scheduler.what_if.edges import Instance
+from robotapp_scheduler.core.robotics.app_index import App, InstanceKey
 
 
 class FormerPod(NamedTuple):
@@ -27,7 +26,7 @@ def running_apps(names: Collection[tuple[str, str]], cluster: Cache) -> dict[tup
     return found
 
 
-def instances_of(apps: Iterable[App], cluster: Cache) -> list[Instance]:
+def instances_of(apps: Iterable[App], cluster: Cache) -> list[InstanceKey]:
     """The instances of these apps that have a pod."""
     uids = {app.uid for app in apps}
     return [instance for instance in cluster.apps.instances() if instance[0] in uids] if uids else []

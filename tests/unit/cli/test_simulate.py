@@ -66,7 +66,8 @@ def url(stage: Stage) -> tuple[str, str]:
 def test_pods_are_shown_with_their_node_or_why_they_have_none(cluster: Stage) -> None:
     lines = cluster.text("simulate", *url(cluster)).splitlines()
     assert lines[0].split() == ["NAMESPACE", "POD", "NODE", "WHY"]
-    assert lines[1].split() == ["fleet", "p", "n1", "score", "454,", "2", "nodes", "could"]
+    assert lines[1].split()[:3] == ["fleet", "p", "n1"]
+    assert lines[1].endswith("best of 2 feasible nodes, score 454")
     assert "Insufficient cpu" in lines[2]
     assert "1 of 2 pods placed on 2 nodes, configuration abc" in lines
     assert "3 pods wait for scheduler default-scheduler" in lines

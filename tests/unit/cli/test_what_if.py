@@ -20,7 +20,7 @@ MOVED = {
     "from": "edge-1",
     "to": "edge-2",
     "code": "",
-    "reason": "score 454, 2 nodes could",
+    "reason": "best of 2 feasible nodes, score 454",
 }
 PENDING = {**MOVED, "pod": "big", "app": "", "component": "", "instance": "", "outcome": "Pending", "to": "",
            "code": "Unschedulable", "reason": "0/2 nodes are available: 2 Insufficient cpu."}  # fmt: skip

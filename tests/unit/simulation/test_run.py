@@ -122,7 +122,7 @@ def test_the_report_has_a_line_per_pod_and_says_what_is_not_simulated() -> None:
     lines = as_table(found).splitlines()
     assert lines[0].split() == ["NAMESPACE", "POD", "NODE", "WHY"]
     assert lines[1].split()[:2] == ["default", "p"]
-    assert "2 nodes could" in lines[1]
+    assert "best of 2 feasible nodes" in lines[1]
     assert "Insufficient cpu" in lines[2]
     assert "1 of 2 pods placed on 2 nodes" in as_table(found)
     assert "ignored, no rule reads them: 1 Secret" in as_table(found)

@@ -17,7 +17,7 @@ from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.nodes.node_facts import NodeFact
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
-from robotapp_scheduler.core.robotics.app_index import App, AppIndex
+from robotapp_scheduler.core.robotics.app_index import App, AppIndex, InstanceKey
 from robotapp_scheduler.joint.link_limits import LinkLimits
 
 
@@ -42,7 +42,7 @@ class AccessLinks:
         self._nodes = nodes
         self._apps = apps
         self._generation = -1
-        self._loads: dict[tuple[str, str], dict[str, int]] = {}
+        self._loads: dict[InstanceKey, dict[str, int]] = {}
         self._totals: dict[str, int] = {}
 
     def __repr__(self) -> str:
