@@ -22,31 +22,36 @@ Trouble = tuple[Reason, str]
 
 @dataclasses.dataclass(slots=True)
 class InstanceMemory:
-    """Of one instance: the facts as last computed, what they were computed from, and what was published of them.
-
-    `facts_until_s`: when other latency figures may be published, or the robot's grace is over. `shown`: the figures that are, None until they are read from
-    the object. `measured`: its edges as measured last. `times`: since when these have been over or within their budgets. `lost_s`: since
-    when devices have been lost, by claim. `stays`: why a component is not moved. `evicted`: uid of the pod that this process evicted last. `moving`: a move whose new pod is not on
-    a node yet. `version`: resourceVersion of the object as we left or found it. `written_facts`: the facts that it is known to
-    show. `created`: there has been one. `pending_status`: the latest status that differed from the stored one.
-    """
+    """Of one instance: the facts as last computed, what they were computed from, and what was published of them."""
 
     facts: InstanceFacts | None = None
     stamp: tuple[object, ...] = ()
     facts_until_s: float = float("inf")
+    """When other latency figures may be published, or the robot's grace is over."""
     shown: dict[EdgeKey, EdgeView] | None = None
+    """The latency figures that are published; None until they are read from the object."""
     measured: tuple[EdgeView, ...] = ()
+    """Its edges as measured last."""
     times: BudgetTimes = dataclasses.field(default_factory=BudgetTimes)
+    """Since when its edges have been over or within their budgets."""
     lost_s: dict[str, float] = dataclasses.field(default_factory=dict)
+    """Since when devices have been lost, by claim."""
     stays: str = ""
+    """Why a component is not moved."""
     evicted: str = ""
+    """Uid of the pod that this process evicted last."""
     moving: Move | None = None
+    """A move whose new pod is not on a node yet."""
     rest: Rest = dataclasses.field(default_factory=Rest)
     writing: Writing = dataclasses.field(default_factory=Writing)
     version: str = ""
+    """resourceVersion of the object as we left or found it."""
     written_facts: tuple[object, ...] = ()
+    """The facts that the object is known to show."""
     created: bool = False
+    """There has been an object."""
     pending_status: dict[str, Any] = dataclasses.field(default_factory=dict)
+    """The latest status that differed from the stored one."""
 
     def found(self, version: str) -> None:
         """The object has this resourceVersion now. After a write by another operator, the figures in the object count as published:
@@ -70,30 +75,35 @@ class Unseen:
 
 @dataclasses.dataclass(slots=True)
 class AppMemory:
-    """What the operator remembers of one app. Tables are by instance name where nothing else is named.
-
-    `outcomes`: the last answer to a request for a domain, granted or refused. `troubles`: what the server refused. `held`:
-    the templates that are not written although they differ. `settled`: by a Deployment's uid, its generation and the hash it was found
-    with. `unseen`: what was written last and may not be in the caches yet. `new_domains`: ids granted since the last status. `bugs`: per kind of work and instance. `chosen`: which instances
-    and which problems the app had when it was last planned. `shown` and `rest`: the latency figures that its own status is
-    about. `bucket`: when that status may be written. `reported`: what its last status was made of.
-    `rendered`: this process has rendered a status of the app.
-    """
+    """What the operator remembers of one app. Tables are by instance name where nothing else is named."""
 
     outcomes: dict[str, DomainOutcome] = dataclasses.field(default_factory=dict)
+    """The last answer to a request for a domain, granted or refused."""
     troubles: dict[str, Trouble] = dataclasses.field(default_factory=dict)
+    """What the server refused."""
     held: dict[str, tuple[Held, ...]] = dataclasses.field(default_factory=dict)
+    """The templates that are not written although they differ."""
     settled: dict[str, tuple[int, str]] = dataclasses.field(default_factory=dict)
+    """By a Deployment's uid, its generation and the hash it was found with."""
     unseen: dict[str, Unseen] = dataclasses.field(default_factory=dict)
+    """What was written last and may not be in the caches yet."""
     new_domains: dict[str, int] = dataclasses.field(default_factory=dict)
+    """Ids granted since the last status."""
     instances: dict[str, InstanceMemory] = dataclasses.field(default_factory=dict)
     bugs: dict[tuple[str, str], str] = dataclasses.field(default_factory=dict)
+    """Per kind of work and instance."""
     chosen: tuple[tuple[Instance, ...], tuple[Problem, ...]] | None = None
+    """Which instances and which problems the app had when it was last planned."""
     shown: dict[str, tuple[EdgeView, ...]] = dataclasses.field(default_factory=dict)
+    """The latency figures that the app's own status is about."""
     rest: Rest = dataclasses.field(default_factory=Rest)
+    """Limits how often these change."""
     bucket: Bucket = dataclasses.field(default_factory=Bucket)
+    """When the app's own status may be written."""
     reported: tuple[object, ...] = ()
+    """What the app's last status was made of."""
     rendered: bool = False
+    """This process has rendered a status of the app."""
 
     def instance(self, name: str) -> InstanceMemory:
         return self.instances.setdefault(name, InstanceMemory())

@@ -10,9 +10,15 @@ from robotapp_api.values.round_trips import is_unreachable
 from robotapp_operator.plan.diff.newer import version_key
 from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.status.given_up import given_up_texts
 from robotapp_operator.plan.status.latency import EdgeView
-from robotapp_operator.plan.status.troubled import cut_off_text, edge_text, lost_text, rank_of, what_is_missing
+from robotapp_operator.plan.status.troubled import (
+    cut_off_text,
+    edge_text,
+    given_up_texts,
+    lost_text,
+    rank_of,
+    what_is_missing,
+)
 
 MAX_CONDITION_BYTES: Final = 2048
 """Bytes of a message of a RobotApp."""

@@ -1,9 +1,15 @@
-"""Instances of an app that need attention, worst first: one order for the status's list and for the reason of Ready."""
+"""Instances of an app that need attention, worst first: one order for the status's list and for the reason of Ready.
+
+Beside it the sentences about one instance that several conditions use.
+"""
 
 from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
-from robotapp_api.model.names import Label, Reason
+from robotapp_api.model.names import ROBOT_END, Label, Reason
+from robotapp_api.values.duration import format_us
+from robotapp_api.values.given_up import GivenUpEdge, time_text
+from robotapp_api.values.round_trips import is_unreachable
 from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.status.facts import AppFacts, Grace, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView, shown_ms
@@ -125,6 +131,28 @@ def lost_text(instance: InstanceFacts) -> str:
     more = f" and {len(instance.lost) - 1} more devices" if len(instance.lost) > 1 else ""
     text = f"{first.component}: {first}{more} is gone: plug it in again; onLoss decides what happens to the pod"
     return f"{text} ({instance.stays})" if instance.stays else text
+
+
+def given_up_texts(instance: InstanceFacts) -> list[str]:
+    """What the placement gave up, as the pods' annotations tell it, one sentence each. Both ends of an edge may tell of it, and an end that has moved since makes it history."""
+    nodes = {component.name: component.nodes for component in instance.components}
+    found: dict[tuple[str, ...], str] = {}
+    for component in instance.components:
+        for given in component.given_up:
+            if given.tier:
+                text = f"{component.name} runs on tier {given.tier} instead of {shown(given.instead_of)}"
+                found.setdefault((component.name,), text)
+            for edge in given.edges:
+                if edge.peer == ROBOT_END or edge.nodes[1] in nodes.get(edge.peer, ()):
+                    ends = sorted((component.name, edge.peer))
+                    found.setdefault((edge.edge, *ends), _given_up_text(edge, component.name))
+    return list(found.values())
+
+
+def _given_up_text(edge: GivenUpEdge, name: str) -> str:
+    takes = "is" if is_unreachable(edge.time_us) else "takes"
+    time = f"{time_text(edge.time_us)} ({edge.source}, {edge.nodes[0]} to {edge.nodes[1]})"
+    return f"{edge.edge} between {name} and {edge.peer} {takes} {time} instead of {format_us(edge.budget_us)}"
 
 
 def edge_name(edge: EdgeView) -> str:
