@@ -18,7 +18,7 @@ from robotapp_scheduler.core.api.robotics_v1alpha1 import Edge as Connection
 from robotapp_scheduler.core.api.ros import BALANCE_SHARE
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.joint_devices import device_capacity
-from robotapp_scheduler.core.cycle.tiers import tier_ranks
+from robotapp_scheduler.core.cycle.tiers import Ranks, tier_ranks
 from robotapp_scheduler.core.framework.interface import MAX_SCORE
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.nodes.columns import FloatArray, IntArray
@@ -27,6 +27,7 @@ from robotapp_scheduler.core.robotics.app_index import App, balances, on_one_nod
 from robotapp_scheduler.core.robotics.fallback import held_until
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
+from robotapp_scheduler.joint.link_limits import LinkLimits
 from robotapp_scheduler.joint.problem import INF, Edge, Problem, Relation, with_tiers
 
 MOST_PODS: Final = 96
@@ -95,35 +96,37 @@ def joint_problem_of(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | No
     timed = any(edge.relation is Relation.RTT for edge in edges)
     if len(edges) > MOST_EDGES or not (timed or _want_devices(app, pods)):
         return None
-    table = core.cluster.nodes
-    costs, ranks = [], []
-    for pod in pods:
-        evaluation = core.appraise(pod)
-        if evaluation is None:
-            return None
-        costs.append(_cost(evaluation, core.cluster.nodes.size))
-        tiers = pod.ros.tiers if pod.ros is not None else ()
-        ranks.append(tier_ranks(table, tiers) if tiers else np.zeros(table.size, dtype=np.int32))
-    cost = np.stack(costs)
-    demand, free = _capacity(core.cluster, pods)
+    cost = _costs(core, pods)
+    if cost is None:
+        return None
     edges += _of_volumes(pods)  # known only now: appraising a pod resolves its ROS fields
     devices, usable = device_capacity(core.cluster, pods, np.isfinite(cost))
     if not timed and not len(usable):
         return None
+    demand, free = _capacity(core.cluster, pods)
     demand, free = np.hstack((demand, devices)), np.vstack((free, usable))
     crowd = _crowd(core, pods) if balances(app) else None
-    filters = core.runner(pods[0].scheduler_name).profile.filters
-    limited = any(isinstance(each.plugin, LimitsConnections) for each in filters)
-    links = core.cluster.links.limits(app, pods) if limited else None
+    links = _links(core, app, pods)
     problem = Problem(cost, demand, free, tuple(edges), core.cluster.rtt.latencies(), crowd=crowd, links=links)
-    problem = with_tiers(problem, np.stack(ranks))
-    return JointProblem(problem, tuple(pod.uid for pod in pods), tuple(table.names))
+    problem = with_tiers(problem, _ranks(core.cluster, pods))
+    return JointProblem(problem, tuple(pod.uid for pod in pods), tuple(core.cluster.nodes.names))
 
 
 def _want_devices(app: App, pods: Sequence[PodInfo]) -> bool:
     """Do two of them want devices?"""
     names = [pod.member.component for pod in pods if pod.member is not None and pod.member.component in app.components]
     return sum(bool(app.components[name].devices) for name in names) > 1
+
+
+def _costs(core: Scores, pods: Sequence[PodInfo]) -> FloatArray | None:
+    """`_cost` per pod; None when one of them fits nowhere."""
+    costs = []
+    for pod in pods:
+        evaluation = core.appraise(pod)
+        if evaluation is None:
+            return None
+        costs.append(_cost(evaluation, core.cluster.nodes.size))
+    return np.stack(costs)
 
 
 def _cost(evaluation: Evaluation, size: int) -> FloatArray:
@@ -147,6 +150,20 @@ def _capacity(cluster: Cache, pods: Sequence[PodInfo]) -> tuple[IntArray, IntArr
     left = table.resources.allocatable[codes, : table.size] - table.resources.requested[codes, : table.size]
     pods_left = table.allowed_pods[: table.size] - table.pod_count[: table.size]
     return demand, np.concatenate((left, pods_left[None, :]))
+
+
+def _ranks(cluster: Cache, pods: Sequence[PodInfo]) -> Ranks:
+    """Per pod and row, the position of the node's tier in `runsOn`; 0 for a pod without that order."""
+    table = cluster.nodes
+    tiers = [pod.ros.tiers if pod.ros is not None else () for pod in pods]
+    return np.stack([tier_ranks(table, each) if each else np.zeros(table.size, dtype=np.int32) for each in tiers])
+
+
+def _links(core: Scores, app: App, pods: Sequence[PodInfo]) -> LinkLimits | None:
+    """What access links carry, where a filter of the profile refuses nodes by that."""
+    filters = core.runner(pods[0].scheduler_name).profile.filters
+    limited = any(isinstance(each.plugin, LimitsConnections) for each in filters)
+    return core.cluster.links.limits(app, pods) if limited else None
 
 
 def _crowd(core: Scores, pods: Sequence[PodInfo]) -> FloatArray:

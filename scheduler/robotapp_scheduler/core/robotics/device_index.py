@@ -191,23 +191,17 @@ class DeviceIndex:
         fitting = [[i for i, device in enumerate(devices) if fits_kind(request, device)] for request in requests]
         if not all(fitting):
             return None
-        own = [options for request, options in zip(requests, fitting, strict=True) if request.exclusive]
-        shared = {
-            i for request, options in zip(requests, fitting, strict=True) if not request.exclusive for i in options
-        }
-        last = shared | {
-            i for i, device in enumerate(devices if self._kept else ()) if self._is_kept(node, device, holder)
-        }
-        found = assign(own, preferred=self._preferred(devices, node, holder, last=last)) if own else []
+        asked = list(zip(requests, fitting, strict=True))
+        shared = {i for request, options in asked if not request.exclusive for i in options}
+        found = self._alone([options for request, options in asked if request.exclusive], node, holder, last=shared)
         if found is None:
             return None
         open_ = {i for i in shared.difference(found) if self.blocker(node, devices[i], holder, exclusive=False) is None}
-        names = self._names(node, [devices[i] for i in found], holder)
-        held = iter(
-            [device._replace(id=name) for device, name in zip(map(devices.__getitem__, found), names, strict=True)]
-        )
+        alone = [devices[i] for i in found]
+        names = self._names(node, alone, holder)
+        held = (device._replace(id=name) for device, name in zip(alone, names, strict=True))
         grants = list[DeviceGrant]()
-        for request, options in zip(requests, fitting, strict=True):
+        for request, options in asked:
             if request.exclusive:
                 device: Device | None = next(held)
             else:  # one entry with a count shares as many different devices; two entries may share one
@@ -217,6 +211,19 @@ class DeviceIndex:
                 return None
             grants.append(DeviceGrant(request.name, node, device, request.exclusive))
         return tuple(grants)
+
+    def _alone(
+        self, fitting: Sequence[Sequence[int]], node: str, holder: DeviceHolder, *, last: Collection[int]
+    ) -> Sequence[int] | None:
+        """Positions of the devices that exclusive requests get, each from its `fitting` ones; None when they cannot all have one.
+
+        last: devices that are taken when there is no other, as are those that other pods of a plan need.
+        """
+        if not fitting:
+            return ()
+        devices = self.of(node)
+        kept = {i for i, device in enumerate(devices if self._kept else ()) if self._is_kept(node, device, holder)}
+        return assign(fitting, preferred=self._preferred(devices, node, holder, last={*last, *kept}))
 
     def _is_kept(self, node: str, device: Device, holder: DeviceHolder) -> bool:
         """For another pod than this one?"""
