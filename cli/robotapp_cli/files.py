@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -54,6 +55,22 @@ def documents(path: Path, *, most_bytes: int) -> list[Any]:
         raise CliError(f"{path} is neither YAML nor JSON: {error}", code=Exit.USAGE) from error
     except RecursionError as error:
         raise CliError(f"{path} is nested deeper than {_DEEPEST} levels", code=Exit.USAGE) from error
+
+
+def objects(path: Path, *, most_bytes: int) -> Iterator[dict[str, Any]]:
+    """The Kubernetes objects of a file, Lists taken apart; - is standard input. Raises CliError (wrong usage)."""
+    for document in documents(path, most_bytes=most_bytes):
+        for found in _items(document):
+            if not isinstance(found, dict):
+                raise CliError(f"{path}: holds something that is no Kubernetes object", code=Exit.USAGE)
+            yield found
+
+
+def _items(document: Any) -> list[Any]:
+    if not (isinstance(document, dict) and str(document.get("kind", "")).endswith("List")):
+        return [document]
+    items = document.get("items") or []
+    return items if isinstance(items, list) else [items]
 
 
 def _parsed(text: str) -> list[Any]:

@@ -153,14 +153,16 @@ def what_if_command(
     *,
     node_loss: Annotated[
         list[str] | None,
-        typer.Option("--node-loss", metavar="NODE", help="This node is lost.", autocompletion=complete_nodes),
+        typer.Option(
+            "--node-loss", metavar="NODE", help="This node is lost. Can be repeated.", autocompletion=complete_nodes
+        ),
     ] = None,
     rtt: Annotated[
         list[str] | None,
         typer.Option(
             "--rtt",
             metavar="A:B=TIME",
-            help="The round trip between these two nodes is this long, such as 40ms.",
+            help="The round trip between these two nodes is this long, such as 40ms. Can be repeated.",
             autocompletion=complete_pairs,
         ),
     ] = None,
@@ -169,7 +171,7 @@ def what_if_command(
         typer.Option(
             "--app",
             metavar="FILE",
-            help="The RobotApps of this file are applied (- for standard input), in place of those with their names.",
+            help="The RobotApps of this file are applied (- for standard input), in place of those with their names. Can be repeated.",
         ),
     ] = None,
     config: Annotated[

@@ -15,7 +15,7 @@ from robotapp_api.client.transport.errors import NotFound
 from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json
-from robotapp_cli.files import documents
+from robotapp_cli.files import documents, objects
 from robotapp_cli.output import Column, blank_line, console, print_table, write_structured
 from robotapp_cli.scheduler_link import Link, NoAnswerError, connect
 from robotapp_cli.session import Session
@@ -94,28 +94,22 @@ def thinned(obj: Json) -> Json:
 
 def objects_of(path: Path, *, namespace: str) -> Iterator[Json]:
     """The objects of a YAML or JSON file, lists taken apart; - is standard input."""
-    for found in _documents(path):
-        for obj in found.get("items") or [found] if str(found.get("kind", "")).endswith("List") else [found]:
-            if not isinstance(obj, dict) or not isinstance(obj.get("metadata"), dict):
-                raise CliError(f"{path}: holds something that is no Kubernetes object", code=Exit.USAGE)
-            if obj.get("kind") == "Pod":
-                obj["metadata"].setdefault("namespace", namespace)
-            yield obj
+    for obj in objects(path, most_bytes=_MOST_BYTES):
+        if not isinstance(obj.get("metadata"), dict):
+            raise CliError(f"{path}: holds something that is no Kubernetes object", code=Exit.USAGE)
+        if obj.get("kind") == "Pod":
+            obj["metadata"].setdefault("namespace", namespace)
+        yield obj
 
 
 def document(path: Path) -> Any:
     """The one document of a file."""
-    found = list(_documents(path))
+    found = documents(path, most_bytes=_MOST_BYTES)
     if len(found) != 1:
         raise CliError(f"{path}: holds {len(found)} documents, one is needed", code=Exit.USAGE)
+    if not isinstance(found[0], dict):
+        raise CliError(f"{path}: holds something that is no Kubernetes object", code=Exit.USAGE)
     return found[0]
-
-
-def _documents(path: Path) -> Iterator[Json]:
-    for found in documents(path, most_bytes=_MOST_BYTES):
-        if not isinstance(found, dict):
-            raise CliError(f"{path}: holds something that is no Kubernetes object", code=Exit.USAGE)
-        yield found
 
 
 def _print(found: Json, extra: Sequence[Json]) -> None:

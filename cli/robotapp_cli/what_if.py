@@ -13,7 +13,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from urllib.parse import quote
 
 from robotapp_api.model.names import API_VERSION, SYSTEM_NAMESPACE
@@ -21,7 +21,7 @@ from robotapp_api.values.arguments import is_name
 from robotapp_api.values.duration import format_ms, parse_us
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json
-from robotapp_cli.files import documents
+from robotapp_cli.files import objects
 from robotapp_cli.output import Column, arrow, blank_line, console, print_table, write_structured
 from robotapp_cli.scheduler_link import Link, NoAnswerError, connect
 from robotapp_cli.session import Session
@@ -99,13 +99,10 @@ def _node(name: str, where: str) -> str:
 
 def _apps(path: Path, namespace: str) -> list[Json]:
     """The RobotApps of a file. Other objects of it change nothing here."""
-    found = [each for each in documents(path, most_bytes=_MOST_BYTES) if isinstance(each, dict)]
-    items: list[Any] = []
-    for each in found:
-        items += each.get("items") or [] if str(each.get("kind", "")).endswith("List") else [each]
-    apps = [each for each in items if isinstance(each, dict) and each.get("kind") == "RobotApp"]
+    found = list(objects(path, most_bytes=_MOST_BYTES))
+    apps = [each for each in found if each.get("kind") == "RobotApp"]
     if not apps:
-        kinds = ", ".join(sorted({str(each.get("kind")) for each in items if isinstance(each, dict)})) or "nothing"
+        kinds = ", ".join(sorted({str(each.get("kind")) for each in found})) or "nothing"
         raise CliError(f"--app {path}: holds no RobotApp of {API_VERSION}, but {kinds}", code=Exit.USAGE)
     for app in apps:
         meta = app.get("metadata")
@@ -125,7 +122,7 @@ async def _answer(link: Link, path: str, content: bytes) -> Json:
     except NoAnswerError as error:
         if code := _EXITS.get(error.status):
             raise CliError(error.why, code=code) from error
-        raise CliError(f"the scheduler did not answer what would be: {error}") from error
+        raise CliError(f"the scheduler did not answer: {error}") from error
 
 
 async def _in_turn(link: Link, path: str, content: bytes) -> Json:

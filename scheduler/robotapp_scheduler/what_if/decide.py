@@ -122,7 +122,7 @@ class _Decider:
             found.append(successor)
         if others:
             self._notes.append(
-                f"{others} pods of other schedulers are on lost nodes: where they would go is theirs to say"
+                f"{others} pods of other schedulers are on lost nodes: where these go is not decided here"
             )
         return found
 

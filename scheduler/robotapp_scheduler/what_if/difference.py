@@ -9,7 +9,7 @@ import msgspec
 
 from robotapp_api.values.round_trips import is_unreachable
 
-NAMELESS: Final = "node names take the right to get nodes"
+NAMELESS: Final = "names of nodes are left out: you may not get nodes"
 _WORD: Final = re.compile(r"[\w.-]*\w")
 
 

@@ -136,6 +136,9 @@ def test_wrong_usage_is_a_sentence_and_nobody_is_asked(cluster: Stage, arguments
     [
         ("{kind: Pod, metadata: {name: x}}", "holds no RobotApp of robotics.io/v1alpha1, but Pod"),
         ("", "holds no RobotApp of robotics.io/v1alpha1, but nothing"),
+        ("{kind: List, items: 5}", "holds something that is no Kubernetes object"),
+        ("{kind: List, items: []}", "holds no RobotApp of robotics.io/v1alpha1, but nothing"),
+        ("[{kind: RobotApp}]", "holds something that is no Kubernetes object"),
         ("{kind: RobotApp}", "holds a RobotApp without metadata.name"),
         ("# " + "x" * (1 << 20), "larger than 1 MiB"),
     ],
