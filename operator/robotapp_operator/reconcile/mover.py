@@ -46,9 +46,9 @@ Again = float | None
 """Seconds after which to look again although nothing has happened; None: not before something does."""
 LOST_S: Final = 10.0
 """A device must be gone for so long before it counts as lost: a touched cable moves nothing."""
-LOSSES_S: Final = 1.0
+COUNT_LOSSES_S: Final = 1.0
 """The losses of the whole cluster are counted anew after so long: far less than LOST_S, so those of one report count together."""
-BRAKED_S: Final = 10.0
+MASS_LOSS_S: Final = 10.0
 """Interval of checks of a pod that stays because too many lost a device."""
 SETTLED_S: Final = 1.0
 """Pause after a record was written whose times were ahead of our clock."""
@@ -161,7 +161,7 @@ class Mover:
             decision = other if isinstance(other, Move) else decision or other
         later = [from_s - now_s for from_s in lasts.values() if now_s < from_s < float("inf")]
         if lost and isinstance(decision, Stays):
-            later.append(BRAKED_S)  # it may depend on what other pods have lost
+            later.append(MASS_LOSS_S)  # it may depend on what other pods have lost
         return decision, min(later, default=None)
 
     # What there is
@@ -248,7 +248,7 @@ class Mover:
             }
             if mine.items() - recorded.items() and self._is_mass_restart(component, part):
                 mine = {}
-                waiting.append(BRAKED_S)
+                waiting.append(MASS_LOSS_S)
             back = restarts(recorded, there=self._is_there) if on_loss_of(component) == RESTART else frozenset()
             pod = part.pod.metadata.uid
             kept = {claim: user for claim, user in recorded.items() if user == pod and self._keeps(claim, component)}
@@ -273,7 +273,7 @@ class Mover:
     def _all_losses(self) -> Losses:
         """Of the whole cluster."""
         now_s = self._clock()
-        if self._losses is None or now_s - self._losses[0] >= LOSSES_S:
+        if self._losses is None or now_s - self._losses[0] >= COUNT_LOSSES_S:
             self._losses = now_s, device_losses(self._cache)
         return self._losses[1]
 

@@ -12,7 +12,7 @@ from typing import Final
 from robotapp_api.model.robots import Robots
 from robotapp_operator.plan.spec.desired import App
 
-BRAKED_S: Final = 10.0
+MANY_MISSING_S: Final = 10.0
 """Interval of checks of an instance whose grace is over while too many robots are missing."""
 _NOTHING: Final = frozenset[str]()
 
@@ -61,7 +61,7 @@ class OutOfSight:
         if missing is None or not missing.since:
             return None
         left = app.grace_s - (self._clock() - min(missing.since.values()))
-        return left if left > 0 else BRAKED_S
+        return left if left > 0 else MANY_MISSING_S
 
     def forget(self, uid: str) -> None:
         self._apps.pop(uid, None)

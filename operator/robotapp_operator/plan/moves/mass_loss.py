@@ -16,7 +16,10 @@ Pods = frozenset[str]
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Losses:
-    """By node, the uids of pods that hold devices of it, and of those that have lost one. lost: no node without a loss."""
+    """By node, the uids of pods that hold devices of it, and of those that have lost one.
+
+    lost: only nodes with a loss.
+    """
 
     holding: Mapping[str, Pods]
     lost: Mapping[str, Pods]

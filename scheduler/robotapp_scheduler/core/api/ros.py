@@ -122,7 +122,7 @@ class RosContext(msgspec.Struct, frozen=True, gc=False):
     flows: tuple[tuple[str, int], ...] = ()
     """(node, bit/s) of connections to placed ends, where any node's access link is known."""
     links: int = 0
-    """Stands for what is left on all links."""
+    """A hash of what is left on all links, so that no result that is kept outlives a change of it."""
     deadline_us: int | None = None
     zones: tuple[str, ...] = ()
     master_node: str = ""

@@ -1,8 +1,8 @@
 """Devices in the plan of a group: the pods on a node need a device each, and one that is shared must be left over for those that share it.
 
 By Hall's theorem requests can all be met when every set of them has as many usable devices as requests. Each such set
-is one more resource of the nodes, so the planner itself knows nothing of devices. What is free, held by the component
-already or shared is the device index's to tell, per pod.
+is one more resource of the nodes, so the planner needs no rule about devices. Which devices are free for a pod, held by its
+component already or shared is decided by the device index.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

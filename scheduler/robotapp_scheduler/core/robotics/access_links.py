@@ -110,7 +110,7 @@ class AccessLinks:
 
     def _update(self) -> None:
         """Count anew the instances that changed; all of them when nodes did: which one is `@robot` is in their labels."""
-        touched = self._apps.take_other_flows()
+        touched = self._apps.take_changed_flows()
         if self._generation != self._nodes.generation:
             self._generation = self._nodes.generation
             touched |= self._loads.keys()

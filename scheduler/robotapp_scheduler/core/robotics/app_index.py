@@ -189,9 +189,12 @@ class AppIndex:
         self._expected: Mapping[Member, tuple[str, ...]] = {}
         self._replicas: dict[InstanceKey, dict[str, dict[str, Replica]]] = {}
         self._on_node: dict[str, Counter[InstanceKey]] = {}
+        """How many pods of an instance a node has."""
         self._touched: set[InstanceKey] = set()
         self._touched_apps: set[str] = set()
-        self._other_flows: set[InstanceKey] = set()
+        """What changed since the last `take_touched`."""
+        self._changed_flows: set[InstanceKey] = set()
+        """What changed since the last `take_changed_flows`."""
 
     def __repr__(self) -> str:
         return f"AppIndex({len(self._apps)} apps, {len(self._owners)} owners, {len(self._replicas)} instances)"
@@ -205,10 +208,10 @@ class AppIndex:
         ):
             return False
         if old is not None:
-            self._change_flows(old)
+            self._note_flows(old)
         self._apps[source.metadata.uid] = app = read_app(source)
         self._touched_apps.add(source.metadata.uid)
-        self._change_flows(app)
+        self._note_flows(app)
         return True
 
     def remove_app(self, uid: str) -> bool:
@@ -216,7 +219,7 @@ class AppIndex:
         self._touched_apps.discard(uid)
         app = self._apps.pop(uid, None)
         if app is not None:
-            self._change_flows(app)
+            self._note_flows(app)
         return app is not None
 
     def app(self, uid: str) -> App | None:
@@ -227,14 +230,14 @@ class AppIndex:
         """Add or update a ReplicaSet or Deployment; True when its owner changed."""
         old = self._owners.get(owner.metadata.uid)
         self._owners[owner.metadata.uid] = owner
-        self._change_flows_of(owner)
+        self._note_owner(owner)
         return old is None or old.metadata.owner_references != owner.metadata.owner_references
 
     def remove_owner(self, uid: str) -> bool:
         """A ReplicaSet or Deployment is gone."""
         owner = self._owners.pop(uid, None)
         if owner is not None:
-            self._change_flows_of(owner)
+            self._note_flows_of(owner)
         return owner is not None
 
     def belongs(self, pod: Pod, app_uid: str) -> bool:
@@ -271,7 +274,7 @@ class AppIndex:
         replicas[pod.metadata.uid] = Replica(pod, node)
         self._count(key, replicas[pod.metadata.uid], 1)
         self._touched.add(key)
-        self._change_flows_of(pod)
+        self._note_flows_of(pod)
 
     def drop(self, pod: Pod) -> None:
         """Stop counting a pod that is gone or terminal."""
@@ -279,7 +282,7 @@ class AppIndex:
         if member is None:
             return
         key = (member.app_uid, member.instance)
-        self._change_flows_of(pod)
+        self._note_flows_of(pod)
         instance = self._replicas.get(key, {})
         replicas = instance.get(member.component, {})
         self._count(key, replicas.pop(pod.metadata.uid, None), -1)
@@ -324,26 +327,26 @@ class AppIndex:
         """Nodes a component of the same instance may still end up on; empty when they are not known."""
         return self._expected.get(member._replace(component=component), ())
 
-    def take_other_flows(self) -> set[InstanceKey]:
+    def take_changed_flows(self) -> set[InstanceKey]:
         """Instances whose connections may take other links, or more of them, since the last call."""
-        found, self._other_flows = self._other_flows, set()
+        found, self._changed_flows = self._changed_flows, set()
         return found
 
-    def _change_flows(self, app: App, instance: str | None = None) -> None:
+    def _note_flows(self, app: App, instance: str | None = None) -> None:
         """Note one instance, or all. Only of apps with flows: where no app has any, nobody takes the notes."""
         if not app.flows:
             return
         if instance is not None:
-            self._other_flows.add((app.uid, instance))
+            self._changed_flows.add((app.uid, instance))
         else:
-            self._other_flows.update(key for key in self._replicas if key[0] == app.uid)
+            self._changed_flows.update(key for key in self._replicas if key[0] == app.uid)
 
-    def _change_flows_of(self, owned: Pod | Owned) -> None:
+    def _note_flows_of(self, owned: Pod | Owned) -> None:
         """Whether pods count is decided by their owners, too."""
         labels = owned.metadata.labels or {}
         app = self._apps.get(labels.get(Label.APP_UID, ""))
         if app is not None:
-            self._change_flows(app, labels.get(Label.INSTANCE))
+            self._note_flows(app, labels.get(Label.INSTANCE))
 
     def instances(self) -> list[InstanceKey]:
         """Everything that has a live pod."""

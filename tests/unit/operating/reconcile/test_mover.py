@@ -20,7 +20,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.better_node import BetterNode
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet, Taint
 from robotapp_operator.queue.work import StartOver
-from robotapp_operator.reconcile.mover import BRAKED_S, LOST_S, REFUSED_S, SETTLED_S, Mover
+from robotapp_operator.reconcile.mover import LOST_S, MASS_LOSS_S, REFUSED_S, SETTLED_S, Mover
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
@@ -424,11 +424,11 @@ async def test_when_all_pods_of_a_node_lose_their_devices_at_once_none_moves_unt
     await world.plug(present=True, node="near")
     world.also_holds(pods=3)
     await world.look()
-    assert await world.look(later_s=LOST_S + FOR_S) == BRAKED_S
+    assert await world.look(later_s=LOST_S + FOR_S) == MASS_LOSS_S
     assert await world.pods() == ["driver", "planner"]
     assert "so many pods on its node lost devices at once" in world.stays()
     world.devices["far"] = [each for each in world.devices["far"] if each.id == "usb-cam"]
-    await world.look(later_s=BRAKED_S)
+    await world.look(later_s=MASS_LOSS_S)
     assert await world.pods() == ["driver"]
 
 
@@ -447,7 +447,7 @@ async def test_devices_that_many_pods_lost_at_once_restart_nothing_when_they_are
     await world.plug(present=False)
     world.also_holds(pods=4)
     await world.look()
-    assert await world.look(later_s=LOST_S + FOR_S) == BRAKED_S
+    assert await world.look(later_s=LOST_S + FOR_S) == MASS_LOSS_S
     assert await world.annotation(Annotation.LOST_DEVICES) is None
     await world.plug(present=True)
     await world.look()

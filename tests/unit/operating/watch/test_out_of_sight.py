@@ -11,7 +11,7 @@ from robotapp_api.model.names import Label
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import problems_now, wanted_instances
-from robotapp_operator.watch.out_of_sight import BRAKED_S, OutOfSight
+from robotapp_operator.watch.out_of_sight import MANY_MISSING_S, OutOfSight
 
 ALL = {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}
 NAMES = [f"r-{number:02}" for number in range(40)]
@@ -118,7 +118,7 @@ def test_nothing_ends_while_too_many_robots_are_missing_however_often_the_operat
     if braked:
         assert world.cache.sight.look_again_s(world.app) is not None
         world.instances(after_s=301)
-        assert world.cache.sight.look_again_s(world.app) == BRAKED_S
+        assert world.cache.sight.look_again_s(world.app) == MANY_MISSING_S
 
 
 def test_the_brake_counts_robots_that_hold_claims_alone() -> None:
