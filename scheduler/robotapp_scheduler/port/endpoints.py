@@ -77,7 +77,7 @@ class Endpoints:
         router.add_get("/explain/{namespace}/{pod}", self._explained)
         router.add_get("/simulate", self._wanted)
         router.add_post("/simulate", self._simulated)
-        router.add_post("/what-if", self._tried)
+        router.add_post("/what-if", self._what_if)
 
     async def _metrics(self, request: web.Request) -> web.Response:
         refusal = await refused(self._gate, request, "get", "/metrics")
@@ -143,14 +143,9 @@ class Endpoints:
         await self._scheduler.request(Request("simulated", status=found.status))
         return web.Response(status=found.status, body=found.body, content_type="application/json")
 
-    async def _tried(self, request: web.Request) -> web.Response:
-        """What would be. Whoever may get all pods sees all of it, others the part of `?namespace=`."""
-        namespace = request.query.get("namespace", "")
-        access = await asked(self._gate.access(caller(request), ""))
-        if access is Access.FORBIDDEN and namespace:
-            access = await asked(self._gate.access(caller(request), namespace))
-        elif isinstance(access, Access):
-            namespace = ""
+    async def _what_if(self, request: web.Request) -> web.Response:
+        """What would be different. Users who may get all pods see all of it, others the part of `?namespace=`."""
+        access, namespace = await self._access(request)
         if not isinstance(access, Access):
             return access
         if access is Access.UNKNOWN_CALLER:
@@ -164,7 +159,7 @@ class Endpoints:
             body = await _read(request.content)
             with self._turn_of(user):
                 # Decoded it takes many times as much memory: it must not be held while its answer is awaited.
-                return await self._unfit(request, parse(body), access, namespace) or _json(
+                return await self._beyond_rights(request, parse(body), access, namespace) or _json(
                     await self._scheduler.request(
                         Request("what-if", namespace=namespace, with_nodes=access is Access.ALL, body=body)
                     )
@@ -185,7 +180,17 @@ class Endpoints:
         finally:
             self._asking.discard(user)
 
-    async def _unfit(
+    async def _access(self, request: web.Request) -> tuple[Access | web.Response, str]:
+        """What the caller may see, or why that is not known, and the namespace it holds for ("" for all)."""
+        namespace = request.query.get("namespace", "")
+        access = await asked(self._gate.access(caller(request), ""))
+        if access is not Access.FORBIDDEN:
+            return access, ""
+        if namespace:
+            access = await asked(self._gate.access(caller(request), namespace))
+        return access, namespace
+
+    async def _beyond_rights(
         self, request: web.Request, question: Question, access: Access, namespace: str
     ) -> web.Response | None:
         """The refusal of a question beyond the user's rights."""

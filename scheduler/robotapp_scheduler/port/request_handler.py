@@ -96,7 +96,7 @@ class RequestHandler:
     async def _decided_about(self, request: Request, writer: asyncio.StreamWriter) -> None:
         try:
             if request.what == "what-if":
-                response = await self._in_turn(request, self._tried)
+                response = await self._in_turn(request, self._decide_what_if)
             else:
                 response = await self._explanation(request)
         except WorkerError as error:
@@ -130,7 +130,7 @@ class RequestHandler:
         finally:
             self._waiting -= 1
 
-    async def _tried(self, request: Request) -> tuple[int, bytes]:
+    async def _decide_what_if(self, request: Request) -> tuple[int, bytes]:
         worker = await self._new_worker()
         if worker is None:
             return 429, MANY

@@ -124,7 +124,7 @@ class AccessLinks:
 
     def _forget(self) -> None:
         """Nothing is limited: without this, the instances that change would be remembered until something is."""
-        self._apps.take_other_flows()
+        self._apps.take_changed_flows()
         self._generation = -1
         self._loads.clear()
         self._totals.clear()

@@ -208,7 +208,7 @@ def test_instances_that_come_and_go_are_not_remembered_where_nothing_limits_them
                 assert core.cluster.links.free() is None
             for pod in pods:
                 depart(core, pod)
-        assert len(core.cluster.apps.take_other_flows()) < 5
+        assert len(core.cluster.apps.take_changed_flows()) < 5
 
 
 def test_a_rate_beyond_all_measure_is_a_problem_that_the_worker_is_sent() -> None:
