@@ -230,7 +230,7 @@ class AppIndex:
         """Add or update a ReplicaSet or Deployment; True when its owner changed."""
         old = self._owners.get(owner.metadata.uid)
         self._owners[owner.metadata.uid] = owner
-        self._note_owner(owner)
+        self._note_flows_of(owner)
         return old is None or old.metadata.owner_references != owner.metadata.owner_references
 
     def remove_owner(self, uid: str) -> bool:
