@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import ctypes
 import gc
+import logging
 import os
 import resource
 import signal
@@ -20,6 +21,8 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from robotapp_scheduler.port.frames import LENGTH, FramesError, framed, length_of, read_frame
+
+log = logging.getLogger(__name__)
 
 TIMEOUT_S: Final = 5.0
 LIFE_S: Final = 2.0
@@ -121,6 +124,8 @@ def _serve(work: Work, server: socket.socket, life_s: float) -> NoReturn:
                 stream.write(framed(work(stream.read(length_of(head)))))
                 stream.flush()
         status = 0
+    except Exception:
+        log.exception("a copy of the process that decides failed")
     finally:
         os._exit(status)
 

@@ -1,6 +1,7 @@
 """What the process that places pods answers at once, what a forked worker of it decides once more, and how often."""
 
 import asyncio
+import logging
 import os
 import socket
 import time
@@ -174,6 +175,18 @@ async def test_what_if_changes_a_copy_that_serves_nothing_else() -> None:
         assert response.status == 200
         response = await world.remote.request(Request("what-if", body=b"{}"))
         assert (response.status, "try again" in body(response)["error"]) == (429, True)
+
+
+async def test_what_fails_in_a_copy_is_in_the_log(tmp_path: Path) -> None:
+    handler = logging.FileHandler(tmp_path / "log")
+    logging.getLogger().addHandler(handler)
+    try:
+        with pytest.raises(WorkerError, match="ended with 1"):
+            await ForkedWorker(lambda _: {}["no such key"]).request(b"?")  # type: ignore[index]
+    finally:
+        logging.getLogger().removeHandler(handler)
+        handler.close()
+    assert "KeyError: 'no such key'" in (tmp_path / "log").read_text()
 
 
 async def test_a_what_if_that_ends_its_copy_is_an_error_and_nothing_more() -> None:
