@@ -14,7 +14,8 @@ import msgspec
 
 from robotapp_api.claims.instances import primary_node
 from robotapp_api.client.api.resources import NODES, NODETELEMETRIES, ROBOTCLAIMS
-from robotapp_api.model.names import Label
+from robotapp_api.model.names import Annotation, Label
+from robotapp_api.values.bandwidth import parse_link_bandwidth
 from robotapp_api.values.round_trips import RoundTrips, Rtt
 from robotapp_cli.devices import NodeDevice, devices_of
 from robotapp_cli.fields import Json, age, condition, label, meta, short_ms, status
@@ -45,6 +46,8 @@ class NodeView(msgspec.Struct, rename="camel"):
     """The agent has missed three heartbeats: what it measured counts no more."""
     ready: bool = True
     offline_since: str = ""
+    problem: str = ""
+    """What is written on the node and cannot be read."""
 
 
 class RobotView(msgspec.Struct, rename="camel"):
@@ -77,6 +80,7 @@ async def show_nodes(session: Session) -> None:
     else:
         first = [Column("NODE", wraps=True, narrowest=15), Column("TIER")]
         _print(first, [([each.node, each.tier], each) for each in found], wide=_is_wide(session))
+        _print_problems(each.problem for each in found)
 
 
 async def show_robots(session: Session) -> None:
@@ -91,8 +95,12 @@ async def show_robots(session: Session) -> None:
         first = [Column("ROBOT", wraps=True, narrowest=10), Column("NODE", wraps=True, narrowest=10)]
         rows = [([each.robot, _computers(each)], each.primary) for each in robots]
         _print(first, rows, wide=_is_wide(session), devices=[each.devices for each in robots])
-        for problem in filter(None, (each.problem for each in robots)):
-            console().print(problem, style="yellow", soft_wrap=True)
+        _print_problems(each.problem for each in robots)
+
+
+def _print_problems(problems: Iterable[str]) -> None:
+    for problem in filter(None, problems):
+        console().print(problem, style="yellow", soft_wrap=True)
 
 
 def _is_wide(session: Session) -> bool:
@@ -122,6 +130,7 @@ def _view(node: Json, telemetry: Json | None, trips: RoundTrips, *, now_s: float
     name = meta(node)["name"]
     ready = condition(node, "Ready")
     view = NodeView(name, label(node, Label.TIER), label(node, Label.ROBOT), label(node, Label.ZONE))
+    view.problem = _unread_bandwidth(node)
     if ready.get("status") != "True":
         view.ready, view.offline_since = False, ready.get("lastTransitionTime") or ""
     if telemetry is not None:
@@ -131,6 +140,15 @@ def _view(node: Json, telemetry: Json | None, trips: RoundTrips, *, now_s: float
         kept = () if view.silent else ("cpuPercent", "memoryPercent")
         view.load = {key: load[key] for key in kept if key in load}
     return view
+
+
+def _unread_bandwidth(node: Json) -> str:
+    text = (meta(node).get("annotations") or {}).get(Annotation.LINK_BANDWIDTH)
+    try:
+        parse_link_bandwidth("0" if text is None else text)
+    except ValueError as error:
+        return f"node {meta(node)['name']}: the link counts as unlimited, because its annotation {Annotation.LINK_BANDWIDTH} {error}"
+    return ""
 
 
 def written_at(telemetry: Json) -> str:

@@ -1,6 +1,6 @@
-"""What an edge takes of the links it crosses."""
+"""What an edge takes of the links it crosses, and what a link carries."""
 
-from robotapp_api.values.quantity import INT64_MAX, parse_bytes, parse_milli
+from robotapp_api.values.quantity import INT64_MAX, MAX_LENGTH, parse_bytes, parse_milli
 
 
 def bandwidth_bps(bandwidth: str | int | None, *, rate_hz: str | int | None, message_bytes: int | None) -> int:
@@ -13,3 +13,11 @@ def bandwidth_bps(bandwidth: str | int | None, *, rate_hz: str | int | None, mes
     if rate_hz is None or message_bytes is None:
         return 0
     return min(-(-parse_milli(rate_hz) * 8 * message_bytes // 1000), INT64_MAX)
+
+
+def parse_link_bandwidth(text: str) -> int:
+    """Bit/s of the node annotation robotics.io/link-bandwidth. Raises ValueError on anything but an amount of 0 or more."""
+    found = parse_bytes(text)
+    if found < 0:
+        raise ValueError(f"{text[:MAX_LENGTH]!r} is negative; write for example 40M")
+    return found

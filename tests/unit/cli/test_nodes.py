@@ -136,6 +136,19 @@ def test_a_robot_whose_primary_node_is_unclear_says_what_to_label(stage: Stage) 
     assert "none is labelled robotics.io/robot-primary=true" in text
 
 
+@pytest.mark.parametrize("text", ["100Mbps", "-1M", "fast", ""])
+def test_a_link_bandwidth_that_cannot_be_read_is_told_below_the_table(stage: Stage, text: str) -> None:
+    odd, even = node("edge-1"), node("edge-2")
+    odd["metadata"]["annotations"] = {"robotics.io/link-bandwidth": text}
+    even["metadata"]["annotations"] = {"robotics.io/link-bandwidth": "40M"}
+    stage.add("/nodes", odd, even)
+    told = [line for line in stage.text("nodes").splitlines() if line.startswith("node ")]
+    assert len(told) == 1
+    assert told[0].startswith(
+        f"node edge-1: the link counts as unlimited, because its annotation robotics.io/link-bandwidth {text!r} is "
+    )
+
+
 def test_an_empty_cluster_and_one_without_robots_say_so(stage: Stage) -> None:
     assert stage.data("nodes") == {"nodes": []}
     assert "no nodes" in stage.text("nodes")

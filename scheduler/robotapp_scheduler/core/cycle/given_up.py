@@ -92,7 +92,7 @@ def held_text(cluster: Cache, pod: PodInfo, evaluation: Evaluation, limiting: Co
     if ros.held_until == LATEST:
         until = "the pod waits until that is met (placement.fallback)"
     else:
-        until = f"from {ros.held_until.strftime('%H:%M:%SZ')} on it is placed without (placement.fallback)"
+        until = f"from {ros.held_until.strftime('%Y-%m-%dT%H:%M:%SZ')} on it is placed without (placement.fallback)"
     return f"{together}{'; '.join(texts)}; {until}."
 
 

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from robotapp_api.model.names import ROBOT_END, Annotation
-from robotapp_api.values.quantity import parse_bytes
+from robotapp_api.values.bandwidth import parse_link_bandwidth
 from robotapp_scheduler.core.api.core_v1 import Node
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.nodes.node_facts import NodeFact
@@ -22,13 +22,12 @@ from robotapp_scheduler.joint.link_limits import LinkLimits
 
 
 def _capacity(node: Node) -> float:
-    """Infinite where nobody has stated it, or what is stated is no amount."""
+    """Infinite where nobody has stated it, or what is stated is no amount (`kubectl robotapp nodes` tells that)."""
     text = (node.metadata.annotations or {}).get(Annotation.LINK_BANDWIDTH)
     try:
-        found = parse_bytes(text) if text is not None else -1
+        return float("inf") if text is None else float(parse_link_bandwidth(text))
     except ValueError:
-        found = -1
-    return float(found) if found >= 0 else float("inf")
+        return float("inf")
 
 
 LINK_BANDWIDTH: Final = NodeFact("link-bandwidth", _capacity, absent=float("inf"))

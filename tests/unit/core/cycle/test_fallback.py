@@ -56,7 +56,7 @@ def test_the_app_waits_for_a_place_within_its_preferred_budget_and_is_placed_wit
     assert places(found) == {"driver": None, "planner": None}
     text = (
         "0/3 nodes are available: 1 node(s) didn't match Pod's node affinity/selector, 2 node(s) exceeded the latency budget. "
-        "/planner to driver prefers 30ms, best is 42ms (measured) on e1; from 03:04:15Z on it is placed without (placement.fallback)."
+        "/planner to driver prefers 30ms, best is 42ms (measured) on e1; from 2026-01-02T03:04:15Z on it is placed without (placement.fallback)."
     )
     assert found["planner"].message.startswith(text), found["planner"].message
     assert text in found["driver"].message
@@ -114,7 +114,7 @@ def test_budgets_that_can_be_met_one_by_one_only_are_all_named() -> None:
     text = two_robots_apart(["30ms", "20ms"])
     assert (
         "no node meets all Preferred budgets: /planner to left prefers 30ms, best is 5ms (measured) on e1; "
-        "/planner to right prefers 20ms, best is 5ms (measured) on e2; from 03:04:15Z on" in text
+        "/planner to right prefers 20ms, best is 5ms (measured) on e2; from 2026-01-02T03:04:15Z on" in text
     ), text
     assert "right prefers 4ms, best is 5ms (measured) on e2; from" in two_robots_apart(["50ms", "4ms"])
 
