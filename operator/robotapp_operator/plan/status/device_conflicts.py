@@ -1,9 +1,10 @@
 """Why an instance cannot get its devices, for the condition `Allocated`. The scheduler decides; this only explains."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from robotapp_api.claims.device import assign, busy_text, claimed, fits, is_device
+from robotapp_api.claims.device import busy_text, claimed, fits, is_device
 from robotapp_api.claims.identity import UNKNOWN_DEVICE_TYPE, claim_name_device, device_label
 from robotapp_api.claims.instances import Instance, closed_nodes
 from robotapp_api.claims.objects import Claim, DeviceThing
@@ -17,7 +18,7 @@ from robotapp_operator.plan.spec.objects import Node, Telemetry
 SHOWN: Final = 3
 """So many devices are named in a message."""
 MOST_REQUESTS: Final = 256
-"""Beyond these, devices of one app are not compared with each other: that takes the cube of their number."""
+"""Beyond these, devices of one app are not compared with each other."""
 
 
 class Place(NamedTuple):
@@ -60,22 +61,36 @@ def device_trouble(
     """
     closed = closed_nodes([node.metadata for node in nodes.values()], app.namespace)
     nodes = {name: node for name, node in nodes.items() if name not in closed}  # messages do not name robots of others
-    requests = [
-        DeviceRequest(component.name, device.name, fitting)
-        for component in app.spec.components
-        for device in component.devices
-        for _ in range(device.count)
-        if claimed(device)
-        and (fitting := _fitting(component, device, desired_of(app, instance.robot), telemetry=telemetry, nodes=nodes))
-    ]
+    desired, requests = desired_of(app, instance.robot), list[DeviceRequest]()
+    for component in app.spec.components:
+        for device in filter(claimed, component.devices):
+            fitting = _fitting(component, device, desired, telemetry=telemetry, nodes=nodes)
+            requests += [DeviceRequest(component.name, device.name, fitting)] * (device.count if fitting else 0)
     if group := rivals([request.fitting for request in requests[:MOST_REQUESTS]]):
         return _rivals_text([requests[index] for index in group])
-    for request in requests:
-        found = [_claim_on(place, claims, telemetry[place.node]) for place in sorted(request.fitting)]
-        others = [claim for claim in found if claim is not None and not _belongs(claim, app, instance)]
-        if len(others) == len(found):
-            return busy_text(others[0], for_namespace=app.namespace)
+    held = _by_node(claims)
+    for fitting in dict.fromkeys(request.fitting for request in requests):
+        if other := _held_by_others(fitting, app, instance, held=held, telemetry=telemetry):
+            return busy_text(other, for_namespace=app.namespace)
     return ""
+
+
+def _held_by_others(
+    fitting: frozenset[Place],
+    app: App,
+    instance: Instance,
+    *,
+    held: Mapping[str, Mapping[str, Claim]],
+    telemetry: Mapping[str, Telemetry],
+) -> Claim | None:
+    """The first of the claims when others hold every one of these devices."""
+    first: Claim | None = None
+    for place in sorted(fitting):
+        claim = _claim_on(place, held, telemetry[place.node])
+        if claim is None or _belongs(claim, app, instance):
+            return None
+        first = first or claim
+    return first
 
 
 def free_elsewhere(
@@ -94,44 +109,71 @@ def free_elsewhere(
     share, and what a bare pod holds while its claim is repaired. GPUs are left out: device plugins count them, and no agent reports which
     are free.
     """
-    alone: list[frozenset[Place]] = []
+    alone: list[Mapping[str, frozenset[Place]]] = []
     shared: list[frozenset[str]] = []
+    held = _by_node(claims)
     for device in component.devices:
         places = _fitting(component, device, desired, telemetry=telemetry, nodes=nodes)
         free = frozenset(
             place
             for place in places
-            if _claim_on(place, claims, telemetry[place.node]) is None and not _is_among(place, used.alone, telemetry)
+            if _claim_on(place, held, telemetry[place.node]) is None and not _is_among(place, used.alone, telemetry)
         )
         if claimed(device):
-            unshared = frozenset(place for place in free if not _is_among(place, used.shared, telemetry))
-            alone += [unshared] * device.count
+            unshared = (place for place in free if not _is_among(place, used.shared, telemetry))
+            alone += [_places_by_node(unshared)] * device.count
         elif device.type != GPU:
             shared.append(frozenset(place.node for place in free))
-    for node in sorted({place.node for places in alone for place in places} - {but}):
-        here = [frozenset(place for place in places if place.node == node) for places in alone]
-        if all(node in having for having in shared) and _can_have(here, range(len(here))):
+    for node in sorted(frozenset[str]().union(*alone) - {but}):
+        here = [places.get(node, frozenset()) for places in alone]
+        if all(node in having for having in shared) and not rivals(here):
             return node
     return ""
 
 
 def rivals(fitting: Sequence[frozenset[Place]]) -> list[int]:
-    """Which requests, by index, cannot all be had although every device is free; none of them can be left out."""
-    group = list(range(len(fitting)))
-    if _can_have(fitting, group):
-        return []
-    for index in range(len(fitting)):
-        rest = [other for other in group if other != index]
-        if not _can_have(fitting, rest):
-            group = rest
-    return group
+    """Which requests, by index, cannot all be had although every device is free; none of them can be left out.
+
+    They are the first request for which no path of rearrangements ends at a device that is left, and all requests on these paths
+    (Hall's theorem): each of them could give way to it. Which places a set has first makes no difference.
+    """
+    user: dict[Place, int] = {}
+    for request in range(len(fitting)):
+        tried = set[Place]()
+        if not _is_placed(request, fitting, user, tried):
+            return sorted({request, *(user[place] for place in tried)})
+    return []
 
 
-def _can_have(fitting: Sequence[frozenset[Place]], group: Sequence[int]) -> bool:
-    places = sorted(frozenset[Place]().union(*(fitting[index] for index in group)))
-    number = {place: index for index, place in enumerate(places)}
-    wanted = [{number[place] for place in fitting[index]} for index in group]
-    return assign(wanted, preferred=range(len(places))) is not None
+def _is_placed(request: int, fitting: Sequence[frozenset[Place]], user: dict[Place, int], tried: set[Place]) -> bool:
+    """Give the request a device, one that is left or one whose user can have another. user: the request that has a place."""
+    for place in fitting[request]:
+        if place not in user:
+            user[place] = request
+            return True
+    for place in fitting[request]:
+        if place not in tried:
+            tried.add(place)
+            if _is_placed(user[place], fitting, user, tried):
+                user[place] = request
+                return True
+    return False
+
+
+def _places_by_node(places: Iterable[Place]) -> dict[str, frozenset[Place]]:
+    found: defaultdict[str, set[Place]] = defaultdict(set)
+    for place in places:
+        found[place.node].add(place)
+    return {node: frozenset(here) for node, here in found.items()}
+
+
+def _by_node(claims: Mapping[str, Claim]) -> Mapping[str, Mapping[str, Claim]]:
+    """Claims of devices by node and name."""
+    found: defaultdict[str, dict[str, Claim]] = defaultdict(dict)
+    for name, claim in claims.items():
+        if claim.spec.device is not None:
+            found[claim.spec.device.node][name] = claim
+    return found
 
 
 def _rivals_text(group: Sequence[DeviceRequest]) -> str:
@@ -174,13 +216,13 @@ def _fitting(
     )
 
 
-def _claim_on(place: Place, claims: Mapping[str, Claim], report: Telemetry) -> Claim | None:
-    """The claim that holds the device, perhaps under the id it had before the node's agent reported it."""
-    if exact := claims.get(claim_name_device(place.node, place.id)):
+def _claim_on(place: Place, held: Mapping[str, Mapping[str, Claim]], report: Telemetry) -> Claim | None:
+    """The claim that holds the device, perhaps under the id it had before the node's agent reported it. held: by node and name."""
+    here = held.get(place.node, {})
+    if exact := here.get(claim_name_device(place.node, place.id)):
         return exact
-    things = ((claim, claim.spec.device) for claim in claims.values())
-    found = (claim for claim, thing in things if thing and thing.node == place.node and _is(place, thing, report))
-    return next(found, None)
+    things = ((claim, claim.spec.device) for claim in here.values())
+    return next((claim for claim, thing in things if thing and _is(place, thing, report)), None)
 
 
 def _is_among(place: Place, used: Mapping[str, Collection[str]], telemetry: Mapping[str, Telemetry]) -> bool:

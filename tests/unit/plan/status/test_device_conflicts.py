@@ -1,6 +1,7 @@
 """Which device keeps an instance waiting, and who holds it."""
 
 import itertools
+import time
 from typing import Any
 
 import msgspec
@@ -177,6 +178,49 @@ def test_rivals_cannot_all_be_served_but_all_without_any_one_of_them(fitting: li
     assert served(list(range(len(fitting)))) is (not group)
     for index in group:
         assert served([other for other in group if other != index])
+
+
+MANY = [make_node(f"n{number:04}", tier="edge") for number in range(1000)]
+
+
+def fleet_with_videos() -> dict[str, Telemetry]:
+    """A thousand nodes with four cameras each, one of them with a CAN bus."""
+    videos = [{"id": f"video-{number}", "type": "video", "interface": f"v{number}"} for number in range(4)]
+    bus = {"id": "can-can0", "type": "can", "interface": "can0"}
+    listed = {node.metadata.name: [*videos, *([bus] if not number else [])] for number, node in enumerate(MANY)}
+    return {
+        node: msgspec.convert({"metadata": {"name": node}, "status": {"devices": found}}, Telemetry)
+        for node, found in listed.items()
+    }
+
+
+def test_an_app_with_all_devices_a_spec_can_ask_for_does_not_hold_up_the_operator() -> None:
+    """One app of one tenant kept the only event loop busy for half a minute, again after every claim of anybody."""
+    videos = [{"name": f"v{number}", "type": "video", "count": 16} for number in range(15)]
+    app = make_app(component(devices=[{"name": "bus", "type": "can", "count": 2}, *videos]))
+    telemetry, nodes = fleet_with_videos(), {node.metadata.name: node for node in MANY}
+    begin_s = time.process_time()
+    text = devices.device_trouble(app, Instance(), claims={}, telemetry=telemetry, nodes=nodes)
+    found = devices.free_elsewhere(
+        app.spec.components[0],
+        desired_of(app, ""),
+        but="n0000",
+        claims={},
+        used=NOTHING_USED,
+        telemetry=telemetry,
+        nodes=nodes,
+    )
+    assert text.startswith("driver wants 2 devices, but only can-can0 on n0000 would do")
+    assert found == ""
+    assert time.process_time() - begin_s < 5
+
+
+@pytest.mark.parametrize(("wanted", "there"), [(256, 255), (256, 128)])
+def test_more_requests_than_devices_are_seen_at_once(wanted: int, there: int) -> None:
+    begin_s = time.process_time()
+    places = frozenset(Place("n", str(number)) for number in range(there))
+    assert rivals([places] * wanted) == list(range(there + 1))
+    assert time.process_time() - begin_s < 2
 
 
 def test_a_device_that_is_asked_for_by_a_further_name_is_the_one_that_is_held() -> None:
