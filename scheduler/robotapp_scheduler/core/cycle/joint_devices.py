@@ -5,12 +5,14 @@ is one more resource of the nodes, so the planner needs no rule about devices. W
 component already or shared is decided by the device index.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import chain, combinations, islice
 from typing import Final
 
 import numpy as np
+from msgspec.structs import replace
 
 from robotapp_api.claims.device import assign
 from robotapp_scheduler.core.cache.cache import Cache
@@ -19,6 +21,9 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 MOST_KINDS: Final = 5
 """Of more kinds of requests that compete with each other only small sets are counted; the filter has the last word."""
+ALL_KINDS: Final = 64
+"""So many kinds are counted at most, and so many sets of them: an app can ask for more than can be looked at between two pods."""
+ALL_SETS: Final = 128
 Usable = dict[int, frozenset[int]]
 """By row: positions of the devices that a request may be given there."""
 
@@ -42,8 +47,9 @@ def device_capacity(cluster: Cache, pods: Sequence[PodInfo], there: BoolArray) -
     wanting = [i for i, pod in enumerate(pods) if pod.ros is not None and pod.ros.devices]
     if len(wanting) > 1:
         rows = np.flatnonzero(there[wanting].sum(axis=0) > 1)
-        for group in _competing(_kinds(cluster, pods, there, rows)):
-            for kinds in _sets(group):
+        groups = _competing(_kinds(cluster, pods, there, rows))
+        for kinds in islice(chain.from_iterable(map(_sets, groups)), ALL_SETS):
+            if len(set().union(*(kind.counts for kind in kinds))) > 1:
                 needed = _needed(kinds, len(pods))
                 demand.append(needed)
                 free.append(_free(kinds, needed, there.shape[1]))
@@ -91,10 +97,12 @@ def _kinds(cluster: Cache, pods: Sequence[PodInfo], there: BoolArray, rows: IntA
         if ros is None or ros.holder is None:
             continue
         own = [int(row) for row in rows if there[i, row]]
-        for request in ros.devices:
+        for request, count in Counter(replace(request, name="") for request in ros.devices).items():
             usable = {row: cluster.devices.usable(request, names[row], ros.holder) for row in own}
             kind = found.setdefault((request.exclusive, frozenset(usable.items())), _Kind(request.exclusive, usable))
-            kind.counts[i] = kind.counts.get(i, 0) + 1
+            kind.counts[i] = kind.counts.get(i, 0) + count
+            if len(found) == ALL_KINDS:
+                return list(found.values())
     return list(found.values())
 
 
@@ -109,14 +117,13 @@ def _competing(kinds: Sequence[_Kind]) -> list[list[_Kind]]:
 
 
 def _sets(group: Sequence[_Kind]) -> Iterator[tuple[_Kind, ...]]:
-    """Sets of exclusive kinds that more than one pod has, each with at most one shared kind."""
+    """Sets of exclusive kinds, each with at most one shared kind; the largest and the smallest first when there are many."""
     alone = [kind for kind in group if kind.exclusive]
-    sizes = range(1, len(alone) + 1) if len(alone) <= MOST_KINDS else (1, 2, len(alone))
+    sizes = range(1, len(alone) + 1) if len(alone) <= MOST_KINDS else (len(alone), 1, 2)
     for size in sizes:
         for chosen in combinations(alone, size):
-            for kinds in (chosen, *((*chosen, shared) for shared in group if not shared.exclusive)):
-                if len(set().union(*(kind.counts for kind in kinds))) > 1:
-                    yield kinds
+            yield chosen
+            yield from ((*chosen, shared) for shared in group if not shared.exclusive)
 
 
 def _needed(kinds: Sequence[_Kind], weight: int) -> IntArray:
