@@ -5,7 +5,7 @@ resourceVersion. An eviction is on condition of the pod's uid, so a repeated one
 """
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from typing import Any, Final, NamedTuple
 
@@ -20,7 +20,7 @@ from robotapp_api.values.better_node import BetterNode, parse_better_node
 from robotapp_operator.plan.moves.device_moves import RESTART, move_for_device, on_loss_of, restarts
 from robotapp_operator.plan.moves.mass_loss import Losses
 from robotapp_operator.plan.moves.move_record import parse_moves
-from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, limits_of, moved_text, reschedule
+from robotapp_operator.plan.moves.rescheduling import NEVER, Move, Running, Stays, limits_of, moved_text, reschedule
 from robotapp_operator.plan.render.node_affinity import tolerates_all
 from robotapp_operator.plan.spec.desired import App, desired_of
 from robotapp_operator.plan.spec.objects import Deployment, Node, Pod
@@ -50,6 +50,8 @@ COUNT_LOSSES_S: Final = 1.0
 """The losses of the whole cluster are counted anew after so long: far less than LOST_S, so those of one report count together."""
 MASS_LOSS_S: Final = 10.0
 """Interval of checks of a pod that stays because too many lost a device."""
+STAYS_S: Final = 30.0
+"""Interval of checks of a pod whose budget is exceeded and that stays: a cooldown ends without an event, and a node is opened without one of the app."""
 SETTLED_S: Final = 1.0
 """Pause after a record was written whose times were ahead of our clock."""
 REFUSED_S: Final = 30.0
@@ -162,6 +164,8 @@ class Mover:
         later = [from_s - now_s for from_s in lasts.values() if now_s < from_s < float("inf")]
         if lost and isinstance(decision, Stays):
             later.append(MASS_LOSS_S)  # it may depend on what other pods have lost
+        elif isinstance(decision, Stays) and decision.why and app.spec.placement.reschedule.when != NEVER:
+            later.append(STAYS_S)
         return decision, min(later, default=None)
 
     # What there is
@@ -200,20 +204,24 @@ class Mover:
         )
 
     def _unusable(self, app: App, name: str) -> str:
+        """One answer for nodes that do not exist and those that do not admit the namespace: the name is the tenant's."""
         node = self._cache.nodes.get(name)
-        if node is None:
-            return "does not exist"
-        if name in self._usable(app):
-            return ""
-        return "is not Ready" if not node.ready else "takes no pods of this namespace now"
+        computers = {name, *self._cache.nodes.of_robot(node.robot)} if node is not None else set()
+        if node is None or node.spec.unschedulable or name in self._closed(app, computers):
+            return "takes no pods of this namespace now"
+        return "" if node.ready else "is not Ready"
 
     def _usable(self, app: App) -> Mapping[str, Node]:
-        closed = closed_nodes([node.metadata for node in self._cache.nodes.values()], app.namespace)
+        closed = self._closed(app, self._cache.nodes)
         return {
             name: node
             for name, node in self._cache.nodes.items()
             if node.ready and not node.spec.unschedulable and name not in closed
         }
+
+    def _closed(self, app: App, names: Iterable[str]) -> frozenset[str]:
+        """Those of these nodes, all computers of each robot among them, that do not admit the app's namespace."""
+        return closed_nodes([self._cache.nodes[name].metadata for name in names], app.namespace)
 
     def _elsewhere(self, app: App, instance: Instance, component: Component, here: str) -> str:
         desired = desired_of(app, instance.robot)

@@ -20,7 +20,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.better_node import BetterNode
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet, Taint
 from robotapp_operator.queue.work import StartOver
-from robotapp_operator.reconcile.mover import LOST_S, MASS_LOSS_S, REFUSED_S, SETTLED_S, Mover
+from robotapp_operator.reconcile.mover import LOST_S, MASS_LOSS_S, REFUSED_S, SETTLED_S, STAYS_S, Mover
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
@@ -219,6 +219,22 @@ async def test_the_event_names_the_node_that_the_successor_is_on(world: World, n
     assert note.startswith(text)
 
 
+async def test_what_a_proposal_may_name_tells_nothing_about_nodes_that_do_not_admit_the_namespace(world: World) -> None:
+    """Whoever may annotate a pod writes it: with texts that differ they could ask for the robots of others, and whether they are on."""
+    await world.app()
+    closed = {Annotation.ALLOWED_NAMESPACES: "team-b"}
+    world.cache.nodes["secret-on"] = make_node("secret-on", annotations=closed)
+    world.cache.nodes["secret-off"] = make_node("secret-off", annotations=closed, ready=False)
+    await world.look()
+    world.now_s += FOR_S
+    told = set()
+    for node in ("secret-on", "secret-off", "nowhere"):
+        await world.propose(node)
+        await world.look()
+        told.add(world.stays().replace(node, "NODE"))
+    assert told == {"planner would have 8ms on NODE, but that node takes no pods of this namespace now"}
+
+
 async def test_who_did_not_opt_in_stays_and_is_told_so(world: World) -> None:
     await world.app(reschedule={"when": "Never"})
     await world.propose()
@@ -265,6 +281,7 @@ async def test_a_new_operator_keeps_the_cooldown_of_its_predecessor(world: World
     await world.look(later_s=FOR_S)
     assert await world.pods() == ["driver", "planner"]
     assert "placement.reschedule.cooldown" in world.stays()
+    assert await world.look() == STAYS_S, "the cooldown ends without an event"
     await world.look(later_s=120)
     assert await world.pods() == ["driver"]
     assert len((await world.annotation(Annotation.MOVES))["times"]) == 2
