@@ -173,6 +173,11 @@ class Queue:
             for key in [key for key in table if key.group == group and key not in waiting]:
                 del table[key]
 
+    def forget_rests(self) -> None:
+        """Drop rests that are over: a key that never comes again, as that of an instance that is gone, would keep its own."""
+        now = self._clock()
+        self._rest_until = {key: until for key, until in self._rest_until.items() if until > now}
+
     def next_due_s(self) -> float | None:
         """Seconds until a key becomes due, None when nothing is scheduled."""
         while self._heap and self._due.get(self._heap[0][2]) != self._heap[0][0]:

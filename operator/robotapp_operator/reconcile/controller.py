@@ -198,6 +198,7 @@ class Controller:
         uid, instances = record.uid, wanted_instances(app, self._cache)
         wanted = {instance.robot for instance in instances}
         self._memory.forget_instances(uid, wanted)
+        self._memory.forget_children(uid, self._cache.child_uids(uid))
         # Also when the spec has problems, instances of robots that are no longer the app's are removed, and a suspended app
         # stops.
         refused = problems_now(app, self._cache)
@@ -325,6 +326,8 @@ class Controller:
         for uid in known | set(self._cache.apps):
             self._queue.add(Key(Work.APP, uid))
         self._memory.forget_facts()
+        self._cache.forget_versions()
+        self._queue.forget_rests()
         self._queue.add(Key(Work.RESYNC, ""), delay_s=RESYNC_S)
         return 0.0
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from robotapp_api.claims.domain import DomainOutcome
@@ -159,6 +159,12 @@ class ReconcileState:
         for table in tables:
             for robot in set(table) - kept:
                 del table[robot]
+
+    def forget_children(self, uid: str, kept: Collection[str]) -> None:
+        """Drop what was noted of children other than these uids. While some of our own are not in the caches yet, nothing is."""
+        memory = self._apps.get(uid)
+        if memory is not None and not memory.unseen:
+            memory.settled = {child: found for child, found in memory.settled.items() if child in kept}
 
     def forget_facts(self) -> None:
         """Compute all facts anew, in case a change was missed."""

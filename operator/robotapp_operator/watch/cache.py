@@ -224,6 +224,10 @@ class Cache:
         """Another number after every `touch`."""
         return self._versions.get(uid, {}).get(instance, 0)
 
+    def forget_versions(self) -> None:
+        """Forget the numbers, together with everything that was computed for one: tenants name instances by labels, so they only grow."""
+        self._versions.clear()
+
     @property
     def devices_version(self) -> tuple[int, int]:
         """Another one after a device came, went, was claimed or freed anywhere."""
@@ -323,6 +327,11 @@ class Cache:
         for group in groups:
             found.update((ref_of(item), item) for item in group.values())
         return found
+
+    def child_uids(self, uid: str) -> set[str]:
+        """Of the app's Deployments and Services."""
+        groups: tuple[Mapping[str, Observed], ...] = (self.deployments.of(uid), self.services.of(uid))
+        return {item.metadata.uid for group in groups for item in group.values()}
 
     def instance_keys(self, uid: str) -> set[str]:
         """Instances of the app by its children."""

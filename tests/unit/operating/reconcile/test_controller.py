@@ -22,6 +22,7 @@ from robotapp_operator.reconcile.controller import (
     STATUS_REST_S,
     YIELD_S,
 )
+from robotapp_operator.reconcile.reconcile_state import Unseen
 from robotapp_operator.watch.informers import ORPHAN_S
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
@@ -256,6 +257,37 @@ async def test_a_full_comparison_finds_what_vanished_unseen(world: World) -> Non
     await world.handle(Key(Work.RESYNC, ""))
     assert set(world.cache.apps) == {"uid-new"}
     assert {Key(Work.APP, "uid-new"), Key(Work.APP, "uid-old")} <= world.due() | {Key(Work.APP, "uid-old")}
+
+
+async def test_instances_that_only_labels_name_are_forgotten_by_a_full_comparison(world: World) -> None:
+    """A tenant who creates and deletes Services of ever new instances of an app of its own filled the operator's memory."""
+    world.cache.update_app(app_body())
+    world.listed = [app_body()]
+    for number in range(50):
+        world.cache.touch("uid-1", f"i{number}")
+        await world.handle(Key(Work.INSTANCE, "uid-1", f"i{number}"))
+    before = world.cache.version_of("uid-1", "i0")
+    world.due(3600)
+    await world.handle(Key(Work.RESYNC, ""))
+    assert "i0" not in repr(vars(world.queue)["_rest_until"])
+    assert world.cache.version_of("uid-1", "i0") == 0
+    world.cache.touch("uid-1", "i0")
+    assert world.cache.version_of("uid-1", "i0") > before
+
+
+async def test_children_that_are_gone_are_forgotten_but_not_while_ours_are_not_seen_yet(world: World) -> None:
+    """Whoever deletes Deployments for ever lets the operator create new ones, and it remembered each of them."""
+    world.cache.update_app(app_body())
+    world.cache.deployments.put("uid-1", "there", make_deployment("there", uid="there"))
+    memory = world.memory.of("uid-1")
+    memory.settled.update(there=(1, "hash"), gone=(1, "hash"))
+    memory.unseen[""] = Unseen(1, 15.0, {})
+    await world.handle(Key(Work.APP, "uid-1"))
+    assert set(memory.settled) == {"there", "gone"}
+    memory.unseen.clear()
+    world.due(60)
+    await world.handle(Key(Work.APP, "uid-1"))
+    assert set(memory.settled) == {"there"}
 
 
 async def test_an_app_that_comes_or_goes_while_the_list_is_under_way_is_not_misjudged(world: World) -> None:
