@@ -87,11 +87,15 @@ def affinity(component: Component, desired: Desired) -> dict[str, Any]:
     return result
 
 
-def may_run_on(component: Component, desired: Desired, labels: Mapping[str, str]) -> bool:
-    """Whether the pods' own requirements admit a node with these labels."""
-    terms = _node_terms(component, desired) or [[]]
+def nodes_for(component: Component, desired: Desired, nodes: Mapping[str, Mapping[str, str]]) -> frozenset[str]:
+    """Which nodes the pods' own requirements admit. nodes: labels by name."""
+    terms = [{"matchExpressions": term} for term in _node_terms(component, desired) or [[]]]
     chosen = component.template.spec.node_selector.items()
-    return chosen <= labels.items() and any(matches_labels({"matchExpressions": term}, labels) for term in terms)
+    return frozenset(
+        name
+        for name, labels in nodes.items()
+        if chosen <= labels.items() and any(matches_labels(term, labels) for term in terms)
+    )
 
 
 def tolerates_all(component: Component, desired: Desired, taints: Iterable[Taint]) -> bool:

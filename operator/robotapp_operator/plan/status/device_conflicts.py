@@ -11,7 +11,7 @@ from robotapp_api.claims.objects import Claim, DeviceThing
 from robotapp_api.model.component import Component
 from robotapp_api.model.device import Device
 from robotapp_api.model.names import GPU
-from robotapp_operator.plan.render.node_affinity import may_run_on
+from robotapp_operator.plan.render.node_affinity import nodes_for
 from robotapp_operator.plan.spec.desired import App, Desired, desired_of
 from robotapp_operator.plan.spec.objects import Node, Telemetry
 
@@ -46,6 +46,27 @@ class DeviceRequest(NamedTuple):
     fitting: frozenset[Place]
 
 
+class Places:
+    """Devices that are there, by node and by what is asked for: of one app many components may ask for the same."""
+
+    def __init__(self, telemetry: Mapping[str, Telemetry]) -> None:
+        self._telemetry = telemetry
+        self._found: dict[tuple[str, str, str, str, frozenset[str]], frozenset[Place]] = {}
+
+    def of(self, wanted: Device, nodes: frozenset[str]) -> frozenset[Place]:
+        """Those of the kind on these nodes."""
+        key = (wanted.type, wanted.model, wanted.interface, wanted.usb_id or "", nodes)
+        if key not in self._found:
+            self._found[key] = frozenset(
+                Place(name, device.id)
+                for name, report in self._telemetry.items()
+                if name in nodes
+                for device in report.status.devices
+                if fits(wanted, device)
+            )
+        return self._found[key]
+
+
 def device_trouble(
     app: App,
     instance: Instance,
@@ -62,9 +83,12 @@ def device_trouble(
     closed = closed_nodes([node.metadata for node in nodes.values()], app.namespace)
     nodes = {name: node for name, node in nodes.items() if name not in closed}  # messages do not name robots of others
     desired, requests = desired_of(app, instance.robot), list[DeviceRequest]()
+    places, labels = Places(telemetry), {name: node.metadata.labels for name, node in nodes.items()}
     for component in app.spec.components:
-        for device in filter(claimed, component.devices):
-            fitting = _fitting(component, device, desired, telemetry=telemetry, nodes=nodes)
+        devices = list(filter(claimed, component.devices))
+        admitted = nodes_for(component, desired, labels) if devices else frozenset[str]()
+        for device in devices:
+            fitting = places.of(device, admitted)
             requests += [DeviceRequest(component.name, device.name, fitting)] * (device.count if fitting else 0)
     if group := rivals([request.fitting for request in requests[:MOST_REQUESTS]]):
         return _rivals_text([requests[index] for index in group])
@@ -112,11 +136,12 @@ def free_elsewhere(
     alone: list[Mapping[str, frozenset[Place]]] = []
     shared: list[frozenset[str]] = []
     held = _by_node(claims)
+    admitted = nodes_for(component, desired, {name: node.metadata.labels for name, node in nodes.items()})
+    places = Places(telemetry)
     for device in component.devices:
-        places = _fitting(component, device, desired, telemetry=telemetry, nodes=nodes)
         free = frozenset(
             place
-            for place in places
+            for place in places.of(device, admitted)
             if _claim_on(place, held, telemetry[place.node]) is None and not _is_among(place, used.alone, telemetry)
         )
         if claimed(device):
@@ -196,24 +221,6 @@ def _rivals_text(group: Sequence[DeviceRequest]) -> str:
 
 def _and(names: Sequence[str]) -> str:
     return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
-
-
-def _fitting(
-    component: Component,
-    wanted: Device,
-    desired: Desired,
-    *,
-    telemetry: Mapping[str, Telemetry],
-    nodes: Mapping[str, Node],
-) -> frozenset[Place]:
-    """Devices of the kind on the nodes where the component may run."""
-    return frozenset(
-        Place(name, device.id)
-        for name, report in telemetry.items()
-        if name in nodes and may_run_on(component, desired, nodes[name].metadata.labels)
-        for device in report.status.devices
-        if fits(wanted, device)
-    )
 
 
 def _claim_on(place: Place, held: Mapping[str, Mapping[str, Claim]], report: Telemetry) -> Claim | None:
