@@ -188,7 +188,13 @@ class DeviceIndex:
         All or nothing; None when the node cannot give that.
         """
         devices = self.of(node)
-        fitting = [[i for i, device in enumerate(devices) if fits_kind(request, device)] for request in requests]
+        if sum(request.exclusive for request in requests) > len(devices):
+            return None
+        alike = {
+            request: [i for i, device in enumerate(devices) if fits_kind(request, device)]
+            for request in dict.fromkeys(requests)
+        }
+        fitting = [alike[request] for request in requests]
         if not all(fitting):
             return None
         asked = list(zip(requests, fitting, strict=True))

@@ -1,12 +1,14 @@
 import pytest
 from tests.support.scheduling import device_claim, make_cluster, make_node, make_pod, telemetry
 
+from robotapp_api.claims.device import fits_kind
 from robotapp_api.claims.identity import device_label
 from robotapp_api.claims.node_devices import Device, devices_of_labels
 from robotapp_api.claims.objects import TelemetryDevice
 from robotapp_api.model.names import Annotation
 from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceRequest
 from robotapp_scheduler.core.events.cluster_event import Change
+from robotapp_scheduler.core.robotics import device_index
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant, DeviceIndex
 
 MINE = DeviceHolder(uid="app-1", namespace="default", instance="amr", component="driver", pod_uid="new")
@@ -55,6 +57,23 @@ def test_a_label_of_the_type_alone_is_no_second_device_beside_one_that_names_it(
 
 def test_an_absent_device_does_not_count() -> None:
     assert index(TelemetryDevice(id="x", type="can", present=False)).of("n") == ()
+
+
+@pytest.mark.parametrize(("exclusive", "most"), [(True, 0), (False, 16 * 4)])
+def test_of_256_requests_for_16_kinds_each_kind_is_compared_with_a_node_once_or_never(
+    monkeypatch: pytest.MonkeyPatch, exclusive: bool, most: int
+) -> None:
+    """One app of 64 components asked for so many, on every node, between two other pods."""
+    devices, calls = index(*(can(number) for number in range(4))), list[DeviceRequest]()
+
+    def counting(request: DeviceRequest, device: Device) -> bool:
+        calls.append(request)
+        return fits_kind(request, device)
+
+    monkeypatch.setattr(device_index, "fits_kind", counting)
+    requests = [DeviceRequest(f"d{kind}", "can", exclusive=exclusive) for kind in range(16) for _ in range(16)]
+    assert devices.choose(requests, "n", MINE) is None
+    assert len(calls) <= most
 
 
 def test_two_requests_get_two_devices_even_when_the_first_would_take_the_only_match_of_the_second() -> None:
