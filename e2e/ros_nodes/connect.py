@@ -1,6 +1,8 @@
-"""Takes the middleware that the environment names."""
+"""Takes the middleware that the environment names, and ends the program when its pod is to end."""
 
 import os
+import signal
+import sys
 
 from ros_nodes.bus import Bus, Role
 
@@ -14,3 +16,8 @@ def connect(role: Role) -> Bus:
     from ros_nodes.dds_bus import DdsBus
 
     return DdsBus(role, domain=int(os.environ["ROS_DOMAIN_ID"]))
+
+
+def end_on_request() -> None:
+    """End at SIGTERM, as programs of ROS do. The first process of a container has no default for it: the pod would end after 30 s only."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import TextIO
 
 from ros_nodes.bus import Bus, Stamp
-from ros_nodes.connect import connect
+from ros_nodes.connect import connect, end_on_request
 from ros_nodes.trips import FOREIGN, FRAME, HEADER, READY, SENT, TRIP, Row
 
 _LONGEST_WAIT_S = 0.05
@@ -73,6 +73,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--hz", type=float, default=50, help="commands per second")
     parser.add_argument("--count", type=int, default=0, help="commands to send; 0: for ever")
     arguments = parser.parse_args(argv)
+    end_on_request()
     sys.stdout.write(f"{HEADER}\n")
     app = os.environ.get("ROBOTAPP_APP", "operator")
     node = OperatorNode(connect("operator"), app=app, rate_hz=arguments.hz, out=sys.stdout)

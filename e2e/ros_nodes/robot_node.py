@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 
 from ros_nodes.bus import Bus
-from ros_nodes.connect import connect
+from ros_nodes.connect import connect, end_on_request
 
 _LONGEST_WAIT_S = 0.5
 
@@ -38,6 +38,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--camera-hz", type=float, default=0, help="images per second; 0: no camera")
     parser.add_argument("--camera-bytes", type=int, default=0, help="bytes of an image")
     arguments = parser.parse_args(argv)
+    end_on_request()
     node = RobotNode(connect("robot"), camera_hz=arguments.camera_hz, camera_bytes=arguments.camera_bytes)
     while True:
         node.step()
