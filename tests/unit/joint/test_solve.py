@@ -123,6 +123,13 @@ def test_when_time_is_up_the_best_plan_so_far_is_given_with_a_true_bound() -> No
     assert hard.total(hurried.rows) == hurried.cost
 
 
+def test_a_step_that_would_end_after_the_limit_is_not_begun() -> None:
+    """Every look at this clock takes a second, so each step does; the fourth would end in second 5 of 4.5."""
+    hard = field_problem(Random(4), pods=12, edges=20, rows=300)
+    seconds = count()
+    assert solve(hard, Limits(seconds=4.5), lambda: float(next(seconds))).steps == 3
+
+
 # Tiers
 
 RANKS = np.array([[1, 0, 0], [1, 0, 0]], dtype=np.int32)
