@@ -100,14 +100,16 @@ def joint_problem_of(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | No
     if cost is None:
         return None
     edges += _of_volumes(pods)  # known only now: appraising a pod resolves its ROS fields
-    devices, usable = device_capacity(core.cluster, pods, np.isfinite(cost))
+    possible = np.isfinite(cost)
+    devices, usable = device_capacity(core.cluster, pods, possible)
     if not timed and not len(usable):
         return None
     demand, free = _capacity(core.cluster, pods)
     demand, free = np.hstack((demand, devices)), np.vstack((free, usable))
     crowd = _crowd(core, pods) if balances(app) else None
     links = _links(core, app, pods)
-    problem = Problem(cost, demand, free, tuple(edges), core.cluster.rtt.latencies(), crowd=crowd, links=links)
+    rtt = core.cluster.rtt.latencies().between(possible, [edge[:2] for edge in edges if edge.relation is Relation.RTT])
+    problem = Problem(cost, demand, free, tuple(edges), rtt, crowd=crowd, links=links)
     problem = with_tiers(problem, _ranks(core.cluster, pods))
     return JointProblem(problem, tuple(pod.uid for pod in pods), tuple(core.cluster.nodes.names))
 
