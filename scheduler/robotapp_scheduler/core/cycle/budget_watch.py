@@ -9,8 +9,10 @@ while nothing changes, and a new leader goes on where the last one ended.
 
 import dataclasses
 import itertools
+import logging
 from collections.abc import Callable, Iterator
 from datetime import datetime, timedelta
+from functools import partial
 from typing import Final, NamedTuple
 
 from robotapp_api.model.names import Annotation
@@ -21,6 +23,8 @@ from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import Member
 from robotapp_scheduler.core.robotics.app_index import InstanceKey, budget_for_s
 from robotapp_scheduler.core.robotics.edge_times import Part, movable, part_of, worst_late
+
+log = logging.getLogger(__name__)
 
 TICK_S: Final = 0.25
 """How often `tick` is called: work comes in small pieces, so that no decision waits for much of it."""
@@ -86,9 +90,13 @@ class BudgetWatch:
 
     def tick(self) -> list[AnnotationWrite]:
         """What is to be written now."""
-        found = [self._look(part) for instance in self._next() for part in self._parts(*instance)]
-        found += [self._search(uid) for uid in self._due()]
-        return [write for write in found if write is not None]
+        found: list[AnnotationWrite] = []
+        for instance in self._next():
+            found += _shielded(instance, partial(self._looked_at, instance))
+        for uid in self._due():
+            member = self._watched[uid].member
+            found += _shielded((member.app_uid, member.instance), partial(self._searched_for, uid))
+        return found
 
     def _next(self) -> list[InstanceKey]:
         """Those whose turn it is. Pods that are gone are forgotten."""
@@ -115,6 +123,13 @@ class BudgetWatch:
             part = part_of(app, Member(app_uid, instance, name), apps)
             if part is not None:
                 yield part
+
+    def _looked_at(self, instance: InstanceKey) -> list[AnnotationWrite]:
+        return [write for part in self._parts(*instance) if (write := self._look(part)) is not None]
+
+    def _searched_for(self, uid: str) -> list[AnnotationWrite]:
+        write = self._search(uid)
+        return [] if write is None else [write]
 
     def _look(self, part: Part) -> AnnotationWrite | None:
         """Note whether the pod is over budget. Its proposal is withdrawn when all budgets have been met for long enough."""
@@ -175,6 +190,15 @@ class BudgetWatch:
         watched.written_s = now_s
         expires = (now + VALID).replace(microsecond=0)
         return AnnotationWrite(pod, BetterNode(found.node, found.before_us, found.after_us, expires))
+
+
+def _shielded(instance: InstanceKey, decide: Callable[[], list[AnnotationWrite]]) -> list[AnnotationWrite]:
+    """What is decided of one instance; nothing where a bug ends it, of a plugin perhaps: the others have their turn all the same."""
+    try:
+        return decide()
+    except Exception:
+        log.exception("looking for better nodes failed: instance %r of the app with uid %s", instance[1], instance[0])
+        return []
 
 
 def _annotated(pod: Pod) -> bool:

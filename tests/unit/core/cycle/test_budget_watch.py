@@ -250,6 +250,21 @@ def test_a_tick_looks_at_few_instances_and_searches_for_one_component(monkeypatc
     assert len(set(searches)) == len(searches), "the one that waited longest comes first"
 
 
+def test_a_bug_that_one_app_meets_keeps_no_other_from_its_proposal(monkeypatch: Any, caplog: Any) -> None:
+    cluster = Cluster()
+    many(cluster.core, 3)
+    mine = planner(cluster.core).pod.metadata.uid
+
+    def broken(part: Any, *rest: Any) -> Any:
+        if part.pod.metadata.uid != mine:
+            raise RuntimeError("bug")
+        return worst_late(part, *rest)
+
+    monkeypatch.setattr(f"{WATCH}.worst_late", broken)
+    assert [node for _, node in cluster.run(FOR_S + 2)] == ["e2"]
+    assert caplog.text.count("RuntimeError: bug") >= 3
+
+
 def looks_of(monkeypatch: Any) -> list[str]:
     """Uids of the pods that are looked at from now on."""
     looks: list[str] = []
