@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_api.values.round_trips import RoundTrips
+from robotapp_api.values.round_trips import RoundTrips, without_round_trips
 from robotapp_operator.plan.diff.diff import Observed, ref_of
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.plan.spec.desired import App
@@ -238,7 +238,7 @@ class Cache:
     def put_telemetry(self, item: Telemetry, *, now_s: float) -> frozenset[str]:
         """Returns the peers to which the node's round-trip times are others than before. `now_s`: monotonic."""
         name, status = item.metadata.name, item.status
-        self.telemetry[name] = item
+        self.telemetry[name] = without_round_trips(item)
         return self.round_trips.receive(
             name, status.rtt, seq=status.seq, interval_s=status.interval_seconds, now_s=now_s
         )

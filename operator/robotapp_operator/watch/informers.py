@@ -9,6 +9,7 @@ from robotapp_api.client import ApiClient, Change, Reflector
 from robotapp_api.client.api import resources
 from robotapp_api.client.api.resources import Resource
 from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME, Label
+from robotapp_api.values.round_trips import without_round_trips
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.plan.spec.desired import App
@@ -64,7 +65,7 @@ class Informers:
 
     def _cluster_wide(self) -> Iterator[Reflector[Any]]:
         yield self._reflector(resources.NODES, Node, self._node)
-        yield self._reflector(resources.NODETELEMETRIES, Telemetry, self._telemetry)
+        yield self._reflector(resources.NODETELEMETRIES, Telemetry, self._telemetry, kept=without_round_trips)
         yield self._reflector(resources.DOMAINPOOLS, Pool, self._pool)
         yield self._reflector(resources.ROBOTCLAIMS, Claim, self._claim)
 
@@ -81,9 +82,9 @@ class Informers:
                 yield self._reflector(resources.PODS, Pod, self._bare_pod, namespace=namespace, **bare)
 
     def _reflector(
-        self, resource: Resource, as_type: Any, on_change: Callable[[Change], None], **scope: Any
+        self, resource: Resource, as_type: Any, on_change: Callable[[Change], None], **options: Any
     ) -> Reflector[Any]:
-        return Reflector(self._client, resource, as_type=as_type, on_change=on_change, **scope)
+        return Reflector(self._client, resource, as_type=as_type, on_change=on_change, **options)
 
     # Children
 

@@ -35,6 +35,7 @@ from robotapp_api.client.api.resources import (
     Resource,
 )
 from robotapp_api.model.names import Label
+from robotapp_api.values.round_trips import without_round_trips
 from robotapp_scheduler.core.api.core_v1 import Namespace, Node, Owned, Pod, Selecting
 from robotapp_scheduler.core.api.pod_group import GivenPodGroup
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
@@ -69,6 +70,8 @@ class Route:
     field_selector: str = ""
     fixed_keys: bool = False
     """See `WatchDecoder`."""
+    kept: Callable[[Any], Any] | None = None
+    """See `Reflector`."""
 
 
 def storage_routes(volumes: Volumes, claims: ResourceClaims) -> tuple[Route, ...]:
@@ -137,7 +140,13 @@ def robotics_routes(cluster: Cache) -> tuple[Route, ...]:
     return (
         Route(ROBOTAPPS, RobotApp, cluster.apply_app, cluster.remove_app),
         Route(ROBOTCLAIMS, Claim, cluster.apply_claim, cluster.remove_claim),
-        Route(NODETELEMETRIES, NodeTelemetry, cluster.apply_telemetry, cluster.remove_telemetry),
+        Route(
+            NODETELEMETRIES,
+            NodeTelemetry,
+            cluster.apply_telemetry,
+            cluster.remove_telemetry,
+            kept=without_round_trips,
+        ),
     )
 
 

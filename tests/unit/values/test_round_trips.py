@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -43,6 +44,14 @@ def test_times_beside_a_total_loss_are_not_believed() -> None:
 def test_half_an_entry_is_read_on_the_safe_side() -> None:
     assert figures_of(Rtt(peer="b", p50_us=5)) == Figures(5.0, math.inf)
     assert figures_of(Rtt(peer="b", p95_us=6)) == Figures(6.0, 6.0)
+
+
+def test_names_of_peers_are_kept_once_however_many_nodes_report_them() -> None:
+    trips = RoundTrips()
+    for node, name in (("a", b'"edge-1"'), ("b", b'"edge-1"')):
+        received(trips, node, entry(msgspec.json.decode(name)))  # two objects
+    one, other = (next(iter(trips.reported(node))) for node in ("a", "b"))
+    assert one is other
 
 
 def test_a_report_names_the_peers_whose_times_are_others() -> None:

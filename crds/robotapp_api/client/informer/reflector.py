@@ -105,14 +105,18 @@ class Reflector(Generic[T]):
         inactivity_s: float = INACTIVITY_S,
         backoff: Backoff | None = None,
         fixed_keys: bool = False,
+        kept: Callable[[T], T] | None = None,
     ) -> None:
-        """`fixed_keys` is for `WatchDecoder`."""
+        """`fixed_keys` is for `WatchDecoder`. `kept` returns what `store`, and `old` of later changes, have of an object: all of it
+        unless given. `new` of a change is always whole.
+        """
         self._client = client
         self._resource = resource
         self._namespace = namespace
         self._selectors = {"labelSelector": label_selector, "fieldSelector": field_selector}
         self._decoder: WatchDecoder[T] = WatchDecoder(as_type, namespaced=resource.namespaced, fixed_keys=fixed_keys)
         self._on_change = on_change
+        self._kept = kept
         self._streaming = streaming
         self._page = page
         self._inactivity_s = inactivity_s
@@ -302,7 +306,7 @@ class Reflector(Generic[T]):
                 old = None
             elif before.version == identity.version:
                 return
-        self._objects[key] = obj
+        self._objects[key] = obj if self._kept is None else self._kept(obj)
         self._report(Change(ADDED if old is None else MODIFIED, key, old, obj))
 
     def _remove(self, key: str) -> None:

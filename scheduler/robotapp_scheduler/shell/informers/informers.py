@@ -146,6 +146,7 @@ class Informers:
             label_selector=route.label_selector,
             field_selector=route.field_selector,
             fixed_keys=route.fixed_keys,
+            kept=route.kept,
         )
         self._reflectors.append(reflector)
         group.create_task(reflector.run(), name=f"watch {route.resource.plural}")

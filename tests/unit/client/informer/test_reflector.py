@@ -301,6 +301,15 @@ async def test_structs_are_decoded_straight_from_the_bytes() -> None:
     assert seen.changes[1].old.metadata == Meta("a", "uid-a", "1", "default")
 
 
+async def test_what_is_not_kept_is_in_the_new_object_of_a_report_and_nowhere_else() -> None:
+    script = [listing(9, item("a", 1, size=1)), watch(event("MODIFIED", item("a", 10, size=2)), then="hang")]
+    async with mirror(*script, as_type=Slim, kept=lambda found: msgspec.structs.replace(found, size=0)) as seen:
+        await until(lambda: len(seen.changes) == 2)
+        assert [each.size for each in seen.reflector.store.values()] == [0]
+    assert [change.new.size for change in seen.changes] == [1, 2]
+    assert seen.changes[1].old == Slim(Meta("a", "uid-a", "1", "default"))
+
+
 async def test_an_object_that_does_not_fit_keeps_its_last_state_and_stops_nobody() -> None:
     script = [
         listing(9, item("a", 1, size=1), item("bad", 2, size="big")),
