@@ -22,11 +22,11 @@ def sanitise(text: str) -> str:
 
 
 @lru_cache(maxsize=16_384)
-def child_name(app: str, robot: str = "", component: str = "") -> str:
+def child_name(app: str, robot: str = "", component: str = "", *, longest: int = MAX_NAME) -> str:
     """Name of the child of one instance (`robot` is "" without robots) and component ("" for the instance's own children).
 
-    A DNS label of at most 63 characters; different arguments give different names, because the hash covers all of them.
+    A DNS label of at most `longest` characters; different arguments give different names, because the hash covers all of them.
     """
     readable = sanitise("-".join(part for part in (app, robot, component) if part))
     suffix = short_hash(f"{app}/{robot}/{component}", HASH_LENGTH)
-    return f"{readable[: MAX_NAME - HASH_LENGTH - 1].rstrip('-')}-{suffix}"
+    return f"{readable[: longest - HASH_LENGTH - 1].rstrip('-')}-{suffix}"

@@ -57,7 +57,7 @@ def wanted_children(
     if desired.app.ros_version == 2 and domain is None:
         return []
     children = infrastructure(desired, running=running)
-    if desired.app.ros_version == 2:
+    if desired.app.ros_version == 2 and desired.discovery == "Peers":
         children.append(peers_service(desired))
     return [*children, *component_deployments(desired, domain=domain, parameters=parameters, running=running)]
 

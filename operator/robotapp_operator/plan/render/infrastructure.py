@@ -1,5 +1,6 @@
 """What an instance needs beside its components: discovery servers, a Zenoh router, a roscore."""
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 from robotapp_api.model.names import Label
@@ -9,11 +10,10 @@ from robotapp_operator.plan.render.deployments import deployment_spec
 from robotapp_operator.plan.render.environment import DISCOVERY_SERVER_PORT, ZENOH_PORT
 from robotapp_operator.plan.render.node_affinity import disconnect_tolerations, shared_node_selector, shared_tolerations
 from robotapp_operator.plan.render.ros1 import MASTER_PORT, own_address
-from robotapp_operator.plan.render.services import role_service
+from robotapp_operator.plan.render.services import DISCOVERY, role_service, servers_service
 from robotapp_operator.plan.spec.desired import MASTER, ROUTER, SERVERS, Desired
 from robotapp_operator.plan.spec.objects import ChildRef
 
-DISCOVERY: Final = "discovery"
 ROUTER_ROLE: Final = "router"
 MASTER_ROLE: Final = "master"
 
@@ -23,11 +23,11 @@ def infrastructure(desired: Desired, *, running: bool) -> list[Child]:
     if desired.app.ros_version == 1:
         return _master(desired, running=running) if desired.app.managed_master else []
     if desired.discovery == "Server":
-        return [child for index in range(len(SERVERS)) for child in _server(desired, index, running=running)]
+        return [*(_server(desired, index, running=running) for index in range(len(SERVERS))), servers_service(desired)]
     return _router(desired, running=running) if desired.discovery == "Router" else []
 
 
-def _server(desired: Desired, index: int, *, running: bool) -> list[Child]:
+def _server(desired: Desired, index: int, *, running: bool) -> Child:
     """Fast DDS discovery server `index`. Data flows pod to pod; the server only introduces participants."""
     labels = role_labels(desired, DISCOVERY) | {Label.PART.value: str(index)}
     image = desired.app.discovery_image or f"ros:{desired.distro}-ros-base"
@@ -39,16 +39,8 @@ def _server(desired: Desired, index: int, *, running: bool) -> list[Child]:
     }
     # The first server stays with the robot, so that its components find each other while it is out of reach.
     home = desired.robot if index == 0 else ""
-    service = role_service(
-        desired,
-        name=desired.server_names[index],
-        role=DISCOVERY,
-        labels=labels,
-        port=DISCOVERY_SERVER_PORT,
-        protocol="UDP",
-        headless=True,
-    )
-    return [_deployment(desired, SERVERS[index], labels, container, home=home, running=running), service]
+    identity = {"hostname": desired.server_hosts[index], "subdomain": desired.servers_service}
+    return _deployment(desired, SERVERS[index], labels, container, home=home, running=running, identity=identity)
 
 
 def _router(desired: Desired, *, running: bool) -> list[Child]:
@@ -119,12 +111,15 @@ def _deployment(
     home: str,
     running: bool,
     node: str = "",
+    identity: Mapping[str, str] = {},
 ) -> Child:
+    """identity: the pod's `hostname` and `subdomain`."""
     spec: dict[str, Any] = {
         "schedulerName": desired.app.scheduler_name,
         "automountServiceAccountToken": False,
         "enableServiceLinks": False,
         "containers": [container],
+        **identity,
     }
     affinity = _affinity(labels, home=home, node=node)
     if affinity:

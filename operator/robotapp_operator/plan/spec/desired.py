@@ -21,6 +21,9 @@ from robotapp_operator.plan.spec.covers import content_hash
 # Derived names of what is no component. A dot cannot occur in a component's name, so the hash differs from any of theirs.
 SERVERS: Final = ("discovery.0", "discovery.1")
 """Two, on different nodes: while one is replaced the other still introduces late joiners."""
+SERVERS_SERVICE: Final = "discovery."
+LONGEST_SERVER_NAME: Final = 63
+"""Fast DDS takes no longer host name in `ROS_DISCOVERY_SERVER`, dots included."""
 ROUTER: Final = "router."
 MASTER: Final = "master."
 PEERS: Final = "peers."
@@ -166,8 +169,20 @@ class Desired:
         return child_name(self.app.name, self.robot, part)
 
     @property
+    def server_hosts(self) -> tuple[str, ...]:
+        """Host names of the discovery servers' pods."""
+        return tuple(part.replace(".", "-") for part in SERVERS)
+
+    @property
+    def servers_service(self) -> str:
+        """The Service under which the discovery servers' host names resolve."""
+        longest = LONGEST_SERVER_NAME - max(len(host) for host in self.server_hosts) - len(".")
+        return child_name(self.app.name, self.robot, SERVERS_SERVICE, longest=longest)
+
+    @property
     def server_names(self) -> tuple[str, ...]:
-        return tuple(self.name_of(part) for part in SERVERS)
+        """DNS names of the discovery servers, short form as `peer_names`."""
+        return tuple(f"{host}.{self.servers_service}" for host in self.server_hosts)
 
     @property
     def router_name(self) -> str:

@@ -15,8 +15,8 @@ from robotapp_operator.plan.spec.objects import ChildRef
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.apply_plan import Written, execute
 
-APP = make_app(ros2={"discovery": {"mode": "Multicast"}})
-NEWER = make_app(ros2={"discovery": {"mode": "Multicast"}}, generation=2, suspend=True)
+APP = make_app(ros2={"discovery": {"mode": "Peers"}})
+NEWER = make_app(ros2={"discovery": {"mode": "Peers"}}, generation=2, suspend=True)
 
 
 def children(running: bool = True) -> list[Any]:

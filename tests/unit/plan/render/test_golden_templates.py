@@ -35,7 +35,7 @@ SPECS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 GOLDEN: dict[str, list[str]] = {
     "minimal": ["9101de08c1bd35b2"],
-    "robot": ["bf42162e8817bf43", "754b9edaf3852026", "69550fc09d67047c", "3d626e2390517167"],
+    "robot": ["8408a136ef3bc343", "b42754f64d224ee4", "d640ff77081210a3", "83e881116e706fc9"],
     "full": ["0ddf31987aab32c0"],
     "on board as a fallback": ["db2c668e58d2ef0b"],
     "cyclone": ["a4b5072d02df9d87", "6a214261f5706159"],

@@ -8,7 +8,7 @@ from robotapp_api.model.names import Label
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.infrastructure import infrastructure
 from robotapp_operator.plan.render.services import peers_service
-from robotapp_operator.plan.spec.desired import desired_of
+from robotapp_operator.plan.spec.desired import LONGEST_SERVER_NAME, desired_of
 
 
 def parts(robot: str = "", **spec: Any) -> list[Child]:
@@ -28,14 +28,34 @@ def services(children: list[Child]) -> list[Child]:
     return [child for child in children if child.ref.kind == SERVICE]
 
 
-def test_fast_dds_has_two_servers_with_an_address_each() -> None:
+def test_fast_dds_has_two_servers_with_a_name_each_under_one_service() -> None:
     found = parts()
-    assert len(deployments(found)) == len(services(found)) == 2
-    for index, (server, service) in enumerate(zip(deployments(found), services(found), strict=True)):
+    (service,) = services(found)
+    assert service.spec["clusterIP"] == "None"
+    assert service.spec["publishNotReadyAddresses"] is True
+    assert len(deployments(found)) == 2
+    names = []
+    for index, server in enumerate(deployments(found)):
         assert pod_spec(server)["containers"][0]["args"] == ["fastdds", "discovery", "-i", str(index), "-p", "11811"]
-        assert service.spec["selector"] == server.spec["selector"]["matchLabels"]
-        assert service.spec["clusterIP"] == "None"
-        assert service.spec["publishNotReadyAddresses"] is True
+        assert service.spec["selector"].items() <= server.spec["template"]["metadata"]["labels"].items()
+        assert pod_spec(server)["subdomain"] == service.ref.name
+        names.append(f"{pod_spec(server)['hostname']}.{service.ref.name}")
+    assert tuple(names) == desired_of(make_app(), "").server_names
+
+
+def test_the_service_of_the_servers_selects_no_component() -> None:
+    (service,) = services(parts(robot="amr-07"))
+    assert service.spec["selector"] == {
+        "robotics.io/app": "teleop",
+        "robotics.io/instance": "amr-07",
+        "robotics.io/role": "discovery",
+    }
+
+
+def test_names_of_servers_are_short_enough_for_fast_dds() -> None:
+    desired = desired_of(make_app(name="a" * 40), "robot-" + "r" * 57)
+    assert max(len(name) for name in desired.server_names) == LONGEST_SERVER_NAME
+    assert len({*desired.server_names}) == 2
 
 
 def test_servers_avoid_each_other_and_the_first_stays_with_the_robot() -> None:
