@@ -15,6 +15,7 @@ from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.status.app_figures import adopt, steady
 from robotapp_operator.plan.status.events import PendingEvent, end_of_life, events_between
 from robotapp_operator.plan.status.facts import AppFacts
+from robotapp_operator.plan.status.pace import is_progress
 from robotapp_operator.plan.status.status import render_status, same_status, unreadable_status
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import AppMemory, ReconcileState
@@ -89,9 +90,10 @@ class Reporter:
             adopt(facts, memory.shown)
             return None
         edges = len(facts.app.spec.edges)
-        if observed and (wait_s := memory.bucket.wait_s(now_s, edges=edges)) > 0:
+        progress = is_progress(record.status, status)
+        if observed and (wait_s := memory.bucket.wait_s(now_s, edges=edges, progress=progress)) > 0:
             return wait_s
-        memory.bucket.take(now_s, edges=edges)
+        memory.bucket.take(now_s, edges=edges, progress=progress and observed)
         await self._put(record, status, memory)
         return again_s
 

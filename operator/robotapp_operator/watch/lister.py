@@ -24,8 +24,8 @@ from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
 from robotapp_operator.plan.moves.move_record import NO_MOVES, SHOWN_MOVES, parse_moves
-from robotapp_operator.plan.render.infrastructure import DISCOVERY
 from robotapp_operator.plan.render.parameters import parameter_states
+from robotapp_operator.plan.render.services import DISCOVERY
 from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry

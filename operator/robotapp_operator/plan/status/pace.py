@@ -11,6 +11,8 @@ BURST: Final = 3
 EVERY_S: Final = 1.0
 EDGES_PER_S: Final = 64
 """The server checks the whole spec again with each status write; that takes longer the more edges there are."""
+START_REST_S: Final = (1.0, 5.0, 15.0)
+"""Pauses before writes of an app's status that only show how far its start has come: the first, the second, every further one."""
 SETTLED_S: Final = 0.5
 """An urgent change is written when it has lasted this long: a starting pod passes through states that end at once."""
 URGENT_REST_S: Final = 1.0
@@ -22,6 +24,26 @@ _ARRIVED = frozenset({Phase.RUNNING, Phase.DEGRADED, Phase.OFFLINE, Phase.SUSPEN
 _ON_THE_WAY = frozenset({Reason.PENDING, Reason.COMPONENTS_NOT_READY, Reason.UNSCHEDULABLE})
 """Reasons of a normal start, which are not urgent: a new pod is often refused once, until the others of its group are there."""
 _TELLING = frozenset({Condition.READY, Condition.ACCEPTED, Condition.BUDGET_MET})
+_STARTING = frozenset({Phase.PENDING, Phase.PLACING})
+_STEPS = frozenset(
+    {
+        Reason.PENDING,
+        Reason.ACCEPTED,
+        Reason.NOTHING_TO_ALLOCATE,
+        Reason.NOT_OUR_SCHEDULER,
+        Reason.ALLOCATED,
+        Reason.WAITING_FOR_PODS,
+        Reason.PLACED,
+        Reason.NO_BUDGET,
+        Reason.NOT_MEASURED,
+        Reason.WITHIN_BUDGET,
+        Reason.COMPONENTS_NOT_READY,
+        Reason.ROLLING_OUT,
+        Reason.UP_TO_DATE,
+        Reason.NOT_STALLED,
+    }
+)
+"""Reasons that conditions have while an app starts as it should."""
 
 
 @dataclasses.dataclass(slots=True)
@@ -29,19 +51,23 @@ class Bucket:
     """Writes of one app's status: `BURST` at once, and one per period in the long run. Times are monotonic seconds.
 
     Unlike `values.buckets` its period depends on the app's edges, and a write that cannot wait runs it into debt.
+    `steps`: writes in a row that only showed progress (`is_progress`).
     """
 
     tokens: float = BURST
     at_s: float = float("-inf")
+    steps: int = 0
 
-    def wait_s(self, now_s: float, *, edges: int) -> float:
+    def wait_s(self, now_s: float, *, edges: int, progress: bool = False) -> float:
         """0 when one may be written now."""
         missing = 1.0 - self._filled(now_s, edges)
-        return max(0.0, missing * _period_s(edges))
+        rest_s = START_REST_S[min(self.steps, len(START_REST_S) - 1)] if progress else 0.0
+        return max(0.0, missing * _period_s(edges), self.at_s + rest_s - now_s)
 
-    def take(self, now_s: float, *, edges: int) -> None:
+    def take(self, now_s: float, *, edges: int, progress: bool = False) -> None:
         self.tokens = self._filled(now_s, edges) - 1.0
         self.at_s = now_s
+        self.steps = self.steps + 1 if progress else 0
 
     def _filled(self, now_s: float, edges: int) -> float:
         return min(float(BURST), self.tokens + (now_s - self.at_s) / _period_s(edges))
@@ -95,9 +121,20 @@ def is_urgent(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
     return fails or mended
 
 
+def is_progress(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
+    """Does the app's status only show how far a normal start has come?
+
+    Anything that the user may have to act on, or waits for, is no progress: a refusal, a failure, an app that is Ready.
+    """
+    if not {before.get("phase"), after.get("phase")} <= _STARTING:
+        return False
+    return {reason for status in (before, after) for _, reason in _all_verdicts(status).values()} <= _STEPS
+
+
 def _verdicts(status: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
-    return {
-        item["type"]: (item.get("status", ""), item.get("reason", ""))
-        for item in status.get("conditions") or ()
-        if item["type"] in _TELLING
-    }
+    return {kind: verdict for kind, verdict in _all_verdicts(status).items() if kind in _TELLING}
+
+
+def _all_verdicts(status: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
+    """Status and reason by condition."""
+    return {item["type"]: (item.get("status", ""), item.get("reason", "")) for item in status.get("conditions") or ()}

@@ -17,7 +17,7 @@ from robotapp_api.client.api.resources import ROBOTAPPS
 from robotapp_api.model.names import Reason
 from robotapp_api.model.status import RobotAppStatus
 from robotapp_operator.plan.spec.record import parse_record
-from robotapp_operator.plan.status.pace import BURST
+from robotapp_operator.plan.status.pace import BURST, START_REST_S
 from robotapp_operator.reconcile import observer, status_reporter
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
@@ -118,6 +118,7 @@ async def test_a_change_is_written_once_more(world: World) -> None:
     await world.reporter.report(uid)
     world.cache.claims.put(uid, "c", domain_claim(7, uid=uid))
     world.memory.of(uid).new_domains[""] = 7
+    world.now_s += START_REST_S[0]
     await world.reporter.report(uid)
     assert (await world.status())["summary"]["domain"] == "7"
     assert world.patches() == 2
@@ -190,7 +191,7 @@ async def test_a_restless_app_is_written_once_per_second_and_asks_for_a_later_lo
     seen = []
     for number in range(100):
         world.now_s += 0.1
-        world.cache.claims.put(uid, "c", domain_claim(number + 1, uid=uid))
+        world.conflict = f"conflict {number + 1}"
         before = world.patches()
         wait_s = await world.reporter.report(uid)
         if world.patches() == before:
@@ -201,7 +202,26 @@ async def test_a_restless_app_is_written_once_per_second_and_asks_for_a_later_lo
     assert len(seen) <= BURST + 10
     world.now_s += 1.0
     await world.reporter.report(uid)
-    assert (await world.status())["summary"]["domain"] == "100"
+    assert "conflict 100" in json.dumps(await world.status())
+
+
+async def test_an_app_that_starts_is_written_ever_more_seldom_until_something_happens(world: World) -> None:
+    uid = await world.app()
+    seen = []
+    for number in range(300):
+        world.now_s += 0.1
+        world.cache.claims.put(uid, "c", domain_claim(number + 1, uid=uid))
+        before = world.patches()
+        wait_s = await world.reporter.report(uid)
+        if world.patches() != before:
+            seen.append(world.now_s)
+        else:
+            assert wait_s is not None
+            assert wait_s <= START_REST_S[-1]
+    assert seen == pytest.approx([0.1, 1.2, 6.3, 21.4], abs=0.15)
+    world.conflict = "held by another app"
+    await world.reporter.report(uid)
+    assert "held by another app" in json.dumps(await world.status())
 
 
 async def test_a_new_generation_is_observed_at_once_however_restless_the_app_was(world: World) -> None:

@@ -8,10 +8,12 @@ from robotapp_operator.plan.status.pace import (
     BURST,
     PROGRESS_REST_S,
     SETTLED_S,
+    START_REST_S,
     STILL_S,
     URGENT_REST_S,
     Bucket,
     Writing,
+    is_progress,
     is_urgent,
 )
 
@@ -42,6 +44,20 @@ def test_a_first_write_that_cannot_wait_is_paid_for_later() -> None:
     for _ in range(BURST + 1):
         bucket.take(1000, edges=0)
     assert bucket.wait_s(1000, edges=0) == pytest.approx(2.0)
+
+
+def test_writes_that_only_show_progress_come_ever_more_seldom_and_an_urgent_one_at_once() -> None:
+    bucket, found = Bucket(), []
+    bucket.take(1000, edges=0)
+    for tick in range(400):
+        now_s = 1000 + tick / 10
+        if bucket.wait_s(now_s, edges=0, progress=True) <= 0:
+            bucket.take(now_s, edges=0, progress=True)
+            found.append(now_s)
+    assert found == pytest.approx([1001, 1006, 1021, 1036], abs=0.11)
+    assert bucket.wait_s(1036.1, edges=0) == 0
+    bucket.take(1036.1, edges=0)
+    assert bucket.wait_s(1036.1, edges=0, progress=True) == pytest.approx(START_REST_S[0])
 
 
 def status(phase: str = "Pending", **conditions: tuple[str, str]) -> dict[str, Any]:
@@ -134,3 +150,42 @@ def test_after_a_quiet_time_progress_is_prompt_again() -> None:
     assert progress(writing, 500) <= 500
     writing.wrote(500, urgent=False)
     assert progress(writing, 514) == 500 + PROGRESS_REST_S[0]
+
+
+STARTED = {
+    "Allocated": ("True", "Allocated"),
+    "Placed": ("False", "WaitingForPods"),
+    "Ready": ("False", "ComponentsNotReady"),
+    "Progressing": ("True", "RollingOut"),
+}
+
+
+@pytest.mark.parametrize(
+    ("phase", "changed", "progress"),
+    [
+        ("Placing", {}, True),
+        ("Placing", {"Placed": ("True", "Placed"), "BudgetMet": ("True", "WithinBudget")}, True),
+        ("Running", {"Ready": ("True", "AllComponentsReady")}, False),
+        ("Placing", {"Placed": ("False", "Unschedulable")}, False),
+        ("Placing", {"Placed": ("True", "FallbackUsed")}, False),
+        ("Placing", {"Allocated": ("False", "DeviceBusy")}, False),
+        ("Placing", {"Ready": ("False", "CrashLoop")}, False),
+        ("Placing", {"Progressing": ("False", "NewerVersion")}, False),
+        ("Degraded", {}, False),
+    ],
+)
+def test_only_the_steps_of_a_normal_start_are_mere_progress(
+    phase: str, changed: dict[str, tuple[str, str]], progress: bool
+) -> None:
+    assert is_progress(status("Placing", **STARTED), status(phase, **(STARTED | changed))) is progress
+
+
+def test_a_domain_after_waiting_for_one_is_progress_and_its_refusal_is_not() -> None:
+    waits = STARTED | {"Allocated": ("Unknown", "Pending")}
+    assert is_progress(status("Pending", **waits), status("Placing", **STARTED))
+    assert not is_progress(status("Pending", **waits), status("Pending", **waits, Stalled=("True", "FailedCreate")))
+
+
+def test_the_end_of_a_refusal_is_no_mere_progress() -> None:
+    refused = STARTED | {"Allocated": ("False", "ClaimConflict")}
+    assert not is_progress(status("Placing", **refused), status("Placing", **STARTED))
