@@ -22,7 +22,7 @@ from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import Options
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.cache.cache import Cache
-from robotapp_scheduler.core.cycle.budget_watch import BudgetWatch
+from robotapp_scheduler.core.cycle.better_node import BudgetWatch
 from robotapp_scheduler.core.cycle.group_gates import groups_of
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Change, Event

@@ -1,4 +1,4 @@
-"""Writes the annotation `robotics.io/better-node` of pods, as `core.cycle.budget_watch` decides it.
+"""Writes the annotation `robotics.io/better-node` of pods, as `core.cycle.better_node` decides it.
 
 The write goes to the pod's status, which may change annotations: the right to change pods themselves would take in their
 images. It is on condition of the pod's uid and resourceVersion, so it is about the pod that was looked at or fails.
@@ -12,7 +12,7 @@ from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import ApiError, ClientError, Conflict, NotFound, means_another
 from robotapp_api.model.names import Annotation
-from robotapp_scheduler.core.cycle.budget_watch import TICK_S, AnnotationWrite, BudgetWatch
+from robotapp_scheduler.core.cycle.better_node import TICK_S, AnnotationWrite, BudgetWatch
 
 log = logging.getLogger(__name__)
 

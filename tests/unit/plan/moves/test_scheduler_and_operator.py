@@ -22,7 +22,7 @@ from robotapp_operator.plan.moves.rescheduling import Move, Running, reschedule
 from robotapp_operator.plan.status.budget_times import BudgetTimes
 from robotapp_operator.plan.status.latency import EdgeView
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.cycle.budget_watch import BudgetWatch
+from robotapp_scheduler.core.cycle.better_node import BudgetWatch
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 START = datetime(2026, 5, 1, 12, tzinfo=UTC)
