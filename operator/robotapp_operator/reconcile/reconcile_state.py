@@ -12,9 +12,8 @@ from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.rescheduling import Move
 from robotapp_operator.plan.spec.objects import ChildRef
 from robotapp_operator.plan.spec.validate import Problem
-from robotapp_operator.plan.status.budget_times import BudgetTimes
 from robotapp_operator.plan.status.facts import InstanceFacts
-from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, Rest
+from robotapp_operator.plan.status.latency import BudgetTimes, EdgeKey, EdgeView, Rest
 from robotapp_operator.plan.status.pace import Bucket, Writing
 
 Trouble = tuple[Reason, str]

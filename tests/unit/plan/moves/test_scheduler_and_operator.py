@@ -19,8 +19,7 @@ from robotapp_api.values.better_node import parse_better_node
 from robotapp_api.values.round_trips import Figures
 from robotapp_operator.plan.moves.move_record import parse_moves
 from robotapp_operator.plan.moves.rescheduling import Move, Running, reschedule
-from robotapp_operator.plan.status.budget_times import BudgetTimes
-from robotapp_operator.plan.status.latency import EdgeView
+from robotapp_operator.plan.status.latency import BudgetTimes, EdgeView
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.better_node import BudgetWatch
 from robotapp_scheduler.core.pods.pod_info import PodInfo

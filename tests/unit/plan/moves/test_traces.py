@@ -16,8 +16,7 @@ from robotapp_api.values.round_trips import Figures
 from robotapp_operator.plan.moves.move_record import parse_moves
 from robotapp_operator.plan.moves.rescheduling import Move, Running, reschedule
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.status.budget_times import BudgetTimes
-from robotapp_operator.plan.status.latency import EdgeView
+from robotapp_operator.plan.status.latency import BudgetTimes, EdgeView
 
 START = datetime(2026, 5, 1, 12, tzinfo=UTC)
 KEY = "robotics.io/moves"

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.factories import make_app
 
-from robotapp_operator.plan.status.budget_times import BudgetTimes
-from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, Rest, publish
+from robotapp_operator.plan.status.latency import BudgetTimes, EdgeKey, EdgeView, Rest, publish
 
 FOR_S = 15.0
 BUDGET_MS = 30.0
