@@ -30,13 +30,13 @@ from robotapp_operator.health import Health
 from robotapp_operator.queue.work import BACKGROUND
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.reconcile.controller import Controller
+from robotapp_operator.reconcile.domain_pools import Pools
 from robotapp_operator.reconcile.fleet_view import FleetView
 from robotapp_operator.reconcile.instance_objects import InstanceObjects
 from robotapp_operator.reconcile.instance_reconciler import Children
 from robotapp_operator.reconcile.metrics import Metrics
 from robotapp_operator.reconcile.mover import Mover
 from robotapp_operator.reconcile.observer import Observer
-from robotapp_operator.reconcile.pool_status import Pools
 from robotapp_operator.reconcile.probe_targets import Probes
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates

@@ -10,13 +10,12 @@ from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.queue.work import StartOver, Work, name_of, namespace_group
 from robotapp_operator.queue.workqueue import Key, Queue
-from robotapp_operator.reconcile.domain_line import Line
+from robotapp_operator.reconcile.domain_pools import Line, Pools
 from robotapp_operator.reconcile.fleet_view import FleetView
 from robotapp_operator.reconcile.instance_objects import InstanceObjects
 from robotapp_operator.reconcile.instance_reconciler import Children
 from robotapp_operator.reconcile.metrics import Metrics
 from robotapp_operator.reconcile.mover import Mover, may_move
-from robotapp_operator.reconcile.pool_status import Pools
 from robotapp_operator.reconcile.probe_targets import Probes
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates

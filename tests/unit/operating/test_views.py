@@ -20,9 +20,9 @@ from robotapp_api.serving.tls import TlsPort, loaded
 from robotapp_operator.health import Health
 from robotapp_operator.plan.spec.objects import Telemetry
 from robotapp_operator.queue.workqueue import Queue
+from robotapp_operator.reconcile.domain_pools import Pools
 from robotapp_operator.reconcile.fleet_view import FleetView
 from robotapp_operator.reconcile.metrics import Metrics
-from robotapp_operator.reconcile.pool_status import Pools
 from robotapp_operator.reconcile.probe_targets import Probes
 from robotapp_operator.reconcile.scheduling_gates import Gates
 from robotapp_operator.watch.cache import Cache

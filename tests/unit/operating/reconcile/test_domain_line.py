@@ -7,7 +7,7 @@ from tests.support.factories import app_body
 from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.claims.objects import Pool
 from robotapp_api.model.names import Reason
-from robotapp_operator.reconcile.domain_line import Line
+from robotapp_operator.reconcile.domain_pools import Line
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
 

@@ -1,0 +1,145 @@
+"""Domain pools: their status, and the order in which instances without a domain try to get an id of one."""
+
+import logging
+from collections.abc import Callable, Iterator
+from datetime import datetime
+from typing import Any
+
+from robotapp_api.claims.domain import pool_ids
+from robotapp_api.claims.fullness import fullness
+from robotapp_api.claims.objects import Pool
+from robotapp_api.client import ApiClient, Conflict, NotFound
+from robotapp_api.client.api.resources import DOMAINPOOLS
+from robotapp_api.client.api.times import whole_seconds
+from robotapp_api.model.conditions import condition
+from robotapp_api.model.names import PoolCondition, PoolReason, Reason
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.validate import limit_note
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
+from robotapp_operator.watch.cache import Cache
+
+log = logging.getLogger(__name__)
+
+
+class Pools:
+    """Writes how full a DomainPool is, and whether it is of any use, into its status, and only when that changed.
+
+    `now` is the wall clock, for the times in conditions.
+    """
+
+    def __init__(self, client: ApiClient, cache: Cache, *, now: Callable[[], datetime]) -> None:
+        self._client = client
+        self._cache = cache
+        self._now = now
+
+    async def publish(self, name: str) -> None:
+        """Bring one pool's status up to date. A lost race is settled by the pool's next event."""
+        pool = self._cache.pools.get(name)
+        if pool is None:
+            return
+        status = self._status(pool)
+        if all(pool.status.get(field) == value for field, value in status.items()):
+            return
+        # Not by uid: a status of our kinds is written whatever uid is named, and the name may be another pool's by now.
+        body = {"metadata": {"name": name, "resourceVersion": pool.metadata.resource_version}, "status": status}
+        try:
+            await self._client.apply(DOMAINPOOLS, body, subresource="status")
+        except (NotFound, Conflict) as gone:
+            log.info("status of DomainPool %s not written: %s", name, gone)
+
+    def _status(self, pool: Pool) -> dict[str, Any]:
+        found = fullness(pool, self._cache.all_claims())
+        return {
+            "observedGeneration": pool.metadata.generation,
+            "capacity": found.capacity,
+            "claimed": found.claimed,
+            "quarantined": found.resting,
+            "used": found.used,
+            "conditions": [_usable(pool, now=whole_seconds(self._now()))],
+        }
+
+
+def _usable(pool: Pool, *, now: str) -> dict[str, Any]:
+    quota = pool.spec.quota
+    if quota.default == 0 and not any(quota.namespaces.values()):
+        status, reason = "False", PoolReason.QUOTA_IS_ZERO
+        text = (
+            "no namespace may get an id: spec.quota.default 0 means none (it used to mean no limit); "
+            "leave it out for no limit, or write how many ids a namespace may hold under spec.quota.namespaces"
+        )
+    else:
+        status, reason, text = "True", PoolReason.USABLE, "namespaces may get ids within their quota"
+        if note := limit_note(pool):
+            text = f"{text}; {note}"
+    return condition(
+        PoolCondition.USABLE.value,
+        status,
+        reason.value,
+        text,
+        before=pool.status.get("conditions") or (),
+        generation=pool.metadata.generation,
+        now=now,
+    )
+
+
+Waiting = tuple[str, str]
+"""(uid of the app, instance)."""
+
+
+class Line:
+    """The order in which instances without a domain try to get one: as many at a time as ids are free.
+
+    Of five hundred instances that wait for a full pool one can get an id that becomes free; if all tried, each such id would cost
+    the API server thousands of requests. Decides by the caches: an instance that was chosen in vain only loses its turn, and the
+    next one is chosen soon.
+    """
+
+    def __init__(self, cache: Cache, memory: ReconcileState) -> None:
+        self._cache = cache
+        self._memory = memory
+        self._order: dict[str, list[Waiting]] = {}
+        """By pool: the instances in their order. One that was chosen, or waits again after a while, goes to the end."""
+
+    def __repr__(self) -> str:
+        return f"<Line of {len(self._memory.without_domain())}>"
+
+    def next(self, pool: str) -> tuple[list[Waiting], bool]:
+        """The instances that try now, and whether others go on waiting although ids are free."""
+        in_line, others = list[Waiting](), list[Waiting]()
+        for uid, robot, app in self._waiting(pool):
+            (in_line if self._takes_any(app, uid, robot) else others).append((uid, robot))
+        free = self._free(pool)
+        if free is None:
+            return others + in_line, False
+        chosen = self._turn(pool, in_line, free)
+        return others + chosen, 0 < len(chosen) < len(in_line)
+
+    def _waiting(self, pool: str) -> Iterator[tuple[str, str, App]]:
+        for uid, robot in self._memory.without_domain():
+            record = self._cache.apps.get(uid)
+            app = record.app if record else None
+            if app and (app.pool == pool or app.share_with):
+                yield uid, robot, app
+
+    def _takes_any(self, app: App, uid: str, robot: str) -> bool:
+        """Whether the instance waits for nothing but a free id. Instances with another refusal try each time."""
+        outcome = self._memory.outcome(uid, robot)
+        exhausted = outcome is not None and outcome.reason is Reason.DOMAIN_EXHAUSTED
+        shared = app.spec.ros2 is not None and app.spec.ros2.isolation != "Domain"
+        return exhausted and not shared and not app.share_with and app.requested_domain is None
+
+    def _free(self, pool: str) -> int | None:
+        """Ids of the pool without a claim; None where they are counted by zone or node."""
+        found = self._cache.pools.get(pool)
+        if found is None or found.spec.scope != "Cluster":
+            return None
+        things = (claim.spec.domain for claim in self._cache.all_claims())
+        return len(pool_ids(found) - {thing.id for thing in things if thing is not None and thing.pool == pool})
+
+    def _turn(self, pool: str, in_line: list[Waiting], free: int) -> list[Waiting]:
+        waiting = set(in_line)
+        before = dict.fromkeys(each for each in self._order.get(pool, ()) if each in waiting)
+        order = list(before | dict.fromkeys(in_line))
+        chosen = order[:free]
+        self._order[pool] = [*order[free:], *chosen]
+        return chosen
