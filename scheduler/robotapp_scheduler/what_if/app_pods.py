@@ -1,4 +1,4 @@
-"""The pods that the operator would make of a RobotApp, with the fields that decide where they are placed."""
+"""The pods that the operator would make of a RobotApp that is tried, and those of the app that runs under its name, which give way."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from itertools import islice
@@ -13,7 +13,9 @@ from robotapp_api.values.component_nodes import may_be_on_robot, required_nodes,
 from robotapp_api.values.naming import child_name
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import ObservedStatus, RobotApp
-from robotapp_scheduler.core.robotics.app_index import App
+from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.pods.pod_info import Member
+from robotapp_scheduler.core.robotics.app_index import App, InstanceKey, Replica
 from robotapp_scheduler.what_if.question import QuestionError
 
 MOST_PODS: Final = 500
@@ -149,3 +151,32 @@ def _tolerations(component: Mapping[str, Any], spec: Mapping[str, Any], robot: s
 def _affinity(component: Mapping[str, Any], robot: str) -> dict[str, Any] | None:
     terms = tier_terms(component.get("runsOn") or (), robot)
     return {"nodeAffinity": required_nodes(terms)} if terms else None
+
+
+def running_apps(names: Collection[tuple[str, str]], cluster: Cache) -> dict[tuple[str, str], App]:
+    """The apps of these namespaces and names that have a pod."""
+    found = {}
+    for app_uid in dict.fromkeys(app_uid for app_uid, _ in cluster.apps.instances()) if names else ():
+        app = cluster.apps.app(app_uid)
+        if app is not None and (key := (app.source.metadata.namespace, app.source.metadata.name)) in names:
+            found[key] = app
+    return found
+
+
+def instances_with_pods(apps: Iterable[App], cluster: Cache) -> list[InstanceKey]:
+    """The instances of these apps that have a pod."""
+    uids = {app.uid for app in apps}
+    return [instance for instance in cluster.apps.instances() if instance[0] in uids] if uids else []
+
+
+def take_away(apps: Iterable[App], cluster: Cache) -> dict[Member, list[Replica]]:
+    """Remove the pods of the apps' components, and return them. Their servers stay."""
+    found: dict[Member, list[Replica]] = {}
+    for app in apps:
+        for instance in [each for uid, each in cluster.apps.instances() if uid == app.uid]:
+            for name in app.components:
+                member = Member(app.uid, instance, name)
+                found[member] = cluster.apps.replicas(member, name)
+                for each in found[member]:
+                    cluster.remove_pod(each.pod)
+    return found

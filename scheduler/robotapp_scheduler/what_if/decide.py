@@ -17,16 +17,15 @@ from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import FAULTS, ScheduleResult
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
-from robotapp_scheduler.core.robotics.app_index import App, InstanceKey, Link
+from robotapp_scheduler.core.robotics.app_index import App, InstanceKey, Link, Replica
 from robotapp_scheduler.core.robotics.edge_times import Part, movable, part_of, worst_late
 from robotapp_scheduler.simulation.rounds import Rounds
 from robotapp_scheduler.simulation.run import chosen_text, latest_bound
-from robotapp_scheduler.what_if.app_pods import tried_app
+from robotapp_scheduler.what_if.app_pods import instances_with_pods, running_apps, take_away, tried_app
 from robotapp_scheduler.what_if.difference import Answer, Outcome, PodChange, edge_changes, in_order
 from robotapp_scheduler.what_if.edges import edge_times, instances_on
 from robotapp_scheduler.what_if.lost_nodes import SUCCESSOR, change_of, fate, lost, successor_of
 from robotapp_scheduler.what_if.question import Question, QuestionError, check_nodes
-from robotapp_scheduler.what_if.running_apps import FormerPod, instances_of, running_apps, take_away
 
 REPLAY_S: Final = 0.5
 """After this long no further running pod is placed again: the answer is to be there within a second."""
@@ -78,7 +77,7 @@ class _Decider:
 
     def answer(self) -> Answer:
         running = running_apps(self._question.names, self._cluster)
-        replaced = instances_of(running.values(), self._cluster)
+        replaced = instances_with_pods(running.values(), self._cluster)
         concerned = list(dict.fromkeys([*instances_on(self._question.nodes, self._cluster), *replaced]))
         before = edge_times(concerned, self._cluster)
         late = self._late(concerned)
@@ -134,7 +133,7 @@ class _Decider:
             )
         return found
 
-    def _apps(self, running: Mapping[tuple[str, str], App], former: dict[Member, list[FormerPod]]) -> list[Pod]:
+    def _apps(self, running: Mapping[tuple[str, str], App], former: dict[Member, list[Replica]]) -> list[Pod]:
         """Add the apps in place of those that run under their names; their pods."""
         found: list[Pod] = []
         for source, name in zip(self._question.apps, self._question.names, strict=True):
