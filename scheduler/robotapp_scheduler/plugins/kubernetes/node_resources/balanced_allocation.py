@@ -16,8 +16,12 @@ from robotapp_scheduler.core.pods.cached_property import CachedProperty
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, balance_problems, is_new, refuse
 from robotapp_scheduler.plugins.kubernetes.node_resources.fit import NATIVE
-from robotapp_scheduler.plugins.kubernetes.node_resources.resource_math import FEW, all_positive
-from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies import USUAL, ResourceWeight
+from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies import (
+    FEW,
+    USUAL,
+    ResourceWeight,
+    all_positive,
+)
 
 _TOP: Final = float(MAX_SCORE)
 # As arrays: see resource_math.

@@ -7,7 +7,7 @@ import numpy as np
 from robotapp_scheduler.core.api.storage_v1 import bytes_of
 from robotapp_scheduler.core.nodes.columns import LARGEST, BoolArray, IntArray
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
-from robotapp_scheduler.plugins.kubernetes.node_resources.resource_math import half_away, percent
+from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies import half_away, percent
 from robotapp_scheduler.plugins.kubernetes.volumes.matching import Match
 
 

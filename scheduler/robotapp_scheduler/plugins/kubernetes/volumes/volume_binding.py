@@ -20,10 +20,16 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, is_new
 from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies import ShapePoint, interpolated
-from robotapp_scheduler.plugins.kubernetes.volumes.claims import sorted_claims, trouble, unresolvable
+from robotapp_scheduler.plugins.kubernetes.volumes.claims import (
+    names_claim,
+    of_pod,
+    room_grew,
+    sorted_claims,
+    trouble,
+    unresolvable,
+)
 from robotapp_scheduler.plugins.kubernetes.volumes.matching import PLUGIN, REASONS, Match, match
 from robotapp_scheduler.plugins.kubernetes.volumes.node_reach import Reach
-from robotapp_scheduler.plugins.kubernetes.volumes.queueing_hints import names_claim, of_pod, room_grew
 from robotapp_scheduler.plugins.kubernetes.volumes.score import score
 
 UNBOUND = "pod has unbound immediate PersistentVolumeClaims"

@@ -13,7 +13,7 @@ from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.pods.pod_volumes import PodVolumes, volumes_of
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
 from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, is_new
-from robotapp_scheduler.plugins.kubernetes.volumes.queueing_hints import limit_grew, names_claim, of_pod
+from robotapp_scheduler.plugins.kubernetes.volumes.claims import limit_grew, names_claim, of_pod
 
 NAME: Final = "NodeVolumeLimits"
 FULL: Final = "node(s) exceed max volume count"

@@ -9,8 +9,15 @@ from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import FilterResult, PreFilter, Verdict
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
-from robotapp_scheduler.plugins.kubernetes.volumes.claims import missing, named_claims, unresolvable
-from robotapp_scheduler.plugins.kubernetes.volumes.queueing_hints import clashing, names_claim, of_pod, shares_volume
+from robotapp_scheduler.plugins.kubernetes.volumes.claims import (
+    clashing,
+    missing,
+    named_claims,
+    names_claim,
+    of_pod,
+    shares_volume,
+    unresolvable,
+)
 
 DISK: Final = "node(s) had no available disk"
 IN_USE: Final = (

@@ -13,8 +13,13 @@ from robotapp_scheduler.core.nodes.columns import BoolArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
 from robotapp_scheduler.plugins.kubernetes.common.node_selector import expression_mask
-from robotapp_scheduler.plugins.kubernetes.volumes.claims import missing, named_claims, unresolvable
-from robotapp_scheduler.plugins.kubernetes.volumes.queueing_hints import names_claim, of_pod
+from robotapp_scheduler.plugins.kubernetes.volumes.claims import (
+    missing,
+    named_claims,
+    names_claim,
+    of_pod,
+    unresolvable,
+)
 
 
 class VolumeZone:
