@@ -18,7 +18,7 @@ from robotapp_scheduler.core.framework.profiles import build_profiles as checked
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation import synthetic
 from robotapp_scheduler.simulation.bench import ROUNDS, Cost, Setting, measure
-from robotapp_scheduler.simulation.progress import replace_line
+from robotapp_scheduler.simulation.report import replace_line
 
 BOUND_PER_NODE: Final = 6
 

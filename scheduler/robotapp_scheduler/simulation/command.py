@@ -11,8 +11,7 @@ from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.load import ConfigError
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.simulation.dump import MOST_BYTES, Dump, DumpError, Reader
-from robotapp_scheduler.simulation.progress import Progress
-from robotapp_scheduler.simulation.report import as_json, as_table
+from robotapp_scheduler.simulation.report import Progress, as_json, as_table
 from robotapp_scheduler.simulation.run import simulate
 from robotapp_scheduler.watch.routes import kinds
 

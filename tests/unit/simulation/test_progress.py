@@ -4,7 +4,7 @@ import io
 
 from tests.support.scheduling import Clock
 
-from robotapp_scheduler.simulation.progress import CLEAR, Progress, replace_line
+from robotapp_scheduler.simulation.report import CLEAR, Progress, replace_line
 
 
 class Terminal(io.StringIO):
