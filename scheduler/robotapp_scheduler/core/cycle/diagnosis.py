@@ -23,11 +23,10 @@ from robotapp_scheduler.core.cycle.group_gates import (
 from robotapp_scheduler.core.cycle.joint_problem import LimitsConnections
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.fit_error import histogram, pre_filter_message
+from robotapp_scheduler.core.explain.record import histogram, pre_filter_message
 from robotapp_scheduler.core.framework.interface import Code, PluginError, Status
 from robotapp_scheduler.core.framework.profiles import Profile
-from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
-from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
+from robotapp_scheduler.core.framework.registered_plugin import QueueingHint, RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Failure, Outcome
 from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus

@@ -28,11 +28,10 @@ from robotapp_scheduler.core.cycle.schedule_result import (
 )
 from robotapp_scheduler.core.cycle.tiers import earlier_feasible
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.explain.record import ExplainRing, Record, finished
-from robotapp_scheduler.core.framework.fit_error import histogram
+from robotapp_scheduler.core.explain.record import ExplainRing, Record, finished, histogram
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.framework.profiles import Profile
-from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
+from robotapp_scheduler.core.framework.registered_plugin import QueueingHint
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.nominated_pods import with_nominated
 from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus, QueuedPodInfo

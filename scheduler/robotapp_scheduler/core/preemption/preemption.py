@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.snapshot import AdjustedSnapshot, Snapshot
-from robotapp_scheduler.core.framework.fit_error import histogram
+from robotapp_scheduler.core.explain.record import histogram
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.preemption.filter_dependencies import Influence
 from robotapp_scheduler.core.preemption.victims import Candidate, by_amounts, by_dry_run, lower_pods

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
+from robotapp_scheduler.core.framework.registered_plugin import QueueingHint
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.backoff import Backoff, Heap
 from robotapp_scheduler.core.queue.in_flight import InFlightPod, InFlightPods

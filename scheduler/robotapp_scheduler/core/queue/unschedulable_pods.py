@@ -13,7 +13,7 @@ from heapq import nsmallest
 from typing import Any, Final, NamedTuple
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
-from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
+from robotapp_scheduler.core.framework.registered_plugin import QueueingHint
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.queue.backoff import Heap
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection

@@ -15,7 +15,7 @@ import msgspec
 
 from robotapp_api.model.names import GRANTED_PREFIX, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.framework.fit_error import histogram
+from robotapp_scheduler.core.explain.record import histogram
 from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult, Handle, Readiness, Reserved
 from robotapp_scheduler.core.framework.interface import BindContext, Code, PluginError, Status
 from robotapp_scheduler.core.framework.plugin_calls import Overdue, PluginCall

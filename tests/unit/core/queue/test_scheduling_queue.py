@@ -5,7 +5,7 @@ from tests.support.queue_checks import check_queue
 from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change
-from robotapp_scheduler.core.framework.queueing_hint import QueueingHint
+from robotapp_scheduler.core.framework.registered_plugin import QueueingHint
 from robotapp_scheduler.core.queue.backoff import Backoff, Heap
 from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus, QueuedPodInfo, Rejection
 from robotapp_scheduler.core.queue.scheduling_queue import SchedulingQueue

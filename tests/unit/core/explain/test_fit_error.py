@@ -1,4 +1,4 @@
-from robotapp_scheduler.core.framework.fit_error import histogram, pre_filter_message
+from robotapp_scheduler.core.explain.record import histogram, pre_filter_message
 
 
 def test_the_histogram_sorts_its_entries_as_strings() -> None:
