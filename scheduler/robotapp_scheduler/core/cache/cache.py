@@ -17,9 +17,8 @@ from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.api.ros import SharedVolume
 from robotapp_scheduler.core.cache.disruption_budgets import Budgets
-from robotapp_scheduler.core.cache.host_ports import PortUsers
 from robotapp_scheduler.core.cache.nominator import Nominator
-from robotapp_scheduler.core.cache.placed_pods import NameIndex, PredictedLabels, PriorityColumns, Records
+from robotapp_scheduler.core.cache.placed_pods import NameIndex, PortUsers, PredictedLabels, PriorityColumns, Records
 from robotapp_scheduler.core.cache.topology_index import Topology
 from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change

@@ -1,4 +1,4 @@
-"""Placed pods: their records, their names (`NameIndex`), and what those below a priority hold (`PriorityColumns`).
+"""Placed pods: their records, their names (`NameIndex`), what those below a priority hold (`PriorityColumns`), and their host ports.
 
 A record is computed once per pod signature and copied for each replica.
 
@@ -14,11 +14,11 @@ import numpy as np
 from msgspec.structs import replace
 
 from robotapp_scheduler.core.api.core_v1 import REGION, ZONE, Pod
-from robotapp_scheduler.core.nodes.columns import IntArray, LabelColumns, ResourceColumns, sane
+from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray, LabelColumns, ResourceColumns, sane
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods.interning import Interner
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
-from robotapp_scheduler.core.pods.pod_signature import controller_of
+from robotapp_scheduler.core.pods.pod_signature import ANY_IP, HostPort, controller_of
 
 KEYS: Final = (ZONE, REGION)
 PredictedPairs = tuple[tuple[str, str], ...]
@@ -195,3 +195,42 @@ class PriorityColumns:
             if other < priority:
                 total += block
         return total
+
+
+def clash(one: HostPort, other: HostPort) -> bool:
+    """May the two not be used on one node? The wildcard address clashes with every address."""
+    if (one.protocol, one.port) != (other.protocol, other.port):
+        return False
+    return one.ip == other.ip or ANY_IP in {one.ip, other.ip}
+
+
+class PortUsers:
+    """Counts of users per (protocol, port), row and address: few nodes have any, so a question touches only those."""
+
+    def __init__(self) -> None:
+        self._users: dict[tuple[str, int], dict[int, dict[str, int]]] = {}
+
+    def __repr__(self) -> str:
+        return f"PortUsers({len(self._users)} ports)"
+
+    def count(self, row: int, ports: Iterable[HostPort], sign: int) -> None:
+        """Count a pod's ports in (+1) or out (-1)."""
+        for port in ports:
+            rows = self._users.setdefault((port.protocol, port.port), {})
+            addresses = rows.setdefault(row, {})
+            addresses[port.ip] = addresses.get(port.ip, 0) + sign
+            if addresses[port.ip] <= 0:
+                del addresses[port.ip]
+            if not addresses:
+                del rows[row]
+            if not rows:
+                del self._users[port.protocol, port.port]
+
+    def free(self, wanted: Iterable[HostPort], size: int) -> BoolArray:
+        """Rows where none of the wanted ports is taken. The wildcard address clashes with every address."""
+        result = np.ones(size, dtype=np.bool_)
+        for port in wanted:
+            for row, addresses in self._users.get((port.protocol, port.port), {}).items():
+                if port.ip == ANY_IP or ANY_IP in addresses or port.ip in addresses:
+                    result[row] = False
+        return result

@@ -10,9 +10,8 @@ from robotapp_scheduler.core.nodes.image_states import Images
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.selectors.affinity_index import AffinityIndex
-from robotapp_scheduler.core.selectors.affinity_terms import Compiler, Terms
+from robotapp_scheduler.core.selectors.affinity_terms import Compiler, Namespaces, Terms
 from robotapp_scheduler.core.selectors.label_sets import LabelSets
-from robotapp_scheduler.core.selectors.namespaces import Namespaces
 from robotapp_scheduler.core.selectors.pod_counts import Counter, PodCounts, Wanted
 from robotapp_scheduler.core.selectors.topology_domains import Scopes
 

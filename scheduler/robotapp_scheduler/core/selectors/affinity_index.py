@@ -11,9 +11,8 @@ from typing import Final
 import numpy as np
 
 from robotapp_scheduler.core.nodes.columns import CodeArray, IntArray, LabelColumns
-from robotapp_scheduler.core.selectors.affinity_terms import Kind, Term, Terms
+from robotapp_scheduler.core.selectors.affinity_terms import Kind, Namespaces, Term, Terms
 from robotapp_scheduler.core.selectors.label_sets import LabelSetKey
-from robotapp_scheduler.core.selectors.namespaces import Namespaces
 from robotapp_scheduler.core.selectors.pod_matcher import ByLabel
 
 MOST_PULLS: Final = 512

@@ -19,8 +19,7 @@ from robotapp_scheduler.core.api.pod_group import INITIALLY_SCHEDULED, PodGroup
 from robotapp_scheduler.core.cycle.all_or_nothing import UNSCHEDULABLE_GROUP
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.pods.pod_group_index import WORKLOADS, GroupRef, PodGroups
-from robotapp_scheduler.shell.status.latest_queue import LatestQueue
-from robotapp_scheduler.shell.status.pod_status import utc_now
+from robotapp_scheduler.shell.status.pod_status import LatestQueue, utc_now
 
 log = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 import msgspec
 
@@ -28,7 +28,6 @@ from robotapp_api.values.buckets import Buckets
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.schedule_result import skipped_deleting
 from robotapp_scheduler.shell.status import messages
-from robotapp_scheduler.shell.status.latest_queue import LatestQueue
 
 log = logging.getLogger(__name__)
 
@@ -267,3 +266,41 @@ class Reporter:
         if len(self._reported) > REMEMBERED:
             oldest, _ = self._reported.popitem(last=False)
             self._event_s.pop(oldest, None)
+
+
+Key = TypeVar("Key")
+Word = TypeVar("Word")
+
+
+class LatestQueue(Generic[Key, Word]):
+    """Words by key, taken in the order in which their keys came; a newer word takes the place of one not yet taken."""
+
+    def __init__(self) -> None:
+        self._words: OrderedDict[Key, Word] = OrderedDict()
+        self._some = asyncio.Event()
+
+    def __repr__(self) -> str:
+        return f"<LatestQueue {len(self)} waiting>"
+
+    def __len__(self) -> int:
+        return len(self._words)
+
+    def put(self, key: Key, word: Word) -> None:
+        """Never waits."""
+        self._words[key] = word
+        self._some.set()
+
+    def get(self, key: Key) -> Word | None:
+        """The word that waits under the key, None when none does."""
+        return self._words.get(key)
+
+    def drop(self, key: Key) -> None:
+        """What waits under the key, if anything, is not to be written any more."""
+        self._words.pop(key, None)
+
+    async def take(self) -> tuple[Key, Word]:
+        """The oldest key with its word, once there is one; several may wait here."""
+        while not self._words:
+            self._some.clear()
+            await self._some.wait()
+        return self._words.popitem(last=False)

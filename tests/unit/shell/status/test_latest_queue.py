@@ -1,6 +1,6 @@
 import asyncio
 
-from robotapp_scheduler.shell.status.latest_queue import LatestQueue
+from robotapp_scheduler.shell.status.pod_status import LatestQueue
 
 
 def test_a_newer_word_takes_the_place_of_the_one_not_yet_taken() -> None:

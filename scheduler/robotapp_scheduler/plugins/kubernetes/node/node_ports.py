@@ -1,6 +1,6 @@
 """NodePorts: a host port is taken once per node, protocol and address."""
 
-from robotapp_scheduler.core.cache.host_ports import clash
+from robotapp_scheduler.core.cache.placed_pods import clash
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.incremental import Beside
