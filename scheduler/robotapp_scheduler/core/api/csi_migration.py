@@ -6,7 +6,7 @@ family "migrated-volumes"). vSphere and Azure File volumes are known to it too, 
 
 import re
 from collections.abc import Mapping
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 from urllib.parse import urlsplit
 
 from msgspec.structs import replace
@@ -21,7 +21,7 @@ from robotapp_scheduler.core.api.core_v1 import (
     NodeSelectorTerm,
     Requirement,
 )
-from robotapp_scheduler.core.api.volume_source import AwsDisk, AzureDisk, GceDisk, NamedVolume
+from robotapp_scheduler.core.api.volume_source import InTreeDisk
 
 UNSPECIFIED: Final = "UNSPECIFIED"
 EBS_ID: Final = re.compile(r"vol-[^/]*")
@@ -47,46 +47,31 @@ NEVER: Final = frozenset({"kubernetes.io/vsphere-volume", "kubernetes.io/azure-f
 """Provisioners whose volumes are neither translated nor counted."""
 
 
-class Sources(Protocol):
-    """The fields of a PersistentVolume's spec, or of a pod's volume, that name an in-tree disk."""
-
-    @property
-    def aws_elastic_block_store(self) -> AwsDisk | None: ...
-    @property
-    def gce_persistent_disk(self) -> GceDisk | None: ...
-    @property
-    def azure_disk(self) -> AzureDisk | None: ...
-    @property
-    def cinder(self) -> NamedVolume | None: ...
-    @property
-    def portworx_volume(self) -> NamedVolume | None: ...
-
-
-def kind_of(sources: Sources) -> Kind | None:
+def kind_of(volume: InTreeDisk) -> Kind | None:
     """The kind of the disk that is named, None for one that is no such disk."""
-    if sources.aws_elastic_block_store is not None:
+    if volume.aws_elastic_block_store is not None:
         return AWS
-    if sources.gce_persistent_disk is not None:
+    if volume.gce_persistent_disk is not None:
         return GCE
-    if sources.azure_disk is not None:
+    if volume.azure_disk is not None:
         return AZURE
-    if sources.cinder is not None:
+    if volume.cinder is not None:
         return CINDER
-    return PORTWORX if sources.portworx_volume is not None else None
+    return PORTWORX if volume.portworx_volume is not None else None
 
 
-def handle_of(sources: Sources, labels: Mapping[str, str]) -> str:
+def handle_of(volume: InTreeDisk, labels: Mapping[str, str]) -> str:
     """The handle its driver gives the disk; `labels` are those of the PersistentVolume. Raises ValueError, with the reason."""
-    if sources.aws_elastic_block_store is not None:
-        return _ebs_id(sources.aws_elastic_block_store.volume_id)
-    if sources.gce_persistent_disk is not None:
-        return _gce_id(sources.gce_persistent_disk.pd_name, labels)
-    if sources.azure_disk is not None:
-        azure = sources.azure_disk
+    if volume.aws_elastic_block_store is not None:
+        return _ebs_id(volume.aws_elastic_block_store.volume_id)
+    if volume.gce_persistent_disk is not None:
+        return _gce_id(volume.gce_persistent_disk.pd_name, labels)
+    if volume.azure_disk is not None:
+        azure = volume.azure_disk
         if azure.kind is not None and azure.kind.lower() != "managed":
             raise ValueError(f"kind({azure.kind}) is not supported in csi migration")
         return azure.data_disk_uri
-    named = sources.cinder or sources.portworx_volume
+    named = volume.cinder or volume.portworx_volume
     return named.volume_id if named is not None else ""
 
 

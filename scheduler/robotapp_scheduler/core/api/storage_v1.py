@@ -11,7 +11,7 @@ from robotapp_api.values.requests import amount
 from robotapp_scheduler.core.api.core_v1 import Metadata, NodeSelector, Quantity
 from robotapp_scheduler.core.api.csi_migration import Kind, handle_of, kind_of, translated
 from robotapp_scheduler.core.api.structs import Slim
-from robotapp_scheduler.core.api.volume_source import AwsDisk, AzureDisk, GceDisk, NamedVolume
+from robotapp_scheduler.core.api.volume_source import InTreeDisk
 
 BETA_CLASS: Final = "volume.beta.kubernetes.io/storage-class"
 BIND_COMPLETED: Final = "pv.kubernetes.io/bind-completed"
@@ -117,7 +117,7 @@ class VolumeAffinity(Slim):
     required: NodeSelector | None = None
 
 
-class VolumeSpec(Slim):
+class VolumeSpec(InTreeDisk):
     """spec of a PersistentVolume."""
 
     capacity: dict[str, Quantity] | None = None
@@ -128,11 +128,6 @@ class VolumeSpec(Slim):
     volume_attributes_class_name: str | None = None
     node_affinity: VolumeAffinity | None = None
     csi: CsiSource | None = None
-    aws_elastic_block_store: AwsDisk | None = None
-    gce_persistent_disk: GceDisk | None = None
-    azure_disk: AzureDisk | None = None
-    cinder: NamedVolume | None = None
-    portworx_volume: NamedVolume | None = None
 
 
 class PersistentVolume(Slim):

@@ -22,12 +22,6 @@ class GceDisk(Slim):
     read_only: bool = False
 
 
-class AwsDisk(Slim):
-    """volumes[].awsElasticBlockStore."""
-
-    volume_id: str = msgspec.field(name="volumeID", default="")
-
-
 class AzureDisk(Slim):
     """azureDisk of a pod's volume or of a PersistentVolume."""
 
@@ -36,7 +30,7 @@ class AzureDisk(Slim):
 
 
 class NamedVolume(Slim):
-    """cinder or portworxVolume of a pod's volume or of a PersistentVolume."""
+    """awsElasticBlockStore, cinder or portworxVolume of a pod's volume or of a PersistentVolume."""
 
     volume_id: str = msgspec.field(name="volumeID", default="")
 
@@ -63,18 +57,23 @@ class ImageVolume(Slim):
     reference: str = ""
 
 
-class Volume(Slim):
+class InTreeDisk(Slim):
+    """The fields of a pod's volume, or of a PersistentVolume's spec, that name a disk of an old in-tree kind."""
+
+    gce_persistent_disk: GceDisk | None = None
+    aws_elastic_block_store: NamedVolume | None = None
+    azure_disk: AzureDisk | None = None
+    cinder: NamedVolume | None = None
+    portworx_volume: NamedVolume | None = None
+
+
+class Volume(InTreeDisk):
     """Only what decides where a pod may run."""
 
     name: str = ""
     image: ImageVolume | None = None
     persistent_volume_claim: ClaimVolume | None = None
     ephemeral: Present | None = None
-    gce_persistent_disk: GceDisk | None = None
-    aws_elastic_block_store: AwsDisk | None = None
-    azure_disk: AzureDisk | None = None
-    cinder: NamedVolume | None = None
-    portworx_volume: NamedVolume | None = None
     iscsi: IscsiDisk | None = None
     rbd: RbdDisk | None = None
 
