@@ -10,7 +10,6 @@ LABEL_PATTERN = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$"
 SUBDOMAIN_PATTERN = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?(\.[a-z0-9]([-a-z0-9]*[a-z0-9])?)*$"
 DURATION_PATTERN = r"^([0-9]{1,6}([.][0-9]{1,3})?(us|ms|s|m|h)){1,3}$"
 QUANTITY_PATTERN = r"^(([0-9]{1,15}(\.[0-9]{0,9})?)|(\.[0-9]{1,9}))(([KMGTPE]i)|[numkMGTPE]|([eE][+-]?[0-9]{1,2}))?$"
-DEVICE_ID_PATTERN = LABEL_PATTERN
 
 
 def is_duration(expression: str) -> str:

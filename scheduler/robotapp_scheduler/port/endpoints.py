@@ -139,9 +139,9 @@ class Endpoints:
         replay = request.query.get("replay", "0")
         if not replay.isdecimal() or len(replay) > 6:
             return problem(400, "replay must be a number of pods")
-        found = await self._simulator.simulate(request.content.iter_chunked(1 << 16), replay=int(replay))
-        await self._scheduler.request(Request("simulated", status=found.status))
-        return web.Response(status=found.status, body=found.body, content_type="application/json")
+        status, body = await self._simulator.simulate(request.content.iter_chunked(1 << 16), replay=int(replay))
+        await self._scheduler.request(Request("simulated", status=status))
+        return web.Response(status=status, body=body, content_type="application/json")
 
     async def _what_if(self, request: web.Request) -> web.Response:
         """What would be different. Users who may get all pods see all of it, others the part of `?namespace=`."""

@@ -8,7 +8,6 @@ import logging
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any, Final
 
 import msgspec
@@ -23,16 +22,8 @@ TIMEOUT_S: Final = 60.0
 WORKER: Final = (sys.executable, "-m", "robotapp_scheduler.simulation.worker")
 
 
-@dataclass(frozen=True, slots=True)
-class Simulated:
-    """HTTP status and body of the answer."""
-
-    status: int
-    body: bytes
-
-
 class Simulator:
-    """`simulate` runs a dump. `order` gives the worker the configuration in use, too (`pages.order`)."""
+    """`simulate` runs a dump and returns HTTP status and body. `order` gives the worker the configuration in use, too (`pages.order`)."""
 
     def __init__(
         self,
@@ -51,7 +42,7 @@ class Simulator:
     def __repr__(self) -> str:
         return f"<Simulator {'at work' if self._busy.locked() else 'idle'}>"
 
-    async def simulate(self, chunks: AsyncIterator[bytes], *, replay: int = 0) -> Simulated:
+    async def simulate(self, chunks: AsyncIterator[bytes], *, replay: int = 0) -> tuple[int, bytes]:
         """Feed a worker with these bytes. Refuses at once while another one works."""
         if self._busy.locked():
             return self._refused(429, "another simulation runs; one at a time, try again in some seconds")
@@ -62,7 +53,7 @@ class Simulator:
             except TimeoutError:
                 return self._refused(504, f"not finished within {self._timeout_s:g} s, upload included")
 
-    async def _work(self, chunks: AsyncIterator[bytes], replay: int) -> Simulated:
+    async def _work(self, chunks: AsyncIterator[bytes], replay: int) -> tuple[int, bytes]:
         process = await started(self._worker, stderr=asyncio.subprocess.PIPE)
         try:
             sent = await self._send(process, chunks, replay)
@@ -89,18 +80,18 @@ class Simulator:
             stdin_of(process).close()
         return True
 
-    async def _answer(self, process: asyncio.subprocess.Process) -> Simulated:
+    async def _answer(self, process: asyncio.subprocess.Process) -> tuple[int, bytes]:
         out, errors = await asyncio.gather(_read(process.stdout, MOST_ANSWER), _read(process.stderr, 1 << 16))
         await process.wait()
         if process.returncode != 0 or not out:
             log.error("a simulation failed (%s): %s", process.returncode, errors.decode("utf-8", "replace")[-2000:])
             return self._refused(500, "the simulation failed; the scheduler's log has the reason")
         status = 400 if out.startswith(b'{"error"') else 200
-        return Simulated(status, out)
+        return status, out
 
     @staticmethod
-    def _refused(status: int, text: str) -> Simulated:
-        return Simulated(status, msgspec.json.encode({"error": text}))
+    def _refused(status: int, text: str) -> tuple[int, bytes]:
+        return status, msgspec.json.encode({"error": text})
 
 
 async def _read(stream: asyncio.StreamReader | None, most: int) -> bytes:

@@ -64,7 +64,6 @@ class Reader:
     """Collects documents into one dump. `kinds` is the struct into which an object of each kind is decoded."""
 
     def __init__(self, kinds: Mapping[str, type[Any]]) -> None:
-        self._kinds = dict(kinds)
         self._decoders = {kind: msgspec.json.Decoder(as_type) for kind, as_type in kinds.items()}
         self._head = msgspec.json.Decoder(_Head)
         self._document = msgspec.json.Decoder(_Document)

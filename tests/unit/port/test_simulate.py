@@ -12,7 +12,7 @@ from tests.support.scheduling import node_json, pod_json
 from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.port.pages import kinds, simulation_config
-from robotapp_scheduler.port.simulate import Simulated, Simulator
+from robotapp_scheduler.port.simulate import Simulator
 from robotapp_scheduler.shell.config.reload import Running
 
 SLEEPS = (sys.executable, "-c", "import sys, time; sys.stdin.buffer.read(); time.sleep(60)")
@@ -32,41 +32,40 @@ async def chunks(*parts: bytes) -> AsyncIterator[bytes]:
         yield part
 
 
-def error(found: Simulated) -> str:
-    return str(json.loads(found.body)["error"])
+def error(body: bytes) -> str:
+    return str(json.loads(body)["error"])
 
 
 async def test_a_dump_in_pieces_becomes_placements() -> None:
     items = [{"kind": "Node", **node_json("n")}, {"kind": "Pod", **pod_json("p")}]
     content = json.dumps({"kind": "List", "items": items}).encode()
     subject = simulator()
-    found = await subject.simulate(chunks(content[:50], content[50:]))
-    assert found.status == 200
-    assert json.loads(found.body)["placements"][0]["node"] == "n"
-    found = await subject.simulate(chunks(b"kind: Pod"))
-    assert found.status == 400
-    assert "no JSON" in error(found)
+    status, body = await subject.simulate(chunks(content[:50], content[50:]))
+    assert status == 200
+    assert json.loads(body)["placements"][0]["node"] == "n"
+    status, body = await subject.simulate(chunks(b"kind: Pod"))
+    assert status == 400
+    assert "no JSON" in error(body)
 
 
 async def test_a_second_one_is_refused_while_the_first_works() -> None:
     subject = simulator(worker=SLEEPS, timeout_s=1.0)
     first = asyncio.create_task(subject.simulate(chunks(b"{}")))
     await asyncio.sleep(0)
-    second = await subject.simulate(chunks(b"{}"))
-    assert second.status == 429
-    assert (await first).status == 504
+    assert (await subject.simulate(chunks(b"{}")))[0] == 429
+    assert (await first)[0] == 504
     assert repr(subject) == "<Simulator idle>"
 
 
 async def test_too_much_is_refused_while_it_is_sent() -> None:
-    found = await simulator(worker=SLEEPS, most=1 << 20).simulate(chunks(*[b"x" * (1 << 19)] * 3))
-    assert found.status == 413
-    assert "more than 1 MiB" in error(found)
+    status, body = await simulator(worker=SLEEPS, most=1 << 20).simulate(chunks(*[b"x" * (1 << 19)] * 3))
+    assert status == 413
+    assert "more than 1 MiB" in error(body)
 
 
 async def test_a_worker_that_breaks_or_floods_is_an_error_of_ours() -> None:
-    assert (await simulator(worker=BREAKS).simulate(chunks(b"x" * (1 << 20)))).status == 500
-    assert (await simulator(worker=FLOODS).simulate(chunks(b"{}"))).status == 500
+    assert (await simulator(worker=BREAKS).simulate(chunks(b"x" * (1 << 20))))[0] == 500
+    assert (await simulator(worker=FLOODS).simulate(chunks(b"{}")))[0] == 500
 
 
 def test_the_kinds_a_dump_is_made_of_can_be_asked_for() -> None:
@@ -82,7 +81,7 @@ def test_the_kinds_a_dump_is_made_of_can_be_asked_for() -> None:
 async def test_a_worker_that_ends_while_it_is_written_to_leaves_no_error_behind() -> None:
     left: list[str] = []
     asyncio.get_running_loop().set_exception_handler(lambda _, context: left.append(context["message"]))
-    found = await simulator(worker=BREAKS).simulate(chunks(*[b"x" * (1 << 20)] * 64))
-    assert found.status == 500
+    status, _ = await simulator(worker=BREAKS).simulate(chunks(*[b"x" * (1 << 20)] * 64))
+    assert status == 500
     gc.collect()
     assert left == []

@@ -63,22 +63,15 @@ class Proposal(NamedTuple):
     after_us: float
 
 
-class Choice(NamedTuple):
-    """The node that the scheduler would take ("" = none), and whether the node that was proposed before is still feasible."""
-
-    node: str
-    kept: bool
-
-
 def better_node(core: SchedulerCore, part: Part, *, standing: str = "") -> Proposal | None:
     """The proposal for a component of an instance that is `settled`; None when it has to stay where it is.
 
     standing: the node that was proposed before. It is proposed again as long as it is feasible and better, so that equal
     nodes do not take turns.
     """
-    choice = _choice(core, part, standing)
-    found = _judged(core.cluster, part, choice.node) if choice.node else None
-    if found is None or not choice.kept or choice.node == standing:
+    node, kept = _choice(core, part, standing)
+    found = _judged(core.cluster, part, node) if node else None
+    if found is None or not kept or node == standing:
         return found
     return _judged(core.cluster, part, standing) or found
 
@@ -100,7 +93,8 @@ def settled(core: SchedulerCore, part: Part) -> bool:
     return not any(core.groups.lost(node) for node in (part.node, *others))
 
 
-def _choice(core: SchedulerCore, part: Part, standing: str) -> Choice:
+def _choice(core: SchedulerCore, part: Part, standing: str) -> tuple[str, bool]:
+    """The node that the scheduler would take ("" = none), and whether the node that was proposed before is still feasible."""
     cluster = core.cluster
     with as_waiting(cluster, part.pod, anew=True) as pod:
         info = cluster.pod_info(pod)
@@ -110,9 +104,9 @@ def _choice(core: SchedulerCore, part: Part, standing: str) -> Choice:
     node = record.node or ""
     row = cluster.nodes.row_of.get(standing)
     if row is None or evaluation is None or not evaluation.has(row):
-        return Choice(node, kept=False)
+        return node, False
     (position,) = evaluation.positions(slice(row, row + 1))
-    return Choice(node, kept=bool(evaluation.reason[position] == 0))
+    return node, bool(evaluation.reason[position] == 0)
 
 
 def _judged(cluster: Cache, part: Part, node: str) -> Proposal | None:

@@ -10,6 +10,8 @@ from robotapp_scheduler.core.framework.incremental import (
     BesideHook,
     Confined,
     FilterRow,
+    HintOfEach,
+    HintServes,
     Minds,
     Narrows,
     Plan,
@@ -39,9 +41,9 @@ class QueueingHint(NamedTuple):
     hint: Callable[[PodInfo, Event], bool] | None = None
     reads: tuple[str, ...] = ()
     """Features of the pod that the result of `hint` depends on."""
-    of_each: Callable[[Event], bool] | None = None
+    of_each: HintOfEach | None = None
     """True for events for which it depends on more than `reads`: then `hint` is called for every pod."""
-    serves: Callable[[PodInfo, Event], int | None] | None = None
+    serves: HintServes | None = None
     """How many of the pods that are equal in `reads` the event can help; None: any number."""
 
     def key(self, pod: PodInfo) -> Hashable:

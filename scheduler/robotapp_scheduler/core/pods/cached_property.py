@@ -18,7 +18,7 @@ class CachedProperty(Generic[T]):
         self.__doc__ = function.__doc__
 
     def __repr__(self) -> str:
-        return f"<Lazy {self._name}>"
+        return f"<CachedProperty {self._name}>"
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name

@@ -18,5 +18,5 @@ def test_a_lazy_answer_is_worked_out_once_per_object() -> None:
 
 
 def test_a_lazy_answer_keeps_its_name_and_text() -> None:
-    assert repr(Counted.answer) == "<Lazy answer>"
+    assert repr(Counted.answer) == "<CachedProperty answer>"
     assert Counted.answer.__doc__ == "How often it was worked out."
