@@ -97,7 +97,7 @@ class Operator:
             self.cache,
             self.queue,
             namespaces=settings.namespaces,
-            request_sweep=self.sweeper.wake,
+            request_sweep=self.sweeper.sweep_soon,
             clock=time.monotonic,
         )
         self.params = ParamsWatch(client, self.cache, self.queue)
@@ -121,7 +121,7 @@ class Operator:
                 memory,
                 self.observer,
                 self.recorder,
-                wake=self._enqueue_status,
+                enqueue=self._enqueue_status,
                 clock=time.monotonic,
                 now=_now,
             ),
@@ -131,7 +131,7 @@ class Operator:
             probes=Probes(client, cache),
             pools=Pools(client, cache, now=_now),
             list_apps=self._list_apps,
-            request_sweep=self.sweeper.wake,
+            request_sweep=self.sweeper.sweep_soon,
         )
 
     def _enqueue_status(self, uid: str, instance: str) -> None:

@@ -73,7 +73,7 @@ class PoolCapacity:
     holders: frozenset[str]
 
 
-def room_of(request: DomainRequest, pool: Pool, claims: Iterable[Claim]) -> PoolCapacity:
+def capacity_of(request: DomainRequest, pool: Pool, claims: Iterable[Claim]) -> PoolCapacity:
     """Of the pool and the place of this request; it is the same for all other requests there."""
     there = tuple(claim for claim in claims if _same_place(claim, request))
     free = rules.pool_ids(pool) - _ids(there)

@@ -102,21 +102,21 @@ async def _ensure_once(
         deployments = await instance_deployments(client, holder)
     join = await resolve_owner(client, app) if request.share_with else Join((holder.namespace, holder.name))
     if join.owner is None:
-        return await _refused(client, request, DomainOutcome(Reason.INVALID_SPEC, join.message), deployments)
+        return await _without_id(client, request, DomainOutcome(Reason.INVALID_SPEC, join.message), deployments)
     if join.owner != (holder.namespace, holder.name):
         return await _join(client, request, join.owner, deployments)
     pool = await find_pool(client, request.pool)
     if pool is None:
-        return await _refused(client, request, rules.pool_not_found(request), deployments)
+        return await _without_id(client, request, rules.pool_not_found(request), deployments)
     if request.isolation == "Discovery":
         named = {number for deployment in deployments for number in deployment_ids(deployment)}
         outcome = rules.shared_id(pool, uses=shared_uses, named=named, uid=holder.uid, instance=holder.instance)
         if outcome.id is None:
-            return await _refused(client, request, outcome, deployments)
+            return await _without_id(client, request, outcome, deployments)
         return _without(outcome, deployments, held=(outcome.id,))
     refusal = rules.check_request(request, pool)
     if refusal is not None:
-        return await _refused(client, request, refusal, deployments)
+        return await _without_id(client, request, refusal, deployments)
     return await _own(client, request, pool, deployments, known_claims)
 
 
@@ -148,7 +148,7 @@ async def _own(
             await touch(client, claim)
         outcome = held_outcome(claim)
     if outcome.id is None:
-        return await _refused(client, request, outcome, deployments)
+        return await _without_id(client, request, outcome, deployments)
     return _without(outcome, deployments, held=(outcome.id,))
 
 
@@ -161,7 +161,7 @@ def _without(outcome: DomainOutcome, deployments: Sequence[Deployment], *, held:
     )
 
 
-async def _refused(
+async def _without_id(
     client: Api, request: DomainRequest, outcome: DomainOutcome, deployments: Sequence[Deployment]
 ) -> DomainOutcome:
     """No id is available as the spec requests it. What the instance holds all the same, of whatever pool, its pods may keep."""
@@ -178,7 +178,7 @@ async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments:
     app = await find_app(client, owner)
     if app is not None and not claims_domain(app):
         text = f"spec.ros2.shareWith names {named}, which claims no domain (ROS 1, or isolation Discovery): remove it"
-        return await _refused(client, request, DomainOutcome(Reason.INVALID_SPEC, text), deployments)
+        return await _without_id(client, request, DomainOutcome(Reason.INVALID_SPEC, text), deployments)
     claim, claims = None, list[Claim]()
     if app is not None:
         theirs = usage_of(deployments=await app_deployments(client, app))
@@ -188,7 +188,7 @@ async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments:
     if claim is None or not claim.standing:
         text = waiting_text(named, request.holder.instance, {claim.holder.instance for claim in claims})
         if claim is None or claim.spec.domain is None:
-            return await _refused(client, request, DomainOutcome(Reason.PENDING, text), deployments)
+            return await _without_id(client, request, DomainOutcome(Reason.PENDING, text), deployments)
         return _without(DomainOutcome(Reason.PENDING, text), deployments, held=(claim.spec.domain.id,))
     outcome = held_outcome(claim)
     shared = replace(outcome, message=f"{outcome.message}, shared with {named}")

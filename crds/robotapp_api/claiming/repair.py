@@ -74,7 +74,9 @@ async def _for_app(view: View, missing: Missing) -> Claim | None:
     if app is None or (domain and await _joins(view, app)):
         return None
     if domain is None:
-        return None if _refused(missing, refusal(missing, app, None)) else await create_claim(view.client, missing.spec)
+        return (
+            None if _not_made(missing, refusal(missing, app, None)) else await create_claim(view.client, missing.spec)
+        )
     async with turn(domain.pool, holder.namespace):
         pool = await find(view.client, DOMAINPOOLS, domain.pool, "", Pool)
         why = refusal(missing, app, pool)
@@ -83,10 +85,10 @@ async def _for_app(view: View, missing: Missing) -> Claim | None:
             held = sum(c.holder.namespace == holder.namespace for c in await pool_claims(view.client, request))
             outcome = rules.check_request(request, pool) or rules.over_quota(request, pool, held=held)
             why = outcome.message if outcome else ""
-        return None if _refused(missing, why) else await create_claim(view.client, missing.spec)
+        return None if _not_made(missing, why) else await create_claim(view.client, missing.spec)
 
 
-def _refused(missing: Missing, why: str) -> bool:
+def _not_made(missing: Missing, why: str) -> bool:
     if why:
         holder_name = f"{missing.spec.holder.namespace}/{missing.spec.holder.name}"
         log.warning(

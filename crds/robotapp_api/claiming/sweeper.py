@@ -176,7 +176,7 @@ class Sweeper:
     def __repr__(self) -> str:
         return f"<Sweeper every {self._period_s} s: {dict(self.counts)}>"
 
-    def wake(self) -> None:
+    def sweep_soon(self) -> None:
         """Sweep soon: call it when a pod, Deployment, RobotApp or claim was deleted or has ended."""
         self._woken.set()
 

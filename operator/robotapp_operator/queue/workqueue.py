@@ -102,7 +102,7 @@ class Queue:
             self._due[key] = due
             self._sequence += 1
             heapq.heappush(self._heap, (due, self._sequence, key))
-            self._wake()
+            self._notify_workers()
 
     def hurry(self, key: Key) -> None:
         """Make `key` due now because of an event that it did not cause, so that a retry may work. Ends its back-off, also that
@@ -187,7 +187,7 @@ class Queue:
     def close(self) -> None:
         """Let every waiting `get` return None."""
         self._closed = True
-        self._wake()
+        self._notify_workers()
 
     async def get(self, *, background: bool = False) -> tuple[Key, float] | None:
         """Wait for a due key; None once the queue is closed."""
@@ -197,17 +197,17 @@ class Queue:
                 return item
             turn: asyncio.Future[None] = asyncio.get_running_loop().create_future()
             self._waiting[background].append(turn)
-            self._wake()
+            self._notify_workers()
             try:
                 await turn
             except asyncio.CancelledError:
                 self._woken[background] -= not turn.cancelled()
-                self._wake()  # the key that this worker was woken for is another one's now
+                self._notify_workers()  # the key that this worker was woken for is another one's now
                 raise
             self._woken[background] -= 1
         return None
 
-    def _wake(self) -> None:
+    def _notify_workers(self) -> None:
         """Wake as many workers as there are due keys of their kind, and look again when the next key is due.
 
         Every change of the queue comes by here: if it woke all workers, most of them would find nothing to do.
@@ -234,7 +234,7 @@ class Queue:
 
     def _on_alarm(self) -> None:
         self._alarm, self._alarm_s = None, float("inf")
-        self._wake()
+        self._notify_workers()
 
     def _promote(self) -> None:
         now = self._clock()

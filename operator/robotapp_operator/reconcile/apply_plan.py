@@ -49,7 +49,7 @@ async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[st
         try:
             result = await _write(client, app, change, fences=fences, version=version)
         except (Forbidden, Invalid) as refusal:
-            done.refusals.append(_refusal(change, refusal))
+            done.refusals.append(_rejection(change, refusal))
             continue
         except AlreadyExists:
             done.refusals.append(await _name_taken(client, app, change))
@@ -197,6 +197,6 @@ async def _name_taken(client: ApiClient, app: App, change: Change) -> tuple[Reas
     return Reason.FAILED_CREATE, f"{ref.kind} {ref.name} exists and belongs to somebody else; delete or rename it"
 
 
-def _refusal(change: Change, error: ApiError) -> tuple[Reason, str]:
+def _rejection(change: Change, error: ApiError) -> tuple[Reason, str]:
     reason = Reason.QUOTA_REFUSED if over_quota(error.message) else Reason.FAILED_CREATE
     return reason, f"{change.child.ref.kind} {change.child.ref.name}: {error.message}"[:1024]

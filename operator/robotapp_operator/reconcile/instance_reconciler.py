@@ -11,7 +11,7 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.claiming.domain_allocation import full_pool, room_of
+from robotapp_api.claiming.domain_allocation import capacity_of, full_pool
 from robotapp_api.claiming.domains import ensure_domain
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Fence, check_request, quota_of
 from robotapp_api.claims.identity import holder_of_app
@@ -164,7 +164,7 @@ class Children:
             return False
         if check_request(request, pool) is not None:
             return False
-        full = full_pool(request, pool, room_of(request, pool, self._cache.all_claims()))
+        full = full_pool(request, pool, capacity_of(request, pool, self._cache.all_claims()))
         if full is not None:
             self._memory.of(uid).outcomes[robot] = full
         return full is not None

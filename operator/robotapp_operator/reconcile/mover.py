@@ -69,7 +69,7 @@ class Part(NamedTuple):
 
 
 class Mover:
-    """`wake` is called with the app's uid and the instance when the instance's text about moves changes."""
+    """`enqueue` is called with the app's uid and the instance when the instance's text about moves changes."""
 
     def __init__(
         self,
@@ -79,7 +79,7 @@ class Mover:
         observer: Observer,
         recorder: EventRecorder,
         *,
-        wake: Callable[[str, str], None],
+        enqueue: Callable[[str, str], None],
         clock: Callable[[], float],
         now: Callable[[], datetime],
     ) -> None:
@@ -88,7 +88,7 @@ class Mover:
         self._memory = memory
         self._observer = observer
         self._recorder = recorder
-        self._wake = wake
+        self._enqueue = enqueue
         self._clock = clock
         self._now = now
         self._losses: tuple[float, Losses] | None = None
@@ -106,11 +106,11 @@ class Mover:
         facts = self._observer.instance(app, instance)
         own = self._memory.of(uid).instance(name)
         if own.moving is not None:
-            self._tell(app, own, self._parts(app, name))
+            self._tell(app, own, self._components(app, name))
         if not self._is_about_anything(app, facts, own):
             self._show(app, name, own, "")
             return None
-        parts = self._parts(app, name)
+        parts = self._components(app, name)
         if await self._settle(parts):
             return SETTLED_S
         devices_again = await self._devices(app, facts, own, parts)
@@ -170,7 +170,7 @@ class Mover:
 
     # What there is
 
-    def _parts(self, app: App, instance: str) -> dict[str, Part]:
+    def _components(self, app: App, instance: str) -> dict[str, Part]:
         """Components with exactly one pod, bound to a node that is Ready, and not ending."""
         pods, found = self._cache.pods_by_deployment(app.uid, instance), {}
         names = {component.name for component in app.spec.components}
@@ -396,7 +396,7 @@ class Mover:
         """Have the status show why a component is not moved ("": nothing to show)."""
         if own.stays != text:
             own.stays = text
-            self._wake(app.uid, instance)
+            self._enqueue(app.uid, instance)
 
 
 def may_move(app: App) -> bool:

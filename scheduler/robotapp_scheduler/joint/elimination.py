@@ -42,7 +42,7 @@ def minimum(sizes: Sequence[int], factors: Sequence[Factor], *, most_cells: int 
         bucket = [factor for factor in alive if variable in factor.scope]
         alive = [factor for factor in alive if variable not in factor.scope]
         done.append((variable, bucket))
-        parts = _parts(bucket, sizes, most_cells)
+        parts = _mini_buckets(bucket, sizes, most_cells)
         exact = exact and len(parts) <= 1
         for part in parts:
             reduced = _minimised(part, variable)
@@ -64,7 +64,7 @@ def _cells(scope: frozenset[int], sizes: Sequence[int]) -> int:
     return cells
 
 
-def _parts(bucket: list[Factor], sizes: Sequence[int], most_cells: int) -> list[list[Factor]]:
+def _mini_buckets(bucket: list[Factor], sizes: Sequence[int], most_cells: int) -> list[list[Factor]]:
     """Factors that may be added up in one table, largest first."""
     parts: list[tuple[frozenset[int], list[Factor]]] = []
     for factor in sorted(bucket, key=lambda found: -found.table.size):

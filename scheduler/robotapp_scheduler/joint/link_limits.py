@@ -8,7 +8,7 @@ import numpy as np
 from robotapp_scheduler.joint.latencies import BoolArray, FloatArray
 
 
-def no_room(free_bps: FloatArray, peers: Mapping[int, int]) -> BoolArray:
+def overloading(free_bps: FloatArray, peers: Mapping[int, int]) -> BoolArray:
     """Rows where a pod cannot be without overloading a link: its own there, or that of a peer it would not be beside.
 
     `free_bps` is what is left per row (infinite: not known), `peers` the bit/s of the pod's flows by the row of their other end.
@@ -54,7 +54,7 @@ class LinkLimits(NamedTuple):
         free_bps = self.free_bps.copy()
         for row, bps in self._crossing(plan, but=pod).items():
             free_bps[row] -= bps
-        return no_room(free_bps, peers)
+        return overloading(free_bps, peers)
 
     def near(self, row: int, plan: Sequence[int]) -> list[int]:
         """Pods elsewhere that would relieve the row's link by coming to it."""

@@ -115,7 +115,7 @@ class Values:
     def _table(self, pair: tuple[int, int]) -> FloatArray:
         found = self._tables.get(pair)
         if found is None:
-            found = self._room(*pair)
+            found = self._capacity(*pair)
             for edge in self._between[pair]:
                 found = found + self._table_of(edge)
             self._tables[pair] = found
@@ -131,7 +131,7 @@ class Values:
         lower_left = self._lowest(np.where(self._others[left], to_left, INF)).T
         return np.concatenate((upper, np.concatenate((lower_left, self._groups(edge)), axis=1)))
 
-    def _room(self, left: int, right: int) -> FloatArray:
+    def _capacity(self, left: int, right: int) -> FloatArray:
         """INF where both are on one row that does not hold both, else 0."""
         table = np.zeros((self.size(left), self.size(right)))
         holds = self._problem.holds(left, right)

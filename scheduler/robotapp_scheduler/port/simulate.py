@@ -45,22 +45,20 @@ class Simulator:
     async def simulate(self, chunks: AsyncIterator[bytes], *, replay: int = 0) -> tuple[int, bytes]:
         """Feed a worker with these bytes. Refuses at once while another one works."""
         if self._busy.locked():
-            return self._refused(429, "another simulation runs; one at a time, try again in some seconds")
+            return self._error(429, "another simulation runs; one at a time, try again in some seconds")
         async with self._busy:
             try:
                 async with asyncio.timeout(self._timeout_s):
                     return await self._work(chunks, replay)
             except TimeoutError:
-                return self._refused(504, f"not finished within {self._timeout_s:g} s, upload included")
+                return self._error(504, f"not finished within {self._timeout_s:g} s, upload included")
 
     async def _work(self, chunks: AsyncIterator[bytes], replay: int) -> tuple[int, bytes]:
         process = await started(self._worker, stderr=asyncio.subprocess.PIPE)
         try:
             sent = await self._send(process, chunks, replay)
             if not sent:
-                return self._refused(
-                    413, f"more than {self._most >> 20} MiB; use robotapp-scheduler simulate on a file"
-                )
+                return self._error(413, f"more than {self._most >> 20} MiB; use robotapp-scheduler simulate on a file")
             return await self._answer(process)
         finally:
             await end(process)
@@ -85,12 +83,12 @@ class Simulator:
         await process.wait()
         if process.returncode != 0 or not out:
             log.error("a simulation failed (%s): %s", process.returncode, errors.decode("utf-8", "replace")[-2000:])
-            return self._refused(500, "the simulation failed; the scheduler's log has the reason")
+            return self._error(500, "the simulation failed; the scheduler's log has the reason")
         status = 400 if out.startswith(b'{"error"') else 200
         return status, out
 
     @staticmethod
-    def _refused(status: int, text: str) -> tuple[int, bytes]:
+    def _error(status: int, text: str) -> tuple[int, bytes]:
         return status, msgspec.json.encode({"error": text})
 
 

@@ -204,7 +204,7 @@ class _Decider:
 
     # --- Running pods --------------------------------------------------------------------------------------------
 
-    def _parts(self, instances: list[InstanceKey]) -> Iterator[Part]:
+    def _components(self, instances: list[InstanceKey]) -> Iterator[Part]:
         apps = self._cluster.apps
         for app_uid, instance in instances:
             app = apps.app(app_uid)
@@ -216,12 +216,14 @@ class _Decider:
     def _late(self, instances: list[InstanceKey]) -> set[str]:
         """Uids of pods that are over a budget."""
         measured = self._cluster.rtt.measured_us
-        return {part.pod.metadata.uid for part in self._parts(instances) if worst_late(part, self._cluster, measured)}
+        return {
+            part.pod.metadata.uid for part in self._components(instances) if worst_late(part, self._cluster, measured)
+        }
 
     def _better(self, instances: list[InstanceKey], late: set[str]) -> None:
         """Where pods would go whose budget is exceeded only now."""
         cluster, skipped = self._cluster, 0
-        for part in self._parts(instances):
+        for part in self._components(instances):
             worst = worst_late(part, cluster, cluster.rtt.measured_us)
             if worst is None or part.pod.metadata.uid in late or not settled(self._core, part):
                 continue

@@ -61,8 +61,8 @@ async def test_two_sweeping_processes_free_the_id_and_the_waiting_app_gets_it(pl
     one, two = place.sweeper(), place.sweeper(place.scheduler)
     async with looping(one), looping(two):
         await place.delete_app("app-0")
-        one.wake()
-        two.wake()
+        one.sweep_soon()
+        two.sweep_soon()
 
         async def served() -> bool:
             return (await ensure_domain(place.operator, requests[5])).id == outcomes[0].id
@@ -99,7 +99,7 @@ async def test_a_restarted_pod_has_its_device_back_in_about_a_second(place: Live
         assert not (await place.reserve(successor["metadata"]["uid"], holder)).ok
         passes = sweeper.counts["passes"]
         await place.delete_pod("first")
-        sweeper.wake()
+        sweeper.sweep_soon()
 
         async def taken() -> bool:
             return (await place.reserve(successor["metadata"]["uid"], holder)).ok

@@ -66,7 +66,7 @@ async def life(*, ends_after_s: float, suspended: bool, woken: bool) -> tuple[fl
         store.remove(ROBOTAPPS, "teleop", "team")
     store.remove(PODS, "p", "team")
     if woken:
-        sweeper.wake()
+        sweeper.sweep_soon()
     ended_s = clock()
     await asyncio.sleep(REST_S + 3 * PERIOD_S)
     assert sweeper.counts["failed passes"] == 0

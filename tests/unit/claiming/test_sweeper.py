@@ -151,7 +151,7 @@ async def test_waking_sweeps_at_once_and_a_failed_pass_does_not_end_the_loop(fai
     async with looping(sweeper):
         await until(lambda: sweeper.counts["failed passes"])
         broken = False
-        sweeper.wake()
+        sweeper.sweep_soon()
         await until(lambda: world.phase(name) == "Draining")
 
 

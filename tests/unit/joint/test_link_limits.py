@@ -5,7 +5,7 @@ from random import Random
 import numpy as np
 from tests.support.joint_problems import small_problem
 
-from robotapp_scheduler.joint.link_limits import LinkLimits, no_room
+from robotapp_scheduler.joint.link_limits import LinkLimits, overloading
 from robotapp_scheduler.joint.problem import INF, UNPLACED
 
 
@@ -14,16 +14,16 @@ def free(*left: float) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
 
 
 def test_a_pod_fits_where_its_flows_fit_the_link_and_beside_a_peer_they_take_nothing() -> None:
-    assert list(no_room(free(5, 4, INF), {2: 5})) == [False, True, False]
-    assert list(no_room(free(0, INF, 7), {0: 9})) == [False, True, True], "the peer's link is full: only beside it"
-    assert list(no_room(free(0, 0, INF), {0: 9, 1: 9})) == [True, True, True], "two such peers: nowhere"
-    assert list(no_room(free(3, INF), {0: 9, 1: 4})) == [True, True], "beside one it still talks to the other"
-    assert list(no_room(free(4, INF), {0: 9, 1: 4})) == [False, True]
+    assert list(overloading(free(5, 4, INF), {2: 5})) == [False, True, False]
+    assert list(overloading(free(0, INF, 7), {0: 9})) == [False, True, True], "the peer's link is full: only beside it"
+    assert list(overloading(free(0, 0, INF), {0: 9, 1: 9})) == [True, True, True], "two such peers: nowhere"
+    assert list(overloading(free(3, INF), {0: 9, 1: 4})) == [True, True], "beside one it still talks to the other"
+    assert list(overloading(free(4, INF), {0: 9, 1: 4})) == [False, True]
 
 
 def test_a_link_that_carries_too_much_already_keeps_nobody_away_who_adds_nothing() -> None:
-    assert list(no_room(free(-3, INF), {})) == [False, False]
-    assert list(no_room(free(-3, INF), {0: 2})) == [False, True], "beside its only peer it adds nothing"
+    assert list(overloading(free(-3, INF), {})) == [False, False]
+    assert list(overloading(free(-3, INF), {0: 2})) == [False, True], "beside its only peer it adds nothing"
 
 
 def test_both_ends_pay_and_flows_inside_a_row_are_free() -> None:

@@ -24,7 +24,7 @@ async def refused_while_another_is_placed() -> Rig:
     decision = ScheduleResult(
         pod=queued.info, code=Code.UNSCHEDULABLE, message="busy", rejected_by=frozenset({DEVICE_PLUGIN}), queued=queued
     )
-    rig.loop._binding_cycle.refuse(decision, started_s=0.0)
+    rig.loop._binding_cycle.handle_failure(decision, started_s=0.0)
     return rig
 
 

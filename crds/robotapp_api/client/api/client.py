@@ -300,7 +300,7 @@ class ApiClient:
     def _posted(self, done: Callable[[ClientError | None], None], outcome: Response | ClientError) -> None:
         if not isinstance(outcome, ClientError):
             self.requests["POST", outcome.status] += 1
-            done(None if outcome.status < 300 else self.refusal(outcome))
+            done(None if outcome.status < 300 else self.error_of(outcome))
             return
         if isinstance(outcome, Unreachable):
             self.requests["POST", 0] += 1
@@ -327,11 +327,11 @@ class ApiClient:
             raise
         self.requests[method, response.status] += 1
         if response.status >= 300:
-            raise self.refusal(response)
+            raise self.error_of(response)
         return response
 
     @staticmethod
-    def refusal(response: Response) -> ApiError:
+    def error_of(response: Response) -> ApiError:
         return error_from_response(response.status, response.headers, response.body)
 
 

@@ -32,7 +32,7 @@ class GroupScheduler(Protocol):
     def schedule_one(self, pod: PodInfo, *, attempt: int = 1, hint: PlacementHint = ...) -> ScheduleResult:
         """Choose a node for the pod and assume it there."""
 
-    def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
+    def feasible_nodes(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
         """How many nodes would take the pod now, and their names when there are not too many."""
 
 

@@ -214,7 +214,7 @@ class BudgetWatch:
             del self._turn[key]
         return found
 
-    def _parts(self, app_uid: str, instance: str) -> Iterator[Part]:
+    def _components(self, app_uid: str, instance: str) -> Iterator[Part]:
         apps = self._core.cluster.apps
         app = apps.app(app_uid)
         if app is None:
@@ -225,7 +225,7 @@ class BudgetWatch:
                 yield part
 
     def _looked_at(self, instance: InstanceKey) -> list[AnnotationWrite]:
-        return [write for part in self._parts(*instance) if (write := self._look(part)) is not None]
+        return [write for part in self._components(*instance) if (write := self._look(part)) is not None]
 
     def _searched_for(self, uid: str) -> list[AnnotationWrite]:
         write = self._search(uid)

@@ -86,7 +86,7 @@ def held_text(cluster: Cache, pod: PodInfo, evaluation: Evaluation, limiting: Co
         return ""  # it is not for these budgets that it waits
     missed = [i for i, where in enumerate(late) if where.all()]
     named = missed or [i for i, where in enumerate(late) if where.any()]
-    texts = [_needs(cluster, held[i], times[i], rows) for i in named[:MOST_NAMED]]
+    texts = [_missed_text(cluster, held[i], times[i], rows) for i in named[:MOST_NAMED]]
     texts += ["…"] if len(named) > MOST_NAMED else []
     together = "" if missed else "no node meets all Preferred budgets: "
     if ros.held_until == LATEST:
@@ -96,7 +96,7 @@ def held_text(cluster: Cache, pod: PodInfo, evaluation: Evaluation, limiting: Co
     return f"{together}{'; '.join(texts)}; {until}."
 
 
-def _needs(cluster: Cache, end: Endpoint, times: FloatArray, rows: IntArray) -> str:
+def _missed_text(cluster: Cache, end: Endpoint, times: FloatArray, rows: IntArray) -> str:
     """A budget and the best time there is, with its node."""
     at = int(rows[int(np.nanargmin(times))])
     node, us = cluster.nodes.names[at], float(np.nanmin(times))

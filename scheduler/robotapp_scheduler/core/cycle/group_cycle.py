@@ -126,7 +126,7 @@ def plan_group(
             "stale",
             "the plan could not be followed, the cluster had changed: placed one by one",
         )
-    room = {pod.uid: core.room(pod, name_up_to=FEW_CANDIDATES) for pod in pods}
+    room = {pod.uid: core.feasible_nodes(pod, name_up_to=FEW_CANDIDATES) for pod in pods}
     apps = core.cluster.apps
     order = group_order(pods, {uid: count for uid, (count, _) in room.items()}, apps)
     # A peer that comes later counts by the best node it may still use.
@@ -158,7 +158,7 @@ def _plan(
 ) -> list[ScheduleResult]:
     decisions = _place(core, order, attempts, hint)
     for _ in range(min(MOST_RESTARTS, len(order), MOST_TRIES // len(order))):
-        stuck = next((d for d in decisions if _refused(d) and order[0] is not d.pod), None)
+        stuck = next((d for d in decisions if _unschedulable(d) and order[0] is not d.pod), None)
         if stuck is None:
             break
         _take_back(core.cluster, decisions)
@@ -186,7 +186,7 @@ def _placed(decisions: Sequence[ScheduleResult]) -> int:
     return sum(decision.placed for decision in decisions)
 
 
-def _refused(decision: ScheduleResult) -> bool:
+def _unschedulable(decision: ScheduleResult) -> bool:
     return not decision.placed and decision.code in {Code.UNSCHEDULABLE, Code.UNRESOLVABLE}
 
 

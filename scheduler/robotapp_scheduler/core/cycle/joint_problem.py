@@ -202,7 +202,7 @@ def _edges(core: Scores, app: App, pods: Sequence[PodInfo]) -> list[Edge]:
         for right in of.get(connection.to, ())
         if left != right
     ]
-    return [*found, *_together(app, of), *_apart(app, of), *_ports(pods)]
+    return [*found, *_colocated(app, of), *_apart(app, of), *_ports(pods)]
 
 
 def _held(cluster: Cache, app: App, pod: PodInfo) -> bool:
@@ -257,7 +257,7 @@ def _us(text: str) -> float:
     return float(parse_us(text))
 
 
-def _together(app: App, of: Mapping[str, Sequence[int]]) -> list[Edge]:
+def _colocated(app: App, of: Mapping[str, Sequence[int]]) -> list[Edge]:
     """Pods that share a node, each bound to one pod of a partner. Where every partner is replicated it is left to the check."""
     found = []
     for name, pods in of.items():

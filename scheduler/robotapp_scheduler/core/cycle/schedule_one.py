@@ -233,7 +233,7 @@ class SchedulerCore:
         decision = self._attempt(pod, runner, frozenset(), recorder)
         return finished(recorder.record(decision), recorder.best), recorder.evaluation
 
-    def room(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
+    def feasible_nodes(self, pod: PodInfo, *, name_up_to: int) -> tuple[int, tuple[str, ...]]:
         """How many nodes are feasible for the pod now (-1: it cannot be tried), with their names when at most `name_up_to`."""
         try:
             found = self._filtered(pod)

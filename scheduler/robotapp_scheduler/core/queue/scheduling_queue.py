@@ -75,7 +75,7 @@ class SchedulingQueue:
             "gated": len(self._gated),
         }
 
-    def refused(self) -> dict[tuple[str, str], int]:
+    def rejected(self) -> dict[tuple[str, str], int]:
         """(plugin, schedulerName) → pods it rejected or holds that wait now, for scheduler_unschedulable_pods."""
         found: dict[tuple[str, str], int] = {}
         for uid, queued in self._pods.items():
@@ -146,7 +146,7 @@ class SchedulingQueue:
         if not event.change:
             return 0
         self._flying.note(event, but=but)
-        woken = self._waiting.woken(event, but=but)
+        woken = self._waiting.helped_by(event, but=but)
         self._leave(woken)
         return len(woken) + (self._test_gates(event, frozenset(groups)) if self._gated else 0)
 

@@ -76,7 +76,7 @@ class _Bucket:
             self.line.discard(uid)
             del self.came[uid]
 
-    def woken(self, event: Event, *, but: str) -> list[Woken]:
+    def helped_by(self, event: Event, *, but: str) -> list[Woken]:
         """Those of the pods that leave; `but` does not."""
         if any(hint.of_each is not None and hint.of_each(event) for hint in (*self.pending, *self.rejecting)):
             results = [(queued, self.answer(queued.info, event)) for queued in self.pods.values()]
@@ -192,7 +192,7 @@ class UnschedulablePods:
             if not self._buckets[mask]:
                 del self._buckets[mask]
 
-    def woken(self, event: Event, *, but: str = "") -> list[Woken]:
+    def helped_by(self, event: Event, *, but: str = "") -> list[Woken]:
         """Pods this event may help, in no order; they still wait until they are discarded."""
         if not self._place:
             return []
@@ -201,7 +201,7 @@ class UnschedulablePods:
             if not mask & change:
                 continue
             for bucket in buckets.values():
-                found += bucket.woken(event, but=but)
+                found += bucket.helped_by(event, but=but)
         return found
 
     def next_turns(self) -> list[Woken]:

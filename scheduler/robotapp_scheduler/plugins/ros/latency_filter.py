@@ -16,7 +16,7 @@ from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArra
 from robotapp_scheduler.core.nodes.node_facts import NodeFact
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.access_links import LINK_BANDWIDTH
-from robotapp_scheduler.joint.link_limits import no_room
+from robotapp_scheduler.joint.link_limits import overloading
 from robotapp_scheduler.plugins.ros.round_trips import estimated, nearest_us
 
 DRAINING: Final = "node(s) were shutting down gracefully"
@@ -131,5 +131,5 @@ def _overloading(flows: Sequence[tuple[str, int]], nodes: Snapshot) -> BoolArray
         row = row_of.get(node)
         if row is not None:
             peers[row] = peers.get(row, 0) + bps
-    blocked: BoolArray = nodes.pick(no_room(free_bps, peers))
+    blocked: BoolArray = nodes.pick(overloading(free_bps, peers))
     return blocked

@@ -76,7 +76,7 @@ class BindingCycle:
     def __repr__(self) -> str:
         return f"<BindingCycle of {self._core!r}>"
 
-    def refuse(self, decision: ScheduleResult, *, started_s: float) -> None:
+    def handle_failure(self, decision: ScheduleResult, *, started_s: float) -> None:
         """Handle a pod that got no node: queue it until an event may help, write condition and Event, start its preemption.
 
         The attempt began at `started_s`.
@@ -93,7 +93,7 @@ class BindingCycle:
         self._reporter.unscheduled(pod, reason=decision.reason, message=decision.message, nominate=decision.nominate)
         if decision.post_filtered:
             self._metrics.preemption_attempts.inc()
-        self._claim_waits.refused(decision)
+        self._claim_waits.rejected(decision)
         result = AttemptResult.UNSCHEDULABLE if decision.rejected_by else AttemptResult.ERROR
         self._attempted(result, decision.pod, started_s)
 
@@ -216,7 +216,7 @@ class BindingCycle:
             self._forget(decision.pod)
             (decision,) = self._core.schedule([_queued(decision)], exclude=frozenset(lost))
             if not decision.placed:
-                self.refuse(decision, started_s=started_s)
+                self.handle_failure(decision, started_s=started_s)
                 self._reporter.note(decision.pod.pod, reason=refused.reason, text=refused.message)
                 return None
 
@@ -246,7 +246,7 @@ class BindingCycle:
             self._forget(pod)
             self._core.queue.done(pod.uid)
             return
-        self._reject(decision, steps.bind_refused(Status(Code.ERROR, outcome.message)), started_s)
+        self._reject(decision, steps.bind_rejected(Status(Code.ERROR, outcome.message)), started_s)
 
     def _bound(self, decision: ScheduleResult, node: str, started_s: float) -> None:
         pod = decision.pod

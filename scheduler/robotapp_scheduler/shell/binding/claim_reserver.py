@@ -13,7 +13,7 @@ from typing import Final
 from robotapp_api.claiming.bind_check import check_bind_all
 from robotapp_api.claiming.device_sharing import begin_sharing, end_sharing, shared_by_others
 from robotapp_api.claiming.devices import Reservation, reserve_devices
-from robotapp_api.claiming.domain_allocation import PoolCapacity, full_pool, room_of
+from robotapp_api.claiming.domain_allocation import PoolCapacity, capacity_of, full_pool
 from robotapp_api.claiming.domains import ensure_pod_domain
 from robotapp_api.claiming.release import give_back
 from robotapp_api.claiming.sweep_snapshot import find
@@ -51,7 +51,7 @@ class ClaimReserver:
         """Uids of the pods that are taking a domain now: at most as many try as ids are free."""
         self._pool_read_s = self._let_through_s = float("-inf")
         """When the pool was read last, and when `known_full` last let a pod through."""
-        self._room: tuple[Pool, tuple[Claim, ...], PoolCapacity] | None = None
+        self._capacity: tuple[Pool, tuple[Claim, ...], PoolCapacity] | None = None
         """The last count of free ids, with the pool and claims it was counted from."""
 
     def __repr__(self) -> str:
@@ -158,20 +158,20 @@ class ClaimReserver:
         if not domain or self._pool is None or now_s - self._let_through_s >= POOL_S:
             self._let_through_s = now_s
             return None
-        return self._refusal(pod, domain, self._pool)
+        return self._pool_full(pod, domain, self._pool)
 
     async def _full(self, pod: PodInfo, domain: str) -> Reserved | None:
         """The rejection when other pods hold every id by the cache, else None. No id is tried then, which saves requests."""
         if not self._known_claims():
             return None
         pool = await self._recent_pool(domain_request(pod, domain).pool)
-        return None if pool is None else self._refusal(pod, domain, pool)
+        return None if pool is None else self._pool_full(pod, domain, pool)
 
-    def _refusal(self, pod: PodInfo, domain: str, pool: Pool) -> Reserved | None:
+    def _pool_full(self, pod: PodInfo, domain: str, pool: Pool) -> Reserved | None:
         request, claims = domain_request(pod, domain), tuple(self._known_claims())
-        if self._room is None or self._room[0] is not pool or self._room[1] != claims:
-            self._room = (pool, claims, room_of(request, pool, claims))
-        full = full_pool(request, pool, self._room[2], trying=self._trying)
+        if self._capacity is None or self._capacity[0] is not pool or self._capacity[1] != claims:
+            self._capacity = (pool, claims, capacity_of(request, pool, claims))
+        full = full_pool(request, pool, self._capacity[2], trying=self._trying)
         return None if full is None else Reserved(Readiness.WAIT, reason=_no_domain(full), message=full.message)
 
     async def _recent_pool(self, name: str) -> Pool | None:

@@ -51,7 +51,7 @@ class ClaimWaits:
         self._reporter.unscheduled(queued.info.pod, reason=full.reason, message=full.message)
         return True
 
-    def refused(self, decision: ScheduleResult) -> None:
+    def rejected(self, decision: ScheduleResult) -> None:
         """Name the holder to a pod that got no node for want of a device."""
         if DEVICE_PLUGIN in decision.rejected_by:
             self._name_holders(decision.pod)

@@ -41,7 +41,7 @@ class Evictor:
         clock: Callable[[], float],
         permitted: Callable[[], bool] = lambda: True,
         now: Callable[[], str] = utc_now,
-        wake: Callable[[], None] = lambda: None,
+        notify: Callable[[], None] = lambda: None,
     ) -> None:
         """`permitted` is called before every write: whether this process still holds the lease."""
         self._core = core
@@ -51,7 +51,7 @@ class Evictor:
         self._clock = clock
         self._permitted = permitted
         self._now = now
-        self._wake = wake
+        self._notify = notify
         self._tasks: set[asyncio.Task[None]] = set()
         self._slots = asyncio.Semaphore(PARALLEL)
 
@@ -87,7 +87,7 @@ class Evictor:
         finally:
             self._metrics.preemption_s.labels("error" if failed else "success").observe(self._clock() - started_s)
             self._core.preempted(preemptor.uid, failed=failed)
-            self._wake()
+            self._notify()
 
     async def _evict(self, victim: Pod, node: str, preemptor: PodInfo) -> bool:
         """Mark and delete one victim; False when that failed."""

@@ -148,19 +148,19 @@ class ExtensionPoints:
                 continue
             if hook == "reserve":
                 self._reserved.append(loaded)  # before the call: `unreserve` also cleans up after a failed `reserve`
-            refused = self._refused(point, loaded, await self._call(loaded, point, hook))
+            refused = self._rejected(point, loaded, await self._call(loaded, point, hook))
             if refused is not None:
                 return refused
         return None
 
-    def _refused(self, point: str, loaded: RegisteredPlugin, answer: Status | Reserved | None) -> Refused | None:
+    def _rejected(self, point: str, loaded: RegisteredPlugin, answer: Status | Reserved | None) -> Refused | None:
         """The refusal that a hook's result stands for, None to go on. Grants are kept in the context."""
         if isinstance(answer, Reserved):
             if answer.readiness is not Readiness.READY:
                 return Refused(Rejection(answer.waits_for), answer.reason, answer.message, answer.readiness)
             self.context.reserved = answer
             return None
-        return None if answer is None or answer.code in FINE else _refusal(point, loaded.name, answer)
+        return None if answer is None or answer.code in FINE else _rejection(point, loaded.name, answer)
 
     async def give_back(self) -> None:
         """Call `unreserve` of the plugins whose `reserve` was called, in reverse order."""
@@ -198,14 +198,14 @@ class ExtensionPoints:
             if answer.code is Code.SUCCESS:
                 return BindOutcome(BindResult.BOUND, node=self._node)
             if answer.code is not Code.SKIP:
-                return self.bind_refused(answer)
+                return self.bind_rejected(answer)
             if forged := _forged(self.context):  # the next one would send what this one wrote
                 return forged
-        return self.bind_refused(Status(Code.ERROR, "every bind plugin of the profile skipped the pod"))
+        return self.bind_rejected(Status(Code.ERROR, "every bind plugin of the profile skipped the pod"))
 
-    def bind_refused(self, status: Status) -> Refused:
+    def bind_rejected(self, status: Status) -> Refused:
         """The refusal for a pod that the last bind plugin did not bind."""
-        refused = _refusal("Bind", self.binder, status)
+        refused = _rejection("Bind", self.binder, status)
         if refused.rejection.plugins:
             return refused
         return refused._replace(message=f"binding rejected: {refused.message}")
@@ -309,7 +309,7 @@ def _status(answer: object, context: BindContext) -> Status:
     return answer if isinstance(answer, Status) else Status(Code.SUCCESS)
 
 
-def _refusal(point: str, plugin: str, status: Status) -> Refused:
+def _rejection(point: str, plugin: str, status: Status) -> Refused:
     """The refusal in upstream's words: a rejection reads like one node of one, an error names point and plugin."""
     if status.code in REJECTED:
         pending = frozenset({plugin}) if status.code is Code.PENDING else frozenset[str]()

@@ -49,7 +49,7 @@ class VolumeWriter:
     def __repr__(self) -> str:
         return f"<VolumeWriter, {len(self._waiting)} pods wait for volumes>"
 
-    def wake(self) -> None:
+    def notify(self) -> None:
         """A claim or volume changed."""
         for event in self._waiting:
             event.set()

@@ -111,11 +111,11 @@ class Reloader:
             # Somebody else's modules may be imported here: not in the loop that places pods.
             config, profiles = await asyncio.to_thread(ready, given, self._catalogue)
         except ConfigError as error:
-            return self._refuse(Outcome.INVALID, error.problems)
+            return self._reject(Outcome.INVALID, error.problems)
         running = self.running
         fixed = running.config.restart_needed(config)
         if fixed:
-            return self._refuse(Outcome.RESTART_NEEDED, [f"{path}: cannot change while running" for path in fixed])
+            return self._reject(Outcome.RESTART_NEEDED, [f"{path}: cannot change while running" for path in fixed])
         before = running.config
         running.text, running.refused = given.text, ()
         if config == before:
@@ -135,7 +135,7 @@ class Reloader:
     async def leading(self) -> None:
         """We lead now: what is in use is what must be found at the next start, and observers must see it."""
         if self.running.refused:
-            self._report(EventReason.CONFIG_INVALID, self._refusal("cannot be used", self.running.refused), True)
+            self._report(EventReason.CONFIG_INVALID, self._rejection("cannot be used", self.running.refused), True)
         await self.keep()
 
     async def keep(self) -> None:
@@ -143,19 +143,19 @@ class Reloader:
         if self._last_good is not None and self.running.text:
             await self._last_good.write(self.running.text)
 
-    def _refuse(self, outcome: Outcome, problems: "tuple[str, ...] | list[str]") -> Outcome:
+    def _reject(self, outcome: Outcome, problems: "tuple[str, ...] | list[str]") -> Outcome:
         if self.running.refused == tuple(problems):
             return outcome
         self.running.refused = tuple(problems)
         needed = outcome is Outcome.RESTART_NEEDED
         what = "is good, but needs a restart" if needed else "cannot be used"
-        note = self._refusal(what, problems)
+        note = self._rejection(what, problems)
         log.error("%s", note)
         reason = EventReason.CONFIG_RESTART_NEEDED if needed else EventReason.CONFIG_INVALID
         self._report(reason, note, True)
         return outcome
 
-    def _refusal(self, what: str, problems: "tuple[str, ...] | list[str]") -> str:
+    def _rejection(self, what: str, problems: "tuple[str, ...] | list[str]") -> str:
         note = f"{self._source!r} {what}; {self.running.config.digest} stays in use: {'; '.join(problems)}"
         return note[:MOST_NOTE]
 

@@ -68,7 +68,7 @@ def publish(
         "unschedulable_pods",
         "Waiting pods, by the plugin that refused them last",
         labels=("plugin", "profile"),
-        read=lambda: {key: float(count) for key, count in core.queue.refused().items()},
+        read=lambda: {key: float(count) for key, count in core.queue.rejected().items()},
     )
     metrics.count(
         "queue_incoming_pods",

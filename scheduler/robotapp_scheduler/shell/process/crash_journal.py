@@ -96,7 +96,7 @@ class CrashJournal:
 
     def __call__(self, plugin: str, hook: str, pod: PodInfo) -> Self:
         """Record a call that is about to be made. Raises PluginError when it must not be."""
-        alike = _alike(pod)
+        alike = _owner_uid(pod)
         death = self._deaths.get((plugin, alike)) if self._deaths else None
         if death is not None and death.counts:
             raise PluginError(plugin, str(death))
@@ -117,7 +117,7 @@ class CrashJournal:
     def stuck(self, plugin: str, hook: str, pod: PodInfo) -> None:
         """The process is about to end, because this hook cannot be interrupted."""
         self._clear()
-        self._add(CrashRecord(plugin, hook, pod.key, _alike(pod), stuck=True))
+        self._add(CrashRecord(plugin, hook, pod.key, _owner_uid(pod), stuck=True))
 
     def start_anew(self, digest: str) -> None:
         """Another configuration is in use: every plugin may be called again."""
@@ -196,7 +196,7 @@ def unwatched(profile: Profile) -> None:
         loaded.journal = None
 
 
-def _alike(pod: PodInfo) -> str:
+def _owner_uid(pod: PodInfo) -> str:
     owner = pod.controller
     return owner.uid if owner is not None and owner.uid else pod.uid
 

@@ -79,7 +79,7 @@ class SchedulerLoop:
     def __repr__(self) -> str:
         return f"<SchedulerLoop {self._sent + len(self._tasks)} batches in flight, {self._core!r}>"
 
-    def wake(self) -> None:
+    def notify(self) -> None:
         self._woken.set()
 
     def stop(self) -> None:
@@ -177,7 +177,7 @@ class SchedulerLoop:
         placed = [decision for decision in decisions if decision.placed]
         for decision in decisions:
             if not decision.placed:
-                self._binding_cycle.refuse(decision, started_s=started_s)
+                self._binding_cycle.handle_failure(decision, started_s=started_s)
         if not placed:
             self._free()
             return

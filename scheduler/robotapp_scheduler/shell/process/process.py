@@ -55,7 +55,7 @@ from robotapp_scheduler.shell.process.loop import SchedulerLoop
 from robotapp_scheduler.shell.process.watchdog import Watchdog
 from robotapp_scheduler.shell.status.better_nodes import BetterNodes
 from robotapp_scheduler.shell.status.event_recorder import PodEvents
-from robotapp_scheduler.shell.status.kubelet_rejections import KubeletRefusals
+from robotapp_scheduler.shell.status.kubelet_rejections import KubeletRejections
 from robotapp_scheduler.shell.status.pod_group_status import GroupReporter
 from robotapp_scheduler.shell.status.pod_status import Reporter
 
@@ -140,7 +140,7 @@ class Scheduler:
         client, names = self._client, self.running.config.scheduler_names
         self.events = PodEvents(client, names)
         self.reporter = Reporter(client, self.events, permitted=self._may_act)
-        self.refusals = KubeletRefusals(client, self.events, self.metrics)
+        self.refusals = KubeletRejections(client, self.events, self.metrics)
         watch = BudgetWatch(self.core, clock=CLOCK, now=utc_now)
         self.better_nodes = BetterNodes(client, watch, permitted=self._may_act)
         self.intake = PodHandler(
@@ -163,7 +163,7 @@ class Scheduler:
             client, self.core.cluster, alive=lambda uid: uid in self.intake.waiting, clock=CLOCK
         )
         self.evictor = Evictor(
-            self.core, client, self.events, self.metrics, clock=CLOCK, permitted=self._may_act, wake=self._wake
+            self.core, client, self.events, self.metrics, clock=CLOCK, permitted=self._may_act, notify=self._notify_loop
         )
         claims = ClaimReserver(client, known_claims=self.domains.held)
         handle = Handle(
@@ -298,8 +298,8 @@ class Scheduler:
             retry_period_s=wanted.retry_s,
         )
 
-    def _wake(self) -> None:
-        self.loop.wake()
+    def _notify_loop(self) -> None:
+        self.loop.notify()
 
     def _changed(self, event: Event) -> None:
         """An event arrived: move the pods that it may help, and wake what waits for such changes."""
@@ -307,10 +307,10 @@ class Scheduler:
         self.core.queue.move(event, groups=groups_of(event))
         change = int(event.change)  # operations on flags would be a third of the time spent here
         if change & INTERESTING:
-            self.volumes.wake()
+            self.volumes.notify()
         if change & SWEEP_CHANGES and event.new is None:
-            self.sweeper.wake()
-        self.loop.wake()
+            self.sweeper.sweep_soon()
+        self.loop.notify()
 
     def _watchdog(self) -> Watchdog:
         return Watchdog(
@@ -333,7 +333,7 @@ class Scheduler:
         self.core.swap(profiles, initial_backoff_s=config.initial_backoff_s, max_backoff_s=config.max_backoff_s)
         for event in self.intake.count_per_container(config.sums_per_container):
             self._changed(event)
-        self.loop.wake()
+        self.loop.notify()
 
     def _tell(self, reason: str, note: str, warning: bool) -> None:
         """Write an Event about the configuration. Standbys have read the same and write none."""

@@ -60,10 +60,10 @@ class ResponseBatching:
         self._empty_turns = self._empty_turns + 1 if taken == self._seen else 0
         self._seen = taken
         if self._empty_turns == TURNS:
-            self._gather()
+            self._batch()
         asyncio.get_running_loop().call_soon(self._turn)
 
-    def _gather(self) -> None:
+    def _batch(self) -> None:
         arrived = max(TOGETHER // 2, self._seen - self._rested_at)  # at most twice as long as the last one
         self._rest_s = min(MOST_S, max(LEAST_S, self._rest_s * TOGETHER / arrived))
         self._rested_at = self._seen

@@ -25,7 +25,7 @@ ADMISSION: Final = frozenset({"UnexpectedAdmissionError", "NodeAffinity", "NodeP
 MOST_WAITING: Final = 1000
 
 
-class KubeletRefusals:
+class KubeletRejections:
     """`look_at` notes a vanished pod and never waits; `run` reads and reports, on the leader only."""
 
     def __init__(self, client: ApiClient, events: Events, metrics: Metrics) -> None:
@@ -35,7 +35,7 @@ class KubeletRefusals:
         self._vanished: asyncio.Queue[Pod] = asyncio.Queue(MOST_WAITING)
 
     def __repr__(self) -> str:
-        return f"<KubeletRefusals {self._vanished.qsize()} pods to read>"
+        return f"<KubeletRejections {self._vanished.qsize()} pods to read>"
 
     def look_at(self, pod: Pod) -> None:
         """A pod of this scheduler is no longer in the watch; `pod` is its last version."""
@@ -56,7 +56,7 @@ class KubeletRefusals:
             log.debug("what became of %s is not known: %s", pod.key, error)  # deleted, in nearly every case
             return
         reason = found.status.reason
-        if found.metadata.uid != meta.uid or not refused(found):
+        if found.metadata.uid != meta.uid or not rejected(found):
             return
         log.warning("%s was refused by %s: %s", pod.key, pod.spec.node_name, reason)
         self._metrics.node_rejections.labels(reason).inc()
@@ -65,11 +65,11 @@ class KubeletRefusals:
             warning=True,
             reason=EventReason.KUBELET_REJECTED,
             action="Binding",
-            note=messages.note(messages.refused_by_kubelet(pod.spec.node_name, reason, found.status.message)),
+            note=messages.note(messages.rejected_by_kubelet(pod.spec.node_name, reason, found.status.message)),
         )
 
 
-def refused(pod: Pod) -> bool:
+def rejected(pod: Pod) -> bool:
     """Did the kubelet fail this pod at admission?"""
     reason = pod.status.reason
     return pod.status.phase == "Failed" and (reason.startswith(OUT_OF) or reason in ADMISSION)

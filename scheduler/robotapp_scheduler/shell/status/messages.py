@@ -38,7 +38,7 @@ def note(text: str) -> str:
     return encoded[:NOTE_CUT].decode(errors="ignore") + " ..."
 
 
-def refused_by_kubelet(node: str, reason: str, message: str) -> str:
+def rejected_by_kubelet(node: str, reason: str, message: str) -> str:
     return f"{node} refused the pod after it was bound there: {reason}" + (f": {message}" if message else "")
 
 

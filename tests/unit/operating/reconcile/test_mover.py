@@ -56,7 +56,7 @@ class World:
             self.memory,
             observer,
             recorder,
-            wake=lambda *_: None,
+            enqueue=lambda *_: None,
             clock=lambda: self.now_s,
             now=lambda: START + timedelta(seconds=self.now_s),
         )
@@ -524,7 +524,7 @@ def _refuse_eviction(
 
     async def refuse(path: str, _: bytes) -> bytes:
         assert path.endswith("/eviction")
-        raise world.client.refusal(_Answer(status, message))  # type: ignore[arg-type]
+        raise world.client.error_of(_Answer(status, message))  # type: ignore[arg-type]
 
     world.client.post_raw = refuse  # type: ignore[method-assign, assignment]
 

@@ -47,7 +47,7 @@ class Rig:
                 await asyncio.sleep(0)
             assert not task.done()
             step()
-            self.writer.wake()
+            self.writer.notify()
         return await asyncio.wait_for(task, 5)
 
 

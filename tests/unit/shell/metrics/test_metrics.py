@@ -119,6 +119,6 @@ def test_waiting_pods_are_counted_by_the_plugin_that_refused_them() -> None:
     queue.requeue(second, Rejection(frozenset({"NodeResourcesFit"})))
     queue.requeue(third, Rejection())
     profile = first.info.scheduler_name
-    assert queue.refused() == {("NodeResourcesFit", profile): 2, ("TaintToleration", profile): 1}
+    assert queue.rejected() == {("NodeResourcesFit", profile): 2, ("TaintToleration", profile): 1}
     queue.add(make_info("gated", schedulingGates=[{"name": "example.com/gate"}]))
-    assert queue.refused()["SchedulingGates", profile] == 1
+    assert queue.rejected()["SchedulingGates", profile] == 1

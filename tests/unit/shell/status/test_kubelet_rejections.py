@@ -9,7 +9,7 @@ from tests.support.scripted_client import ScriptedClient
 from robotapp_api.client.transport.errors import NotFound
 from robotapp_scheduler.core.api.core_v1 import Metadata, Pod, PodSpec, PodStatus
 from robotapp_scheduler.shell.metrics.metrics import Metrics
-from robotapp_scheduler.shell.status.kubelet_rejections import KubeletRefusals
+from robotapp_scheduler.shell.status.kubelet_rejections import KubeletRejections
 
 
 def pod(
@@ -25,7 +25,7 @@ class Desk:
         self.client = ScriptedClient().always("get", answer)
         self.notes: list[str] = []
         self.metrics = Metrics()
-        self.refusals = KubeletRefusals(self.client, self, self.metrics)  # type: ignore[arg-type]
+        self.refusals = KubeletRejections(self.client, self, self.metrics)  # type: ignore[arg-type]
 
     def pod_event(self, _pod: Pod, *, warning: bool, reason: str, action: str, note: str, by: str = "") -> None:
         self.notes.append(f"{'Warning' if warning else 'Normal'} {reason} {action} {by}{note}")

@@ -31,7 +31,7 @@ class Weighed(Protocol):
     def weight(self) -> int: ...
 
 
-def refuse(problems: Iterable[str]) -> None:
+def raise_problems(problems: Iterable[str]) -> None:
     """Raises ValueError with all of them, if there are any."""
     found = list(problems)
     if found:

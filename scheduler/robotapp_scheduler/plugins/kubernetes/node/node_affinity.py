@@ -21,7 +21,7 @@ from robotapp_scheduler.core.framework.interface import (
 )
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.plugins.kubernetes.common.arguments import refuse
+from robotapp_scheduler.plugins.kubernetes.common.arguments import raise_problems
 from robotapp_scheduler.plugins.kubernetes.common.node_selector import own_terms_mask, term_mask, terms_mask
 from robotapp_scheduler.plugins.kubernetes.node.added_affinity import AddedAffinity, problems
 
@@ -36,7 +36,7 @@ class NodeAffinityArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     added_affinity: AddedAffinity | None = None
 
     def __post_init__(self) -> None:
-        refuse(problems(self.added_affinity))
+        raise_problems(problems(self.added_affinity))
 
 
 class NodeAffinity:

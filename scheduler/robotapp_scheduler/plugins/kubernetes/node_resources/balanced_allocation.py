@@ -14,7 +14,7 @@ from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArra
 from robotapp_scheduler.core.nodes.node_table import NodeAmounts, Row
 from robotapp_scheduler.core.pods.cached_property import CachedProperty
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, balance_problems, is_new, refuse
+from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, balance_problems, is_new, raise_problems
 from robotapp_scheduler.plugins.kubernetes.node_resources.fit import NATIVE
 from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies import (
     FEW,
@@ -41,7 +41,7 @@ class BalancedArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rena
     compat_version: str = NEW
 
     def __post_init__(self) -> None:
-        refuse(balance_problems(self.resources))
+        raise_problems(balance_problems(self.resources))
 
 
 class NodeResourcesBalancedAllocation:

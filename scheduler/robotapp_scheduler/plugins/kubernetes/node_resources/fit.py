@@ -16,7 +16,7 @@ from robotapp_scheduler.core.nodes.node_table import Row
 from robotapp_scheduler.core.pods.cached_property import CachedProperty
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.pod_signature import requests_of
-from robotapp_scheduler.plugins.kubernetes.common.arguments import fit_problems, refuse
+from robotapp_scheduler.plugins.kubernetes.common.arguments import fit_problems, raise_problems
 from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies import (
     STRATEGIES,
     USUAL,
@@ -57,7 +57,9 @@ class FitArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="c
     scoring_strategy: ScoringStrategy = ScoringStrategy("LeastAllocated")
 
     def __post_init__(self) -> None:
-        refuse(fit_problems(self.scoring_strategy.resources, self.ignored_resources, self.ignored_resource_groups))
+        raise_problems(
+            fit_problems(self.scoring_strategy.resources, self.ignored_resources, self.ignored_resource_groups)
+        )
 
 
 class NodeResourcesFit:

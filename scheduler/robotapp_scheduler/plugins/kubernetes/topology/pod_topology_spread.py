@@ -86,7 +86,7 @@ class PodTopologySpread:
         if not constraints:
             return None if pod.pod.spec.topology_spread_constraints or HARD not in self._default_whens else True
         keys = _keys(constraints)
-        found = [(_verdicts(each, pod, nodes, keys), nodes.label(each.key)) for each in constraints]
+        found = [(_reason_codes(each, pod, nodes, keys), nodes.label(each.key)) for each in constraints]
         if len(found) == 1:
             codes, label = found[0]
             return Verdict(codes == 0, codes=codes, reasons=REASONS, resolvable=RESOLVABLE, label=label)
@@ -249,7 +249,7 @@ def _keys(constraints: Sequence[Constraint]) -> tuple[str, ...]:
     return (constraints[0].key,) if len(constraints) == 1 else tuple(dict.fromkeys([each.key for each in constraints]))
 
 
-def _verdicts(constraint: Constraint, pod: PodInfo, nodes: Snapshot, keys: tuple[str, ...]) -> npt.NDArray[np.int8]:
+def _reason_codes(constraint: Constraint, pod: PodInfo, nodes: Snapshot, keys: tuple[str, ...]) -> npt.NDArray[np.int8]:
     """Index of REASONS per code of the label, 0 where the node passes."""
     domains = constraint.counter(nodes).domains(constraint.key, scope_of(pod, nodes, constraint, keys))
     present = domains.present

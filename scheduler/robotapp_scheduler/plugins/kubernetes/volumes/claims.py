@@ -121,7 +121,7 @@ def limit_grew(old: CSINode, new: CSINode) -> bool:
     return any(limit > before.get(name, 0) for name, limit in _limits(new).items())
 
 
-def room_grew(old: CSIStorageCapacity, new: CSIStorageCapacity) -> bool:
+def capacity_grew(old: CSIStorageCapacity, new: CSIStorageCapacity) -> bool:
     """Could a larger volume be made than before?"""
     before, after = old.limit_bytes, new.limit_bytes
     return after is not None and (before is None or after > before)

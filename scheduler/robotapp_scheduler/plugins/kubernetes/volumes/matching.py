@@ -197,7 +197,7 @@ def _make(
         allowed = _provisionable(nodes, storage_class)
         bits[where & ~allowed] |= NONE_FREE
         where &= allowed
-        capacities, chosen = _room(nodes, claim, storage_class, store)
+        capacities, chosen = _capacities(nodes, claim, storage_class, store)
         enough = chosen >= 0 if capacities is not None else np.ones(nodes.n, dtype=np.bool_)
         bits[where & ~enough] |= NO_SPACE
         where &= enough
@@ -212,7 +212,7 @@ def _provisionable(nodes: Snapshot, storage_class: StorageClass) -> BoolArray:
     return topology_mask(nodes, storage_class.allowed_topologies)
 
 
-def _room(
+def _capacities(
     nodes: Snapshot, claim: Claim, storage_class: StorageClass, store: Volumes
 ) -> tuple[Sequence[CSIStorageCapacity] | None, IntArray]:
     """Per node the report of free room that suffices, -1 for none; no list when the driver does not report any."""

@@ -21,9 +21,9 @@ from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, is_new
 from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies import ShapePoint, interpolated
 from robotapp_scheduler.plugins.kubernetes.volumes.claims import (
+    capacity_grew,
     names_claim,
     of_pod,
-    room_grew,
     sorted_claims,
     trouble,
     unresolvable,
@@ -141,7 +141,7 @@ class VolumeBinding:
             case Change.CSI_DRIVER:
                 return old is not None and old.spec.storage_capacity and (new is None or not new.spec.storage_capacity)
             case Change.CAPACITY:
-                return old is None or room_grew(old, new)
+                return old is None or capacity_grew(old, new)
         return True
 
     def _match(self, pod: PodInfo, nodes: Snapshot) -> Match:
