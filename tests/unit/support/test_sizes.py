@@ -18,7 +18,8 @@ def sizes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     monkeypatch.setattr(module, "ROOT", tmp_path)
-    monkeypatch.setattr(module, "sources", lambda: sorted(tmp_path.glob("*.py")))
+    monkeypatch.setattr(module, "sources", lambda: sorted(tmp_path.rglob("*.py")))
+    monkeypatch.setattr("sys.argv", ["sizes.py"])
     return module
 
 
@@ -45,3 +46,34 @@ def test_an_exception_holds_while_it_is_needed(
     (tmp_path / "long.py").write_text("x = 1\n")
     assert sizes.main() == 1
     assert "is not too long any more" in capsys.readouterr().out
+
+
+def test_a_folder_with_too_many_files_is_named(
+    sizes: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for folder in ("scheduler/core", "cli/verbs"):
+        (tmp_path / folder).mkdir(parents=True)
+        for number in range(14):
+            (tmp_path / folder / f"module_{number}.py").touch()
+    assert sizes.main() == 0
+    for folder in ("scheduler/core", "cli/verbs"):
+        (tmp_path / folder / "__init__.py").touch()
+    assert sizes.main() == 1
+    assert capsys.readouterr().out.startswith("scheduler/core: 15 Python files, at most 14: ")
+
+
+def test_the_figures_are_those_of_the_scheduler(
+    sizes: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "scheduler").mkdir()
+    (tmp_path / "scheduler" / "__init__.py").write_text("class Package:\n    pass\n")
+    (tmp_path / "scheduler" / "small.py").write_text("class Outer:\n    class Inner:\n        pass\n")
+    (tmp_path / "scheduler" / "long.py").write_text("x = 1\n" * 61)
+    (tmp_path / "other.py").write_text("class Elsewhere:\n    pass\n")
+    monkeypatch.setattr("sys.argv", ["sizes.py", "--figures"])
+    assert sizes.main() == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "2 modules, 64 lines, 3 classes",
+        "median module 32 lines, 1 below 60",
+        "   3 scheduler/small.py",
+    ]
