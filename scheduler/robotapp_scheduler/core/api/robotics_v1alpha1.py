@@ -10,6 +10,7 @@ import msgspec
 from robotapp_api.claims.objects import DeviceRequirement, TelemetryDevice
 from robotapp_api.values.round_trips import Rtt
 from robotapp_scheduler.core.api.core_v1 import Metadata
+from robotapp_scheduler.core.api.ros import Hardware
 from robotapp_scheduler.core.api.structs import Slim, SlimValue
 
 
@@ -20,14 +21,6 @@ class ComponentPolicies(Slim):
     deadline: str = ""
     reliability: str = ""
     liveliness: str = ""
-
-
-class ComponentRequirement(Slim):
-    """components[].requires entry: a capability of the node, not held."""
-
-    type: str = ""
-    model: str = ""
-    interface: str = ""
 
 
 class SharedData(Slim):
@@ -47,7 +40,7 @@ class Component(Slim):
     qos_class: str = "system_default"
     policies: ComponentPolicies = msgspec.field(default_factory=ComponentPolicies)
     devices: tuple[DeviceRequirement, ...] = ()
-    requires: tuple[ComponentRequirement, ...] = ()
+    requires: tuple[Hardware, ...] = ()
     shared_data: SharedData = msgspec.field(default_factory=SharedData)
     colocate_with: tuple[str, ...] = ()
     separate_from: tuple[str, ...] = ()

@@ -14,10 +14,10 @@ EXCLUSIVE_TYPES: Final = frozenset({"usb", "can", "serial", "gpio"})
 """Hardware requirement types of bare pods that are held by one pod at a time. GPUs are shared by their device plugin."""
 
 
-class Hardware(msgspec.Struct, frozen=True, gc=False):
-    """A capability of the node: a hardware.robotics.io label, or an extended resource."""
+class Hardware(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
+    """A capability of the node, not held: a hardware.robotics.io label, or an extended resource. Also components[].requires."""
 
-    type: str
+    type: str = ""
     model: str = ""
     interface: str = ""
 

@@ -120,7 +120,7 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
 def _app_hardware(component: Component) -> tuple[Hardware, ...]:
     # No claim is made for a GPU: its device plugin allocates it, the node only has to have one.
     gpus = tuple(Hardware(d.type, d.model, d.interface) for d in component.devices if d.type == GPU)
-    return tuple(Hardware(r.type, r.model, r.interface) for r in component.requires) + gpus
+    return component.requires + gpus
 
 
 def _app_endpoints(pod: PodInfo, member: Member, app: App, around: Surroundings, *, held: bool) -> tuple[Endpoint, ...]:
