@@ -9,6 +9,9 @@ from typing import Final, NamedTuple
 
 import pytest
 
+from robotapp_scheduler.core.framework.validation import HOOKS
+from robotapp_scheduler.core.pods.pod_info import FEATURES
+
 ROOT: Final = Path(__file__).resolve().parents[3]
 GLOSSARY: Final = ROOT / "docs" / "glossary.md"
 PACKAGES: Final = {
@@ -80,6 +83,11 @@ def unexplained(text: str, files: list[Path]) -> list[tuple[str, str]]:
     ]
 
 
+def explained_hooks(text: str) -> set[str]:
+    table = text.partition("| the field's word | hook |")[2].partition("\n\n")[0]
+    return set(re.findall(r"^\| [^|]+ \| `(\w+)` \|", table, re.MULTILINE))
+
+
 def sources() -> list[Path]:
     return sorted(path for room in ROOMS for path in room.rglob("*.py"))
 
@@ -94,6 +102,11 @@ def test_every_old_word_that_is_still_a_name_is_in_the_glossary() -> None:
     files = sources()
     assert len(files) > 300
     assert unexplained(GLOSSARY.read_text(), files) == []
+
+
+def test_every_hook_and_fact_with_an_old_word_is_in_the_glossary() -> None:
+    old = {name for name in (*HOOKS, *FEATURES) if name.replace("_", "") in REPLACED}
+    assert old == explained_hooks(GLOSSARY.read_text())
 
 
 def test_no_word_is_explained_twice_for_the_same_file() -> None:
