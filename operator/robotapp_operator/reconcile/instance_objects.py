@@ -21,14 +21,12 @@ from robotapp_operator.plan.status.facts import AppFacts, of_instance
 from robotapp_operator.plan.status.instance_status import render_instance, same_instance_status
 from robotapp_operator.plan.status.pace import is_urgent
 from robotapp_operator.reconcile.observer import Observer
-from robotapp_operator.reconcile.reconcile_state import InstanceMemory, ReconcileState
+from robotapp_operator.reconcile.reconcile_state import Again, InstanceMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import instances_by_name
 
 log = logging.getLogger(__name__)
 
-Again = float | None
-"""Seconds after which to look again although nothing has happened; None: not before something does."""
 SOON_S: Final = 1.0
 """Pause after a lost race: by then the watch has delivered what another writer did."""
 

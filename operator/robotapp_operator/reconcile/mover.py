@@ -30,7 +30,7 @@ from robotapp_operator.plan.status.facts import InstanceFacts
 from robotapp_operator.plan.status.latency import between
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.observer import Observer
-from robotapp_operator.reconcile.reconcile_state import InstanceMemory, ReconcileState
+from robotapp_operator.reconcile.reconcile_state import Again, InstanceMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import (
     device_losses,
@@ -42,8 +42,6 @@ from robotapp_operator.watch.lister import (
 
 log = logging.getLogger(__name__)
 
-Again = float | None
-"""Seconds after which to look again although nothing has happened; None: not before something does."""
 LOST_S: Final = 10.0
 """A device must be gone for so long before it counts as lost: a touched cable moves nothing."""
 COUNT_LOSSES_S: Final = 1.0

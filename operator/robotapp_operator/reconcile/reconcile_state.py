@@ -16,6 +16,8 @@ from robotapp_operator.plan.status.facts import InstanceFacts
 from robotapp_operator.plan.status.latency import BudgetTimes, EdgeKey, EdgeView, Rest
 from robotapp_operator.plan.status.pace import Bucket, Writing
 
+Again = float | None
+"""Seconds after which to look again although nothing has happened; None: not before something does."""
 Trouble = tuple[Reason, str]
 
 

@@ -18,7 +18,7 @@ from robotapp_operator.plan.status.facts import AppFacts
 from robotapp_operator.plan.status.pace import is_progress
 from robotapp_operator.plan.status.status import render_status, same_status, unreadable_status
 from robotapp_operator.reconcile.observer import Observer
-from robotapp_operator.reconcile.reconcile_state import AppMemory, ReconcileState
+from robotapp_operator.reconcile.reconcile_state import Again, AppMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache
 
 log = logging.getLogger(__name__)
@@ -52,11 +52,8 @@ class Reporter:
         self._clock = clock
         self._now = now
 
-    async def report(self, uid: str) -> float | None:
-        """Bring the app's status up to date. After a conflict, or for a missing app, the next event tries again.
-
-        Returns the seconds after which to look again although nothing has happened, None when that is not needed.
-        """
+    async def report(self, uid: str) -> Again:
+        """Bring the app's status up to date. After a conflict, or for a missing app, the next event tries again."""
         record = self._cache.apps.get(uid)
         if record is None or record.deleting:
             return None
