@@ -9,6 +9,8 @@ from robotapp_scheduler.simulation.run import Outcome, Placement, chosen_text
 
 EVERY_S: Final = 0.5
 CLEAR: Final = "\r\x1b[K"
+LEFT_OUT: Final = "not simulated: claims of domains and devices, evictions, time"
+NONE: Final = "No pod waits for this scheduler."
 
 
 def replace_line(stream: TextIO, text: str = "") -> None:
@@ -19,7 +21,10 @@ def replace_line(stream: TextIO, text: str = "") -> None:
 
 
 class Progress:
-    """One line on a terminal, written over and gone in the end. Call it with (pods decided, pods that waited) as often as you like; a file or a pipe gets nothing."""
+    """One line on a terminal, written over and gone in the end; a file or a pipe gets nothing.
+
+    Call it with (pods decided, pods that waited) as often as you like.
+    """
 
     def __init__(self, stream: TextIO, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._stream = stream
@@ -44,11 +49,6 @@ class Progress:
         if self._shown:
             self._stream.write(CLEAR)
             self._stream.flush()
-
-
-LEFT_OUT: Final = "not simulated: claims of domains and devices, evictions, time"
-
-NONE: Final = "No pod waits for this scheduler."
 
 
 def as_json(outcome: Outcome) -> dict[str, Any]:

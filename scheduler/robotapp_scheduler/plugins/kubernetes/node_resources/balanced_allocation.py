@@ -24,7 +24,7 @@ from robotapp_scheduler.plugins.kubernetes.node_resources.scoring_strategies imp
 )
 
 _TOP: Final = float(MAX_SCORE)
-# As arrays: see resource_math.
+# As arrays: see scoring_strategies.HUNDRED.
 _ALL: Final = np.array(1.0)
 _TWICE: Final = np.array(2.0)
 _HALF_TOP: Final = np.array(MAX_SCORE / 2)

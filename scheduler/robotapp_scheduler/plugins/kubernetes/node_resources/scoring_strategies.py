@@ -14,10 +14,12 @@ from robotapp_scheduler.core.nodes.resource_arrays import EXACT_IN_FLOAT
 NOTHING: Final = np.array(0, dtype=np.int64)
 HUNDRED: Final = np.array(100, dtype=np.int64)
 """Numbers as arrays: to turn a plain one into an array costs NumPy more than to add twenty elements."""
-
-
 FEW: Final = 256
 """From here on dividing floats is faster than dividing integers."""
+Wanted = tuple[tuple[int, int, int], ...]
+"""(place, amount of the pod, weight) per resource; at this place stand its amounts among those of a node."""
+AmountColumns = npt.NDArray[Any]
+"""int64; or float64 where every node offers all of it and core.nodes.resource_arrays vouches that nothing is lost."""
 
 
 def percent(part: IntArray, whole: IntArray) -> IntArray:
@@ -42,12 +44,6 @@ def all_positive(amounts: IntArray) -> bool:
 def half_away(values: FloatArray) -> IntArray:
     """math.Round of Go for values ≥ 0: halves go up."""
     return np.floor(values + 0.5).astype(np.int64)
-
-
-Wanted = tuple[tuple[int, int, int], ...]
-"""(place, amount of the pod, weight) per resource; at this place stand its amounts among those of a node."""
-AmountColumns = npt.NDArray[Any]
-"""int64; or float64 where every node offers all of it and core.nodes.resource_arrays vouches that nothing is lost."""
 
 
 class Weights(NamedTuple):

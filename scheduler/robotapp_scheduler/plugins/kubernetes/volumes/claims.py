@@ -83,12 +83,9 @@ def sorted_claims(pod: PodInfo, volumes: Volumes) -> Sorted:
     return Sorted(tuple(bound), tuple(delayed), tuple(immediate))
 
 
-PODS = "pods"
-
-
 def of_pod(event: Event) -> bool:
     """Is the event about a pod, whatever it freed?"""
-    return event.resource == PODS
+    return event.resource == "pods"
 
 
 def names_claim(pod: PodInfo, event: Event, *, ephemeral: bool) -> bool:
