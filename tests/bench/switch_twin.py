@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tests.support.namespaced import Wire
+from tests.support.namespaced import PythonSwitch, Wire
 from tests.support.switch_figures import Capacity, Delay, delay, load
+
+from robotapp_testbed.switch import LatencySwitch
 
 ORDER = (False, True, True, False)
 """Go, Python, Python, Go: what changes on the machine meanwhile meets both alike."""
@@ -27,7 +29,7 @@ def compare(scale: int) -> list[Run]:
 
 
 def _run(*, python: bool, scale: int) -> Run:
-    with Wire(["a", "b"], python=python) as wire:
+    with Wire(["a", "b"], kind=PythonSwitch if python else LatencySwitch) as wire:
         wire.settle()
         delays = [delay(wire, each_ms, count=200 * scale) for each_ms in DELAYS_MS]
         loads = [_loaded(wire, per_second, size, scale) for per_second, size in LOADS]

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import ClassVar, Self, TypeVar
 
 import pytest
 from tests.support import python_switch
@@ -27,7 +27,7 @@ from robotapp_testbed.switch import LatencySwitch
 
 _T = TypeVar("_T")
 _CLONE_NEWNET = 0x40000000
-_SO_TIMESTAMPNS = 35  # of asm-generic: x86-64 and arm64
+SO_TIMESTAMPNS = 35  # of asm-generic: x86-64 and arm64
 TAP = "lat0"
 
 
@@ -87,35 +87,42 @@ class Namespace:
 class PythonSwitch(LatencySwitch):
     """The same switch as far as a measurement needs it, in Python."""
 
+    options: ClassVar[Sequence[str]] = ()
+
     def __init__(self, *, run_dir: Path, seed: int = 0) -> None:
         super().__init__(run_dir=run_dir, seed=seed)
         self.process = Process(
             "python-switch",
-            [sys.executable, "-I", "-S", python_switch.__file__, str(self.path)],
+            [sys.executable, "-I", "-S", python_switch.__file__, str(self.path), *self.options],
             run_dir=run_dir,
             log_path=run_dir / "python-switch.log",
             ready=self._serves,
         )
 
 
+class BareSwitch(PythonSwitch):
+    """Joins two nodes by the system calls that a switch cannot do without, and does nothing else with a frame."""
+
+    options = ("--bare",)
+
+
 class Wire:
     """`with Wire(["a", "b"]) as wire:` namespaces with one TAP each (10.9.0.1, 10.9.0.2 …) on a switch of their own.
 
-    `python` takes the twin of tests/support/python_switch.py instead, which knows delays only.
+    `kind` takes one of tests/support/python_switch.py instead: a PythonSwitch knows delays only, a BareSwitch nothing.
     """
 
-    def __init__(self, names: Sequence[str], *, seed: int = 0, python: bool = False) -> None:
+    def __init__(self, names: Sequence[str], *, seed: int = 0, kind: type[LatencySwitch] = LatencySwitch) -> None:
         self._names = list(names)
         self._seed = seed
-        self._python = python
+        self._kind = kind
         self._stack = ExitStack()
         self.nodes: dict[str, Namespace] = {}
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             self.run_dir = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="robotapp-wire-")))
-            kind = PythonSwitch if self._python else LatencySwitch
-            self.switch = kind(run_dir=self.run_dir, seed=self._seed)
+            self.switch = self._kind(run_dir=self.run_dir, seed=self._seed)
             stack.callback(self.switch.process.kill)
             self.switch.start()
             for number, name in enumerate(self._names, start=1):
@@ -161,7 +168,7 @@ def round_trips_ms(origin: Namespace, target: Namespace, *, count: int, pause_s:
     is woken does not count. Lost ones are left out."""
     found = []
     with origin.inside(lambda: socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_ICMP)) as pinger:
-        pinger.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        pinger.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         pinger.settimeout(1)
         for number in range(count):
             request = _echo_request(number)
@@ -180,10 +187,15 @@ def _reply_came_ns(pinger: socket.socket, target: Namespace, number: int) -> int
         while True:
             packet, ((_, _, stamp),), _, (source, _) = pinger.recvmsg(256, 256)
             if source == target.address and packet[20] == 0 and int.from_bytes(packet[26:28], "big") == number:
-                seconds, nanoseconds = struct.unpack("@qq", stamp)
-                return int(seconds * 1_000_000_000 + nanoseconds)
+                return stamp_ns(stamp)
     except TimeoutError:
         return None
+
+
+def stamp_ns(message: bytes) -> int:
+    """When the kernel got a packet, from the ancillary message that SO_TIMESTAMPNS brings."""
+    seconds, nanoseconds = struct.unpack("@qq", message)
+    return int(seconds * 1_000_000_000 + nanoseconds)
 
 
 def _echo_request(number: int) -> bytes:
