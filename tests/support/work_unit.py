@@ -17,6 +17,19 @@ def unit_us() -> float:
     return min(_timed(column) for _ in range(TRIES))
 
 
+def is_within(used_s: float, most_s: float) -> bool:
+    """Is this CPU time at most `most_s`, or what comes to it here and now? A core whose other half is busy counts twice the time."""
+    if used_s <= most_s:
+        return True
+    column = np.arange(1000)
+    return used_s <= most_s * sum(_timed(column) for _ in range(TRIES)) / TRIES / REFERENCE_US
+
+
+def is_in_time(took_s: float, most_s: float) -> bool:
+    """Did this take at most `most_s` by the clock, or what comes to it here and now?"""
+    return took_s <= most_s or took_s <= most_s * slowness()
+
+
 def slowness(*, seconds: float = 1.0) -> float:
     """How many times as long a unit takes by the clock as on that machine, at least 1: for limits in seconds where the
     processor is slower or other programs run. Takes `seconds`."""

@@ -43,7 +43,7 @@ class Place:
         return {key.removeprefix(PREFIX): value for key, value in found if key.startswith(PREFIX)}
 
     async def wait(self, name: str, expected: dict[str, str]) -> None:
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(60):
             while await self.labels(name) != expected:  # noqa: ASYNC110 - the server tells nobody
                 await asyncio.sleep(0.01)
 

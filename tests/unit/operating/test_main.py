@@ -19,7 +19,7 @@ async def test_a_part_that_dies_ends_the_process_with_a_failure(
         raise RuntimeError("boom")
 
     monkeypatch.setattr("robotapp_api.client.informer.reflector.Reflector.run", dies)
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(60):
         status = await run(Settings(health_port=0), Endpoint("http://127.0.0.1:9"))
     assert status == 1
     assert "a background task died" in caplog.text

@@ -126,7 +126,7 @@ def test_an_error_that_is_not_the_servers_load_ends_the_churn_and_is_raised_wher
     world.server.before = forbidden
     storm = churn(world)
     with storm:
-        storm._thread.join(10)
+        storm._thread.join(60)
     with pytest.raises(ApiStatusError, match="403"):
         storm.check()
 

@@ -80,7 +80,7 @@ def test_a_failure_ends_with_a_sentence_that_says_what_to_do(output: str, advice
 
 
 def test_an_interrupt_ends_the_compiler(tmp_path: Path) -> None:
-    go = fake_go(tmp_path, 'echo "$$" >&2; exec sleep 60')
+    go = fake_go(tmp_path, 'echo "$$" >&2; exec sleep 600')
     pids: list[str] = []
 
     def interrupt(line: str) -> None:
@@ -93,7 +93,7 @@ def test_an_interrupt_ends_the_compiler(tmp_path: Path) -> None:
 
 
 def test_a_killed_caller_takes_the_compiler_along(tmp_path: Path) -> None:
-    fake_go(tmp_path, f"echo $$ > {tmp_path}/pid; exec sleep 60")
+    fake_go(tmp_path, f"echo $$ > {tmp_path}/pid; exec sleep 600")
     code = (
         "from pathlib import Path; from robotapp_testbed import gobuild, pins; from robotapp_testbed.toolchain import Go\n"
         f"folder = Path({str(tmp_path)!r})\n"
@@ -101,7 +101,7 @@ def test_a_killed_caller_takes_the_compiler_along(tmp_path: Path) -> None:
     )
     with subprocess.Popen([sys.executable, "-c", code]) as caller:
         pid_file = tmp_path / "pid"
-        assert wait_until(lambda: pid_file.exists() and pid_file.read_text().endswith("\n"), timeout_s=20)
+        assert wait_until(lambda: pid_file.exists() and pid_file.read_text().endswith("\n"), timeout_s=60)
         os.kill(caller.pid, signal.SIGKILL)
         caller.wait()
-    assert wait_until(lambda: not Path(f"/proc/{pid_file.read_text().strip()}").exists(), timeout_s=5)
+    assert wait_until(lambda: not Path(f"/proc/{pid_file.read_text().strip()}").exists(), timeout_s=60)

@@ -11,12 +11,13 @@ from tests.support.poison import pod_body
 from tests.support.poison_objects import POISON_OBJECTS
 from tests.support.queue_checks import check_queue
 from tests.support.scheduling import make_core, make_node, to_pod
+from tests.support.work_unit import is_within
 
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.watch.routes import Route, group_routes, plain_routes, robotics_routes, storage_routes
 
 MOST_S = 0.8
-"""CPU to take one of them over: ten times what the worst needs."""
+"""CPU to take one of them over, on the machine of work_unit: ten times what the worst needs."""
 CASES = [(plural, body) for plural, bodies in POISON_OBJECTS.items() for body in bodies]
 
 
@@ -50,5 +51,5 @@ def test_a_poison_object_is_taken_or_left_out_soon_and_pods_go_on_being_placed(
         (decision,) = core.schedule(core.queue.pop())
         assert decision.placed, decision.message
         core.queue.done(decision.pod.uid)
-    assert time.process_time() - began_s < 2 * len(matching) * MOST_S
+    assert is_within(time.process_time() - began_s, 2 * len(matching) * MOST_S)
     check_queue(core.queue)

@@ -48,7 +48,7 @@ async def mirrored(proxy: FaultProxy, api: FakeApiServer, **settings: Any) -> As
         )
         task = asyncio.create_task(mirror.run())
         try:
-            await asyncio.wait_for(mirror.synced.wait(), 5)
+            await asyncio.wait_for(mirror.synced.wait(), 60)
             yield mirror
         finally:
             task.cancel()

@@ -56,7 +56,7 @@ async def talking_to(script: Script, *, limit: int = 4) -> AsyncIterator[Connect
             await connections.close()
 
 
-async def ask(connections: Connections, *, timeout_s: float = 5.0) -> Answer:
+async def ask(connections: Connections, *, timeout_s: float = 60.0) -> Answer:
     return await connections.request(REQUEST, timeout_s=timeout_s)
 
 
@@ -141,7 +141,7 @@ async def test_without_a_whole_answer_the_request_is_broken_and_the_next_one_sta
     script = Script(raw, OK)
     async with talking_to(script) as connections:
         with pytest.raises(BrokenError, match=text):
-            await ask(connections, timeout_s=0.2 if "no answer" in text else 5.0)
+            await ask(connections, timeout_s=0.2 if "no answer" in text else 60.0)
         assert (await ask(connections)).body == b"ok"
     assert script.connections == 2
 
@@ -152,7 +152,7 @@ async def test_a_server_that_is_not_there_was_sent_nothing() -> None:
     connections = Connections(Endpoint(f"http://127.0.0.1:{port}"), limit=1)
     for _ in range(3):  # a failed attempt gives its place back
         with pytest.raises(NotSentError, match="cannot connect"):
-            await ask(connections, timeout_s=1)
+            await ask(connections)
     await connections.close()
 
 
@@ -176,7 +176,7 @@ async def test_what_is_no_longer_permitted_when_its_turn_comes_is_not_sent() -> 
         slow = asyncio.create_task(ask(connections))
         await until(lambda: script.requests)
         allowed = [True]
-        waits = asyncio.create_task(connections.request(REQUEST, timeout_s=5.0, permitted=lambda: allowed[0]))
+        waits = asyncio.create_task(connections.request(REQUEST, timeout_s=60.0, permitted=lambda: allowed[0]))
         await until(lambda: "1 waiting" in repr(connections))
         allowed[0] = False
         slow.cancel()
@@ -234,7 +234,7 @@ async def test_the_next_in_line_is_sent_before_the_answer_is_looked_at() -> None
                 over.set()
 
         for _ in range(3):
-            connections.send(REQUEST, told, timeout_s=5.0)
+            connections.send(REQUEST, told, timeout_s=60.0)
         await over.wait()
     assert seen == ["1 busy, 0 idle, 1 waiting>", "1 busy, 0 idle, 0 waiting>", "0 busy, 1 idle, 0 waiting>"]
 

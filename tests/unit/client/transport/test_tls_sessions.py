@@ -37,10 +37,10 @@ async def tls_server(folder: Path, authority: Authority, port: int = 0) -> Async
 async def connected(dialer: Dialer) -> Connection:
     """A connection that has carried a request."""
     loop = asyncio.get_running_loop()
-    connection = await dialer.connect(lambda: Connection(loop, lambda _: None), timeout_s=5)
+    connection = await dialer.connect(lambda: Connection(loop, lambda _: None), timeout_s=60)
     ended: list[Outcome] = []
     request = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
-    connection.begin(Exchange(request, ended.append, timeout_s=5, deadline_s=loop.time() + 5))
+    connection.begin(Exchange(request, ended.append, timeout_s=60, deadline_s=loop.time() + 60))
     await until(lambda: bool(ended), what="the answer")
     assert isinstance(ended[0], Answer)
     return connection

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.factories import component, make_app, make_node
+from tests.support.work_unit import is_within
 
 from robotapp_api.claims.identity import claim_name_device
 from robotapp_api.claims.instances import Instance
@@ -214,7 +215,7 @@ def test_an_app_with_all_devices_a_spec_can_ask_for_does_not_hold_up_the_operato
     )
     assert text.startswith("driver wants 2 devices, but only can-can0 on n0000 would do")
     assert found == ""
-    assert time.process_time() - begin_s < 5
+    assert is_within(time.process_time() - begin_s, 5)
 
 
 @pytest.mark.parametrize(("wanted", "there"), [(256, 255), (256, 128)])
@@ -222,7 +223,7 @@ def test_more_requests_than_devices_are_seen_at_once(wanted: int, there: int) ->
     begin_s = time.process_time()
     places = frozenset(Place("n", str(number)) for number in range(there))
     assert rivals([places] * wanted) == list(range(there + 1))
-    assert time.process_time() - begin_s < 2
+    assert is_within(time.process_time() - begin_s, 2)
 
 
 def test_a_device_that_is_asked_for_by_a_further_name_is_the_one_that_is_held() -> None:

@@ -48,7 +48,7 @@ class Rig:
             assert not task.done()
             step()
             self.writer.notify()
-        return await asyncio.wait_for(task, 5)
+        return await asyncio.wait_for(task, 60)
 
 
 def written(version: str) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import pytest
 from tests.support.poison import Poison, pod_body, poison_pods
 from tests.support.queue_checks import check_queue
 from tests.support.scheduling import make_core, make_node, make_pod
+from tests.support.work_unit import is_within
 
 from robotapp_api.client.informer.reflector import Change as Seen
 from robotapp_api.client.informer.watch_decoder import ADDED, WatchDecoder
@@ -98,7 +99,7 @@ def test_a_poison_pod_is_placed_or_refused_in_words_soon_and_never_lost(poison: 
         tried = told and not feed.core.queue.pending()["gated"]
         decision = feed.decide() if tried else None
         took_s = time.process_time() - began_s
-    assert took_s < MOST_S
+    assert is_within(took_s, MOST_S)
     check_queue(feed.core.queue)
     if not tried:
         return
@@ -138,4 +139,4 @@ def test_pods_that_run_with_poison_in_them_leave_the_others_their_speed() -> Non
             decisions = [each.decide() for _ in range(20)]
             costs.append(time.process_time() - began_s)
         assert all(decision is not None and decision.placed for decision in decisions)
-    assert costs[1] < 10 * costs[0] + MOST_S
+    assert is_within(costs[1], 10 * costs[0] + MOST_S)

@@ -80,7 +80,7 @@ async def world(*, leader: bool = False, **changes: Any) -> AsyncIterator[World]
             yield World(server, client, scheduler, task)
         finally:
             scheduler.stop()
-            await asyncio.wait_for(task, 15)
+            await asyncio.wait_for(task, 60)
 
 
 async def test_from_pod_to_binding_and_event() -> None:
@@ -220,6 +220,6 @@ async def test_a_leader_gives_its_lease_back_when_it_is_stopped() -> None:
         lease = await found.client.get(LEASES, "robotapp-scheduler", namespace=namespace)
         assert lease["spec"]["holderIdentity"]
         found.scheduler.stop()
-        assert await asyncio.wait_for(asyncio.shield(found.task), 10) == 0
+        assert await asyncio.wait_for(asyncio.shield(found.task), 60) == 0
         lease = await found.client.get(LEASES, "robotapp-scheduler", namespace=namespace)
         assert not lease["spec"].get("holderIdentity")

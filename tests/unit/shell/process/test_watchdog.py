@@ -30,7 +30,7 @@ from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import PointTimer
 from robotapp_scheduler.shell.process.watchdog import Watchdog
 
-LONG_S = 5.0
+LONG_S = 60.0
 """Nothing here may take so long: whatever is not broken off ends by itself then, and fails its test."""
 
 
