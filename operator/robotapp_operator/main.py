@@ -127,7 +127,7 @@ class Operator:
             ),
             reporter=Reporter(client, cache, memory, self.observer, self.recorder, **shared),
             fleet=self.fleet,
-            gates=Gates(client, cache),
+            gates=Gates(client, cache, memory),
             probes=Probes(client, cache),
             pools=Pools(client, cache, now=_now),
             list_apps=self._list_apps,

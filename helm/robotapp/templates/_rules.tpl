@@ -67,7 +67,8 @@
 - apiGroups: [""]
   resources: [pods]
   verbs: [get, list, watch, patch]
-# Moves: a pod whose latency budget or device is better served elsewhere. By eviction, so that disruption budgets hold.
+# Moves: a pod whose latency budget or device is better served elsewhere, and pods of other schedulers that wait for a node
+# that closed. By eviction, so that disruption budgets hold.
 - apiGroups: [""]
   resources: [pods/eviction]
   verbs: [create]

@@ -258,11 +258,17 @@ class Controller:
         return 0.0 if done else None
 
     def _shown_results(self, key: Key) -> tuple[object, ...]:
-        """The results of the work on children that the status shows."""
+        """The results of the work on children and gates that the status shows."""
         if key.group not in self._cache.apps:
             return ()
         memory = self._memory.of(key.group)
-        tables: tuple[Mapping[str, object], ...] = (memory.outcomes, memory.troubles, memory.held, memory.new_domains)
+        tables: tuple[Mapping[str, object], ...] = (
+            memory.outcomes,
+            memory.troubles,
+            memory.held,
+            memory.barred,
+            memory.new_domains,
+        )
         return tuple(table.get(key.instance) for table in tables)
 
     async def _instance_object(self, key: Key) -> float:
@@ -289,7 +295,11 @@ class Controller:
         return max(STATUS_REST_S, STATUS_REST_PER_INSTANCE_S * len(chosen[0] if chosen else ()))
 
     async def _gate(self, key: Key) -> float | None:
-        return 0.0 if await self._gates.open(key.group, key.instance) else None
+        before = self._shown_results(key)
+        done = await self._gates.open(key.group, key.instance)
+        if key.group in self._cache.apps and self._shown_results(key) != before:
+            enqueue_status(self._queue, key.group, key.instance)
+        return 0.0 if done else None
 
     async def _waiting(self, key: Key) -> float:
         chosen, others_wait = self._line.next(name_of(key.group))

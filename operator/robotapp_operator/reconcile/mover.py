@@ -10,9 +10,8 @@ from datetime import datetime
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.claims.instances import Instance, closed_nodes
-from robotapp_api.client import ApiClient, Conflict, Forbidden, NotFound, ServerError, TooManyRequests
-from robotapp_api.client.api.bodies import encode
-from robotapp_api.client.api.resources import DEPLOYMENTS, PODS
+from robotapp_api.client import ApiClient, Conflict, NotFound
+from robotapp_api.client.api.resources import DEPLOYMENTS
 from robotapp_api.client.tools.event_recorder import EventRecorder, reference
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import API_VERSION, Annotation, EventReason, Label
@@ -29,6 +28,7 @@ from robotapp_operator.plan.status.device_loss import is_there, parse_record, re
 from robotapp_operator.plan.status.facts import InstanceFacts
 from robotapp_operator.plan.status.latency import between
 from robotapp_operator.queue.work import StartOver
+from robotapp_operator.reconcile.eviction import evict
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import Again, InstanceMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache
@@ -54,8 +54,6 @@ SETTLED_S: Final = 1.0
 """Pause after a record was written whose times were ahead of our clock."""
 REFUSED_S: Final = 30.0
 """Pause after an eviction that a PodDisruptionBudget forbids."""
-SEVERAL_BUDGETS: Final = 500
-"""Status of the answer to an eviction of a pod that more than one PodDisruptionBudget covers: it will not pass by itself."""
 ACTION: Final = "Move"
 
 
@@ -263,7 +261,7 @@ class Mover:
                     part.deployment, Annotation.LOST_DEVICES, record_text(kept | mine) if kept | mine else None
                 )
             elif pod in back and facts.robot_online and own.evicted != pod:
-                if await self._evict(part.pod):
+                if await evict(self._client, part.pod):
                     waiting.append(REFUSED_S)
                     continue
                 log.info("%s/%s lost a device that is back: it is restarted", app.namespace, part.pod.metadata.name)
@@ -310,7 +308,7 @@ class Mover:
             return ""
         if not move.counted and not await self._count(app, part.deployment, move):
             return ""
-        refused = await self._evict(part.pod)
+        refused = await evict(self._client, part.pod)
         if refused:
             return f"{move.component} is not moved to {move.after}: {refused}"
         own.evicted = move.pod
@@ -367,28 +365,6 @@ class Mover:
             await self._client.patch(DEPLOYMENTS, meta.name, body, namespace=meta.namespace)
         except (Conflict, NotFound) as race:
             raise StartOver(f"Deployment {meta.name} changed while {key} was written") from race
-
-    async def _evict(self, pod: Pod) -> str | None:
-        """Evict the pod. Returns why the API server refused, "" when the pod is being deleted, None when it was gone before."""
-        meta = pod.metadata
-        body = {
-            "apiVersion": "policy/v1",
-            "kind": "Eviction",
-            "metadata": {"name": meta.name, "namespace": meta.namespace},
-            "deleteOptions": {"preconditions": {"uid": meta.uid}},
-        }
-        try:
-            await self._client.post_raw(PODS.path(meta.namespace, meta.name, "eviction"), encode(body))
-        except (TooManyRequests, Forbidden) as refusal:  # a disruption budget, or rights of an older chart
-            return refusal.message
-        except ServerError as refusal:
-            if refusal.status != SEVERAL_BUDGETS:
-                raise
-            return refusal.message
-        except (NotFound, Conflict) as gone:
-            log.info("pod %s/%s is gone already: %s", meta.namespace, meta.name, gone)
-            return None
-        return ""
 
     def _show(self, app: App, instance: str, own: InstanceMemory, text: str) -> None:
         """Have the status show why a component is not moved ("": nothing to show)."""

@@ -75,6 +75,7 @@ class Observer:
             outcome=memory.outcomes.get(instance.robot),
             trouble=memory.troubles.get(instance.robot),
             held=memory.held.get(instance.robot, ()),
+            barred=memory.barred.get(instance.robot, frozenset()),
             stays=own.stays,
             now_s=now_s,
         )
@@ -111,6 +112,7 @@ class Observer:
             outcome,
             memory.troubles.get(instance.robot),
             memory.held.get(instance.robot, ()),
+            memory.barred.get(instance.robot, frozenset()),
             cached_domain(app, instance.robot, self._cache, outcome) if borrowed else None,
             self._config_maps(app),
             own.stays,

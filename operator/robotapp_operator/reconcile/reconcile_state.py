@@ -84,6 +84,10 @@ class AppMemory:
     """What the server refused."""
     held: dict[str, tuple[Held, ...]] = dataclasses.field(default_factory=dict)
     """The templates that are not written although they differ."""
+    barred: dict[str, frozenset[str]] = dataclasses.field(default_factory=dict)
+    """Uids of pods that keep our gate, because no node that they may use admits their namespace."""
+    judged: dict[str, dict[str, int]] = dataclasses.field(default_factory=dict)
+    """By a pod's uid, the version of the nodes when its place was judged last."""
     settled: dict[str, tuple[int, str]] = dataclasses.field(default_factory=dict)
     """By a Deployment's uid, its generation and the hash it was found with."""
     unseen: dict[str, Unseen] = dataclasses.field(default_factory=dict)
@@ -152,6 +156,8 @@ class ReconcileState:
             memory.outcomes,
             memory.troubles,
             memory.held,
+            memory.barred,
+            memory.judged,
             memory.unseen,
             memory.new_domains,
             memory.instances,

@@ -1,58 +1,150 @@
-"""Scheduling gates: other schedulers cannot check a pod's domain before they bind it, so we do it for them."""
+"""Scheduling gates: what other schedulers cannot check before they bind a pod, we check for them.
 
-from typing import Final
+That is the claim of the pod's domain, and that its nodes admit its namespace.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, Final
+
+import msgspec
 
 from robotapp_api.claiming.bind_check import check_bind
+from robotapp_api.claims.instances import closed_nodes
 from robotapp_api.claims.objects import Pod as ClaimsPod
 from robotapp_api.client import ApiClient, Conflict, NotFound
 from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import means_gone
-from robotapp_api.model.names import SCHEDULING_GATE
+from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME
+from robotapp_operator.plan.render.admitted_nodes import admitted_nodes, is_outdated
 from robotapp_operator.plan.spec.objects import Pod
+from robotapp_operator.reconcile.eviction import evict
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
 
 CONFLICTS: Final = 3
+OURS: Final = (SCHEDULER_NAME, THESIS_SCHEDULER_NAME)
+
+
+@dataclasses.dataclass(slots=True)
+class GatesResult:
+    """What one attempt on an instance's gated pods found, by the pods' uids.
+
+    barred: no node admits them. opened: their gate is off, with the version of the nodes that they were narrowed by.
+    """
+
+    barred: set[str] = dataclasses.field(default_factory=set)
+    opened: dict[str, int] = dataclasses.field(default_factory=dict)
 
 
 class Gates:
-    """Removes our gate from pods whose domain claim stands (claims, rule 6)."""
+    """Removes our gate from pods whose domain claim stands (claims, rule 6), and keeps them on nodes that admit them."""
 
-    def __init__(self, client: ApiClient, cache: Cache) -> None:
+    def __init__(self, client: ApiClient, cache: Cache, memory: ReconcileState) -> None:
         self._client = client
         self._cache = cache
+        self._memory = memory
 
     async def open(self, uid: str, robot: str) -> bool:
-        """True when no pod of the instance is left gated by us."""
-        done = True
-        for pod in list(self._cache.pods.of_instance(uid, robot).values()):
+        """True when no pod of the instance has to be tried again. One without a node that admits it waits for another node."""
+        pods = list(self._cache.pods.of_instance(uid, robot).values())
+        done, result = True, GatesResult()
+        for pod in pods:
             gates = [gate.name for gate in pod.spec.scheduling_gates]
             if SCHEDULING_GATE in gates:
-                done = await self._try(pod, gates) and done
+                done = await self._try(pod, gates, result) and done
+        if uid in self._cache.apps:
+            memory = self._memory.of(uid)
+            memory.barred.pop(robot, None)
+            if result.barred:
+                memory.barred[robot] = frozenset(result.barred)
+            judged = memory.judged.get(robot, {}) | result.opened
+            memory.judged[robot] = {pod.metadata.uid: judged.get(pod.metadata.uid, 0) for pod in pods}
+            done = await self._replace_outdated(uid, robot, memory.judged[robot]) and done
         return done
 
-    async def _try(self, pod: Pod, gates: list[str]) -> bool:
+    async def _try(self, pod: Pod, gates: list[str], result: GatesResult) -> bool:
         """The pod's own status is written while we look: that is no reason to make it wait a second."""
         for _ in range(CONFLICTS):
             try:
-                return await self._open(pod, gates)
+                return await self._open(pod, gates, result)
             except Conflict:
                 continue
         return False
 
-    async def _open(self, pod: Pod, gates: list[str]) -> bool:
+    async def _open(self, pod: Pod, gates: list[str], result: GatesResult) -> bool:
         meta = pod.metadata
         try:
-            seen = await self._client.get(PODS, meta.name, namespace=meta.namespace, as_type=ClaimsPod)
-            if seen.metadata.uid != meta.uid:
+            found = await self._client.get(PODS, meta.name, namespace=meta.namespace)
+            seen = msgspec.convert(found, ClaimsPod)
+            if seen.metadata.uid != meta.uid or not _is_gated(found["spec"]):
                 return True
             if not (await check_bind(self._client, seen)).allowed:
                 return False
+            # After all reads of the claims, and before nothing but the write: the nodes are as new as they can be.
+            version = self._cache.nodes.identity_version
+            admitted = admitted_nodes(found["spec"], self._cache.nodes, self._closed(meta.namespace), seed=meta.uid)
+            if not admitted.allowed:
+                result.barred.add(meta.uid)
+                return True
             left = [{"name": name} for name in gates if name != SCHEDULING_GATE]
             precondition = {"uid": meta.uid, "resourceVersion": seen.metadata.resource_version}
-            await self._client.patch(
-                PODS, meta.name, {"metadata": precondition, "spec": {"schedulingGates": left}}, namespace=meta.namespace
-            )
+            body = {"metadata": precondition, "spec": {**admitted.patch, "schedulingGates": left}}
+            await self._client.patch(PODS, meta.name, body, namespace=meta.namespace)
+            result.opened[meta.uid] = version
         except NotFound as error:
             if not means_gone(error, meta.name):
                 raise
         return True
+
+    def _closed(self, namespace: str) -> frozenset[str]:
+        return closed_nodes([node.metadata for node in self._cache.nodes.values()], namespace)
+
+    async def _replace_outdated(self, uid: str, robot: str, judged: dict[str, int]) -> bool:
+        """Evict pods that no scheduler has placed and whose nodes are not the admitted ones any more: their successors are
+        gated again. judged: by a pod's uid, the version of the nodes that it was compared with last.
+        """
+        version, done = self._cache.nodes.identity_version, True
+        for pod, template in self._waiting(uid, robot):
+            if judged.get(pod.metadata.uid) == version:
+                continue
+            if await self._replace(pod, template):
+                judged[pod.metadata.uid] = version
+            else:
+                done = False
+        return done
+
+    def _waiting(self, uid: str, robot: str) -> list[tuple[Pod, Mapping[str, Any]]]:
+        """Pods of the app's Deployments that another scheduler may place at any moment, each with its template's spec."""
+        found = []
+        pods = self._cache.pods_by_deployment(uid, robot)
+        for deployment in self._cache.deployments.of_instance(uid, robot).values():
+            template = deployment.spec.get("template") or {}
+            found += [
+                (pod, template.get("spec") or {})
+                for pod in pods.get(deployment.metadata.uid, ())
+                if not (pod.spec.node_name or pod.terminal or pod.metadata.deletion_timestamp)
+                and pod.spec.scheduler_name not in OURS
+                and all(gate.name != SCHEDULING_GATE for gate in pod.spec.scheduling_gates)
+            ]
+        return found
+
+    async def _replace(self, pod: Pod, template: Mapping[str, Any]) -> bool:
+        """Whether the pod needs no other look while the nodes stay as they are."""
+        meta = pod.metadata
+        try:
+            found = await self._client.get(PODS, meta.name, namespace=meta.namespace)
+        except NotFound as error:
+            if not means_gone(error, meta.name):
+                raise
+            return True
+        spec, version = found["spec"], found["metadata"]["resourceVersion"]
+        if found["metadata"]["uid"] != meta.uid or spec.get("nodeName"):
+            return True
+        if not is_outdated(spec, template, self._cache.nodes, self._closed(meta.namespace)):
+            return True
+        return await evict(self._client, pod, version=version) == ""
+
+
+def _is_gated(spec: Mapping[str, Any]) -> bool:
+    return any(gate["name"] == SCHEDULING_GATE for gate in spec.get("schedulingGates") or ())

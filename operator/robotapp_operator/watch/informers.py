@@ -128,7 +128,7 @@ class Informers:
         if pod is None:
             return
         self._status(pod)
-        if change.new is not None and any(gate.name == SCHEDULING_GATE for gate in pod.spec.scheduling_gates):
+        if change.new is not None and (_is_gated(pod) or (change.old is not None and _is_gated(change.old))):
             self._queue.add(Key(Work.GATES, label(pod, Label.APP_UID), label(pod, Label.INSTANCE)))
         if change.old is None or change.new is None or change.old.spec.node_name != pod.spec.node_name:
             self._fleet(pod.metadata.namespace)
@@ -176,8 +176,17 @@ class Informers:
         for record in list(self._cache.apps.values()):
             if record.app and (record.app.spec.placement.master_node or _chooses(record.app, same=same)):
                 self._queue.add(Key(Work.ROBOTS, record.uid), delay_s=ROBOTS_DELAY_S)
+        if not same:
+            self._gates_of_others()
         for uid, instance in self._cache.pods.on_node(node.metadata.name) | self._of_robot(node.robot):
             enqueue_status(self._queue, uid, instance)
+
+    def _gates_of_others(self) -> None:
+        """Which nodes admit the pods of other schedulers may have changed."""
+        for uid, record in self._cache.apps.items():
+            if record.app is not None and not record.app.our_scheduler:
+                for instance in self._cache.pods.instances(uid):
+                    self._queue.add(Key(Work.GATES, uid, instance), delay_s=ROBOTS_DELAY_S)
 
     def _of_robot(self, robot: str) -> set[InstanceKey]:
         """Instances for this robot of which there is something."""
@@ -300,6 +309,10 @@ class Informers:
 def label(item: Any, name: Label) -> str:
     value: str = item.metadata.labels.get(name, "")
     return value
+
+
+def _is_gated(pod: Pod) -> bool:
+    return any(gate.name == SCHEDULING_GATE for gate in pod.spec.scheduling_gates)
 
 
 def _marks(item: Deployment) -> tuple[dict[str, str], tuple[Any, ...]]:

@@ -30,7 +30,7 @@ from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
-from robotapp_operator.plan.status.components import component_view, cut_off
+from robotapp_operator.plan.status.components import component_view, cut_off, not_admitted
 from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble
 from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, parse_record
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
@@ -158,10 +158,14 @@ def instance_facts(
     outcome: DomainOutcome | None,
     trouble: tuple[Reason, str] | None,
     held: tuple[Held, ...],
+    barred: Collection[str] = (),
     stays: str = "",
     now_s: float,
 ) -> InstanceFacts:
-    """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic."""
+    """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic.
+
+    barred: uids of pods that keep our gate, because no node admits them.
+    """
     pods = cache.pods_by_deployment(app.uid, instance.robot)
     owned = owned_deployments(app, instance.robot, cache)
     by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in owned}
@@ -172,7 +176,7 @@ def instance_facts(
         mine = pods.get(deployment.metadata.uid, ()) if deployment else ()
         missing = files[component.name].missing if component.name in files else ()
         lost = [pod.spec.node_name for pod in mine if cache.nodes.lost(pod.spec.node_name)]
-        views.append(component_view(component, deployment, mine, missing=missing, lost=lost))
+        views.append(component_view(component, deployment, mine, missing=missing, lost=lost, barred=barred))
     domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
     wanted = sum(claims_wanted(component.devices) for component in app.spec.components)
@@ -199,6 +203,7 @@ def instance_facts(
         moves=tuple(_moves(item) for item in owned if item.metadata.annotations.get(Annotation.MOVES)),
         stays=stays,
         infrastructure_ready=_infrastructure_ready(owned),
+        infrastructure_barred=_infrastructure_barred(owned, pods, barred),
         cut_off=_cut_off(owned, pods),
     )
 
@@ -313,6 +318,17 @@ def _cut_off(deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]]) -
         if role in (None, DISCOVERY):
             (clients if role is None else servers).extend(pods.get(item.metadata.uid, ()))
     return cut_off(servers, clients)
+
+
+def _infrastructure_barred(
+    deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]], barred: Collection[str]
+) -> str:
+    for item in deployments if barred else ():
+        if item.metadata.labels.get(Label.ROLE) and any(
+            pod.metadata.uid in barred for pod in pods.get(item.metadata.uid, ())
+        ):
+            return not_admitted(item.metadata.namespace)
+    return ""
 
 
 def _infrastructure_ready(deployments: Iterable[Deployment]) -> bool:

@@ -11,6 +11,7 @@ from robotapp_api.claims.objects import Claim
 from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
 from robotapp_api.model.names import SCHEDULING_GATE
 from robotapp_operator.plan.spec.objects import Pod
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates
 from robotapp_operator.watch.cache import Cache
 
@@ -26,7 +27,7 @@ class Gated:
         self.uid = request.holder.uid
         self.request = request
         self.cache = Cache()
-        self.gates = Gates(place.operator, self.cache)
+        self.gates = Gates(place.operator, self.cache, ReconcileState())
 
     async def create(self, number: int, *, claim: str) -> None:
         gates = [{"name": SCHEDULING_GATE}, {"name": OTHERS}]

@@ -24,6 +24,7 @@ from robotapp_operator.reconcile.domain_pools import Pools
 from robotapp_operator.reconcile.fleet_view import FleetView
 from robotapp_operator.reconcile.metrics import Metrics
 from robotapp_operator.reconcile.probe_targets import Probes
+from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates
 from robotapp_operator.watch.cache import Cache
 
@@ -278,14 +279,14 @@ async def claim(world: World, phase: str) -> None:
 async def test_our_gate_opens_when_the_claim_stands_and_others_stay(world: World) -> None:
     await gated_pod(world)
     await claim(world, "Reserved")
-    assert await Gates(world.client, world.cache).open("uid-1", "")
+    assert await Gates(world.client, world.cache, ReconcileState()).open("uid-1", "")
     pod = await world.client.get(PODS, "p", namespace="default")
     assert pod["spec"]["schedulingGates"] == [{"name": "other/gate"}]
 
 
 async def test_our_gate_stays_without_a_standing_claim(world: World) -> None:
     await gated_pod(world)
-    gates = Gates(world.client, world.cache)
+    gates = Gates(world.client, world.cache, ReconcileState())
     assert not await gates.open("uid-1", "")
     await claim(world, "Draining")
     assert not await gates.open("uid-1", "")
@@ -303,7 +304,7 @@ async def test_a_404_that_does_not_name_the_pod_is_no_reason_to_forget_its_gate(
 
     monkeypatch.setattr(world.client, "get", not_served)
     with pytest.raises(NotFound):
-        await Gates(world.client, world.cache).open("uid-1", "")
+        await Gates(world.client, world.cache, ReconcileState()).open("uid-1", "")
 
 
 async def test_a_gated_pod_in_another_namespace_does_not_make_the_apps_own_gates_wait(world: World) -> None:
@@ -312,14 +313,14 @@ async def test_a_gated_pod_in_another_namespace_does_not_make_the_apps_own_gates
     app = app_body(uid="uid-1")
     app["metadata"]["namespace"] = "somewhere-else"
     world.cache.update_app(app)
-    assert await Gates(world.client, world.cache).open("uid-1", "")
+    assert await Gates(world.client, world.cache, ReconcileState()).open("uid-1", "")
 
 
 async def test_a_pod_that_is_gone_or_another_needs_no_gate(world: World) -> None:
     await gated_pod(world)
     await world.client.delete(PODS, "p", namespace="default")
-    assert await Gates(world.client, world.cache).open("uid-1", "")
-    assert await Gates(world.client, world.cache).open("uid-1", "another instance")
+    assert await Gates(world.client, world.cache, ReconcileState()).open("uid-1", "")
+    assert await Gates(world.client, world.cache, ReconcileState()).open("uid-1", "another instance")
 
 
 async def page(port: int, path: str, token: str = "") -> tuple[int, str]:

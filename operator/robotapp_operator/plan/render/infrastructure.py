@@ -8,7 +8,12 @@ from robotapp_api.values.component_nodes import is_in, required_nodes, robot_tol
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child, role_labels, selector
 from robotapp_operator.plan.render.deployments import deployment_spec
 from robotapp_operator.plan.render.environment import DISCOVERY_SERVER_PORT, ZENOH_PORT
-from robotapp_operator.plan.render.node_affinity import disconnect_tolerations, shared_node_selector, shared_tolerations
+from robotapp_operator.plan.render.node_affinity import (
+    disconnect_tolerations,
+    scheduling_gates,
+    shared_node_selector,
+    shared_tolerations,
+)
 from robotapp_operator.plan.render.ros1 import MASTER_PORT, own_address
 from robotapp_operator.plan.render.services import DISCOVERY, role_service, servers_service
 from robotapp_operator.plan.spec.desired import MASTER, ROUTER, SERVERS, Desired
@@ -120,6 +125,7 @@ def _deployment(
         "enableServiceLinks": False,
         "containers": [container],
         **identity,
+        **scheduling_gates(desired),
     }
     affinity = _affinity(labels, home=home, node=node)
     if affinity:

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from robotapp_api.checks.spec import neighbours_of
 from robotapp_api.model.component import Component
-from robotapp_api.model.names import HARDWARE_PREFIX, Label
+from robotapp_api.model.names import HARDWARE_PREFIX, SCHEDULING_GATE, Label
 from robotapp_api.values.component_nodes import is_in, may_be_on_robot, required_nodes, robot_tolerations, tier_terms
 from robotapp_api.values.neighbours import NO_NEIGHBOURS
 from robotapp_api.values.selector import matches_labels
@@ -65,6 +65,13 @@ def disconnect_tolerations(seconds: int | None) -> list[dict[str, Any]]:
     """`seconds` None: for ever. A robot out of reach still drives; its pods must not be replaced elsewhere."""
     limit = {} if seconds is None else {"tolerationSeconds": seconds}
     return [{"key": key, "operator": "Exists", "effect": "NoExecute", **limit} for key in DISCONNECTED]
+
+
+def scheduling_gates(desired: Desired) -> dict[str, Any]:
+    """The gate of every pod for another scheduler, {} for ours. The operator takes it off when the claim of the pod's domain
+    stands, and writes the nodes that admit the pod's namespace into it (`admitted_nodes`): other schedulers read neither.
+    """
+    return {} if desired.app.our_scheduler else {"schedulingGates": [{"name": SCHEDULING_GATE}]}
 
 
 def affinity(component: Component, desired: Desired) -> dict[str, Any]:

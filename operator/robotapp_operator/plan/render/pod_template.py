@@ -3,10 +3,10 @@
 from typing import Any, Final
 
 from robotapp_api.model.component import Component
-from robotapp_api.model.names import SCHEDULING_GATE, WAITING_STEP, Annotation
+from robotapp_api.model.names import WAITING_STEP, Annotation
 from robotapp_operator.plan.render.child import component_labels
 from robotapp_operator.plan.render.environment import ros2_environment
-from robotapp_operator.plan.render.node_affinity import affinity, tolerations
+from robotapp_operator.plan.render.node_affinity import affinity, scheduling_gates, tolerations
 from robotapp_operator.plan.render.parameters import (
     ParameterState,
     parameter_annotations,
@@ -52,9 +52,8 @@ def pod_template(
         "containers": [container(component, desired, domain=domain, state=state)],
         "volumes": [*template.volumes, *parameter_volume(component, desired, state)],
         **_peer_identity(component, desired),
+        **scheduling_gates(desired),
     }
-    if not desired.app.our_scheduler and domain is not None:
-        spec["schedulingGates"] = [{"name": SCHEDULING_GATE}]
     labels = component.template.metadata.labels | component_labels(desired, component.name)
     return {
         "metadata": {"labels": labels, **_written(annotations=annotations)},

@@ -1,7 +1,7 @@
 """The state of one component of one instance: its Deployment and pods, and what to tell the user about them."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from typing import Final
@@ -59,9 +59,10 @@ def component_view(
     *,
     missing: Sequence[str] = (),
     lost: Sequence[str] = (),
+    barred: Collection[str] = (),
 ) -> ComponentView:
     """pods: those the Deployment owns, terminating and finished ones included. missing: parameter files that do not exist.
-    lost: nodes of these pods that are not Ready.
+    lost: nodes of these pods that are not Ready. barred: uids of pods that no node admits.
     """
     if deployment is None:
         return ComponentView(
@@ -76,7 +77,7 @@ def component_view(
     current = status.observed_generation >= deployment.metadata.generation
     up_to_date = current and status.updated_replicas == replicas == status.replicas
     ready = up_to_date and status.ready_replicas == replicas > 0
-    reason, message = (None, "") if ready else _failure(deployment, pods, live)
+    reason, message = (None, "") if ready else _failure(deployment, pods, live, barred)
     if missing and not ready and reason is None:  # the kubelet waits for the file and reports that in an event only
         reason, message = Reason.FAILED_CREATE, f"{'; '.join(missing)}: create it, or write optional: true"
     ending = [pod.spec.node_name for pod in pods if pod.metadata.deletion_timestamp and pod.spec.node_name in lost]
@@ -141,7 +142,9 @@ def over_quota(message: str) -> bool:
     return "exceeded quota" in message
 
 
-def _failure(deployment: Deployment, pods: Sequence[Pod], live: Sequence[Pod]) -> tuple[Reason | None, str]:
+def _failure(
+    deployment: Deployment, pods: Sequence[Pod], live: Sequence[Pod], barred: Collection[str]
+) -> tuple[Reason | None, str]:
     """The most telling reason why it is not ready: refused pods, then containers, then scheduling."""
     for condition in deployment.status.conditions:
         if condition.type == "ReplicaFailure" and condition.status == "True":
@@ -154,12 +157,22 @@ def _failure(deployment: Deployment, pods: Sequence[Pod], live: Sequence[Pod]) -
             if found:
                 return found
     for pod in live:
+        if pod.metadata.uid in barred:
+            return Reason.UNSCHEDULABLE, not_admitted(pod.metadata.namespace)
         for condition in pod.status.conditions:
             if condition.type == "PodScheduled" and condition.status == "False":
                 return Reason.UNSCHEDULABLE, _unscheduled(pod, condition)
     if not live and any(pod.metadata.deletion_timestamp for pod in pods):
         return None, "waiting until the previous pod has ended"
     return None, ""
+
+
+def not_admitted(namespace: str) -> str:
+    """Why a pod keeps our gate. Names neither nodes nor the namespaces that they admit: these are other tenants'."""
+    return (
+        f"no node that it may use admits namespace {namespace}: ask whoever runs the robots to add {namespace} to the node "
+        f"annotation {Annotation.ALLOWED_NAMESPACES}, or write runsOn and nodeSelector for other nodes"
+    )
 
 
 def _unscheduled(pod: Pod, condition: ObjectCondition) -> str:

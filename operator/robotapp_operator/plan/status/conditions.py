@@ -306,9 +306,10 @@ def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
         return missing[0], _named(facts, instance, missing[1])
     worst = instance.worst
     if worst is None:
+        why = f": {instance.infrastructure_barred}" if instance.infrastructure_barred else ""
         return (
             Reason.COMPONENTS_NOT_READY,
-            f"{count}; {_named(facts, instance, 'its discovery or master is not ready')}",
+            f"{count}; {_named(facts, instance, f'its discovery or master is not ready{why}')}",
         )
     text = worst.message or ("is starting" if worst.exists else "is being created")
     return worst.reason or Reason.COMPONENTS_NOT_READY, f"{count}; {_named(facts, instance, f'{worst.name}: {text}')}"

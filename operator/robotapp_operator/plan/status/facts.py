@@ -50,6 +50,8 @@ class InstanceFacts:
     grace: Grace | None = None
     """Of a robot that is not online; None when it is over."""
     infrastructure_ready: bool = True
+    infrastructure_barred: str = ""
+    """Why a discovery server, router or master of the instance has no node; "" while other reasons are likelier."""
     offline_since: str = ""
     """When the robot's node was last Ready (RFC 3339); "" for one that is Ready or gone."""
     lost: tuple[LostDevice, ...] = ()

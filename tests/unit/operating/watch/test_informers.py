@@ -140,6 +140,24 @@ def test_a_gated_pod_asks_for_its_gate(world: World) -> None:
     assert Key(Work.GATES, "uid-1", "a") not in world.see("_pod", None, pod(gates=("somebody/else",)))
 
 
+def test_a_pod_whose_gate_was_taken_off_is_looked_at_once_more(world: World) -> None:
+    """Its nodes may have changed while that was written."""
+    key = Key(Work.GATES, "uid-1", "a")
+    assert key in world.see("_pod", pod(gates=(SCHEDULING_GATE,)), pod())
+    assert key not in world.see("_pod", pod(), pod("edge-1"))
+
+
+def test_what_nodes_admit_concerns_the_pods_of_other_schedulers(world: World) -> None:
+    world.see("_pod", None, pod())
+    key = Key(Work.GATES, "uid-1", "a")
+    before, after = make_node("n"), make_node("n", annotations={Annotation.ALLOWED_NAMESPACES.value: "theirs"})
+    assert key not in world.see("_node", before, after)
+    world.cache.update_app(app_body(generation=2, schedulerName="by-hand"))
+    assert key in world.see("_node", before, after)
+    assert key in world.see("_node", None, before)
+    assert key not in world.see("_node", before, make_node("n", ready=False))
+
+
 def test_a_bare_pod_is_only_in_the_fleet_view(world: World) -> None:
     assert world.see("_bare_pod", None, make_pod()) == {FLEET}
     assert world.cache.bare_pods.of("default")

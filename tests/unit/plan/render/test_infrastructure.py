@@ -4,7 +4,7 @@ from typing import Any
 
 from tests.support.factories import make_app
 
-from robotapp_api.model.names import Label
+from robotapp_api.model.names import SCHEDULING_GATE, Label
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.infrastructure import infrastructure
 from robotapp_operator.plan.render.services import peers_service
@@ -89,6 +89,13 @@ def test_servers_go_where_every_component_may_go() -> None:
     for server in deployments(parts()):
         assert "tolerations" not in pod_spec(server)
         assert "nodeSelector" not in pod_spec(server)
+
+
+def test_infrastructure_for_another_scheduler_is_gated_as_its_components_are() -> None:
+    for spec in ({}, {"ros2": {"rmw": "rmw_zenoh_cpp"}}, {"ros": {"distro": "noetic"}}):
+        for child in deployments(parts(schedulerName="default-scheduler", **spec)):
+            assert pod_spec(child)["schedulingGates"] == [{"name": SCHEDULING_GATE}]
+        assert all("schedulingGates" not in pod_spec(child) for child in deployments(parts(**spec)))
 
 
 def test_infrastructure_has_a_role_and_no_component_and_no_domain() -> None:

@@ -216,12 +216,11 @@ def test_hardware_is_left_to_our_scheduler_and_spelled_out_for_others() -> None:
     ]
 
 
-def test_other_schedulers_are_gated_until_the_domain_is_checked() -> None:
-    assert template(app={"schedulerName": "default-scheduler"})["spec"]["schedulingGates"] == [
-        {"name": SCHEDULING_GATE}
-    ]
-    assert "schedulingGates" not in template()["spec"]
-    assert "schedulingGates" not in template(app={"schedulerName": "x", "ros": {"distro": "noetic"}})["spec"]
+def test_other_schedulers_are_gated_until_domain_and_nodes_are_checked_with_ros_1_too() -> None:
+    for ros in ("humble", "noetic"):
+        found = template(app={"schedulerName": "default-scheduler", "ros": {"distro": ros}})
+        assert found["spec"]["schedulingGates"] == [{"name": SCHEDULING_GATE}]
+        assert "schedulingGates" not in template(app={"ros": {"distro": ros}})["spec"]
 
 
 def test_other_schedulers_get_pod_affinity_towards_earlier_components_only() -> None:

@@ -1,5 +1,6 @@
 """What a component's Deployment and pods say about it."""
 
+from collections.abc import Collection
 from typing import Any
 
 import pytest
@@ -11,8 +12,8 @@ from robotapp_operator.plan.spec.objects import Deployment, Pod
 from robotapp_operator.plan.status.components import ComponentView, component_view, cut_off
 
 
-def view(deployment: Deployment | None, *pods: Pod) -> ComponentView:
-    return component_view(make_app(component("driver")).spec.components[0], deployment, pods)
+def view(deployment: Deployment | None, *pods: Pod, barred: Collection[str] = ()) -> ComponentView:
+    return component_view(make_app(component("driver")).spec.components[0], deployment, pods, barred=barred)
 
 
 def test_a_component_without_deployment_does_not_exist_yet() -> None:
@@ -111,6 +112,13 @@ def test_a_pod_without_gates_that_no_scheduler_has_looked_at_names_the_scheduler
     found = view(make_deployment(), gated())
     assert found.reason == Reason.UNSCHEDULABLE
     assert found.message.startswith("scheduler volcano has not looked at the pod yet")
+
+
+def test_a_pod_that_no_node_admits_says_so_and_names_nobody() -> None:
+    pod = gated("robotics.io/domain")
+    found = view(make_deployment(), pod, barred=[pod.metadata.uid])
+    assert found.reason == Reason.UNSCHEDULABLE
+    assert found.message.startswith("no node that it may use admits namespace default: ask whoever runs the robots")
 
 
 def test_starting_is_no_failure() -> None:

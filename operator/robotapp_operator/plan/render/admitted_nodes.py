@@ -1,0 +1,117 @@
+"""Keeps pods of other schedulers on nodes that admit their namespace (node annotation robotics.io/allowed-namespaces).
+
+Our scheduler reads the annotation of each node; others do not. So the operator writes into a pod's own node affinity which
+nodes it may use, in the write that takes our scheduling gate off the pod. A pod that is gated may be narrowed; its template is
+left alone, because every change there would restart what runs.
+
+The nodes that are named are those that admit the namespace. Those that do not are other tenants', and the pod is the tenant's
+to read.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from robotapp_api.claims.identity import hash10
+from robotapp_api.model.names import Label
+from robotapp_api.values.component_nodes import is_in
+from robotapp_api.values.selector import matches_term
+from robotapp_operator.plan.spec.objects import Node, Struct
+
+MAX_NAMED: Final = 256
+"""Nodes that one pod names at most: 16 KiB of the longest names. Pods of larger clusters each get their own choice of so many."""
+
+_REQUIRED: Final = "requiredDuringSchedulingIgnoredDuringExecution"
+
+
+class Requirement(Struct):
+    key: str = ""
+    operator: str = ""
+    values: tuple[str, ...] = ()
+
+
+class Term(Struct):
+    match_expressions: tuple[Requirement, ...] = ()
+    match_fields: tuple[Requirement, ...] = ()
+
+
+class AdmittedNodes(NamedTuple):
+    """Whether any node is left for a pod, and the patch of its spec that excludes the others ({}: none has to be)."""
+
+    allowed: bool
+    patch: Mapping[str, Any] = {}
+
+
+def admitted_nodes(
+    spec: Mapping[str, Any], nodes: Mapping[str, Node], closed: frozenset[str], *, seed: str = ""
+) -> AdmittedNodes:
+    """The nodes of `spec`, a pod's as plain JSON, without the `closed` ones.
+
+    closed: names of the nodes that do not admit the pod's namespace. While there are any, a pod for which no node is left is
+    not let go: one that joins could be closed, too. seed: of the choice among more than MAX_NAMED nodes.
+    """
+    if not closed:
+        return AdmittedNodes(True)
+    terms = _terms(spec)
+    reach = [_reach(spec, term, nodes) for term in terms] or [_reach(spec, None, nodes)]
+    everywhere = frozenset().union(*reach)
+    if not everywhere - closed:
+        return AdmittedNodes(False)
+    if not everywhere & closed:
+        return AdmittedNodes(True)
+    wide = [found for found in reach if found & closed]
+    hosts = _hosts(frozenset().union(*wide) - closed or everywhere - closed, nodes, closed)
+    if not hosts:
+        return AdmittedNodes(False)
+    chosen = sorted(sorted(hosts, key=lambda host: hash10(f"{seed}/{host}"))[:MAX_NAMED])
+    only = is_in(Label.HOSTNAME, *chosen)
+    narrowed = [
+        {**term, "matchExpressions": [*(term.get("matchExpressions") or ()), only]} if found & closed else term
+        for term, found in zip(terms or [{}], reach, strict=True)
+    ]
+    return AdmittedNodes(True, {"affinity": {"nodeAffinity": {_REQUIRED: {"nodeSelectorTerms": narrowed}}}})
+
+
+def reach_of(spec: Mapping[str, Any], nodes: Mapping[str, Node]) -> frozenset[str]:
+    """Names of the nodes that a pod's node selector and required node affinity admit."""
+    return frozenset().union(*([_reach(spec, term, nodes) for term in _terms(spec)] or [_reach(spec, None, nodes)]))
+
+
+def is_outdated(
+    spec: Mapping[str, Any], template: Mapping[str, Any], nodes: Mapping[str, Node], closed: frozenset[str]
+) -> bool:
+    """Whether a pod that no scheduler has placed should be replaced: it may use a node that does not admit it (any more), or
+    does not name one that does (by now). template: the pod's spec before it was narrowed.
+    """
+    now = reach_of(spec, nodes)
+    missing = _hosts(reach_of(template, nodes) - closed - now, nodes, closed)
+    return bool(now & closed) or (len(now) < MAX_NAMED and bool(missing))
+
+
+def _terms(spec: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The required node selector terms, [] for a pod without any."""
+    affinity = (spec.get("affinity") or {}).get("nodeAffinity") or {}
+    return list((affinity.get(_REQUIRED) or {}).get("nodeSelectorTerms") or ())
+
+
+def _reach(spec: Mapping[str, Any], term: Mapping[str, Any] | None, nodes: Mapping[str, Node]) -> frozenset[str]:
+    """Of one term; None: of the node selector alone."""
+    chosen = (spec.get("nodeSelector") or {}).items()
+    parsed = None if term is None else msgspec.convert(term, Term)
+    return frozenset(
+        name
+        for name, node in nodes.items()
+        if chosen <= node.metadata.labels.items()
+        and (parsed is None or matches_term(parsed, node.metadata.labels, name))
+    )
+
+
+def _hosts(names: frozenset[str], nodes: Mapping[str, Node], closed: frozenset[str]) -> set[str]:
+    """Host names of these nodes that no closed node bears as well."""
+    taken = {_host(nodes[name]) for name in closed}
+    return {_host(nodes[name]) for name in names} - taken - {""}
+
+
+def _host(node: Node) -> str:
+    return node.metadata.labels.get(Label.HOSTNAME, "")
