@@ -11,7 +11,7 @@ from robotapp_api.model.edge import EdgeKind
 from robotapp_api.model.markers import Column, Kind, ListMap, Rule
 from robotapp_api.model.names import Phase
 from robotapp_api.model.scalars import AppName, Count, DomainId, Duration, ShortText, Text, Timestamp
-from robotapp_api.model.status import BudgetText, PairText, PhaseText
+from robotapp_api.model.status import BudgetText, PairText, PhaseText, ReadyText
 
 BriefMessage = Annotated[str, StringConstraints(max_length=256)]
 EdgeText = Annotated[str, StringConstraints(max_length=255)]
@@ -90,8 +90,8 @@ class Move(Observed):
 class InstanceSummary(Observed):
     """Values combined for the columns of kubectl get."""
 
-    ready: PairText = ""
-    """Ready and desired components, such as 3/3."""
+    ready: ReadyText = ""
+    """Ready and desired components, such as 3/3; "3/3 (1 held)" while a template of a newer operator holds an edit back."""
     budget: BudgetText = ""
     """Worst round-trip time and its budget, such as 18/30ms."""
     devices: PairText = ""

@@ -12,6 +12,7 @@ from robotapp_api.model.scalars import Count, Generation, ShortText, Text
 PhaseText = Annotated[str, StringConstraints(max_length=32)]
 """A plain string: old readers must survive phases of a newer operator."""
 PairText = Annotated[str, StringConstraints(max_length=16)]
+ReadyText = Annotated[str, StringConstraints(max_length=32)]
 BudgetText = Annotated[str, StringConstraints(max_length=32)]
 Message = Annotated[str, StringConstraints(max_length=1024)]
 ReasonText = Annotated[str, StringConstraints(max_length=64)]
@@ -46,8 +47,8 @@ class Troubled(Observed):
 class Summary(Observed):
     """Values combined for the columns of kubectl get."""
 
-    ready: PairText = ""
-    """Ready and desired components, such as 3/3."""
+    ready: ReadyText = ""
+    """Ready and desired components, such as 3/3; "3/3 (1 held)" while a template of a newer operator holds an edit back."""
     robots: PairText = ""
     """Ready and chosen robots, such as 1/1; a dash without robots."""
     domain: ShortText = ""

@@ -120,6 +120,7 @@ def test_what_a_rollback_holds_back_is_a_condition_an_event_and_a_count_until_th
     eventually(
         lambda: "1 template was written by" in tenant.cp.kubectl("get", "ra", "-n", tenant.namespace, "-o", "wide")
     )
+    assert " 2/2 (1 held) " in tenant.cp.kubectl("get", "ra", "held", "-n", tenant.namespace)
 
     start(NEWER)
     eventually(lambda: main(tenant, "a").get("args") == ["new"])

@@ -7,7 +7,7 @@ from robotapp_api.claims.device import claimed
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import GPU, SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Condition, Reason
 from robotapp_api.values.round_trips import is_unreachable
-from robotapp_operator.plan.diff.newer import version_key
+from robotapp_operator.plan.diff.newer import Held, version_key
 from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView
@@ -237,9 +237,14 @@ def progressing(facts: AppFacts) -> Verdict:
     return Verdict("False", Reason.UP_TO_DATE, "every component has its newest template")
 
 
+def held_by_newer(facts: AppFacts) -> list[Held]:
+    """Templates of a newer operator that hold an edit back."""
+    return [item for instance in facts.instances for item in instance.held if item.newer]
+
+
 def newer_templates(facts: AppFacts) -> str:
     """How many templates of a newer operator hold an edit back and what to do; "" when none does."""
-    held = [item for instance in facts.instances for item in instance.held if item.newer]
+    held = held_by_newer(facts)
     if not held:
         return ""
     newest = max(held, key=lambda item: version_key(item.newer))

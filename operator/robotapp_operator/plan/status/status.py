@@ -11,7 +11,13 @@ from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import Condition, Phase, Reason
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.spec.text import clip
-from robotapp_operator.plan.status.conditions import MAX_CONDITION_BYTES, conditions, newer_templates, ready
+from robotapp_operator.plan.status.conditions import (
+    MAX_CONDITION_BYTES,
+    conditions,
+    held_by_newer,
+    newer_templates,
+    ready,
+)
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView, shown_ms
 from robotapp_operator.plan.status.troubled import troubled
@@ -126,9 +132,13 @@ def _summary(facts: AppFacts) -> dict[str, Any]:
 
 
 def ready_text(facts: AppFacts) -> str:
-    """`2/3` components; before there is any instance, those of the spec are what is wanted."""
+    """`2/3` components; before there is any instance, those of the spec are what is wanted. `2/3 (1 held)` after a rollback:
+    so many templates of a newer operator hold an edit back, and what is ready is not what the spec says.
+    """
     parts = [component for instance in facts.instances for component in instance.components]
-    return f"{sum(component.ready for component in parts)}/{len(parts) or len(facts.app.spec.components)}"
+    held = len(held_by_newer(facts))
+    up = f"{sum(component.ready for component in parts)}/{len(parts) or len(facts.app.spec.components)}"
+    return f"{up} ({held} held)" if held else up
 
 
 def devices_text(instances: Iterable[InstanceFacts]) -> str:

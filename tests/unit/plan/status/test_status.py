@@ -316,6 +316,9 @@ def test_edits_that_a_newer_operators_templates_hold_back_are_counted_with_both_
     assert "robotics.io/approve-update=0.2.0" in text
     assert condition(found, Condition.READY)[0] == "True"
     assert found["summary"]["message"].startswith("2 templates were written by operator 0.10.0")
+    assert found["summary"]["ready"] == "1/1 (2 held)", "the default table shows it: ready is not what the spec says"
+    waits = status_of(instance(UP, held=(Held("teleop-driver"),)))
+    assert waits["summary"]["ready"] == "1/1", "the user has asked for that"
 
 
 def test_a_refused_child_stalls_the_app_with_the_servers_words() -> None:
