@@ -181,6 +181,7 @@ def test_a_pod_whose_device_vanishes_is_restarted_when_it_is_back(
     try:
         message = user.wait("seeing", "Allocated", "False", reason="DeviceLost")["message"]
         assert f"device usb-cam on {here} is gone" in message
+        told(user, "seeing", "DeviceClaimed")
         told(user, "seeing", "DeviceLost")
         eventually(lambda: record(user, "driver", Annotation.LOST_DEVICES))
         assert pod_of(user, "driver")["metadata"]["uid"] == first, "without its device it could not start"

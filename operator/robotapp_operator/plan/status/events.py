@@ -72,11 +72,19 @@ def events_between(
     was, (status, _, message) = _reasons(before).get(_ALLOCATED, ("", "", "")), turned.get(_ALLOCATED, ("", "", ""))
     if was[1] == Reason.DEVICE_LOST and status == "True":
         events.append(PendingEvent(EventReason.DEVICE_RETURNED, f"{message}; it was gone: {was[2]}", warning=False))
+    elif status == "True" != was[0] and _holds_all_devices(after):
+        events.append(PendingEvent(EventReason.DEVICE_CLAIMED, message, warning=False))
     for turn in _TURNS:
         status, reason, message = turned.get(turn.kind.value, ("", "", ""))
         if status and (status == turn.status or reason in turn.reasons):
             events.append(PendingEvent(turn.event or EventReason(reason), message, turn.warning))
     return events
+
+
+def _holds_all_devices(status: Mapping[str, Any]) -> bool:
+    """Whether the app wants devices and holds them: a suspended one is allocated, too, and holds none."""
+    held, _, wanted = (status.get("summary") or {}).get("devices", "").partition("/")
+    return bool(wanted) and held == wanted
 
 
 def _turned(

@@ -60,6 +60,19 @@ def test_a_device_that_is_lost_is_told_and_so_is_its_return_but_not_that_it_is_n
     assert reasons(lost, status(Allocated=("Unknown", "Pending", ""))) == []
 
 
+def test_devices_that_were_claimed_are_told_when_the_app_holds_all_of_them_and_not_again() -> None:
+    waits = status(Allocated=("False", "WaitingForDevices", "1 of 2 devices are claimed"))
+    text = "domain 7; 2 of 2 devices reserved"
+    held = {**status(Allocated=("True", "Allocated", text)), "summary": {"devices": "2/2"}}
+    for before in ({}, waits):
+        (item,) = events_between(before, held, new_domains={})
+        assert (item.reason, item.note, item.warning) == (EventReason.DEVICE_CLAIMED, text, False)
+    assert reasons(held, held) == []
+    assert reasons(waits, held | {"summary": {"devices": "0/2"}}) == [], "a suspended app holds none"
+    assert reasons(waits, held | {"summary": {}}) == [], "it needs none"
+    assert reasons(status(Allocated=("False", "DeviceLost", "cam")), held) == ["DeviceReturned"]
+
+
 def test_a_robot_out_of_reach_is_told() -> None:
     assert reasons({}, status(Ready=("False", "RobotOffline", "node n"))) == ["RobotOffline"]
 
