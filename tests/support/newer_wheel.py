@@ -6,9 +6,14 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from robotapp_testbed.pins import REPOSITORY
 
+LATER = "laterField"
+"""What the next version's CRDs add to a component and elsewhere."""
 _PACKAGES = ("crds", "operator", "scheduler", "cli", "rigel_bridge")
 _FILES = ("pyproject.toml", "README.md", "LICENSE")
 _TEMPLATE = Path("operator/robotapp_operator/plan/render/pod_template.py")
@@ -42,6 +47,27 @@ def unpacked(folder: Path) -> Path:
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(folder / "installed")
     return folder / "installed"
+
+
+def crds(*, newer: bool) -> list[dict[str, Any]]:
+    """The chart's CRDs as they are, or with fields that the next version adds: written by users, by default, and in the status."""
+    found: list[dict[str, Any]] = [
+        yaml.safe_load(path.read_text()) for path in sorted((REPOSITORY / "crds").glob("*.yaml"))
+    ]
+    for crd in found if newer else ():
+        for version in crd["spec"]["versions"]:
+            _add_fields(version["schema"]["openAPIV3Schema"]["properties"])
+    return found
+
+
+def _add_fields(properties: dict[str, Any]) -> None:
+    for part in {"spec", "status"} & properties.keys():
+        fields = properties[part].get("properties")
+        if fields is None:
+            continue
+        fields["later"] = {"type": "object", "default": {}, "properties": {LATER: {"type": "string", "default": "x"}}}
+        if "components" in fields and part == "spec":
+            fields["components"]["items"]["properties"][LATER] = {"type": "string", "default": "x"}
 
 
 def _version(pyproject: str) -> str:
