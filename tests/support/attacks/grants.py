@@ -4,6 +4,7 @@ from typing import Any, Final
 
 from tests.support.attacks import kinds
 from tests.support.attacks.attack import Attack, Json, Kind, Stop
+from tests.support.attacks.forged_grants import FORGED_GRANTS
 from tests.support.attacks.kinds import app, apps, domain_claim, pod
 
 _NOTE: Final = "metadata.annotations"
@@ -12,8 +13,6 @@ _UID: Final = f'{_LABEL}."robotics.io/app-uid"'
 _INSTANCE: Final = f'{_LABEL}."robotics.io/instance"'
 _COMPONENT: Final = f'{_LABEL}."robotics.io/component"'
 _CLAIM_NOTE: Final = f'{_NOTE}."robotics.io/domain-claim"'
-_DOMAIN: Final = f'{_NOTE}."granted.robotics.io/dds-domain"'
-_DEVICES: Final = f'{_NOTE}."granted.robotics.io/devices"'
 _VICTIM: Final = "11111111-2222-3333-4444-555555555555"
 
 
@@ -31,23 +30,7 @@ _MEMBER: Final = pod(
 )
 
 PODS: Final = (
-    _pod("grant-domain", "a pod with a granted domain", {_DOMAIN: "7"}, Stop.GRANT),
-    _pod("grant-devices", "a pod with granted devices", {_DEVICES: '{"can-can0": ""}'}, Stop.GRANT),
-    _pod("grant-empty", "a pod with an empty grant", {_DOMAIN: ""}, Stop.GRANT),
-    _pod(
-        "grant-unknown",
-        "a pod with a grant of a later version",
-        {f'{_NOTE}."granted.robotics.io/later"': "x"},
-        Stop.GRANT,
-    ),
-    _pod("grant-both", "a pod with both grants", {_DOMAIN: "7", _DEVICES: "x"}, Stop.GRANT),
-    _pod(
-        "grant-beside-request",
-        "a grant beside the request for it",
-        {_DOMAIN: "7"},
-        Stop.GRANT,
-        pod(annotations={"scheduler.robotics.io/dds-domain": "auto"}),
-    ),
+    *FORGED_GRANTS,
     _pod("member-uid", "a pod with the app-uid of somebody's app", {_UID: _VICTIM}, Stop.MEMBER),
     _pod(
         "member-all",
