@@ -19,9 +19,9 @@ from robotapp_api.values.better_node import BetterNode, parse_better_node
 from robotapp_operator.plan.moves.device_moves import RESTART, move_for_device, on_loss_of, restarts
 from robotapp_operator.plan.moves.mass_loss import Losses
 from robotapp_operator.plan.moves.move_record import parse_moves
-from robotapp_operator.plan.moves.rescheduling import NEVER, Move, Running, Stays, limits_of, moved_text, reschedule
+from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, limits_of, moved_text, reschedule
 from robotapp_operator.plan.render.node_affinity import tolerates_all
-from robotapp_operator.plan.spec.desired import App, desired_of
+from robotapp_operator.plan.spec.desired import NEVER, App, desired_of
 from robotapp_operator.plan.spec.objects import Deployment, Node, Pod
 from robotapp_operator.plan.status.device_conflicts import free_elsewhere
 from robotapp_operator.plan.status.device_loss import is_there, parse_record, record_text

@@ -8,7 +8,7 @@ from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.client import ApiClient, Change, Reflector
 from robotapp_api.client.api import resources
 from robotapp_api.client.api.resources import Resource
-from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME, Label
+from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME, Annotation, Label
 from robotapp_api.values.round_trips import without_round_trips
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.render.instance_object import AppInstance
@@ -21,6 +21,7 @@ from robotapp_operator.watch.enqueue import INSTANCE_DELAY_S, enqueue_instance, 
 from robotapp_operator.watch.nodes import identity_changed
 
 LATENCY_DELAY_S: Final = 2.0
+"""What is shown of round trips follows them this much later: both ends of a pair report."""
 OWNER_DELAY_S: Final = 1.0
 FLEET_DELAY_S: Final = 1.0
 POOL_DELAY_S: Final = 1.0
@@ -132,6 +133,8 @@ class Informers:
             self._queue.add(Key(Work.GATES, label(pod, Label.APP_UID), label(pod, Label.INSTANCE)))
         if change.old is None or change.new is None or change.old.spec.node_name != pod.spec.node_name:
             self._fleet(pod.metadata.namespace)
+        if change.old is not None and change.new is not None and _proposal(change.old) != _proposal(pod):
+            self._moves(label(pod, Label.APP_UID), label(pod, Label.INSTANCE))
         if change.new is None or pod.terminal:
             self._request_sweep()
 
@@ -223,6 +226,7 @@ class Informers:
         for uid, instance in self._between(node, peers):
             self._cache.touch(uid, instance)
             enqueue_status(self._queue, uid, instance, delay_s=LATENCY_DELAY_S)
+            self._moves(uid, instance)
 
     def _between(self, node: str, peers: Collection[str]) -> set[InstanceKey]:
         """Instances that may have an edge with one end on `node` and one on a peer. An end is a pod, or the robot itself."""
@@ -299,6 +303,14 @@ class Informers:
     def _children(self, item: Any) -> None:
         self._queue.add(Key(Work.CHILDREN, label(item, Label.APP_UID), label(item, Label.INSTANCE)))
 
+    def _moves(self, uid: str, instance: str) -> None:
+        """A budget of the instance may be exceeded or met from now on, or a better node was proposed: `for` begins now, not
+        when the status is due.
+        """
+        record = self._cache.apps.get(uid)
+        if record is not None and record.app is not None and record.app.moves_for_budgets:
+            self._queue.add(Key(Work.MOVES, uid, instance))
+
     def _status(self, item: Any) -> None:
         enqueue_status(self._queue, label(item, Label.APP_UID), label(item, Label.INSTANCE))
 
@@ -319,6 +331,10 @@ def _marks(item: Deployment) -> tuple[dict[str, str], tuple[Any, ...]]:
     """Metadata of ours whose change is drift; Kubernetes' own annotations (revision) are not."""
     ours = {key: value for key, value in item.metadata.annotations.items() if key.startswith("robotics.io/")}
     return item.metadata.labels | ours, item.metadata.owner_references
+
+
+def _proposal(pod: Pod) -> str | None:
+    return pod.metadata.annotations.get(Annotation.BETTER_NODE)
 
 
 def _chooses(app: App, *, same: bool) -> bool:

@@ -15,11 +15,9 @@ from robotapp_api.values.better_node import MOST_USE, BetterNode, is_gain
 from robotapp_api.values.round_trips import Figures
 from robotapp_api.values.tiers import ROBOT
 from robotapp_operator.plan.moves.move_record import Limits, MoveRecord
-from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.desired import NEVER, App
 from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, shown_ms
 from robotapp_operator.plan.status.troubled import edge_name
-
-NEVER: Final = "Never"
 
 Between = Callable[[str, str], Figures | None]
 """The measured round trip between two nodes, None when it is unknown."""

@@ -29,6 +29,8 @@ MASTER: Final = "master."
 PEERS: Final = "peers."
 
 DEFAULT_POOL: Final = "default"
+NEVER: Final = "Never"
+"""Value of `placement.reschedule.when`."""
 LONGEST_S: Final = 10 * 365 * 86_400.0
 """Longer durations count as this one where a moment is computed from them."""
 
@@ -118,6 +120,11 @@ class App:
     def budget_for_s(self) -> float:
         """`placement.reschedule.for` in seconds: how long a budget is exceeded, or met again, before that counts."""
         return _seconds(self.spec.placement.reschedule.for_)
+
+    @property
+    def moves_for_budgets(self) -> bool:
+        """Whether a component may be moved because a budget is exceeded: the app asks for it, and our scheduler proposes nodes."""
+        return self.our_scheduler and self.spec.placement.reschedule.when != NEVER
 
     @property
     def cooldown(self) -> timedelta:

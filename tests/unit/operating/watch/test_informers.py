@@ -135,6 +135,19 @@ def test_a_pods_life_is_status_and_its_place_the_fleets_business(world: World) -
     assert world.swept == 2
 
 
+def test_a_proposal_of_a_better_node_is_looked_at_at_once_where_a_budget_may_move_something(world: World) -> None:
+    meta = {"labels": LABELS, "annotations": {Annotation.BETTER_NODE.value: "{}"}}
+    before, proposed = pod("edge-1"), make_pod(node="edge-1", metadata=meta)
+    assert world.see("_pod", before, proposed) == OBSERVED
+    world.cache.update_app(app_body(generation=2, placement={"reschedule": {"when": "BudgetExceeded"}}))
+    for old, new in ((before, proposed), (proposed, before)):
+        world.informers._pod(Change("MODIFIED", "default/x", old, new))
+        assert world.due() == {Key(Work.MOVES, "uid-1", "a")}
+        world.now_s += 10
+        assert world.due() == OBSERVED
+    assert world.see("_pod", proposed, proposed) == OBSERVED
+
+
 def test_a_gated_pod_asks_for_its_gate(world: World) -> None:
     assert Key(Work.GATES, "uid-1", "a") in world.see("_pod", None, pod(gates=(SCHEDULING_GATE,)))
     assert Key(Work.GATES, "uid-1", "a") not in world.see("_pod", None, pod(gates=("somebody/else",)))

@@ -5,6 +5,7 @@ import pytest
 from tests.support.factories import app_body, make_node, make_pod, telemetry
 from tests.unit.operating.watch.test_informers import EACH, OBSERVED, World, pod
 
+from robotapp_api.client import Change
 from robotapp_api.model.names import Label
 from robotapp_operator.plan.spec.objects import Telemetry
 from robotapp_operator.queue.work import Work
@@ -37,6 +38,26 @@ def test_new_round_trip_times_concern_instances_with_both_ends_there(world: Worl
     assert world.see("_telemetry", after, after) == set()
     assert world.see("_telemetry", telemetry("amr"), telemetry("amr", edge_1=3)) == OBSERVED
     assert world.see("_telemetry", telemetry("amr", edge_1=3), None) == OBSERVED
+
+
+def test_an_app_that_moves_for_its_budgets_is_looked_at_in_the_moment_of_a_report_others_when_their_status_is(
+    world: World,
+) -> None:
+    moves = Key(Work.MOVES, "uid-1", "a")
+    limits = {"reschedule": {"when": "BudgetExceeded"}}
+    world.cache.nodes["amr"] = make_node("amr", robot="a")
+    world.see("_pod", None, pod("edge-1"))
+    for generation, spec, hurried in (
+        (2, {}, set()),
+        (3, {"placement": limits}, {moves}),
+        (4, {"placement": limits, "schedulerName": "default-scheduler"}, set()),
+    ):
+        edge = EDGE | {"to": "@robot", "latency": {"budget": "30ms"}}
+        world.cache.update_app(app_body(generation=generation, edges=[edge], robots=EACH, **spec))
+        world.informers._telemetry(Change("MODIFIED", "edge-1", None, telemetry("edge-1", amr=3 * generation)))
+        assert world.due() == hurried
+        world.now_s += 10
+        assert world.due() - {PROBES} == OBSERVED
 
 
 def test_the_robot_itself_is_an_end(world: World) -> None:
