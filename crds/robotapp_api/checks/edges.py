@@ -30,12 +30,17 @@ def edge_problems(edges: tuple[Edge, ...]) -> Iterator[Problem]:
 
 def edge_notes(edges: tuple[Edge, ...]) -> Iterator[Note]:
     """Where a bandwidth is not looked at."""
+    if field := bandwidth_field(edges):
+        text = f"bandwidth is checked on nodes whose annotation {Annotation.LINK_BANDWIDTH} states what their link carries, and on no others"
+        yield Note(field, text)
+
+
+def bandwidth_field(edges: tuple[Edge, ...]) -> str:
+    """The first field that states what an edge takes of the links it crosses; "" where none does."""
     for index, edge in enumerate(edges):
         if _takes_bandwidth(edge):
-            field = "bandwidth" if edge.bandwidth is not None else "rateHz"
-            text = f"bandwidth is checked on nodes whose annotation {Annotation.LINK_BANDWIDTH} states what their link carries, and on no others"
-            yield Note(f"spec.edges[{index}].{field}", text)
-            return
+            return f"spec.edges[{index}].{'bandwidth' if edge.bandwidth is not None else 'rateHz'}"
+    return ""
 
 
 def _takes_bandwidth(edge: Edge) -> bool:

@@ -28,8 +28,11 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
     yield from edge_problems(spec.edges)
 
 
-def spec_notes(spec: RobotAppSpec) -> Iterator[Note]:
-    """Fields that are stored and understood but have no effect yet, as far as they are not left at their defaults."""
+def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[Note]:
+    """Fields that are stored and understood but have no effect yet, as far as they are not left at their defaults.
+
+    our_scheduler: it places the pods, so that what it does is noted.
+    """
     preferred = any(edge.latency is not None and edge.latency.enforce == "Preferred" for edge in spec.edges)
     if spec.placement.fallback is not None and not preferred:
         yield Note("spec.placement.fallback", "changes nothing: no edge has a budget with enforce: Preferred")
@@ -47,7 +50,8 @@ def spec_notes(spec: RobotAppSpec) -> Iterator[Note]:
         yield Note("spec.ros2.transport", f"UDP changes nothing for {rmw_of(spec)}; it is for Fast DDS")
     if spec.ros2 and spec.ros2.transport == "SHM":
         yield Note("spec.ros2.transport", "SHM has no effect yet; pods of one node do not share memory")
-    yield from edge_notes(spec.edges)
+    if our_scheduler:
+        yield from edge_notes(spec.edges)
     for index, component in enumerate(spec.components):
         yield from component_notes(component, f"spec.components[{index}]")
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from robotapp_api.checks.edges import bandwidth_field
 from robotapp_api.checks.problem import Problem
 from robotapp_api.checks.spec import spec_notes, spec_problems
 from robotapp_api.claims.domain import DomainRequest, withheld
@@ -49,7 +50,7 @@ def domain_problems(app: App, pool: Pool | None, claims: Iterable[Claim]) -> tup
 
 def notes_of(app: App, pool: Pool | None = None) -> tuple[str, ...]:
     """What of an accepted spec and of its pool has no effect yet, a sentence each."""
-    found = [*map(str, spec_notes(app.spec)), *_of_other_schedulers(app)]
+    found = [*map(str, spec_notes(app.spec, our_scheduler=app.our_scheduler)), *_of_other_schedulers(app)]
     if pool is not None and (note := limit_note(pool)):
         found.append(note)
     return tuple(found)
@@ -71,6 +72,9 @@ def _of_other_schedulers(app: App) -> Iterator[str]:
             f"spec.placement.objective: {app.spec.placement.objective} has no effect with scheduler {app.scheduler_name}, "
             "which places the pods of an app one by one"
         )
+    field = bandwidth_field(app.spec.edges)
+    if field and not app.our_scheduler:
+        yield f"{field}: has no effect with scheduler {app.scheduler_name}, which knows nothing of access links"
     for index, component in enumerate(() if app.our_scheduler else app.spec.components):
         if component.on_disconnect == "Stop":
             yield (

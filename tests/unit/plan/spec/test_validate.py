@@ -1,6 +1,7 @@
 """What admission cannot decide: each refusal names the field and what to write instead."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import pytest
 from tests.support.claims_objects import domain_claim
@@ -385,3 +386,23 @@ def test_a_fallback_is_noted_where_no_budget_is_preferred_and_where_another_sche
     assert notes_of(make_app(**balanced)) == ()
     (note,) = notes_of(make_app(**balanced, schedulerName="default-scheduler"))
     assert note.startswith("spec.placement.objective: Balance has no effect with scheduler default-scheduler")
+
+
+@pytest.mark.parametrize(
+    ("stated", "field"), [({"bandwidth": "40M"}, "bandwidth"), ({"rateHz": 30, "messageBytes": 900_000}, "rateHz")]
+)
+def test_a_bandwidth_is_noted_with_the_nodes_on_which_it_is_checked_and_where_nobody_checks_it(
+    stated: dict[str, Any], field: str
+) -> None:
+    plain = {"topic": "/t", "from": "operator", "to": "driver"}
+    edges = [plain, {"topic": "/image", "from": "driver", "to": "operator", **stated}]
+    (note,) = notes_of(make_app(edges=edges))
+    assert note.startswith(
+        f"spec.edges[1].{field}: bandwidth is checked on nodes whose annotation robotics.io/link-bandwidth"
+    )
+    (note,) = notes_of(make_app(edges=edges, schedulerName="default-scheduler"))
+    assert (
+        note
+        == f"spec.edges[1].{field}: has no effect with scheduler default-scheduler, which knows nothing of access links"
+    )
+    assert notes_of(make_app(edges=[plain])) == ()
