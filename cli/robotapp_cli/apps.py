@@ -112,7 +112,7 @@ def _print_instances(app: Json, instances: list[Instance], *, wide: bool, all_of
     """Those in trouble in full; of an app of many robots the others as a line each."""
     full = in_full(instances, everything=wide or not all_of_them)
     for each in full:
-        _print_instance(app, each)
+        _print_instance(app, each, wide=wide)
     others = sorted((each for each in instances if each not in full), key=lambda each: each.name)
     if others:
         blank_line()
@@ -134,7 +134,7 @@ def _line(instance: Instance) -> list[str]:
     return [instance.name, values["ready"], phase, domain, values["budget"], values["devices"], values["nodes"]]
 
 
-def _print_instance(app: Json, instance: Instance) -> None:
+def _print_instance(app: Json, instance: Instance, *, wide: bool) -> None:
     where = f"robot {instance.name}" if instance.name else "instance"
     domain = "" if instance.domain is None else f", domain {instance.domain}"
     blank_line()
@@ -155,6 +155,12 @@ def _print_instance(app: Json, instance: Instance) -> None:
     ]
     if rows:
         print_table(["COMPONENT", "NODE", "READY", "RESTARTS", Column("MESSAGE", wraps=True)], rows, indent=2)
+    for each in instance.observed.get("moves") or ():
+        if times := each.get("times"):
+            counted = f", {len(times)} moves recorded" if len(times) > 1 else ""
+            console().print(f"  {each['component']} was moved {age(max(times))} ago{counted}", soft_wrap=True)
+    if wide and (claims := instance.observed.get("claims")):
+        console().print(f"  claims {', '.join(claims)}", soft_wrap=True)
     print_edges(instance.edges, omitted=instance.observed.get("edgesOmitted", 0))
 
 

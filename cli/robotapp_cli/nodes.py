@@ -19,9 +19,10 @@ from robotapp_api.values.bandwidth import parse_link_bandwidth
 from robotapp_api.values.round_trips import RoundTrips, Rtt
 from robotapp_cli.devices import NodeDevice, devices_of
 from robotapp_cli.fields import Json, age, condition, label, meta, short_ms, status
-from robotapp_cli.output import Column, Output, console, print_table, write_structured
+from robotapp_cli.output import Column, Output, console, print_table, printable, write_structured
 from robotapp_cli.session import Session
 
+_LOAD: Final = ("cpuPercent", "memoryPercent", "diskPercent", "gpuPercent", "networkBps")
 _GAP: Final = 2
 """Eight columns fit into a terminal of 80 characters."""
 
@@ -38,8 +39,17 @@ class NodeView(msgspec.Struct, rename="camel"):
     rtt_p95: str = ""
     """The median of the measured pairs, such as 0.8ms; unreachable when most of them are."""
     devices: dict[str, int] = msgspec.field(default_factory=lambda: {"free": 0, "held": 0})
+    arch: str = ""
+    realtime: bool = False
+    """The kernel is built for it."""
+    jitter: str = ""
+    """The median of the same pairs, such as 0.2ms."""
     load: dict[str, int] = msgspec.field(default_factory=dict)
-    """cpuPercent and memoryPercent of an agent that is heard."""
+    """As the agent reports it. Like the round trips and the four below, only while the agent is heard."""
+    temperatures: dict[str, int] = msgspec.field(default_factory=dict)
+    """Degrees Celsius by sensor."""
+    battery: dict[str, int | bool] = msgspec.field(default_factory=dict)
+    clock_offset_milliseconds: int | None = None
     reported_at: str = ""
     """When the agent last wrote."""
     silent: bool = False
@@ -48,6 +58,8 @@ class NodeView(msgspec.Struct, rename="camel"):
     offline_since: str = ""
     problem: str = ""
     """What is written on the node and cannot be read."""
+    device_problem: str = ""
+    """What is wrong with the rules for its devices, as its agent reports it."""
 
 
 class RobotView(msgspec.Struct, rename="camel"):
@@ -80,7 +92,7 @@ async def show_nodes(session: Session) -> None:
     else:
         first = [Column("NODE", wraps=True, narrowest=15), Column("TIER")]
         _print(first, [([each.node, each.tier], each) for each in found], wide=_is_wide(session))
-        _print_problems(each.problem for each in found)
+        _print_problems(found)
 
 
 async def show_robots(session: Session) -> None:
@@ -95,12 +107,20 @@ async def show_robots(session: Session) -> None:
         first = [Column("ROBOT", wraps=True, narrowest=10), Column("NODE", wraps=True, narrowest=10)]
         rows = [([each.robot, _computers(each)], each.primary) for each in robots]
         _print(first, rows, wide=_is_wide(session), devices=[each.devices for each in robots])
-        _print_problems(each.problem for each in robots)
+        for problem in filter(None, (each.problem for each in robots)):
+            _warn(problem)
 
 
-def _print_problems(problems: Iterable[str]) -> None:
-    for problem in filter(None, problems):
-        console().print(problem, style="yellow", soft_wrap=True)
+def _print_problems(nodes: Iterable[NodeView]) -> None:
+    for node in nodes:
+        if node.problem:
+            _warn(node.problem)
+        if node.device_problem:
+            _warn(f"node {node.node}: {printable(node.device_problem)}")
+
+
+def _warn(text: str) -> None:
+    console().print(text, style="yellow", soft_wrap=True, markup=False)
 
 
 def _is_wide(session: Session) -> bool:
@@ -121,6 +141,7 @@ async def _nodes(session: Session) -> list[_Computer]:
         name = meta(node)["name"]
         view = _view(node, telemetry.get(name), trips, now_s=now_s)
         view.rtt_zone, view.rtt_p95 = _to_zone(name, zones, trips)
+        view.jitter = _jitter(telemetry.get(name), view.rtt_zone, zones)
         view.devices = _counted(devices.get(name, []))
         found.append(_Computer(name, meta(node).get("labels") or {}, view))
     return found
@@ -136,10 +157,22 @@ def _view(node: Json, telemetry: Json | None, trips: RoundTrips, *, now_s: float
     if telemetry is not None:
         view.reported_at = written_at(telemetry)
         view.silent = bool(view.reported_at) and trips.silent_from_s(name) <= now_s
-        load = status(telemetry).get("load") or {}
-        kept = () if view.silent else ("cpuPercent", "memoryPercent")
-        view.load = {key: load[key] for key in kept if key in load}
+        _read(view, status(telemetry))
     return view
+
+
+def _read(view: NodeView, report: Json) -> None:
+    """What an agent reports, apart from round trips and devices."""
+    view.arch = report.get("arch") or ""
+    view.realtime = bool((report.get("kernel") or {}).get("realtime"))
+    view.device_problem = report.get("deviceProblem") or ""
+    if not view.silent:
+        load = report.get("load") or {}
+        view.load = {key: load[key] for key in _LOAD if key in load}
+        view.temperatures = {each["name"]: each["celsius"] for each in report.get("temperatures") or ()}
+        battery = report.get("battery") or {}
+        view.battery = {key: battery[key] for key in ("percent", "charging") if key in battery}
+        view.clock_offset_milliseconds = (report.get("clock") or {}).get("offsetMilliseconds")
 
 
 def _unread_bandwidth(node: Json) -> str:
@@ -184,6 +217,13 @@ def _to_zone(node: str, zones: Mapping[str, str], trips: RoundTrips) -> tuple[st
     return zone, "unreachable" if isinf(usual[zone]) else f"{short_ms(usual[zone] / 1000)}ms"
 
 
+def _jitter(telemetry: Json | None, zone: str, zones: Mapping[str, str]) -> str:
+    """The usual one between the node and those of a zone, "" where none was measured (an agent that is silent has no zone)."""
+    entries = status(telemetry or {}).get("rtt") or () if zone else ()
+    found = [each["jitterUs"] for each in entries if "jitterUs" in each and zones.get(each["peer"]) == zone]
+    return f"{short_ms(median_low(found) / 1000)}ms" if found else ""
+
+
 def _counted(devices: Iterable[NodeDevice]) -> dict[str, int]:
     states = [device.state for device in devices]
     return {"free": states.count("free"), "held": states.count("held")}
@@ -218,7 +258,9 @@ def _print(
 ) -> None:
     """The columns both commands share, without those that would be empty (unless `wide`)."""
     counts = devices or [view.devices for _, view in rows]
-    cells = [_cells(view, count) for (_, view), count in zip(rows, counts, strict=True)]
+    cells = [
+        _cells(view, count) | (_wide_cells(view) if wide else {}) for (_, view), count in zip(rows, counts, strict=True)
+    ]
     keys = [key for key in cells[0] if wide or any(each[key] for each in cells)]
     narrow = {"ZONE": 6, "RTT P95": 7, "AGENT": 6}
     columns = [*first, *(Column(key, wraps=key in narrow, narrowest=narrow.get(key, 0)) for key in keys)]
@@ -230,14 +272,34 @@ def _print(
 
 
 def _cells(view: NodeView, devices: Mapping[str, int]) -> dict[str, str]:
-    load = [str(view.load.get(key, "-")) for key in ("cpuPercent", "memoryPercent")] if view.load else []
     far = f" {view.rtt_zone}" if view.rtt_zone not in ("", view.zone) else ""
     written = age(view.reported_at)
     return {
         "ZONE": view.zone,
         "RTT P95": f"{view.rtt_p95}{far}",
         "FREE/HELD": f"{devices['free']}/{devices['held']}" if any(devices.values()) else "",
-        "CPU/MEM": "/".join(load) + "%" if load else "",
+        "CPU/MEM": _percent(view, "cpuPercent", "memoryPercent"),
         "AGENT": f"silent {written}" if view.silent else written,
         "OFFLINE": "" if view.ready else age(view.offline_since) or "yes",
     }
+
+
+def _wide_cells(view: NodeView) -> dict[str, str]:
+    offset = view.clock_offset_milliseconds
+    hottest = max(view.temperatures.values(), default=None)
+    power = " charging" if view.battery.get("charging") else ""
+    return {
+        "JITTER": view.jitter,
+        "DISK/GPU": _percent(view, "diskPercent", "gpuPercent"),
+        "NET": f"{view.load['networkBps'] / 1e6:.1f}Mbit/s" if "networkBps" in view.load else "",
+        "TEMP": "" if hottest is None else f"{hottest}C",
+        "BATTERY": f"{view.battery['percent']}%{power}" if "percent" in view.battery else "",
+        "CLOCK": "" if offset is None else f"{offset:+}ms",
+        "ARCH": f"{view.arch} realtime" if view.realtime else view.arch,
+    }
+
+
+def _percent(view: NodeView, *keys: str) -> str:
+    """`12/48%`, with a dash for one that is not known, "" when none is."""
+    known = [str(view.load.get(key, "-")) for key in keys]
+    return "/".join(known) + "%" if view.load.keys() & set(keys) else ""

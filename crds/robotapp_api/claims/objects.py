@@ -110,7 +110,6 @@ class ClaimStatus(Object, frozen=True, kw_only=True):
     pod: str = ""
     nodes: tuple[str, ...] = ()
     """Nodes where pods with the claimed domain may run, written before each of them is bound."""
-    draining_since: str | None = None
 
 
 class Claim(Object, frozen=True, kw_only=True):

@@ -15,7 +15,6 @@ from robotapp_api.model.scalars import (
     NodeName,
     ShortText,
     Text,
-    Timestamp,
     Token,
 )
 
@@ -114,8 +113,6 @@ class ClaimStatus(Observed):
     nodes: Annotated[tuple[NodeName, ...], ListSet(), Field(max_length=MAX_NODES)] = ()
     """Nodes where pods with the claimed domain may run. Written before each of them is bound, struck off when the node, in
     contact, runs none."""
-    draining_since: Timestamp | None = None
-    """When the claim began to drain; for people, the sweep counts by its own clock."""
 
 
 class RobotClaim(Model):

@@ -1,4 +1,4 @@
-"""Every field of a RobotApp and of a DomainPool is read by code that acts on it, or its user is told that nothing does yet.
+"""Every field of our kinds is read by code that acts on it or shows it, or its user is told that nothing does yet.
 
 The tables are written by hand: a new field fails the first test until its reader is named here, and a reader that no longer
 reads a field fails the second.
@@ -17,8 +17,12 @@ from tests.support.factories import component, make_app
 
 from robotapp_api.claims.objects import Pool
 from robotapp_api.model.base import Model
+from robotapp_api.model.claim import ClaimSpec, ClaimStatus
+from robotapp_api.model.instance import InstanceSpec, InstanceStatus, RobotAppInstance
 from robotapp_api.model.pool import DEFAULT_PARTICIPANTS, PoolSpec
 from robotapp_api.model.robotapp import RobotAppSpec
+from robotapp_api.model.status import RobotAppStatus
+from robotapp_api.model.telemetry import TelemetrySpec, TelemetryStatus
 from robotapp_operator.plan.spec.validate import notes_of
 
 ROOT: Final = Path(__file__).resolve().parents[3]
@@ -94,6 +98,55 @@ READERS: Final[Mapping[str, str]] = {
 }
 """File -> the fields it reads and acts on. Of several readers, the one without which the field would do nothing."""
 
+OBSERVED: Final[Mapping[str, str]] = {
+    "operator/robotapp_operator/watch/cache.py": "telemetry.intervalSeconds telemetry.seq",
+    "agent/robotapp_agent/shell/api_writer.py": "asked.probe",
+    "crds/robotapp_api/values/round_trips.py": """
+        telemetry.rtt.peer telemetry.rtt.p50Us telemetry.rtt.p95Us telemetry.rtt.lossPPM telemetry.rtt.seq telemetry.rtt.everyRounds""",
+    f"{CORE}/robotics/device_index.py": """
+        telemetry.devices.type telemetry.devices.model telemetry.devices.interface telemetry.devices.identity
+        telemetry.devices.present""",
+    "scheduler/robotapp_scheduler/plugins/ros/load_balance.py": """
+        telemetry.load.cpuPercent telemetry.load.memoryPercent telemetry.load.gpuPercent""",
+    "cli/robotapp_cli/devices.py": "telemetry.devices.id telemetry.devices.names telemetry.devices.path",
+    "cli/robotapp_cli/nodes.py": """
+        telemetry.arch telemetry.kernel.realtime telemetry.deviceProblem telemetry.rtt.jitterUs telemetry.load.diskPercent
+        telemetry.load.networkBps telemetry.temperatures.name telemetry.temperatures.celsius telemetry.battery.percent
+        telemetry.battery.charging telemetry.clock.offsetMilliseconds""",
+    f"{CLAIMS}/identity.py": """
+        claim.domain.pool claim.domain.scope claim.domain.scopeValue claim.domain.id claim.device.node claim.device.type
+        claim.device.id claim.holder.apiVersion claim.holder.kind claim.holder.namespace claim.holder.name
+        claim.holder.uid claim.holder.instance claim.holder.component""",
+    f"{CLAIMS}/device.py": "claim.device.identity",
+    f"{CLAIMS}/release.py": "claimed.attempt",
+    "crds/robotapp_api/claiming/sweeper.py": "claimed.phase claimed.pod",
+    "crds/robotapp_api/claiming/claim_nodes.py": "claimed.nodes",
+    "crds/robotapp_api/claiming/writes.py": "claimed.node",
+    "operator/robotapp_operator/watch/informers.py": "named.app named.appUID named.instance",
+    "cli/robotapp_cli/instances.py": "instance.phase instance.domain app.troubled.instance",
+    "cli/robotapp_cli/apps.py": """
+        app.observedGeneration app.phase app.conditions.type app.conditions.status app.conditions.reason
+        app.conditions.message app.conditions.lastTransitionTime
+        app.instanceCounts.desired app.instanceCounts.ready app.instanceCounts.offline app.instanceCounts.completed
+        app.instanceCounts.failed app.troubled.reason app.troubled.message
+        app.summary.ready app.summary.robots app.summary.domain app.summary.budget app.summary.devices app.summary.nodes
+        app.summary.rmw app.summary.discovery app.summary.message
+        instance.summary.ready instance.summary.budget instance.summary.devices instance.summary.nodes
+        instance.summary.message
+        instance.components.name instance.components.node instance.components.ready instance.components.restarts
+        instance.components.message
+        instance.edges.kind instance.edges.topic instance.edges.from instance.edges.to instance.edges.budget
+        instance.edges.p95 instance.edges.measured instance.edges.nodes instance.edgesOmitted
+        instance.claims instance.moves.component instance.moves.times""",
+    "rigel_bridge/rigel_bridge/sequences/comparison.py": "instance.edges.met",
+    "rigel_bridge/rigel_bridge/cluster/waiting.py": "app.conditions.observedGeneration",
+}
+"""The same of what programs write for each other and for users: specs and statuses of NodeTelemetry (asked, telemetry), RobotClaim
+(claim, claimed), RobotAppInstance (named, instance), and the status of a RobotApp (app)."""
+
+SELECTED: Final = frozenset({"named.robot"})
+"""The API server reads it: kubectl get rai --field-selector spec.robot=amr-07."""
+
 REFUSED: Final = frozenset(
     f"spec.components.template.spec.{name}"
     for name in (
@@ -134,8 +187,26 @@ def models(annotation: Any) -> Iterator[type[Model]]:
         yield from models(argument)
 
 
-PYTHON_NAMES: Final = dict([*fields(RobotAppSpec, "spec"), *fields(PoolSpec, "pool")])
-READER_OF: Final = {path: file for file, text in READERS.items() for path in text.split()}
+MODELS: Final[Mapping[str, type[Model]]] = {
+    "spec": RobotAppSpec,
+    "pool": PoolSpec,
+    "asked": TelemetrySpec,
+    "telemetry": TelemetryStatus,
+    "claim": ClaimSpec,
+    "claimed": ClaimStatus,
+    "named": InstanceSpec,
+    "instance": InstanceStatus,
+    "app": RobotAppStatus,
+}
+PYTHON_NAMES: Final = {
+    path: field
+    for name, model in MODELS.items()
+    for path, field in fields(model, name)
+    if not path.startswith("instance.conditions.")  # the same model as an app's
+}
+READER_OF: Final = {
+    path: file for table in (READERS, OBSERVED) for file, text in table.items() for path in text.split()
+}
 
 
 @functools.cache
@@ -156,7 +227,7 @@ def names_read(file: str) -> frozenset[str]:
 
 
 def test_every_field_of_the_schema_has_a_reader_or_is_told_about() -> None:
-    known = READER_OF.keys() | TOLD.keys() | REFUSED | {"pool.maxParticipantsPerHost"}
+    known = READER_OF.keys() | TOLD.keys() | REFUSED | SELECTED | {"pool.maxParticipantsPerHost"}
     assert PYTHON_NAMES.keys() - known == set(), "name the code that acts on it, or tell the user that none does"
     assert known - PYTHON_NAMES.keys() == set(), "no field of that name any more"
 
@@ -167,6 +238,10 @@ def test_the_reader_of_a_field_reads_it(path: str) -> None:
     whole = path.rpartition(".")[0].rpartition(".")[2] in ("qos", "requestedQos")  # compared as a whole
     wanted = {"model_dump"} if whole else {name, path.rpartition(".")[2]}
     assert names_read(READER_OF[path]) & wanted, f"{READER_OF[path]} reads no {name}"
+
+
+def test_a_field_that_the_api_server_selects_by_is_declared_so() -> None:
+    assert {f".spec.{path.partition('.')[2]}" for path in SELECTED} <= {*RobotAppInstance.CRD.selectable}
 
 
 @pytest.mark.parametrize("path", sorted(TOLD))

@@ -1,5 +1,7 @@
 """info: one app, its instances from their RobotAppInstance objects, its edges, what happened."""
 
+import re
+
 import pytest
 from tests.support.cli import INSTANCES, ROBOTAPPS, STATUS, UID, Stage, instance, robotapp
 
@@ -65,6 +67,17 @@ class TestInfo:
         assert "/dock (Action)" in text
         assert "(Topic)" not in text
         assert "and 192 more edges" in text
+
+    def test_moves_are_shown_with_their_age_and_the_claims_to_who_asks_for_everything(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        long_ago = ["2026-01-01T00:00:00Z", "2026-01-02T00:00:00Z"]
+        moves = [{"component": "panel", "times": long_ago}, {"component": "driver", "times": long_ago[:1]}]
+        stage.add(INSTANCES, instance(**SEEN, moves=moves, claims=["dds.default.c.7"]))
+        text = stage.text("info", "teleop")
+        assert re.search(r"^  panel was moved \S+ ago, 2 moves recorded$", text, re.MULTILINE)
+        assert re.search(r"^  driver was moved \S+ ago$", text, re.MULTILINE)
+        assert "dds.default.c.7" not in text
+        assert "  claims dds.default.c.7\n" in stage.text("info", "teleop", "-o", "wide")
 
     def test_structured_output_has_the_instances_beside_the_app(self, stage: Stage) -> None:
         stage.add(ROBOTAPPS, robotapp(status=STATUS))

@@ -70,6 +70,43 @@ def test_a_node_with_all_there_is_to_say(stage: Stage) -> None:
     assert second == ["edge-2", "edge", "hall", "0.8ms"]
 
 
+def test_wide_has_everything_that_the_agent_reports(stage: Stage) -> None:
+    stage.add("/nodes", node("amr", zone="z"), node("edge-1", zone="z"), node("edge-2", zone="z"))
+    full = {
+        "arch": "arm64",
+        "kernel": {"realtime": True},
+        "load": {"cpuPercent": 1, "memoryPercent": 2, "diskPercent": 40, "networkBps": 2_340_000},
+        "temperatures": [{"name": "cpu-thermal", "celsius": 71}, {"name": "nvme", "celsius": 38}],
+        "battery": {"percent": 80, "charging": True},
+        "clock": {"offsetMilliseconds": -120},
+        "rtt": [entry | {"jitterUs": 200} for entry in rtt(edge_1=0.8)],
+        "deviceProblem": "rules.yaml:3: unknown key [usbid]",
+    }
+    stage.add(TELEMETRY, report("amr", **full), report("edge-1", written_s=400, **full))
+    heading, first, second, third, *problems = stage.text("nodes", "-o", "wide").splitlines()
+    assert heading.split()[-7:] == ["JITTER", "DISK/GPU", "NET", "TEMP", "BATTERY", "CLOCK", "ARCH"]
+    assert first.split()[-9:] == [
+        "0.2ms",
+        "40/-%",
+        "2.3Mbit/s",
+        "71C",
+        "80%",
+        "charging",
+        "-120ms",
+        "arm64",
+        "realtime",
+    ]
+    assert second.split()[-2:] == ["arm64", "realtime"]
+    assert "80%" not in second, "its agent is silent"
+    assert third.split()[0] == "edge-2"
+    assert problems == [f"node {name}: rules.yaml:3: unknown key [usbid]" for name in ("amr", "edge-1")]
+    (shown, *_) = stage.data("nodes")["nodes"]
+    assert shown["temperatures"] == {"cpu-thermal": 71, "nvme": 38}
+    assert (shown["battery"], shown["clockOffsetMilliseconds"]) == ({"percent": 80, "charging": True}, -120)
+    assert (shown["load"]["networkBps"], shown["arch"], shown["jitter"]) == (2_340_000, "arm64", "0.2ms")
+    assert "ARCH" not in stage.text("nodes")
+
+
 def test_a_robot_alone_in_its_zone_shows_the_way_to_the_nearest_one(stage: Stage) -> None:
     zones = {"cloud": "cloud", "hall": "hall", "amr": "floor"}
     stage.add("/nodes", *(node(name, zone=zone) for name, zone in zones.items()))
