@@ -1,6 +1,7 @@
 """`list` and `info`: RobotApps as the operator sees them."""
 
 from collections.abc import Iterator
+from typing import Final
 
 from robotapp_api.client.api.resources import EVENTS, ROBOTAPPS
 from robotapp_api.model.names import Condition, Phase
@@ -10,6 +11,8 @@ from robotapp_cli.output import Column, Output, arrow, bar, blank_line, console,
 from robotapp_cli.session import Session
 
 _EVENTS_SHOWN = 8
+MEDIAN: Final = 50
+_VERDICT: Final = {True: "met", False: "exceeded", None: ""}
 # Progressing and Stalled say False when all is well.
 _GOOD_WHEN_FALSE = frozenset({Condition.PROGRESSING, Condition.STALLED})
 
@@ -161,7 +164,7 @@ def _print_instance(app: Json, instance: Instance, *, wide: bool) -> None:
             console().print(f"  {each['component']} was moved {age(max(times))} ago{counted}", soft_wrap=True)
     if wide and (claims := instance.observed.get("claims")):
         console().print(f"  claims {', '.join(claims)}", soft_wrap=True)
-    print_edges(instance.edges, omitted=instance.observed.get("edgesOmitted", 0))
+    print_edges(with_percentiles(app, instance.edges), omitted=instance.observed.get("edgesOmitted", 0))
 
 
 def _wrong(app: Json, instance: Instance) -> str:
@@ -170,6 +173,16 @@ def _wrong(app: Json, instance: Instance) -> str:
         if each.get("instance", "") == instance.name:
             return f"{each.get('reason', '')}: {each.get('message', '')}"
     return "" if instance.well else str(instance.summary.get("message", ""))
+
+
+def with_percentiles(app: Json, edges: list[Json]) -> list[Json]:
+    """The edges of a status with the percentile that the budget in the spec is about: a status has p95 alone, and the verdict."""
+    of = {_key(edge): (edge.get("latency") or {}).get("percentile") for edge in app["spec"].get("edges") or []}
+    return [edge | {"percentile": of.get(_key(edge))} for edge in edges]
+
+
+def _key(edge: Json) -> tuple[str, str, str, str]:
+    return edge.get("kind", "Topic"), edge["topic"], edge["from"], edge["to"]
 
 
 def print_edges(edges: list[Json], *, omitted: int = 0) -> None:
@@ -188,21 +201,27 @@ def edge_rows(edges: list[Json]) -> Iterator[list[str]]:
         lost = bool(edge.get("measured")) and p95 is None
         share = float("inf") if lost else p95 / budget if p95 is not None and budget else None
         time = "unreachable" if lost else short_ms(p95)
+        times, use = f"{time}/{short_ms(budget)} ms", bar(share)
+        if not budget:
+            times, use = f"{time}, no budget" if lost else f"{time} ms, no budget", ""
+        elif edge.get("percentile") == MEDIAN and edge.get("measured") and not lost:
+            times, use = f"{short_ms(budget)} ms for the median, p95 {time} ms", _VERDICT[edge.get("met")]
         same = len(set(edge.get("nodes") or [])) == 1 and len(edge.get("nodes") or []) == 2
         yield [
             _named(edge),
             f"{edge['from']} {arrow()} {edge['to']}",
-            f"{time}/{short_ms(budget)} ms" if budget else f"{time}, no budget" if lost else f"{time} ms, no budget",
-            bar(share) if budget else "",
+            times,
+            use,
             "same node" if same else _how_known(edge),
         ]
 
 
 def _how_known(edge: Json) -> str:
-    """`measured 4s ago`, `estimated (hall, cloud)`, `unknown`."""
+    """`measured 4s ago`, `measured, 80 ms 2s ago`, `estimated (hall, cloud)`, `unknown`."""
     if edge.get("measured"):
-        age_s = edge.get("ageSeconds")
-        return "measured" if age_s is None else f"measured {elapsed(age_s)} ago"
+        age_s, newest = edge.get("ageSeconds"), edge.get("newest")
+        what = f"measured, {newest}" if newest else "measured"
+        return what if age_s is None else f"{what} {elapsed(age_s)} ago"
     if not edge.get("estimated"):
         return "unknown"
     zones = ", ".join(dict.fromkeys(edge.get("zones") or ()))

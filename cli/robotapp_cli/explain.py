@@ -9,7 +9,7 @@ import msgspec
 
 from robotapp_api.client.api.resources import PODS, ROBOTAPPS
 from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label, PodReason
-from robotapp_cli.apps import print_edges
+from robotapp_cli.apps import print_edges, with_percentiles
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json, condition, label, meta, status
 from robotapp_cli.instances import Instance, chosen, in_full, instances_of
@@ -122,7 +122,8 @@ async def _instance(app: Json, pods: list[Json], *, instance: Instance, question
             rows.append(_row(name, pod, record, reasons))
         if name not in own:
             rows.append(Row(name, reasons=[messages.get(name) or _why_none(app, instance)]))
-    edges = [edge for edge in instance.edges if question.component in (None, edge["from"], edge["to"])]
+    edges = with_percentiles(app, instance.edges)
+    edges = [edge for edge in edges if question.component in (None, edge["from"], edge["to"])]
     return InstanceView(instance.name, instance.domain, rows, with_what_is_known(edges, records))
 
 

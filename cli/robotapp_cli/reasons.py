@@ -5,11 +5,15 @@ from dataclasses import dataclass
 from typing import Final
 
 from robotapp_api.model.names import ROBOT_END
+from robotapp_cli.apps import MEDIAN
 from robotapp_cli.fields import Json, milliseconds, short_ms
 
 _PREFIX: Final = "node(s) "
+_ESTIMATED: Final = "estimated"
 _BY_ESTIMATE: Final = " by estimate"
 """End of a reason whose number was not measured."""
+MOVED: Final = 0.2
+"""Share by which a figure must differ from the newest measurement to be called older: that of the operator for a new figure."""
 _HARDWARE: Final = "HardwareAffinityFilter"
 
 
@@ -52,8 +56,8 @@ def _component(app: Json, name: str) -> Json:
 
 
 def with_what_is_known(edges: list[Json], records: Mapping[str, Json]) -> list[Json]:
-    """The edges of a status with what the scheduler knows by now: the age of a measurement, and an estimate where there is
-    none. `records`: by component.
+    """The edges of a status with what the scheduler knows by now: the age of the newest measurement, that itself where it is
+    another one, and an estimate where there is none. `records`: by component.
     """
     return [edge | _known(edge, records) for edge in edges]
 
@@ -62,10 +66,26 @@ def _known(edge: Json, records: Mapping[str, Json]) -> Json:
     now = _now(edge, records)
     source, rtt_ms = now.get("source"), now.get("rttMs")
     if edge.get("measured"):
-        return {"ageSeconds": now["ageS"]} if source == "measured" and now.get("ageS") is not None else {}
+        if source != "measured" or now.get("ageS") is None:
+            return {}
+        return {"ageSeconds": now["ageS"], **_newer(edge, now)}
     if edge.get("p95") or source != "estimated" or rtt_ms is None:
         return {}
     return {"p95": f"{rtt_ms:.3f}ms", "estimated": True, "zones": list(now.get("zones") or ())}
+
+
+def _newer(edge: Json, now: Json) -> Json:
+    """The newest measurement, where the figure of the status is about an older one: that follows once a minute at most."""
+    shown_ms, newest_ms = milliseconds(edge.get("p95")), now.get("rttMs")
+    if now.get("percentile") == MEDIAN:
+        return {"newest": f"median {_ms(newest_ms)}"}
+    if shown_ms == newest_ms or (shown_ms and newest_ms is not None and abs(newest_ms - shown_ms) < MOVED * shown_ms):
+        return {}
+    return {"newest": _ms(newest_ms)}
+
+
+def _ms(value: float | None) -> str:
+    return "unreachable" if value is None else f"{short_ms(value)} ms"
 
 
 def _now(edge: Json, records: Mapping[str, Json]) -> Json:
@@ -77,10 +97,8 @@ def _now(edge: Json, records: Mapping[str, Json]) -> Json:
         for found in record.get("edges") or []:
             here = {record.get("node"), found.get("peerNode")} == set(edge.get("nodes") or [])
             if here and found.get("what") == f"{topic} to {peer}":
-                now: Json = (
-                    found.get("now") or found
-                )  # a scheduler of the version before tells what it was at the decision
-                return now
+                now: Json = found.get("now") or found  # a scheduler of the version before has that of the decision only
+                return now | {"percentile": found.get("percentile")}
     return {}
 
 
@@ -101,25 +119,34 @@ def _lines(refusal: Json, peers: tuple[Peer, ...]) -> Iterator[str]:
     reason = str(refusal["reason"]).removeprefix(_PREFIX)
     measured = [example for example in examples if example.get("number") is not None]
     for example in measured:
-        yield f"{example['node']}: {_measured(example['number'], refusal, peers, reason)}"
+        yield f"{example['node']}: {_measured(example, refusal, peers, reason)}"
     others = [str(example["node"]) for example in examples if example not in measured]
     more = int(refusal["nodes"]) - len(examples)
     if others or more > 0:
         yield f"{_names(others, more)}: {reason}"
 
 
-def _measured(number: float, refusal: Json, peers: Iterable[Peer], reason: str) -> str:
-    """`60.0 ms to amr-07 > 30 ms` where the budget it broke is known."""
-    unit = refusal.get("unit", "")
+def _measured(example: Json, refusal: Json, peers: Iterable[Peer], reason: str) -> str:
+    """`60.0 ms to amr-07 > 30 ms` where the budget it broke is known: the record names it, that of an older scheduler does not."""
+    number, unit = example["number"], refusal.get("unit", "")
     if unit == "free":
         return f"{reason}, {_amount(number, reason)} free"
+    if example.get("peerNode") and example.get("budgetMs") is not None:
+        guessed = example.get("source") == _ESTIMATED
+        return _over(number, [example["peerNode"]], example["budgetMs"], guessed=guessed)
     broken = [peer for peer in peers if number > peer.budget_ms] if unit == "ms" else []
-    if not broken:
+    if len({peer.budget_ms for peer in broken}) != 1:  # which of several it broke is not known
         return f"{number:.1f} {unit}, {reason}".replace(" ,", ",")
-    tightest = min(peer.budget_ms for peer in broken)
-    where = sorted({peer.node for peer in broken if peer.budget_ms == tightest})
-    about = "about " if reason.endswith(_BY_ESTIMATE) else ""
-    return f"{about}{number:.1f} ms to {' or '.join(where)} > {short_ms(tightest)} ms"
+    return _over(
+        number, sorted({peer.node for peer in broken}), broken[0].budget_ms, guessed=reason.endswith(_BY_ESTIMATE)
+    )
+
+
+def _over(number: float, nodes: list[str], budget_ms: float, *, guessed: bool) -> str:
+    """With as many digits as it takes to see that it is more."""
+    texts = (f"{number:.{digits}f}" for digits in (1, 2, 3))
+    text = next((text for text in texts if float(text) > budget_ms), f"{number:.6f}")
+    return f"{'about ' if guessed else ''}{text} ms to {' or '.join(nodes)} > {budget_ms:g} ms"
 
 
 def _amount(number: float, reason: str) -> str:

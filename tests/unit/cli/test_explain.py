@@ -105,7 +105,7 @@ def test_an_edge_nobody_measured_shows_the_schedulers_estimate_as_what_it_is(sta
 
 
 def test_how_the_pods_were_planned_together_is_said_once(placed: Stage) -> None:
-    why = "planned together with its group; no plan is better"
+    why = "planned together with its group; no plan was better"
     for name, record in placed.scheduler.records.items():
         placed.scheduler.records[name] = {**record, "planned": why}
     assert placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url).count(why) == 1

@@ -10,13 +10,14 @@ OBSERVED = {"topic": "/cmd_vel", "from": "panel", "to": "driver", "budget": "30m
 MEASURED = {**OBSERVED, "measured": True, "p95": "18ms"}
 
 
-def shown(stage: Stage, observed: dict[str, Any], **now: Any) -> str:
+def shown(stage: Stage, observed: dict[str, Any], *, percentile: int = 95, **now: Any) -> str:
     """The line of the edge; `now` is what the scheduler knows of its nodes."""
-    stage.add(ROBOTAPPS, robotapp(edges=[EDGE]))
+    stage.add(ROBOTAPPS, robotapp(edges=[{**EDGE, "latency": {"budget": "30ms", "percentile": percentile}}]))
     stage.add(INSTANCES, instance(edges=[observed]))
     stage.add("/pods", pod("panel-1", "panel", node="edge-1"))
     known = {"rttMs": None, "source": "unknown", "ageS": None, "zones": [], **now}
     edge = {"what": "/cmd_vel to driver", "peerNode": "amr-07", "rttMs": 2.0, "source": "measured", "now": known}
+    edge["percentile"] = percentile
     stage.scheduler.records = {"panel-1": {"node": "edge-1", "edges": [edge]}}
     text = stage.text("explain", "teleop", "--scheduler-url", stage.scheduler.url)
     return next(line.rstrip() for line in text.splitlines() if "/cmd_vel" in line)
@@ -52,3 +53,20 @@ def test_what_nobody_knows_is_unknown(stage: Stage) -> None:
     line = shown(stage, OBSERVED)
     assert "?/30 ms" in line
     assert line.endswith("unknown")
+
+
+@pytest.mark.parametrize(("newest_ms", "text"), [(80.0, "80 ms"), (None, "unreachable"), (14.0, "14 ms")])
+def test_a_newer_measurement_that_the_status_does_not_have_yet_is_told_with_its_own_age(
+    stage: Stage, newest_ms: float | None, text: str
+) -> None:
+    """Before, the figure of a minute ago was said to be measured two seconds ago."""
+    line = shown(stage, MEASURED, rttMs=newest_ms, source="measured", ageS=2.0)
+    assert "18/30 ms" in line
+    assert line.endswith(f"measured, {text} 2s ago")
+
+
+def test_a_budget_of_the_median_is_not_compared_with_the_95th_percentile(stage: Stage) -> None:
+    slow = {**MEASURED, "p95": "45ms", "met": True}
+    line = shown(stage, slow, percentile=50, rttMs=18.0, source="measured", ageS=2.0)
+    assert "30 ms for the median, p95 45 ms   met " in line
+    assert line.endswith("measured, median 18 ms 2s ago")

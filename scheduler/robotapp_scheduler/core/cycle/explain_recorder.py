@@ -1,6 +1,7 @@
 """Turns one attempt into an explain record, cheaply: only what the record keeps is computed."""
 
 from collections.abc import Sequence
+from math import isclose
 from typing import Final
 
 from robotapp_api.values.round_trips import is_unreachable
@@ -24,6 +25,8 @@ from robotapp_scheduler.core.runtime.filter_results import FilterColumn
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 
 NO_TOP: Final = Top()
+MILLISECONDS: Final = "ms"
+"""Unit of numbers that are the RTT of one of the pod's connections."""
 
 
 def _nearness(end: tuple[tuple[float | None, str], str]) -> tuple[int, float]:
@@ -77,11 +80,11 @@ class Recorder:
         # By position, as there is one for every pod: so many keywords cost six times as much.
         return Record(
             pod.namespace, pod.name, pod.uid, self._at_s, profile.scheduler_name, profile.config_hash, self._attempt,
-            node, decision.message, decision.nodes, decision.feasible, self._refusals(), top, None,
+            node, decision.message, decision.nodes, decision.feasible, self._refusals(pod.ros), top, None,
             () if pod.ros is None or node is None else self._edges(pod.ros, node), devices, self.shadows, self.planned, self.tier, self._seed,
         )  # fmt: skip
 
-    def _refusals(self) -> tuple[Refusal, ...]:
+    def _refusals(self, ros: RosContext | None) -> tuple[Refusal, ...]:
         evaluation = self.evaluation
         if evaluation is None:
             return ()
@@ -92,12 +95,19 @@ class Recorder:
         if len(commonest) > MOST_REFUSALS:
             commonest = dict(sorted(commonest.items(), key=lambda entry: -entry[1])[:MOST_REFUSALS])
         measuring = {c.plugin.name: c for c in evaluation.filters if c.detail is not None or c.detail_unit}
-        found = tuple([self._refusal(evaluation, measuring, code, count) for code, count in commonest.items()])
+        found = tuple([self._refusal(evaluation, measuring, code, count, ros) for code, count in commonest.items()])
         if not measuring:  # numbers change without any verdict doing so
             evaluation.refusals = (evaluation.revision, found)
         return found
 
-    def _refusal(self, evaluation: Evaluation, measuring: dict[str, FilterColumn], code: int, count: int) -> Refusal:
+    def _refusal(
+        self,
+        evaluation: Evaluation,
+        measuring: dict[str, FilterColumn],
+        code: int,
+        count: int,
+        ros: RosContext | None,
+    ) -> Refusal:
         reason = evaluation.reasons.values[code]
         column = measuring.get(reason.plugin)
         examples = tuple(
@@ -108,14 +118,30 @@ class Recorder:
         )
         measured = column is not None and any(example.number is not None for example in examples)
         unit = column.detail_unit if column is not None and measured else ""
+        if unit == MILLISECONDS and ros is not None:
+            examples = tuple([self._with_connection(example, ros) for example in examples])
         return Refusal(reason.plugin, ", ".join(reason.texts), count, unit, examples)
+
+    def _with_connection(self, example: Example, ros: RosContext) -> Example:
+        """With the connection that has the example's RTT and exceeds its budget; as it is where none does."""
+        number = example.number
+        for endpoint in ros.endpoints if number is not None else ():
+            (rtt_us, source), peer = self._nearest(endpoint, example.node)
+            late = rtt_us is not None and endpoint.budget_us is not None and rtt_us > endpoint.budget_us
+            if endpoint.required and late and isclose(rtt_us or 0.0, 1000.0 * (number or 0.0), rel_tol=1e-3):
+                return Example(example.node, number, peer, (endpoint.budget_us or 0) / 1000, source)
+        return example
+
+    def _nearest(self, endpoint: Endpoint, node: str) -> tuple[tuple[float | None, str], str]:
+        """RTT, how it is known, and the node of the connection's nearest end."""
+        found = [(self._cluster.rtt.between(peer, node, endpoint.percentile), peer) for peer in endpoint.nodes]
+        return min(found, key=_nearness)
 
     def _edges(self, ros: RosContext, node: str) -> tuple[EdgeView, ...]:
         return tuple(self._edge(endpoint, node) for endpoint in ros.endpoints)
 
     def _edge(self, endpoint: Endpoint, node: str) -> EdgeView:
-        found = [(self._cluster.rtt.between(peer, node, endpoint.percentile), peer) for peer in endpoint.nodes]
-        (rtt_us, source), peer = min(found, key=_nearness)
+        (rtt_us, source), peer = self._nearest(endpoint, node)
         budget_us = endpoint.budget_us
         return EdgeView(
             what=endpoint.what,

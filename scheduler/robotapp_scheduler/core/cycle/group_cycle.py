@@ -7,6 +7,7 @@ is left between two neighbours that are far apart.
 
 import heapq
 from collections.abc import Iterator, Mapping, Sequence
+from math import ceil
 from typing import Final
 
 from robotapp_scheduler.core.cache.cache import Cache
@@ -66,6 +67,8 @@ def _neighbours(member: Member, apps: AppIndex) -> Iterator[Member]:
     return (member._replace(component=link.peer) for link in links)
 
 
+EXACT_PERCENT: Final = 1e-4
+"""A gap below this comes from adding up floats: then no plan is cheaper at all."""
 MOST_RESTARTS: Final = 8
 MOST_TRIES: Final = 512
 """Attempts that may go into starting over: a large group is planned once or twice, not eight times."""
@@ -104,8 +107,10 @@ def placement_of(joint: JointProblem, solution: Solution) -> GroupPlacement:
     proved = gap <= 100 * GAP
     if gap == INF:
         worth = "a plan with more of them on earlier tiers is not ruled out"
+    elif gap < EXACT_PERCENT:
+        worth = "no plan was better"
     else:
-        worth = "no plan is better" if proved else f"no plan is more than {gap:.0f} % better"
+        worth = f"no plan was more than {ceil(gap - EXACT_PERCENT)} % better"
     why = f"planned together with its group; {worth}"
     return GroupPlacement(nodes, result="optimal" if proved else "bounded", why=why)
 

@@ -14,11 +14,18 @@ TOP: Final = 10
 EXAMPLES: Final = 3
 
 
-class Example(msgspec.Struct, frozen=True, gc=False, rename="camel"):
-    """One node that was rejected for a reason; `number` is the plugin's `detail` of it."""
+class Example(msgspec.Struct, frozen=True, gc=False, rename="camel", omit_defaults=True):
+    """One node that was rejected for a reason; `number` is the plugin's `detail` of it.
+
+    Where the number is the RTT of a connection, the others are about that connection: where its other end is, its budget in
+    ms, and how the RTT was known (measured, estimated).
+    """
 
     node: str
     number: float | None = None
+    peer_node: str = ""
+    budget_ms: float | None = None
+    source: str = ""
 
 
 class Refusal(msgspec.Struct, frozen=True, gc=False, rename="camel"):

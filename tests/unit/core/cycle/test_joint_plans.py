@@ -22,6 +22,7 @@ from robotapp_api.model.names import SCHEDULER_NAME, Label
 from robotapp_scheduler.core.cycle.group_cycle import GroupPlacement, placement_of
 from robotapp_scheduler.core.cycle.joint_problem import JointProblem, LimitsConnections, ScoresConnections
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.explain.record import Example
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec, build_profiles
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo
 from robotapp_scheduler.joint.problem import Relation
@@ -107,7 +108,23 @@ def test_a_teleoperated_robot_gets_the_plan_with_the_least_rtt_over_its_edges() 
     assert core.plans == {"optimal": 1}
     record = core.explain.get(batch[0].info.uid)
     assert record is not None
-    assert record.planned == "planned together with its group; no plan is better"
+    assert record.planned == "planned together with its group; no plan was better"
+
+
+def test_a_refused_node_is_recorded_with_the_connection_that_is_too_slow_there() -> None:
+    """Near the robot and far from the desk: the number is the desk's, so the budget beside it is the desk's, too."""
+    core = make_core(*(make_node(name) for name in ("robot", "desk", "far")))
+    core.cluster.apply_telemetry(telemetry("far", rtt_ms={"robot": 5.0, "desk": 60.0}))
+    ends = [edge("driver", "planner", budget="20ms"), edge("operator", "planner", budget="40ms")]
+    teleop(core, {"name": "driver"}, {"name": "operator"}, {"name": "planner"}, edges=ends)
+    for name, node in (("driver", "robot"), ("operator", "desk")):
+        core.cluster.apply_pod(member_pod(name, node=node))
+    arrive(core, member_pod("planner", nodeSelector={"kubernetes.io/hostname": "far"}))
+    core.schedule(core.queue.pop())
+    record = core.explain.find("default", "teleop-planner-abc-planner")
+    assert record is not None
+    (refusal,) = [each for each in record.refusals if each.plugin == LatencyFilter.name]
+    assert refusal.examples == (Example("far", 60.0, "desk", 40.0, "measured"),)
 
 
 def test_a_plan_that_a_filter_refuses_is_dropped_as_a_whole_and_the_pods_are_placed_one_by_one() -> None:
@@ -346,7 +363,11 @@ def test_a_solution_is_put_in_words() -> None:
     rows = [0] * 6
     assert placement_of(joint, Solution(rows, 100.0, 100.0, 1)).result == "optimal"
     bounded = placement_of(joint, Solution(rows, 100.0, 80.0, 1))
-    assert (bounded.result, bounded.why[-32:]) == ("bounded", "; no plan is more than 20 % better"[-32:])
+    assert (bounded.result, bounded.why[-32:]) == ("bounded", "; no plan was more than 20 % better"[-32:])
+    nearly = placement_of(joint, Solution(rows, 100.0, 99.6, 1))
+    assert (nearly.result, nearly.why[-31:]) == ("optimal", "; no plan was more than 1 % better"[-31:])
+    part = placement_of(joint, Solution(rows, 100.0, 87.6, 1))
+    assert part.why.endswith("no plan was more than 13 % better"), "12 % would be too little"
     open_tiers = placement_of(joint, Solution(rows, 100.0, 20.0, 1, tiers=64.0))
     assert (open_tiers.result, open_tiers.why.partition("; ")[2]) == (
         "bounded", "a plan with more of them on earlier tiers is not ruled out",
