@@ -104,17 +104,17 @@ class Mover:
         if own.moving is not None:
             self._tell(app, own, self._components(app, name))
         if not self._is_about_anything(app, facts, own):
-            self._show(app, name, own, "")
+            self._show(app, name, own)
             return None
         parts = self._components(app, name)
         if await self._settle(parts):
             return SETTLED_S
         devices_again = await self._devices(app, facts, own, parts)
-        decision, edges_again = self._decide(app, instance, facts, own, parts)
-        refused = ""
-        if isinstance(decision, Move):
-            refused = await self._move(app, own, parts[decision.component], decision)
-        self._show(app, name, own, refused or (decision.why if isinstance(decision, Stays) else ""))
+        for_device, for_edge, edges_again = self._decide(app, instance, facts, own, parts)
+        move = next((one for one in (for_device, for_edge) if isinstance(one, Move)), None)
+        refused = await self._move(app, own, parts[move.component], move) if move else ""
+        device, edge = (_why(one, move, refused) for one in (for_device, for_edge))
+        self._show(app, name, own, device=device, edge=edge)
         due = [again for again in (devices_again, edges_again, REFUSED_S if refused else None) if again is not None]
         return min(due, default=None)
 
@@ -127,10 +127,14 @@ class Mover:
 
     def _decide(
         self, app: App, instance: Instance, facts: InstanceFacts, own: InstanceMemory, parts: Mapping[str, Part]
-    ) -> tuple[Move | Stays | None, Again]:
-        """What to do now, and when another answer is due although nothing happens."""
+    ) -> tuple[Move | Stays | None, Move | Stays | None, Again]:
+        """What to do about lost devices and about budgets, one move at most, and when another answer is due although nothing happens."""
         if not facts.robot_online or not facts.bound:
-            return None, None  # what is out of reach is never evicted, and nothing moves while something else is moving
+            return (
+                None,
+                None,
+                None,
+            )  # what is out of reach is never evicted, and nothing moves while something else is moving
         now_s = self._clock()
         lasts = {
             view.key: own.times.lasts_from_s(view, for_s=app.budget_for_s) for view in own.measured if view.met is False
@@ -138,7 +142,7 @@ class Mover:
         over = frozenset(key for key, from_s in lasts.items() if from_s <= now_s)
         running = {name: self._running(app, name, part) for name, part in parts.items()}
         lost = [device for device in facts.lost if now_s - own.lost_s.get(device.claim, now_s) >= LOST_S]
-        decision = move_for_device(
+        for_device = move_for_device(
             app,
             lost,
             running=running,
@@ -146,8 +150,9 @@ class Mover:
             losses=self._all_losses,
             now=self._now(),
         )
-        if not isinstance(decision, Move):
-            other = reschedule(
+        for_edge: Move | Stays | None = None
+        if not isinstance(for_device, Move):
+            for_edge = reschedule(
                 app,
                 own.measured,
                 over=over,
@@ -156,13 +161,12 @@ class Mover:
                 unusable=lambda node: self._unusable(app, node),
                 now=self._now(),
             )
-            decision = other if isinstance(other, Move) else decision or other
         later = [from_s - now_s for from_s in lasts.values() if now_s < from_s < float("inf")]
-        if lost and isinstance(decision, Stays):
+        if isinstance(for_device, Stays):
             later.append(MASS_LOSS_S)  # it may depend on what other pods have lost
-        elif isinstance(decision, Stays) and decision.why and app.spec.placement.reschedule.when != NEVER:
+        if isinstance(for_edge, Stays) and for_edge.why and app.spec.placement.reschedule.when != NEVER:
             later.append(STAYS_S)
-        return decision, min(later, default=None)
+        return for_device, for_edge, min(later, default=None)
 
     # What there is
 
@@ -366,11 +370,18 @@ class Mover:
         except (Conflict, NotFound) as race:
             raise StartOver(f"Deployment {meta.name} changed while {key} was written") from race
 
-    def _show(self, app: App, instance: str, own: InstanceMemory, text: str) -> None:
-        """Have the status show why a component is not moved ("": nothing to show)."""
-        if own.stays != text:
-            own.stays = text
+    def _show(self, app: App, instance: str, own: InstanceMemory, *, device: str = "", edge: str = "") -> None:
+        """Have the status show why a component is not moved, for a lost device or for an edge ("": nothing to show)."""
+        if (own.device_stays, own.stays) != (device, edge):
+            own.device_stays, own.stays = device, edge
             self._enqueue(app.uid, instance)
+
+
+def _why(decision: Move | Stays | None, move: Move | None, refused: str) -> str:
+    """Why nothing is moved for this; `refused`: why the move that was decided could not be made."""
+    if isinstance(decision, Stays):
+        return decision.why
+    return refused if decision is not None and decision is move else ""
 
 
 def may_move(app: App) -> bool:

@@ -77,6 +77,7 @@ class Observer:
             held=memory.held.get(instance.robot, ()),
             barred=memory.barred.get(instance.robot, frozenset()),
             stays=own.stays,
+            device_stays=own.device_stays,
             now_s=now_s,
         )
         found = self._publish(app, found, own, now_s)
@@ -115,7 +116,7 @@ class Observer:
             memory.barred.get(instance.robot, frozenset()),
             cached_domain(app, instance.robot, self._cache, outcome) if borrowed else None,
             self._config_maps(app),
-            own.stays,
+            (own.stays, own.device_stays),
             [self._cache.telemetry[node].status.devices for node in self._device_nodes(app, instance)],
             self._cache.devices_version if facts and facts.devices_held < facts.devices_wanted else None,
         )

@@ -38,7 +38,9 @@ class InstanceMemory:
     lost_s: dict[str, float] = dataclasses.field(default_factory=dict)
     """Since when devices have been lost, by claim."""
     stays: str = ""
-    """Why a component is not moved."""
+    """Why a component is not moved although an edge of it exceeds its budget."""
+    device_stays: str = ""
+    """Why a component is not moved although a device of it is lost."""
     evicted: str = ""
     """Uid of the pod that this process evicted last."""
     moving: Move | None = None

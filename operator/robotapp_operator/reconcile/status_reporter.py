@@ -2,7 +2,7 @@
 
 import dataclasses
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from datetime import datetime
 from typing import Any, Final
 
@@ -62,7 +62,7 @@ class Reporter:
         if facts is None:
             status = unreadable_status(record, self._timestamp())
             if not same_status(status, record.status):
-                await self._put(record, status, memory)
+                await self._put(record, status, memory, present=())
             return None
         observed = record.status.get("observedGeneration") == record.generation
         undecided = any(instance.undecided for instance in facts.instances)
@@ -91,10 +91,13 @@ class Reporter:
         if observed and (wait_s := memory.bucket.wait_s(now_s, edges=edges, progress=progress)) > 0:
             return wait_s
         memory.bucket.take(now_s, edges=edges, progress=progress and observed)
-        await self._put(record, status, memory)
+        present = [device for instance in facts.instances for device in instance.present]
+        await self._put(record, status, memory, present=present)
         return again_s
 
-    async def _put(self, record: Record, status: dict[str, Any], memory: AppMemory) -> None:
+    async def _put(
+        self, record: Record, status: dict[str, Any], memory: AppMemory, *, present: Collection[str]
+    ) -> None:
         # Not by uid: a status of our kinds is written whatever uid is named, and the name may be another app's by now.
         meta = {"name": record.name, "namespace": record.namespace, "resourceVersion": record.resource_version}
         body = {"metadata": meta, "status": status}
@@ -103,11 +106,13 @@ class Reporter:
         except (NotFound, Conflict) as gone:
             log.info("status of %s/%s not written: %s", record.namespace, record.name, gone)
             return
-        self._announce(record, status, memory)
+        self._announce(record, status, memory, present=present)
         self._cache.update_app(answer)
 
-    def _announce(self, record: Record, status: dict[str, Any], memory: AppMemory) -> None:
-        events: list[PendingEvent] = events_between(record.status, status, new_domains=memory.new_domains)
+    def _announce(self, record: Record, status: dict[str, Any], memory: AppMemory, *, present: Collection[str]) -> None:
+        events: list[PendingEvent] = events_between(
+            record.status, status, new_domains=memory.new_domains, there=present
+        )
         memory.new_domains.clear()
         late = end_of_life(record.app, record.status, self._now().date()) if record.app else None
         for item in (*events, *((late,) if late else ())):

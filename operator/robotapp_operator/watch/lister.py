@@ -32,7 +32,7 @@ from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
 from robotapp_operator.plan.status.components import component_view, cut_off, not_admitted
 from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble
-from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, parse_record
+from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, name_of, parse_record
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView, edge_views
 from robotapp_operator.watch.cache import Cache
@@ -160,6 +160,7 @@ def instance_facts(
     held: tuple[Held, ...],
     barred: Collection[str] = (),
     stays: str = "",
+    device_stays: str = "",
     now_s: float,
 ) -> InstanceFacts:
     """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic.
@@ -202,6 +203,8 @@ def instance_facts(
         lost=_lost_devices(devices, pods, owned, cache) if devices else (),
         moves=tuple(_moves(item) for item in owned if item.metadata.annotations.get(Annotation.MOVES)),
         stays=stays,
+        device_stays=device_stays,
+        present=tuple(sorted(name_of(claim) for claim in devices if is_there(claim, cache.telemetry))),
         infrastructure_ready=_infrastructure_ready(owned),
         infrastructure_barred=_infrastructure_barred(owned, pods, barred),
         cut_off=_cut_off(owned, pods),

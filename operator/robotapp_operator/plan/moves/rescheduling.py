@@ -8,7 +8,7 @@ measured now.
 import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import datetime
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from robotapp_api.model.component import Component
 from robotapp_api.values.better_node import MOST_USE, BetterNode, is_gain

@@ -191,7 +191,8 @@ def budget_met(facts: AppFacts) -> Verdict:
     over = [edge for edge in edges if edge.met is False]
     if over:
         worst = max(over, key=lambda edge: edge.use)
-        stays = next((_named(facts, one, one.stays) for one in facts.instances if one.stays), "")
+        its_first = sorted(facts.instances, key=lambda one: worst not in one.edges)
+        stays = next((_named(facts, one, one.stays) for one in its_first if one.stays), "")
         text = f"{len(over)} of {len(edges)} edges are over budget, worst {edge_text(worst)}; {stays or _closer(worst)}"
         return Verdict("False", Reason.BUDGET_EXCEEDED, text)
     unknown = [edge for edge in edges if edge.met is None]

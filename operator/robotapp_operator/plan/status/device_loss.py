@@ -26,7 +26,17 @@ class LostDevice(NamedTuple):
     node: str
 
     def __str__(self) -> str:
-        return f"device {self.device} on {self.node}"
+        return _named(self.device, self.node)
+
+
+def name_of(claim: Claim) -> str:
+    """The claimed device as `LostDevice` names it; "" for the claim of a domain."""
+    thing = claim.spec.device
+    return _named(thing.id, thing.node) if thing else ""
+
+
+def _named(device: str, node: str) -> str:
+    return f"device {device} on {node}"
 
 
 def is_there(claim: Claim, telemetry: Mapping[str, Telemetry]) -> bool | None:

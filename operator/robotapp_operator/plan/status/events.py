@@ -1,6 +1,6 @@
 """Which events a new status is worth: only changes of state, with the number, the limit and the next step."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from datetime import date
 from typing import Any, Final, NamedTuple
 
@@ -59,9 +59,13 @@ _TURNS = (
 
 
 def events_between(
-    before: Mapping[str, Any], after: Mapping[str, Any], *, new_domains: Mapping[str, int]
+    before: Mapping[str, Any],
+    after: Mapping[str, Any],
+    *,
+    new_domains: Mapping[str, int],
+    there: Collection[str] = (),
 ) -> list[PendingEvent]:
-    """Compare two statuses of one app. `new_domains`: instance -> id that was claimed since."""
+    """Compare two statuses of one app. `new_domains`: instance -> id that was claimed since. `there`: its devices that are present."""
     events = [
         PendingEvent(
             EventReason.DOMAIN_ALLOCATED, f"{f'robot {robot}: ' if robot else ''}domain {number}", warning=False
@@ -70,8 +74,10 @@ def events_between(
     ]
     turned = _turned(_reasons(before), _reasons(after))
     was, (status, _, message) = _reasons(before).get(_ALLOCATED, ("", "", "")), turned.get(_ALLOCATED, ("", "", ""))
-    if was[1] == Reason.DEVICE_LOST and status == "True":
-        events.append(PendingEvent(EventReason.DEVICE_RETURNED, f"{message}; it was gone: {was[2]}", warning=False))
+    # Without one of those that were lost the pod moved to another node, or the app needs it no more.
+    back = [device for device in there if f"{device} " in was[2]] if was[1] == Reason.DEVICE_LOST else []
+    if back and status == "True":
+        events.append(PendingEvent(EventReason.DEVICE_RETURNED, f"{back[0]} is back: {message}", warning=False))
     elif status == "True" != was[0] and _holds_all_devices(after):
         events.append(PendingEvent(EventReason.DEVICE_CLAIMED, message, warning=False))
     for turn in _TURNS:

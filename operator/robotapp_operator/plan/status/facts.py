@@ -59,6 +59,10 @@ class InstanceFacts:
     """Components that were moved, each with the times of its latest moves (RFC 3339)."""
     stays: str = ""
     """Why a component that would be better off elsewhere is not moved there."""
+    device_stays: str = ""
+    """Why a component whose device is lost is not moved to another one."""
+    present: tuple[str, ...] = ()
+    """Devices it holds that their nodes' agents report as present: `device can0 on amr-07`."""
     cut_off: tuple[str, ...] = ()
     """Pods that know no discovery server any more and must restart."""
 

@@ -130,7 +130,7 @@ def lost_text(instance: InstanceFacts) -> str:
     first = instance.lost[0]
     more = f" and {len(instance.lost) - 1} more devices" if len(instance.lost) > 1 else ""
     text = f"{first.component}: {first}{more} is gone: plug it in again; onLoss decides what happens to the pod"
-    return f"{text} ({instance.stays})" if instance.stays else text
+    return f"{text} ({instance.device_stays})" if instance.device_stays else text
 
 
 def given_up_texts(instance: InstanceFacts) -> list[str]:

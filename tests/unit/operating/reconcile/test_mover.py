@@ -139,6 +139,9 @@ class World:
     def stays(self) -> str:
         return self.memory.of(UID).instance("").stays
 
+    def device_stays(self) -> str:
+        return self.memory.of(UID).instance("").device_stays
+
     async def plug(self, *, present: bool, node: str = "far") -> None:
         """The camera of a node; the planner's pod holds that of node far."""
         self.devices[node] = [TelemetryDevice(id="usb-cam", type="usb", present=present)]
@@ -426,7 +429,7 @@ async def test_a_pod_moves_to_another_device_where_there_is_one_that_is_free(wor
     await world.look()
     await world.look(later_s=LOST_S)
     assert await world.pods() == ["driver", "planner"]
-    assert world.stays() == "no other node has such a device that is free"
+    assert world.device_stays() == "no other node has such a device that is free"
     await world.plug(present=True, node="near")
     await world.look()
     assert await world.pods() == ["driver"]
@@ -443,7 +446,7 @@ async def test_when_all_pods_of_a_node_lose_their_devices_at_once_none_moves_unt
     await world.look()
     assert await world.look(later_s=LOST_S + FOR_S) == MASS_LOSS_S
     assert await world.pods() == ["driver", "planner"]
-    assert "so many pods on its node lost devices at once" in world.stays()
+    assert "so many pods on its node lost devices at once" in world.device_stays()
     world.devices["far"] = [each for each in world.devices["far"] if each.id == "usb-cam"]
     await world.look(later_s=MASS_LOSS_S)
     assert await world.pods() == ["driver"]
@@ -478,7 +481,7 @@ async def test_a_component_tied_to_its_robot_is_not_evicted_for_a_device_elsewhe
     await world.look()
     await world.look(later_s=LOST_S)
     assert await world.pods() == ["driver", "planner"]
-    assert world.stays() == "it stays on its robot: runsOn is [Robot]"
+    assert world.device_stays() == "it stays on its robot: runsOn is [Robot]"
 
 
 async def test_no_pod_is_evicted_for_a_device_that_bare_pods_share(world: World) -> None:
@@ -504,7 +507,7 @@ async def test_no_pod_is_evicted_for_a_node_whose_taints_it_does_not_tolerate(wo
     await world.look()
     await world.look(later_s=LOST_S)
     assert await world.pods() == ["driver", "planner"], "its successor would find no place"
-    assert world.stays() == "no other node has such a device that is free"
+    assert world.device_stays() == "no other node has such a device that is free"
     world.cache.nodes["near"].spec.taints = [Taint(key="lab.example/soft", effect="PreferNoSchedule")]
     await world.look()
     assert await world.pods() == ["driver"]

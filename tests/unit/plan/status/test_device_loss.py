@@ -75,6 +75,10 @@ def test_a_loss_is_told_in_the_condition_and_among_what_needs_somebody() -> None
     assert (verdict.status, verdict.reason) == ("False", "DeviceLost")
     text = "driver: device usb-cam on amr is gone: plug it in again; onLoss decides what happens to the pod"
     assert verdict.message == f"amr: {text}"
-    up: Any = dataclasses.replace(instance, components=(), stays="no other node has such a device that is free")
+    near = "planner would have 2ms on edge-2, but placement.reschedule.when is Never"
+    late: Any = dataclasses.replace(instance, components=(), stays=near)
+    (item,) = troubled(dataclasses.replace(facts, instances=(late,)))
+    assert item["message"] == text, "what is not moved for a budget is no matter of the device"
+    up: Any = dataclasses.replace(instance, components=(), device_stays="no other node has such a device that is free")
     (item,) = troubled(dataclasses.replace(facts, instances=(up,)))
     assert (item["reason"], item["message"]) == ("DeviceLost", f"{text} (no other node has such a device that is free)")

@@ -51,12 +51,12 @@ def test_a_refusal_is_told_under_its_own_reason(reason: Reason) -> None:
 
 
 def test_a_device_that_is_lost_is_told_and_so_is_its_return_but_not_that_it_is_not_needed_any_more() -> None:
-    lost = status(Allocated=("False", "DeviceLost", "driver: device cam"))
+    lost = status(Allocated=("False", "DeviceLost", "driver: device cam on edge-1 is gone: plug it in again"))
     back = status(Allocated=("True", "Allocated", "domain 7; 1 of 1 devices"))
     assert reasons(back, lost) == ["DeviceLost"]
-    (item,) = events_between(lost, back, new_domains={})
+    (item,) = events_between(lost, back, new_domains={}, there=["device can on edge-1", "device cam on edge-1"])
     assert (item.reason, item.warning) == (EventReason.DEVICE_RETURNED, False)
-    assert "it was gone: driver: device cam" in item.note
+    assert item.note == "device cam on edge-1 is back: domain 7; 1 of 1 devices"
     assert reasons(lost, status(Allocated=("Unknown", "Pending", ""))) == []
 
 
@@ -70,7 +70,16 @@ def test_devices_that_were_claimed_are_told_when_the_app_holds_all_of_them_and_n
     assert reasons(held, held) == []
     assert reasons(waits, held | {"summary": {"devices": "0/2"}}) == [], "a suspended app holds none"
     assert reasons(waits, held | {"summary": {}}) == [], "it needs none"
-    assert reasons(status(Allocated=("False", "DeviceLost", "cam")), held) == ["DeviceReturned"]
+    elsewhere = reasons(status(Allocated=("False", "DeviceLost", "device cam on edge-1 is gone")), held)
+    assert elsewhere == ["DeviceClaimed"], "the lost one is not back: others were claimed"
+
+
+@pytest.mark.parametrize("there", [(), ("device cam on edge-2",), ("device cam on edge-10",)])
+def test_a_device_that_is_still_gone_has_not_returned_when_the_pod_moved_or_the_app_is_suspended(
+    there: tuple[str, ...],
+) -> None:
+    lost = status(Allocated=("False", "DeviceLost", "driver: device cam on edge-1 is gone: plug it in again"))
+    assert events_between(lost, status(Allocated=("True", "Allocated", "1 of 1")), new_domains={}, there=there) == []
 
 
 def test_a_robot_out_of_reach_is_told() -> None:
