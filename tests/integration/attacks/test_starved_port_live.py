@@ -13,6 +13,7 @@ import pytest
 from tests.support.ports import ask, token
 from tests.support.process_use import cpu_seconds
 from tests.support.stage import Stage, nodes, pod
+from tests.support.work_unit import is_in_time, is_within, slowness
 
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.nodes import edge
@@ -23,6 +24,10 @@ pytestmark = pytest.mark.live
 
 SECONDS = 8
 PODS = 20
+MOST_S = 1.0
+"""CPU, beside what the same pods take without strangers: 4,400 requests at 0.4 ms each would be 1.8 s."""
+BOUND_S = 10.0
+"""Where `slowness` is 1; alone it is a moment."""
 
 
 @pytest.fixture
@@ -40,18 +45,22 @@ def test_bad_tokens_and_full_explanations_are_no_work_for_the_process_that_place
             stage.wait_bound("asked")
             path, admin = f"/explain/{stage.namespace}/asked", token(installed_plane, "admin")
             assert ask(f"{scheduler.health_url}{path}", bearer=admin)[0] == 200
+            patience_s = BOUND_S * slowness()
+            alone_s = placing_s(stage, scheduler.pid, "alone", within_s=patience_s)
             before_s = cpu_seconds(scheduler.pid)
             command = ["tests.support.port_load", str(scheduler.health_url), "--path", path, "--token", admin]
+            began_s = time.monotonic()
             load = subprocess.Popen(
                 [sys.executable, "-m", *command, "--seconds", str(SECONDS)], cwd=REPOSITORY, stdout=subprocess.PIPE
             )
             try:
-                for number in range(PODS):
-                    stage.create_pod(pod(f"meanwhile-{number}"))
-                    stage.wait_bound(f"meanwhile-{number}", timeout_s=10)
+                placing_s(stage, scheduler.pid, "meanwhile", within_s=2 * patience_s)
                 assert ask(f"{scheduler.health_url}{path}", bearer=admin)[0] == 200, "who is known is served meanwhile"
                 assert ask(f"{scheduler.health_url}/livez")[0] == 200
-                answers = json.loads(load.communicate(timeout=120)[0])
+                answers = json.loads(load.communicate(timeout=600)[0])
+                stretched = max(
+                    1.0, (time.monotonic() - began_s) / SECONDS
+                )  # a busy machine sends the same requests over more time
             finally:
                 load.kill()
                 load.wait()
@@ -59,10 +68,19 @@ def test_bad_tokens_and_full_explanations_are_no_work_for_the_process_that_place
         finally:
             scheduler.stop()
     assert set(answers["bad"]) == {"401", "429"}
-    assert answers["bad"]["401"] < 100, "each is a question to the API server"
+    assert answers["bad"]["401"] < 100 * stretched, "each is a question to the API server"
     assert set(answers["full"]) == {"200", "429"}
-    assert answers["full"]["200"] < 60
-    assert used_s < 1.5, "4,400 requests at 0.4 ms each would be 1.8 s beside what the pods take"
+    assert answers["full"]["200"] < 60 * stretched
+    assert is_within(used_s - alone_s, MOST_S), f"{alone_s:.2f} s without strangers"
+
+
+def placing_s(stage: Stage, scheduler_pid: int, name: str, *, within_s: float) -> float:
+    """CPU of the scheduler while some pods are placed one after the other, each in time."""
+    before_s = cpu_seconds(scheduler_pid)
+    for number in range(PODS):
+        stage.create_pod(pod(f"{name}-{number}"))
+        stage.wait_bound(f"{name}-{number}", timeout_s=within_s)
+    return cpu_seconds(scheduler_pid) - before_s
 
 
 def test_the_port_is_served_again_after_its_process_died_and_no_pod_waits(
@@ -74,10 +92,10 @@ def test_the_port_is_served_again_after_its_process_died_and_no_pod_waits(
             (server,) = Path(f"/proc/{scheduler.pid}/task/{scheduler.pid}/children").read_text().split()
             subprocess.run(["kill", "-KILL", server], check=True)
             stage.create_pod(pod("meanwhile"))
-            stage.wait_bound("meanwhile", timeout_s=10)
+            stage.wait_bound("meanwhile", timeout_s=BOUND_S * slowness())
             began_s = time.monotonic()
             assert ask(f"{scheduler.health_url}/livez")[0] == 200
-            assert time.monotonic() - began_s < 20
+            assert is_in_time(time.monotonic() - began_s, 20)
             assert f"port {str(scheduler.health_url).rpartition(':')[2]} ended with -9" in scheduler.log_text()
         finally:
             scheduler.stop()

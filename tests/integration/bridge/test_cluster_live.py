@@ -178,7 +178,7 @@ def test_every_sample_becomes_ready(surroundings: Stage, tmp_path: Path, capsys:
 
 
 def ready(stage: Stage, name: str) -> bool:
-    wanted = ("--for=condition=Ready", f"robotapp/{name}", "-n", stage.namespace, "--timeout=30s")
+    wanted = ("--for=condition=Ready", f"robotapp/{name}", "-n", stage.namespace, "--timeout=120s")
     return "condition met" in stage.plane.kubectl("wait", *wanted, check=False)
 
 

@@ -58,7 +58,7 @@ def test_an_applied_app_measures_its_first_round_trip_within_seconds(cluster: Re
     assert wait_until(lambda: len(teleop.trips(cluster, place, measured)) > 100, timeout_s=60, poll_s=0.5)
     summary = summarise(teleop.rows(cluster, place, measured), deadline_us=DEADLINE_US, settle_us=1_000_000)
     assert summary.p50_us is not None
-    assert 4000 <= summary.p50_us < 30_000  # the switch's 2 ms each way, and what a busy machine adds
+    assert 4000 <= summary.p50_us < 30_000 * slowness()  # the switch's 2 ms each way, and what a busy machine adds
 
 
 def test_round_trips_follow_the_link(cluster: RealNodes, place: str) -> None:

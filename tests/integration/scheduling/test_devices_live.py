@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import pytest
 from tests.support.apiobjects import component
 from tests.support.stage import CLAIMS, Json, Stage, deployment, nodes, pod
+from tests.support.work_unit import is_in_time, slowness
 
 from robotapp_api.model.names import API_VERSION, Annotation, Label
 from robotapp_testbed import ControlPlane
@@ -18,6 +19,8 @@ from robotapp_testbed.nodes import Device, SimulatedNode, edge
 pytestmark = [pytest.mark.live, pytest.mark.usefixtures("scheduler")]
 
 log = logging.getLogger(__name__)
+RELEASE_S = 5.0
+"""Where `slowness` is 1."""
 CAN = Device(id="can-can0", type="can", interface="can0")
 WANTS_CAN = {str(Annotation.AFFINITY): json.dumps({"hardware_requirements": [{"type": "can", "interface": "can0"}]})}
 
@@ -64,12 +67,13 @@ def test_two_pods_and_one_device_the_second_names_the_holder_and_follows_it(
         note = stage.wait_event("second", reason="DeviceBusy")["note"]
         assert f"device can-can0 on edge-1 is held by {stage.namespace}/first" in note
 
+        allowed_s = RELEASE_S * slowness()
         started = time.monotonic()
         stage.delete_pod("first")
         stage.wait_bound("second")
-        handover_ms = 1000 * (time.monotonic() - started)
-        log.info("device handed on %.0f ms after its holder was deleted", handover_ms)
-        assert handover_ms < 5000
+        handover_s = time.monotonic() - started
+        log.info("device handed on %.0f ms after its holder was deleted", 1000 * handover_s)
+        assert handover_s < allowed_s or is_in_time(handover_s, RELEASE_S)
         (claim,) = claims(installed_plane, stage.namespace)
         assert claim["spec"]["holder"]["uid"] == stage.pod("second")["metadata"]["uid"]
 
