@@ -1,4 +1,4 @@
-"""Carries out a plan. Every write of a template is conditional on the resourceVersion read before the claims were listed.
+"""Carries out a plan, stops and evicts. Every write of a template is conditional on the resourceVersion read before the claims were listed.
 
 The plan decides what is written; here a write over a version that the plan does not know is refused.
 """
@@ -11,22 +11,34 @@ from typing import Any, Final
 import msgspec
 
 from robotapp_api.claims.domain import Fence
-from robotapp_api.client import AlreadyExists, ApiClient, ApiError, Conflict, Forbidden, Invalid, NotFound
-from robotapp_api.client.api.bodies import JSON_PATCH
+from robotapp_api.client import (
+    AlreadyExists,
+    ApiClient,
+    ApiError,
+    Conflict,
+    Forbidden,
+    Invalid,
+    NotFound,
+    ServerError,
+    TooManyRequests,
+)
+from robotapp_api.client.api.bodies import JSON_PATCH, encode
 from robotapp_api.client.api.client import JsonPatch
-from robotapp_api.client.api.resources import DEPLOYMENTS, SERVICES, Resource
+from robotapp_api.client.api.resources import DEPLOYMENTS, PODS, SERVICES, Resource
 from robotapp_api.model.names import OPERATOR_MANAGER, Annotation, Reason
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.diff.unowned import unowned_pointers
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Meta, version_number
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Meta, Pod, version_number
 from robotapp_operator.plan.status.components import over_quota
 from robotapp_operator.queue.work import StartOver
 
 log = logging.getLogger(__name__)
 
 RESOURCES: Final[Mapping[str, Resource]] = {DEPLOYMENT: DEPLOYMENTS, SERVICE: SERVICES}
+SEVERAL_BUDGETS: Final = 500
+"""Status of the answer to an eviction of a pod that more than one PodDisruptionBudget covers: it will not pass by itself."""
 
 
 @dataclasses.dataclass(slots=True)
@@ -74,6 +86,34 @@ async def stop(client: ApiClient, item: Deployment) -> None:
         await _patch_tested(client, DEPLOYMENTS, meta.name, patch, namespace=meta.namespace)
     except (Conflict, NotFound) as race:
         raise StartOver(str(race)) from race
+
+
+async def evict(client: ApiClient, pod: Pod, *, version: str = "") -> str | None:
+    """Evict the pod. Returns why the API server refused, "" when the pod is being deleted, None when it was gone before.
+
+    By the eviction API, so that disruption budgets hold: the operator may delete no pod in another way.
+    version: the pod must still have this resourceVersion, else None; "" for any.
+    """
+    meta = pod.metadata
+    preconditions = {"uid": meta.uid} | ({"resourceVersion": version} if version else {})
+    body = {
+        "apiVersion": "policy/v1",
+        "kind": "Eviction",
+        "metadata": {"name": meta.name, "namespace": meta.namespace},
+        "deleteOptions": {"preconditions": preconditions},
+    }
+    try:
+        await client.post_raw(PODS.path(meta.namespace, meta.name, "eviction"), encode(body))
+    except (TooManyRequests, Forbidden) as refusal:  # a disruption budget, or rights of an older chart
+        return refusal.message
+    except ServerError as refusal:
+        if refusal.status != SEVERAL_BUDGETS:
+            raise
+        return refusal.message
+    except (NotFound, Conflict) as gone:
+        log.info("pod %s/%s is gone already: %s", meta.namespace, meta.name, gone)
+        return None
+    return ""
 
 
 async def _write(

@@ -28,7 +28,7 @@ from robotapp_operator.plan.status.device_loss import is_there, parse_record, re
 from robotapp_operator.plan.status.facts import InstanceFacts
 from robotapp_operator.plan.status.latency import between
 from robotapp_operator.queue.work import StartOver
-from robotapp_operator.reconcile.eviction import evict
+from robotapp_operator.reconcile.apply_plan import evict
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import Again, InstanceMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache

@@ -18,7 +18,7 @@ from robotapp_api.client.transport.errors import means_gone
 from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME
 from robotapp_operator.plan.render.admitted_nodes import admitted_nodes, is_outdated
 from robotapp_operator.plan.spec.objects import Pod
-from robotapp_operator.reconcile.eviction import evict
+from robotapp_operator.reconcile.apply_plan import evict
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
 
