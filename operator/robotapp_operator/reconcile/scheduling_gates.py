@@ -44,6 +44,8 @@ class Gates:
         self._client = client
         self._cache = cache
         self._memory = memory
+        self._closed_nodes: tuple[int, dict[str, frozenset[str]]] = (-1, {})
+        """Version of the nodes, and those that are closed to each namespace that was asked about."""
 
     async def open(self, uid: str, robot: str) -> bool:
         """True when no pod of the instance has to be tried again. One without a node that admits it waits for another node."""
@@ -98,7 +100,14 @@ class Gates:
         return True
 
     def _closed(self, namespace: str) -> frozenset[str]:
-        return closed_nodes([node.metadata for node in self._cache.nodes.values()], namespace)
+        """Names of the nodes that do not admit the namespace."""
+        nodes = self._cache.nodes
+        if self._closed_nodes[0] != nodes.identity_version:
+            self._closed_nodes = nodes.identity_version, {}
+        known = self._closed_nodes[1]
+        if namespace not in known:
+            known[namespace] = closed_nodes([node.metadata for node in nodes.values()], namespace)
+        return known[namespace]
 
     async def _replace_outdated(self, uid: str, robot: str, judged: dict[str, int]) -> bool:
         """Evict pods that no scheduler has placed and whose nodes are not the admitted ones any more: their successors are
