@@ -42,7 +42,9 @@ ROUND_S: Final = 60.0
 SEARCHES: Final = 1
 """Components for which a node is searched per tick: an attempt over all nodes without caches, 4 ms at 5000 nodes."""
 SEARCH_S: Final = 10.0
-"""Pause between two searches for one component."""
+"""Pause between two searches for one component that has a proposal."""
+RETRY_S: Final = 2.0
+"""The same pause where nothing was found: another node may have reported meanwhile, or the app come to rest."""
 VALID: Final = timedelta(minutes=30)
 RENEW: Final = timedelta(minutes=10)
 """A proposal that still holds is written anew when it expires this soon."""
@@ -261,8 +263,9 @@ class BudgetWatch:
         return [uid for _, uid in sorted(due)[:SEARCHES]]
 
     def _search(self, uid: str) -> AnnotationWrite | None:
+        """Without a proposal it is searched again soon, with one the search only confirms it."""
         cluster, watched = self._core.cluster, self._watched[uid]
-        watched.search_s = self._clock() + SEARCH_S
+        watched.search_s = self._clock() + RETRY_S
         app = cluster.apps.app(watched.member.app_uid)
         part = part_of(app, watched.member, cluster.apps) if app is not None else None
         if part is None or part.pod.metadata.uid != uid:
@@ -272,7 +275,10 @@ class BudgetWatch:
         if worst_late(part, cluster, cluster.rtt.measured_us) is None or not settled(self._core, part):
             return None
         standing = _standing(part.pod)
-        return self._write(part.pod, better_node(self._core, part, standing=standing.node if standing else ""))
+        found = better_node(self._core, part, standing=standing.node if standing else "")
+        if found is not None or standing is not None:
+            watched.search_s = self._clock() + SEARCH_S
+        return self._write(part.pod, found)
 
     def _write(self, pod: Pod, found: Proposal | None) -> AnnotationWrite | None:
         """The write that makes the annotation what it should be; None when it is so, or a write was a moment ago."""

@@ -16,6 +16,7 @@ from robotapp_scheduler.core.cycle.better_node import (
     LOOKS,
     RENEW,
     REST_S,
+    RETRY_S,
     ROUND_S,
     SEARCH_S,
     TICK_S,
@@ -80,6 +81,17 @@ def test_a_budget_that_was_exceeded_for_as_long_as_the_app_waits_gets_one_propos
     assert cluster.run(2) == [(FOR_S + 1, "e2")]
     expires = (START + timedelta(seconds=FOR_S + 1) + VALID).isoformat().replace("+00:00", "Z")
     assert cluster.annotation == f'{{"node": "e2", "before": "60ms", "after": "8ms", "expires": "{expires}"}}'
+
+
+def test_a_node_that_is_measured_only_after_the_first_search_is_proposed_within_seconds() -> None:
+    cluster = Cluster()
+    cluster.rtt_ms = dict.fromkeys(("e2", "e3"), 60.0)
+    assert cluster.run(FOR_S + 2) == []
+    began_s = cluster.clock()
+    cluster.rtt_ms = {"e2": 8.0}
+    ((at_s, node),) = cluster.run(SEARCH_S)
+    assert node == "e2"
+    assert at_s - began_s <= RETRY_S + 1
 
 
 def test_how_long_that_is_the_app_decides() -> None:
