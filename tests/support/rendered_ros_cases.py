@@ -25,6 +25,7 @@ PAIR: Final = "test/pair"
 REQUESTS: Final = {"cpu": "1", "memory": "2Gi"}
 PLANNER: Final = "planner"
 NEAR_MS, FAR_MS = 5.0, 60.0
+NEAR, EMPTY = "objective-near", "objective-empty"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +81,11 @@ WISHES: Final[Mapping[str, Wish]] = {
 LOADS: Final = {
     there("LoadBalanceScore"): {"cpu": "1600m", "memory": "57Gi"},
     lure("LoadBalanceScore"): {"cpu": "7200m", "memory": "22Gi"},
+    NEAR: {"cpu": "8", "memory": "32Gi"},
 }
 """What other pods request of 16 processors and 64 GiB: of both together the second has more left, of processors the first."""
+OBJECTIVES: Final = {"Latency": NEAR, "Balance": EMPTY}
+"""Where an app goes by what it is to be placed for: `near` is half full, the empty node is still within the budget."""
 QUEUE, RESERVE, BIND = "ROSQueueSort", "ROSReserve", "ROSBind"
 PLUGINS: Final = (*WISHES, QUEUE, RESERVE, BIND)
 FIRST, URGENT = "queue-a-first", "queue-b-urgent"
@@ -97,7 +101,8 @@ def world() -> Topology:
         for name, (cpu, memory), devices in ((there(plugin), small, wish.devices), (lure(plugin), large, ())):
             nodes.append(edge(name, zone=name, cpu=cpu, memory=memory, devices=devices, labels={PAIR: plugin}))
     nodes.append(edge(there(QUEUE), zone=there(QUEUE), cpu="8", labels={PAIR: QUEUE}))
-    found = Topology(nodes)
+    nodes += [edge(name, zone=name, labels={PAIR: "objective"}) for name in (NEAR, EMPTY)]
+    found = Topology(nodes, rtt_ms={(ROBOT, NEAR): NEAR_MS, (ROBOT, EMPTY): FAR_MS})
     for plugin, wish in WISHES.items():
         for name, rtt_ms in zip((there(plugin), lure(plugin)), wish.rtt_ms or (), strict=False):
             found.set_rtt(ROBOT, name, rtt_ms)
@@ -143,6 +148,11 @@ def apps_of(plugin: str, *, mark: str = "") -> list[Json]:
         return [app(mark + each, planner(QUEUE, cpu="5", qosClass=kind)) for each, kind in kinds.items()]
     bus = {"devices": [{"name": "bus", "type": BUS.type, "interface": BUS.interface}]} if plugin == RESERVE else {}
     return [app(name, component(PLANNER, runsOn=["Robot"], **bus))]
+
+
+def for_objective(name: str) -> Json:
+    edges = _to_robot(budget="100ms")
+    return app(f"objective-{name.lower()}", planner("objective"), placement={"objective": name}, **edges)
 
 
 def outcomes(plugin: str) -> tuple[str, str]:

@@ -11,6 +11,7 @@ from tests.support.live import Tenant, eventually, part
 from robotapp_api.client.api.times import utc_now
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.better_node import BetterNode
+from robotapp_operator.plan.moves.move_record import MoveRecord
 from robotapp_testbed import ControlPlane, product, topology
 from robotapp_testbed.nodes import Device
 
@@ -140,6 +141,41 @@ def test_a_component_moves_by_itself_to_the_node_that_the_scheduler_proposes(
         user.wait("alone", "BudgetMet", "True", reason="WithinBudget")
         told(user, "alone", "Rescheduled")
         eventually(lambda: moves(user, "alone") == [("planner", 1)], what=lambda: user.instances("alone"))
+    finally:
+        network.set_rtt(here, ROBOT, 2.0)
+
+
+def test_no_component_moves_beyond_its_limits_and_its_user_sees_which_one_holds_it(
+    user: Tenant, network: topology.SimulatedTelemetry
+) -> None:
+    parts = [part("planner", runsOn=["Edge"]), part("driver", runsOn=["Robot"])]
+    limits = {"when": "BudgetExceeded", "for": "1s", "cooldown": "1h", "maxPerDay": 1}
+    user.apply("limited", *parts, robots=ON_ROBOT, edges=[EDGE], placement={"reschedule": limits})
+    user.wait_ready("limited")
+    user.wait("limited", "BudgetMet", "True", reason="WithinBudget")
+    moved = MoveRecord(times=(utc_now() - timedelta(minutes=10),), pod="a predecessor")
+    (deployment,) = user.deployments("planner")
+    path = f"/apis/apps/v1/namespaces/{user.namespace}/deployments/{deployment['metadata']['name']}"
+    user.cp.api.patch(path, {"metadata": {"annotations": {Annotation.MOVES.value: moved.text()}}})
+    here, uid = node_of(user, "planner"), pod_of(user, "planner")["metadata"]["uid"]
+
+    def stays_because(why: str) -> None:
+        eventually(
+            lambda: why in user.condition("limited", "BudgetMet")["message"],
+            what=lambda: user.condition("limited", "BudgetMet"),
+        )
+        assert pod_of(user, "planner")["metadata"]["uid"] == uid
+
+    network.set_rtt(here, ROBOT, 60.0)
+    try:
+        stays_because("moved 1 times within 24 hours (placement.reschedule.maxPerDay)")
+        user.edit("limited", placement={"reschedule": limits | {"maxPerDay": 5}})
+        stays_because("(placement.reschedule.cooldown, until ")
+        assert moves(user, "limited") == [("planner", 1)]
+        user.edit("limited", placement={"reschedule": limits | {"maxPerDay": 5, "cooldown": "1s"}})
+        eventually(lambda: node_of(user, "planner") not in ("", here), what=lambda: user.listed("pods"))
+        eventually(lambda: moves(user, "limited") == [("planner", 2)], what=lambda: user.instances("limited"))
+        user.wait("limited", "BudgetMet", "True", reason="WithinBudget")
     finally:
         network.set_rtt(here, ROBOT, 2.0)
 

@@ -80,7 +80,8 @@ def played(installed_plane: ControlPlane, tmp_path_factory: pytest.TempPathFacto
         pods = f"/api/v1/namespaces/{world.namespace}/pods"
         for pod in cases.loads():
             installed_plane.api.create(pods, pod)
-        found.decide([app for plugin in cases.PLUGINS for app in cases.apps_of(plugin)])
+        objectives = map(cases.for_objective, cases.OBJECTIVES)
+        found.decide([*(app for plugin in cases.PLUGINS for app in cases.apps_of(plugin)), *objectives])
         found.shipped = {plugin: outcome(found, plugin) for plugin in cases.PLUGINS}
         yield found
         found.stop()
@@ -131,3 +132,9 @@ def test_without_the_plugin_the_same_app_fares_otherwise(played: Played, plugin:
         played.forget(cases.apps_of(plugin))  # there is room for one
     played.decide(cases.apps_of(plugin, mark=MARK), without=[plugin])
     assert outcome(played, plugin, mark=MARK) == expected
+
+
+@pytest.mark.parametrize("objective", sorted(cases.OBJECTIVES))
+def test_the_objective_decides_between_the_nearest_node_and_the_emptiest(played: Played, objective: str) -> None:
+    pod = played.decided(cases.for_objective(objective)["metadata"]["name"])
+    assert pod["spec"]["nodeName"] == cases.OBJECTIVES[objective]
