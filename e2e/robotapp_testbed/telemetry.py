@@ -36,7 +36,7 @@ class _Agent:
 class SimulatedTelemetry:
     """Writes at once whatever is changed through it, and everything again as heartbeat while it runs.
 
-    A round trip has no jitter: median and 95th percentile are the value of the topology.
+    A round trip has no jitter, unless it is given some: median and 95th percentile are the value of the topology.
     """
 
     def __init__(self, cp: ControlPlane, topology: Topology, *, interval_s: int | None = None) -> None:
@@ -44,6 +44,7 @@ class SimulatedTelemetry:
         self._topology = topology
         self._interval_s = interval_s or max(_SHORTEST_INTERVAL_S, len(topology) // _NODES_PER_INTERVAL_SECOND)
         self._agents = {node.name: _Agent() for node in topology}
+        self._p95_ms: dict[frozenset[str], float] = {}
         self._lock = threading.Lock()
         self._heart = Heartbeat("simulated telemetry", self.write, interval_s=self._interval_s)
 
@@ -70,6 +71,15 @@ class SimulatedTelemetry:
     def set_rtt(self, one: str, other: str, value_ms: float) -> None:
         """Infinite: no probe between the two is answered."""
         self._topology.set_rtt(one, other, value_ms)
+        self.write(one, other)
+
+    def set_p95(self, one: str, other: str, value_ms: float | None) -> None:
+        """The 95th percentile of this pair, where it is another one than the median; None: it is the median again."""
+        pair = frozenset((one, other))
+        if value_ms is None:
+            self._p95_ms.pop(pair, None)
+        else:
+            self._p95_ms[pair] = value_ms
         self.write(one, other)
 
     def unplug(self, node: str, device_id: str) -> None:
@@ -165,8 +175,8 @@ class SimulatedTelemetry:
         value_ms, seq = self._topology.rtt_ms(name, peer), self._agents[name].sequence
         if isinf(value_ms):
             return {"peer": peer, "lossPPM": 1_000_000, "seq": seq}
-        value_us = round(value_ms * 1000)
-        return {"peer": peer, "p50Us": value_us, "p95Us": value_us, "lossPPM": 0, "seq": seq}
+        value_us, p95_us = (round(ms * 1000) for ms in (value_ms, self._p95_ms.get(frozenset((name, peer)), value_ms)))
+        return {"peer": peer, "p50Us": value_us, "p95Us": p95_us, "lossPPM": 0, "seq": seq}
 
     def _device(self, node: str, device_id: str) -> Device:
         devices = self._topology.node(node).devices

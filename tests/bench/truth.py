@@ -10,8 +10,9 @@ import sys
 import time
 from collections.abc import Sequence
 
+from tests.support.truth.arranging import Place, nodes, pools
 from tests.support.truth.scene import run
-from tests.support.truth.situations import SITUATIONS, Place, nodes, pools
+from tests.support.truth.situations import SITUATIONS
 from tests.support.world import World
 
 from robotapp_testbed import ControlPlane, product

@@ -2,7 +2,7 @@
 
 import secrets
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, Self
@@ -152,6 +152,11 @@ class World:
         uid = self.app(name)["metadata"]["uid"]
         path = f"/apis/events.k8s.io/v1/namespaces/{self.namespace}/events"
         return [each for each in self.cp.api.get(path)["items"] if each.get("regarding", {}).get("uid") == uid]
+
+    def events_of_pods(self, uids: Collection[str]) -> list[Object]:
+        """Events about the pods of these uids."""
+        path = f"/apis/events.k8s.io/v1/namespaces/{self.namespace}/events"
+        return [each for each in self.cp.api.get(path)["items"] if each.get("regarding", {}).get("uid") in uids]
 
     def _forget_leases(self) -> None:
         """A test before us may have killed its operator: nobody shall wait until its Lease runs out."""

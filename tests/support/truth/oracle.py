@@ -4,7 +4,10 @@ import re
 from collections.abc import Iterator
 from functools import cache
 
+from tests.support.truth.explained import false_explanation
+from tests.support.truth.history import History
 from tests.support.truth.screen import Screen, is_component, node_ready, replicas_up
+from tests.support.truth.told import false_events
 from tests.support.world import Object
 
 from robotapp_api.model.names import Label
@@ -15,10 +18,11 @@ from robotapp_cli.main import app as command_line
 KUBECTL = {"get", "describe", "explain", "logs", "delete", "label", "annotate", "apply", "edit", "auth", "robotapp"}
 
 
-def contradictions(screen: Screen) -> list[str]:
-    """Empty when everything on the screen is so."""
+def contradictions(screen: Screen, history: History) -> list[str]:
+    """Empty when everything on the screen is so, and was so when it was told."""
     rules = (_counts, _ready, _placed, _domains, _devices, _budget, _phase, _table, _accepted, _instances, _advice)
-    return [text for rule in rules for text in rule(screen)]
+    found = [text for rule in rules for text in rule(screen)]
+    return [*found, *false_events(screen, history), *false_explanation(screen, history)]
 
 
 def _components(screen: Screen, instance: str | None = None) -> list[Object]:

@@ -1,10 +1,12 @@
 """Plays a situation: arranges it, applies the app, and waits until what is told is what must be told, and so."""
 
+import re
 from contextlib import ExitStack
 
+from tests.support.truth.arranging import SEEN_S, Place, Situation, app_of
+from tests.support.truth.history import History
 from tests.support.truth.oracle import contradictions
 from tests.support.truth.screen import Screen, look
-from tests.support.truth.situations import SEEN_S, Place, Situation, app_of
 
 from robotapp_testbed import wait_until
 
@@ -14,25 +16,27 @@ def run(place: Place, situation: Situation) -> list[str]:
     world = place.world
     with ExitStack() as stack:
         stack.callback(world.clear)
+        history = stack.enter_context(History(world))
         try:
             stack.enter_context(situation.around(place))
             world.create(app_of(situation, place))
             if situation.then is not None:
-                world.watch.until_ready("app", within_s=SEEN_S)
+                if situation.ready_first:
+                    world.watch.until_ready("app", within_s=SEEN_S)
                 stack.enter_context(situation.then(place))
         except TimeoutError as late:
             return [str(late)]
         wrong: list[str] = []
 
         def settled() -> bool:
-            wrong[:] = _wrong(look(world, "app"), situation)
+            wrong[:] = _wrong(look(world, "app"), history, situation, place)
             return not wrong
 
         wait_until(settled, timeout_s=SEEN_S, poll_s=0.5)
         return wrong
 
 
-def _wrong(screen: Screen, situation: Situation) -> list[str]:
+def _wrong(screen: Screen, history: History, situation: Situation, place: Place) -> list[str]:
     if screen.status.get("observedGeneration") != screen.app["metadata"]["generation"]:
         return ["the app has not been looked at yet"]
     found = [
@@ -42,7 +46,18 @@ def _wrong(screen: Screen, situation: Situation) -> list[str]:
     ]
     if screen.row["PHASE"] != situation.phase:
         found.append(f"PHASE is {screen.row['PHASE']}, not {situation.phase}")
-    return found + contradictions(screen)
+    found += [
+        f"{name} has no event, there are {screen.event_reasons}"
+        for name in situation.events
+        if name not in screen.event_reasons
+    ]
+    found += [f"{name} is an event, and is not so" for name in situation.no_events if name in screen.event_reasons]
+    found += [
+        f"no message has {text!r}: {screen.messages}"
+        for text in situation.tells
+        if not re.search(text, " | ".join(screen.messages))
+    ]
+    return found + list(situation.also(place, screen)) + contradictions(screen, history)
 
 
 def _fits(found: tuple[str, ...], wanted: str) -> bool:

@@ -1,5 +1,6 @@
 """What a user sees of an app, and what is so: status, table, events and texts beside the raw objects."""
 
+import json
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,12 +27,72 @@ class Screen:
     events: list[Object]
     row: dict[str, str]
     info: str
+    all_pods: list[Object] = field(default_factory=list)
+    """Of the whole cluster, for what is free on nodes."""
+    pod_events: list[Object] = field(default_factory=list)
+    explained: Object = field(default_factory=dict)
+    """`kubectl robotapp explain -o json`."""
+    explanation: str = ""
+    """The same as a table."""
     status: Object = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return f"{self.app['metadata']['namespace']}/{self.app['metadata']['name']}"
+
+    @property
+    def components(self) -> list[str]:
+        return [each["name"] for each in self.app["spec"]["components"]]
+
+    def component(self, name: str) -> Object:
+        """Its part of the spec."""
+        return next((each for each in self.app["spec"]["components"] if each["name"] == name), {})
+
+    def edges_of(self, component: str) -> list[Object]:
+        return [each for each in self.app["spec"].get("edges", ()) if component in (each["from"], each["to"])]
+
+    def partners(self, component: str, field: str) -> list[str]:
+        """The others that it names in this field, or that name it."""
+        others = [each["name"] for each in self.app["spec"]["components"] if component in each.get(field, ())]
+        return [*self.component(component).get(field, ()), *others]
+
+    def tier(self, node: str) -> str:
+        labels = self.nodes[node]["metadata"].get("labels", {}) if node in self.nodes else {}
+        return "robot" if Label.ROBOT.value in labels else str(labels.get(Label.TIER, ""))
+
+    @property
+    def robot_nodes(self) -> list[str]:
+        return [name for name, node in self.nodes.items() if Label.ROBOT.value in node["metadata"].get("labels", {})]
+
+    def robot_is_there(self, robot: str) -> bool:
+        return any(self.nodes[name]["metadata"]["labels"][Label.ROBOT.value] == robot for name in self.robot_nodes)
+
+    def nodes_of(self, component: str) -> list[str]:
+        return [pod["spec"]["nodeName"] for pod in self.pods_of(component) if pod["spec"].get("nodeName")]
+
+    def pods_of(self, component: str) -> list[Object]:
+        return [pod for pod in self.pods if pod["metadata"]["labels"].get(Label.COMPONENT.value) == component]
+
+    def pods_on(self, node: str) -> list[Object]:
+        return [pod for pod in self.all_pods if pod["spec"].get("nodeName") == node]
+
+    def reported(self, one: str, other: str) -> list[tuple[float, float]]:
+        """p50 and p95 in ms of this pair as its agents report now, infinite where no probe is answered."""
+        return [
+            (entry.get("p50Us", float("inf")) / 1000, entry.get("p95Us", float("inf")) / 1000)
+            for here, there in ((one, other), (other, one))
+            for entry in (self.telemetry.get(here) or {}).get("status", {}).get("rtt", ())
+            if entry["peer"] == there
+        ]
 
     def condition(self, kind: str) -> tuple[str, str, str]:
         """Status, reason and message."""
         (found,) = [each for each in self.status["conditions"] if each["type"] == kind]
         return found["status"], found["reason"], found["message"]
+
+    @property
+    def event_reasons(self) -> set[str]:
+        return {each["reason"] for each in self.events}
 
     @property
     def messages(self) -> list[str]:
@@ -58,18 +119,26 @@ def look(world: World, name: str) -> Screen:
     def by_name(path: str) -> dict[str, Object]:
         return {item["metadata"]["name"]: item for item in cp.api.get(path)["items"]}
 
+    all_pods = [
+        pod for pod in cp.api.get("/api/v1/pods")["items"] if pod["status"].get("phase") not in ("Succeeded", "Failed")
+    ]
+    pods = listed("/api/v1", "pods")
     return Screen(
         app=app,
+        all_pods=all_pods,
+        pod_events=world.events_of_pods({pod["metadata"]["uid"] for pod in pods}),
+        explained=json.loads(spoken(world, "explain", name, "-o", "json", scheduler=True)),
+        explanation=spoken(world, "explain", name, scheduler=True),
         status=app.get("status", {}),
         instances=listed(APIS, "robotappinstances"),
         deployments=listed("/apis/apps/v1", "deployments"),
-        pods=[pod for pod in listed("/api/v1", "pods") if pod["status"].get("phase") not in ("Succeeded", "Failed")],
+        pods=[pod for pod in pods if pod["status"].get("phase") not in ("Succeeded", "Failed")],
         claims=[claim for claim in world.claims() if claim["spec"]["holder"]["uid"] == uid],
         nodes=by_name("/api/v1/nodes"),
         telemetry=by_name(f"{APIS}/nodetelemetries"),
         events=world.events(name),
         row=_row(world, name),
-        info=_text(world, "info", name),
+        info=spoken(world, "info", name),
     )
 
 
@@ -80,8 +149,11 @@ def _row(world: World, name: str) -> dict[str, str]:
     return dict(zip(heading.split(), cells, strict=True))
 
 
-def _text(world: World, *words: str) -> str:
-    arguments = [*words, "-n", world.namespace, "--kubeconfig", str(world.cp.kubeconfig())]
+def spoken(world: World, *words: str, everywhere: bool = False, scheduler: bool = False) -> str:
+    """What `kubectl robotapp` prints, of the world's namespace unless it is about everywhere; `scheduler`: it is asked there."""
+    arguments = [*words, "--kubeconfig", str(world.cp.kubeconfig())]
+    arguments += [] if everywhere else ["-n", world.namespace]
+    arguments += ["--scheduler-url", str(world.scheduler.health_url)] if scheduler else []
     found = CliRunner().invoke(command_line, arguments, env={"COLUMNS": "200"})
     if found.exit_code:
         raise AssertionError(f"{words}: exit {found.exit_code}: {found.output}")
