@@ -29,6 +29,7 @@ from robotapp_api.client.api.resources import (
 )
 from robotapp_api.client.transport.errors import Forbidden, NotFound, means_gone
 from robotapp_api.model.names import Label
+from robotapp_api.values.naming import DNS_LABEL
 
 DEFAULT_QUARANTINE_S = 60
 _OBJECT_NAME: Final = re.compile(r"[a-z0-9]([-a-z0-9.]{0,251}[a-z0-9])?")
@@ -209,10 +210,10 @@ async def _children(client: Api, resource: Resource, namespaces: Collection[str]
 async def find(client: Api, resource: Resource, name: str, namespace: str, as_type: type[T]) -> T | None:
     """The object, or None when it is gone. Raises every other error, which ends what is being decided.
 
-    The name may come from a label or an annotation, which hold anything: what is no name at all names nothing, and must
-    not become part of a path.
+    Name and namespace may come from a label, an annotation or a claim's holder, which hold anything: what is no name at all
+    names nothing, and must not become part of a path.
     """
-    if not _OBJECT_NAME.fullmatch(name):
+    if not _OBJECT_NAME.fullmatch(name) or (resource.namespaced and not DNS_LABEL.fullmatch(namespace)):
         return None
     try:
         return await client.get(resource, name, namespace=namespace, as_type=as_type)
@@ -228,7 +229,7 @@ async def used_on_node(client: Api, claim: Claim) -> bool:
     The last read before a device goes to another holder: a person may have taken the labels off a running pod.
     """
     device = claim.spec.device
-    if device is None or not claim.status.pod:
+    if device is None or not claim.status.pod or not DNS_LABEL.fullmatch(claim.holder.namespace):
         return False
     pods = await client.list(
         PODS, namespace=claim.holder.namespace, field_selector=f"spec.nodeName={device.node}", as_type=Pod

@@ -1,6 +1,7 @@
 """Devices are handed over or given back; bare pods hold what they were granted."""
 
 import msgspec
+import pytest
 from tests.support.claims_objects import pod_holder, pod_json
 from tests.support.sweep_world import World, number
 
@@ -49,6 +50,22 @@ async def test_a_device_of_a_deleted_or_suspended_app_is_freed_when_its_pod_is_g
     world.store.remove(PODS, "p1", "team")
     await world.sweep()
     assert world.phase(name) == "gone"
+
+
+@pytest.mark.parametrize("namespace", ["a\nb", "team/pods/p1?x=", "..", "é\u202e", "Team"])
+@pytest.mark.parametrize("kind", ["RobotApp", "Pod"])
+async def test_a_holder_in_what_is_no_namespace_is_gone_and_its_claim_is_freed(namespace: str, kind: str) -> None:
+    """Found by random claims: each pass ended in a traceback for it, and the thing was never free again."""
+    world = World()
+    name = await world.device("gone")
+    claim = world.store.find(ROBOTCLAIMS, name)
+    assert claim is not None
+    claim["spec"]["holder"] |= {"namespace": namespace, "kind": kind}
+    world.store.put(ROBOTCLAIMS, claim)
+    await world.sweep()
+    await world.sweep(after_s=100)
+    assert world.phase(name) == "gone"
+    assert not world.sweeper.counts["failed claims"]
 
 
 async def test_a_pod_that_lost_its_labels_but_still_runs_keeps_its_device() -> None:
