@@ -1,6 +1,8 @@
 """Random objects that fit their schema, thrown at the running product: does it stay well, and do healthy apps beside them run?
 
-Nodes and kubelets are simulated; operator, scheduler and API server are real.
+Nodes and kubelets are simulated; operator, scheduler and API server are real. RobotApps, edits of them, RobotClaims, Rigelfiles (as
+the bridge renders them), annotated pods and telemetry are sent. Where the machine is busy, limits in
+seconds follow what bare Deployments and the API server's own answers take in the same minutes.
 """
 
 import argparse
@@ -15,9 +17,6 @@ from tests.support.world import World
 from robotapp_testbed import ControlPlane, product
 from robotapp_testbed.topology import fleet
 
-HELD_S = 1.0
-"""Nothing may hold the operator's loop for longer: then it answers late."""
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="scripts/bench fuzz", description=__doc__)
@@ -30,8 +29,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         with World(cp, fleet(), pools={"well": "1-101"}, tidy=False) as world:
             campaign = Campaign(world, seed=arguments.seed, pool="well")
             report = campaign.run(arguments.objects, tell=lambda so_far: tell(so_far, arguments.objects))
-    if report.slowest_answer_s > HELD_S:
-        report.problems.append(f"the operator answered after {report.slowest_answer_s:.2f} s")
     text = json.dumps(as_json(report), indent=2)
     print(text)
     if arguments.json:

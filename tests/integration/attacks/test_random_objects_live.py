@@ -20,5 +20,6 @@ def test_no_process_ends_no_log_has_a_traceback_and_healthy_apps_become_ready(in
         report = Campaign(world, seed=daily_seed(), pool=f"pool-{mark}").run(OBJECTS)
     assert report.problems == [], f"repeat with ROBOTAPP_SEED={daily_seed()}"
     assert report.objects == OBJECTS
-    assert report.sent["RobotApp accepted"] > 0
+    for kind in ("RobotApp", "RobotClaim", "Rigelfile", "pod", "telemetry"):
+        assert report.sent[f"{kind} accepted"] > 0, report.sent
     assert not [kind for kind in report.sent if "answered with" in kind], report.sent

@@ -7,33 +7,52 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
+from statistics import median
 from typing import Any
 
+from tests.support.fuzz.claims import Claims
 from tests.support.fuzz.generator import Generator
-from tests.support.process_use import usage
+from tests.support.fuzz.judging import MACHINE, Samples, memory_problems, time_problems
+from tests.support.process_use import tree_rss_bytes, usage
+from tests.support.rigelfile_cases import ENVIRONMENT, first_generation, mutated
 from tests.support.world import APIS, World, plain_app
 
+from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.document.tree import parse
+from rigel_bridge.generations.load import load
+from rigel_bridge.generations.model import Options
+from rigel_bridge.render.app import Naming, Rendered, render
 from robotapp_api.model.names import Annotation
 from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.model.telemetry import NodeTelemetry
 from robotapp_api.schema.crd import schema_of
+from robotapp_testbed import wait_until
 from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.servers import answers
 
 LOT = 25
 TRACE = re.compile(r"Traceback \(most recent call last\)|\bcontroller_bug\b")
 WITHIN_S = 60.0
+BARE = 3
+"""Deployments of one pod, as many as a healthy app has components."""
 
 
 @dataclass(slots=True)
 class Report:
-    """`sent` objects by kind and outcome; `ready_s` of the healthy app beside each lot; `problems` in words."""
+    """`sent` objects by kind and outcome; `ready_s` of the healthy app beside each lot; `problems` in words.
+
+    `slowest_answer_s` and `memory` are by process.
+    """
 
     sent: Counter[str] = field(default_factory=Counter)
     ready_s: list[float] = field(default_factory=list)
-    slowest_answer_s: float = 0.0
+    slowest_answer_s: dict[str, float] = field(default_factory=dict)
+    bare_s: list[float] = field(default_factory=list)
+    """Of bare Deployments of as many pods, beside each healthy app."""
+    memory: dict[str, Samples] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     use: dict[str, Any] = field(default_factory=dict)
 
@@ -52,8 +71,12 @@ class Campaign:
         self._random = random.Random(seed)
         self._apps = schema_of(RobotApp)
         self._telemetry = schema_of(NodeTelemetry)["properties"]["status"]
-        self._pids = {"operator": world.operator.pid, "scheduler": world.scheduler.pid}
-        self.report = Report()
+        self._processes = {"operator": world.operator, "scheduler": world.scheduler}
+        self._pids = {name: process.pid for name, process in self._processes.items()}
+        self._living: list[str] = []
+        living = lambda: self._living[-1] if self._living else ""  # noqa: E731
+        self._claims = Claims(world, self._make, seed=seed, pool=pool, living=living)
+        self.report = Report(memory={name: Samples() for name in self._processes})
 
     def run(self, objects: int, *, tell: Callable[[Report], None] = lambda _: None) -> Report:
         """Send that many, in lots; after each lot a healthy app must become Ready, and `tell` gets what is so far."""
@@ -62,11 +85,27 @@ class Campaign:
                 self._lot(min(LOT, objects - self.report.objects))
                 tell(self.report)
         self._check()
+        self.report.problems += memory_problems(self.report.memory)
+        self.report.problems += time_problems(
+            self.report.ready_s, self.report.slowest_answer_s, bare_s=self.report.bare_s
+        )
         return self.report
 
     def _lot(self, count: int) -> None:
-        makers = (self._app, self._app, self._app, self._edit, self._pod, self._node_telemetry)
+        makers = (
+            self._app,
+            self._rigelfile,
+            self._app,
+            self._edit,
+            self._claim,
+            self._pod,
+            self._app,
+            self._claim,
+            self._node_telemetry,
+        )
         names: list[str] = []
+        self._living = names
+        self._claims.begin()
         for number in range(count):
             kind, outcome = makers[number % len(makers)](names)
             self.report.sent[f"{kind} {outcome}"] += 1
@@ -76,7 +115,12 @@ class Campaign:
             self.report.ready_s.append(self._world.watch.until_ready(healthy, within_s=WITHIN_S) - sent_s)
         except TimeoutError as late:
             self.report.problems.append(f"a healthy app was not Ready: {late}")
-        self._world.cp.api.delete(f"/api/v1/namespaces/{self._world.namespace}/pods")
+        self.report.bare_s.append(self._bare())
+        if not wait_until(lambda: self._claims.swept, timeout_s=WITHIN_S, poll_s=0.2):
+            self.report.problems.append(f"the claim of an app that is gone was not swept within {WITHIN_S:.0f} s")
+        self._claims.clear()
+        for kind in ("pods", "persistentvolumeclaims"):
+            self._world.cp.api.delete(f"/api/v1/namespaces/{self._world.namespace}/{kind}")
         self._world.clear()
         self._check()
 
@@ -93,6 +137,54 @@ class Campaign:
         spec = self._make.app(self._apps, "x")["spec"]
         path = f"{self._world.apps_path}/{names[-1]}"
         return "edit", self._tried(lambda: self._world.cp.api.patch(path, {"spec": spec}))
+
+    def _bare(self) -> float:
+        """Seconds until bare Deployments run whose pods name their node: what the machine needs for it in this minute."""
+        api, path = self._world.cp.api, f"/apis/apps/v1/namespaces/{self._world.namespace}/deployments"
+        node = next(node.name for node in self._world.nodes if not node.robot)
+        names = [f"bare-{secrets.token_hex(3)}" for _ in range(BARE)]
+        began_s = time.monotonic()
+        api.each(lambda name: api.create(path, _bare_deployment(name, node)), names)
+
+        def run() -> bool:
+            return all(api.get(f"{path}/{name}").get("status", {}).get("readyReplicas") == 1 for name in names)
+
+        wait_until(run, timeout_s=WITHIN_S, poll_s=0.05)
+        took_s = time.monotonic() - began_s
+        api.each(lambda name: api.delete(f"{path}/{name}"), names)
+        return took_s
+
+    def _claim(self, _: list[str]) -> tuple[str, str]:
+        return "RobotClaim", self._tried(self._claims.create)
+
+    def _rigelfile(self, names: list[str]) -> tuple[str, str]:
+        """A Rigelfile, and what the bridge makes of it."""
+        seed = self._random.randrange(2**31)
+        try:
+            content = first_generation(seed).encode() if self._random.random() < 0.8 else mutated(seed)
+            rigelfile = load(parse(content, "Rigelfile"), Options(environment=ENVIRONMENT))
+            found = [render(target, Naming("fuzz", override=False)) for target in rigelfile.targets]
+        except BridgeError:
+            return "Rigelfile", "refused"
+        except Exception as error:  # noqa: BLE001 - that is what is looked for
+            self.report.problems.append(f"the bridge ended with {type(error).__name__} ({error}): Rigelfile {seed}")
+            return "Rigelfile", "ended the bridge"
+        outcomes = [self._rendered(one, names) for one in found]
+        return "Rigelfile", next((each for each in outcomes if each != "accepted"), "accepted")
+
+    def _rendered(self, one: Rendered, names: list[str]) -> str:
+        name = f"fuzz-{secrets.token_hex(4)}"
+        path = f"/api/v1/namespaces/{self._world.namespace}/persistentvolumeclaims"
+
+        def send() -> None:
+            for number, claim in enumerate(one.claims):
+                self._world.cp.api.create(path, {**claim, "metadata": {"name": f"{name}-{number}"}})
+            self._world.create({**one.app, "metadata": {**one.app["metadata"], "name": name}})
+
+        outcome = self._tried(send)
+        if outcome == "accepted":
+            names.append(name)
+        return outcome
 
     def _pod(self, _: list[str]) -> tuple[str, str]:
         keys = (
@@ -134,7 +226,7 @@ class Campaign:
 
     def _check(self) -> None:
         """Processes live on, and no log has a traceback."""
-        for name, process in (("operator", self._world.operator), ("scheduler", self._world.scheduler)):
+        for name, process in self._processes.items():
             if not process.running or process.pid != self._pids[name]:
                 self.report.problems.append(f"{name} ended with {process.returncode}")
             found = TRACE.search(process.log_text())
@@ -142,25 +234,53 @@ class Campaign:
                 at = process.log_text()[max(0, found.start() - 200) : found.start() + 2000]
                 self.report.problems.append(f"{name} logged: {at}")
             self.report.use[name] = usage(process)
+            self.report.memory[name].objects.append(self.report.objects)
+            self.report.memory[name].rss_bytes.append(tree_rss_bytes(process.pid))
 
     @contextmanager
     def _answers(self) -> Iterator[None]:
-        """Meanwhile ask the operator whether it lives: a loop that is held answers late."""
+        """Meanwhile ask operator and scheduler whether they live: a loop that is held answers late.
+
+        The scheduler's port is a process of its own, which passes this question on to the loop that places pods.
+        """
         stop = threading.Event()
-        thread = threading.Thread(target=self._ask, args=(stop,), daemon=True)
-        thread.start()
+        threads = [
+            threading.Thread(target=self._ask, args=(name, ask, stop), daemon=True)
+            for name, ask in (
+                (MACHINE, lambda: self._world.cp.api.get("/version")),
+                *((name, partial(answers, f"{each.health_url}/livez")) for name, each in self._processes.items()),
+            )
+        ]
+        for thread in threads:
+            thread.start()
         try:
             yield
         finally:
             stop.set()
-            thread.join()
+            for thread in threads:
+                thread.join()
 
-    def _ask(self, stop: threading.Event) -> None:
-        url = self._world.operator.health_url
+    def _ask(self, name: str, ask: Callable[[], object], stop: threading.Event) -> None:
+        slowest_s = self.report.slowest_answer_s
         while not stop.wait(0.1):
             began_s = time.monotonic()
-            answers(f"{url}/livez")  # a refusal or a timeout counts with its time, too
-            self.report.slowest_answer_s = max(self.report.slowest_answer_s, time.monotonic() - began_s)
+            with suppress(OSError, TimeoutError):  # a refusal or a timeout counts with its time, too
+                ask()
+            slowest_s[name] = max(slowest_s.get(name, 0.0), time.monotonic() - began_s)
+
+
+def _bare_deployment(name: str, node: str) -> dict[str, Any]:
+    labels = {"bare": name}
+    spec = {"nodeName": node, "containers": [{"name": "c", "image": "x"}]}
+    return {
+        "apiVersion": "apps/v1",
+        "kind": "Deployment",
+        "metadata": {"name": name},
+        "spec": {
+            "selector": {"matchLabels": labels},
+            "template": {"metadata": {"labels": labels}, "spec": spec},
+        },
+    }
 
 
 def as_json(report: Report) -> Mapping[str, Any]:
@@ -169,7 +289,10 @@ def as_json(report: Report) -> Mapping[str, Any]:
         "objects": report.objects,
         "sent": dict(sorted(report.sent.items())),
         "healthy_ready_s": {"median": ready[len(ready) // 2], "most": ready[-1]} if ready else {},
-        "slowest_livez_s": round(report.slowest_answer_s, 3),
+        "slowest_livez_s": {name: round(seconds, 3) for name, seconds in report.slowest_answer_s.items()},
+        "bare_deployments_ready_s": round(median(report.bare_s), 2) if report.bare_s else None,
+        "grown_mb": {name: round(found.since_warm[1] / 1e6, 1) for name, found in report.memory.items()},
+        "objects_after_warm_up": {name: found.since_warm[0] for name, found in report.memory.items()},
         "use": report.use,
         "problems": report.problems,
     }
