@@ -1,8 +1,8 @@
 """Random objects that fit their schema, thrown at the running product: does it stay well, and do healthy apps beside them run?
 
 Nodes and kubelets are simulated; operator, scheduler and API server are real. RobotApps, edits of them, RobotClaims, Rigelfiles (as
-the bridge renders them), annotated pods and telemetry are sent. Where the machine is busy, limits in
-seconds follow what bare Deployments and the API server's own answers take in the same minutes.
+the bridge renders them), annotated pods and telemetry are sent. Where the machine is busy, healthy
+apps may take five times as long as bare Deployments beside them; time without a processor holds no loop.
 """
 
 import argparse

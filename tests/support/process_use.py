@@ -1,5 +1,7 @@
 """What a process used so far, from /proc."""
 
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from robotapp_testbed import Process
@@ -15,17 +17,32 @@ def peak_rss_bytes(pid: int) -> int:
 
 def tree_rss_bytes(pid: int) -> int:
     """Memory in RAM now (VmRSS) of a process and of all below it; pages they share count for each."""
-    total, waiting = 0, [pid]
-    while waiting:
-        here = waiting.pop()
-        try:
-            lines = Path(f"/proc/{here}/status").read_text().splitlines()
-            tasks = list(Path(f"/proc/{here}/task").iterdir())
-            waiting += [int(child) for task in tasks for child in (task / "children").read_text().split()]
-        except (FileNotFoundError, ProcessLookupError):
-            continue  # ended meanwhile
-        total += sum(int(line.split()[1]) * 1024 for line in lines if line.startswith("VmRSS:"))
+    total = 0
+    for each in tree(pid):
+        with suppress(FileNotFoundError, ProcessLookupError):  # ended meanwhile
+            lines = Path(f"/proc/{each}/status").read_text().splitlines()
+            total += sum(int(line.split()[1]) * 1024 for line in lines if line.startswith("VmRSS:"))
     return total
+
+
+def tree(pid: int) -> list[int]:
+    """A process and all below it."""
+    found, waiting = [], [pid]
+    while waiting:
+        found.append(waiting.pop())
+        with suppress(FileNotFoundError, ProcessLookupError):
+            tasks = list(Path(f"/proc/{found[-1]}/task").iterdir())
+            waiting += [int(child) for task in tasks for child in (task / "children").read_text().split()]
+    return found
+
+
+def queued_s(pids: Iterable[int]) -> float:
+    """Seconds for which the main threads of these could have run and had no processor so far (schedstat)."""
+    total_ns = 0
+    for pid in pids:
+        with suppress(FileNotFoundError, ProcessLookupError):
+            total_ns += int(Path(f"/proc/{pid}/task/{pid}/schedstat").read_text().split()[1])
+    return total_ns / 1e9
 
 
 def usage(process: Process) -> dict[str, float]:

@@ -7,16 +7,16 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from statistics import median
 from typing import Any
 
 from tests.support.fuzz.claims import Claims
 from tests.support.fuzz.generator import Generator
-from tests.support.fuzz.judging import MACHINE, Samples, memory_problems, time_problems
-from tests.support.process_use import tree_rss_bytes, usage
+from tests.support.fuzz.judging import CACHES_BYTES, Samples, memory_problems, time_problems
+from tests.support.process_use import queued_s, tree, tree_rss_bytes, usage
 from tests.support.rigelfile_cases import ENVIRONMENT, first_generation, mutated
 from tests.support.world import APIS, World, plain_app
 
@@ -29,13 +29,16 @@ from robotapp_api.model.names import Annotation
 from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.model.telemetry import NodeTelemetry
 from robotapp_api.schema.crd import schema_of
-from robotapp_testbed import wait_until
+from robotapp_testbed import Process, wait_until
 from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.servers import answers
 
 LOT = 25
 TRACE = re.compile(r"Traceback \(most recent call last\)|\bcontroller_bug\b")
 WITHIN_S = 60.0
+AS_DRAWN = 0.3
+"""Share of Rigelfiles that are sent as the first draw has them."""
+MOST_DRAWN = 40
 BARE = 3
 """Deployments of one pod, as many as a healthy app has components."""
 
@@ -50,6 +53,9 @@ class Report:
     sent: Counter[str] = field(default_factory=Counter)
     ready_s: list[float] = field(default_factory=list)
     slowest_answer_s: dict[str, float] = field(default_factory=dict)
+    """Without the time in which the process had no processor."""
+    slowest_wait_s: dict[str, float] = field(default_factory=dict)
+    """With it."""
     bare_s: list[float] = field(default_factory=list)
     """Of bare Deployments of as many pods, beside each healthy app."""
     memory: dict[str, Samples] = field(default_factory=dict)
@@ -73,10 +79,11 @@ class Campaign:
         self._telemetry = schema_of(NodeTelemetry)["properties"]["status"]
         self._processes = {"operator": world.operator, "scheduler": world.scheduler}
         self._pids = {name: process.pid for name, process in self._processes.items()}
+        self._beside = ThreadPoolExecutor(1)
         self._living: list[str] = []
         living = lambda: self._living[-1] if self._living else ""  # noqa: E731
         self._claims = Claims(world, self._make, seed=seed, pool=pool, living=living)
-        self.report = Report(memory={name: Samples() for name in self._processes})
+        self.report = Report(memory={name: Samples(CACHES_BYTES.get(name, 0)) for name in self._processes})
 
     def run(self, objects: int, *, tell: Callable[[Report], None] = lambda _: None) -> Report:
         """Send that many, in lots; after each lot a healthy app must become Ready, and `tell` gets what is so far."""
@@ -110,12 +117,13 @@ class Campaign:
             kind, outcome = makers[number % len(makers)](names)
             self.report.sent[f"{kind} {outcome}"] += 1
         healthy = f"healthy-{secrets.token_hex(3)}"
+        bare = self._beside.submit(self._bare)
         sent_s = self._world.create(plain_app(healthy, ros2={"pool": self._pool}))
         try:
             self.report.ready_s.append(self._world.watch.until_ready(healthy, within_s=WITHIN_S) - sent_s)
         except TimeoutError as late:
             self.report.problems.append(f"a healthy app was not Ready: {late}")
-        self.report.bare_s.append(self._bare())
+        self.report.bare_s.append(bare.result())
         if not wait_until(lambda: self._claims.swept, timeout_s=WITHIN_S, poll_s=0.2):
             self.report.problems.append(f"the claim of an app that is gone was not swept within {WITHIN_S:.0f} s")
         self._claims.clear()
@@ -158,18 +166,20 @@ class Campaign:
         return "RobotClaim", self._tried(self._claims.create)
 
     def _rigelfile(self, names: list[str]) -> tuple[str, str]:
-        """A Rigelfile, and what the bridge makes of it."""
-        seed = self._random.randrange(2**31)
-        try:
-            content = first_generation(seed).encode() if self._random.random() < 0.8 else mutated(seed)
-            rigelfile = load(parse(content, "Rigelfile"), Options(environment=ENVIRONMENT))
-            found = [render(target, Naming("fuzz", override=False)) for target in rigelfile.targets]
-        except BridgeError:
-            return "Rigelfile", "refused"
-        except Exception as error:  # noqa: BLE001 - that is what is looked for
-            self.report.problems.append(f"the bridge ended with {type(error).__name__} ({error}): Rigelfile {seed}")
-            return "Rigelfile", "ended the bridge"
-        outcomes = [self._rendered(one, names) for one in found]
+        """A Rigelfile, and what the bridge makes of it. Three of four random ones make nothing, so most are drawn again."""
+        tries = 1 if self._random.random() < AS_DRAWN else MOST_DRAWN
+        maker = _well_formed if self._random.random() < 2 / 3 else mutated
+        found: list[Rendered] = []
+        for seed in (self._random.randrange(2**31) for _ in range(tries)):
+            try:
+                found = _bridged(maker(seed))
+            except BridgeError:
+                continue
+            except Exception as error:  # noqa: BLE001 - that is what is looked for
+                self.report.problems.append(f"the bridge ended with {type(error).__name__} ({error}): {maker} {seed}")
+                return "Rigelfile", "ended the bridge"
+            break
+        outcomes = [self._rendered(one, names) for one in found] or ["refused"]
         return "Rigelfile", next((each for each in outcomes if each != "accepted"), "accepted")
 
     def _rendered(self, one: Rendered, names: list[str]) -> str:
@@ -245,11 +255,8 @@ class Campaign:
         """
         stop = threading.Event()
         threads = [
-            threading.Thread(target=self._ask, args=(name, ask, stop), daemon=True)
-            for name, ask in (
-                (MACHINE, lambda: self._world.cp.api.get("/version")),
-                *((name, partial(answers, f"{each.health_url}/livez")) for name, each in self._processes.items()),
-            )
+            threading.Thread(target=self._ask, args=(name, process, stop), daemon=True)
+            for name, process in self._processes.items()
         ]
         for thread in threads:
             thread.start()
@@ -260,13 +267,25 @@ class Campaign:
             for thread in threads:
                 thread.join()
 
-    def _ask(self, name: str, ask: Callable[[], object], stop: threading.Event) -> None:
-        slowest_s = self.report.slowest_answer_s
+    def _ask(self, name: str, process: Process, stop: threading.Event) -> None:
+        report, pids = self.report, tree(process.pid)
         while not stop.wait(0.1):
-            began_s = time.monotonic()
-            with suppress(OSError, TimeoutError):  # a refusal or a timeout counts with its time, too
-                ask()
-            slowest_s[name] = max(slowest_s.get(name, 0.0), time.monotonic() - began_s)
+            queued_before_s, began_s = queued_s(pids), time.monotonic()
+            answers(f"{process.health_url}/livez")  # a refusal or a timeout counts with its time, too
+            took_s = time.monotonic() - began_s
+            held_s = took_s - (queued_s(pids) - queued_before_s)
+            report.slowest_wait_s[name] = max(report.slowest_wait_s.get(name, 0.0), took_s)
+            report.slowest_answer_s[name] = max(report.slowest_answer_s.get(name, 0.0), held_s)
+
+
+def _well_formed(seed: int) -> bytes:
+    return first_generation(seed).encode()
+
+
+def _bridged(content: bytes) -> list[Rendered]:
+    """Raises BridgeError."""
+    rigelfile = load(parse(content, "Rigelfile"), Options(environment=ENVIRONMENT))
+    return [render(target, Naming("fuzz", override=False)) for target in rigelfile.targets]
 
 
 def _bare_deployment(name: str, node: str) -> dict[str, Any]:
@@ -289,6 +308,7 @@ def as_json(report: Report) -> Mapping[str, Any]:
         "objects": report.objects,
         "sent": dict(sorted(report.sent.items())),
         "healthy_ready_s": {"median": ready[len(ready) // 2], "most": ready[-1]} if ready else {},
+        "slowest_wait_for_livez_s": {name: round(seconds, 3) for name, seconds in report.slowest_wait_s.items()},
         "slowest_livez_s": {name: round(seconds, 3) for name, seconds in report.slowest_answer_s.items()},
         "bare_deployments_ready_s": round(median(report.bare_s), 2) if report.bare_s else None,
         "grown_mb": {name: round(found.since_warm[1] / 1e6, 1) for name, found in report.memory.items()},
