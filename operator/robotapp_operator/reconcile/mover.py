@@ -129,12 +129,9 @@ class Mover:
         self, app: App, instance: Instance, facts: InstanceFacts, own: InstanceMemory, parts: Mapping[str, Part]
     ) -> tuple[Move | Stays | None, Move | Stays | None, Again]:
         """What to do about lost devices and about budgets, one move at most, and when another answer is due although nothing happens."""
+        # What is out of reach is never evicted, and nothing moves while something else is moving.
         if not facts.robot_online or not facts.bound:
-            return (
-                None,
-                None,
-                None,
-            )  # what is out of reach is never evicted, and nothing moves while something else is moving
+            return None, None, None
         now_s = self._clock()
         lasts = {
             view.key: own.times.lasts_from_s(view, for_s=app.budget_for_s) for view in own.measured if view.met is False
