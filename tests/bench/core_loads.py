@@ -40,13 +40,13 @@ def waiting(core: SchedulerCore, stuck: str, pods: int, make: Callable[[int], An
         fields = {"cpu": f"{1000 + i}"} if stuck == "too large" else {"topologySpreadConstraints": [NOWHERE]}
         pod = make_pod(f"stuck-{i}", labels={"color": "stuck", "ordinal": str(i)}, **fields)
         core.cluster.apply_pod(pod)
-        core.queue.add(pod)
+        core.queue.add(core.cluster.pod_info(pod))
     refusing = [_refuse(core) for _ in range(wait)]
     deciding, telling = [], []
     for i in range(pods):
         pod = make(i)
         core.cluster.apply_pod(pod)
-        core.queue.add(pod)
+        core.queue.add(core.cluster.pod_info(pod))
         started = time.perf_counter()
         (decision,) = core.schedule(core.queue.pop())
         core.queue.done(decision.pod.uid)

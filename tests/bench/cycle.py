@@ -90,7 +90,7 @@ def measure(nodes: int, classes: int, workload: str, pods: int, placed: int = 0)
     started = time.process_time()
     for one in made:
         core.cluster.apply_pod(one)
-        core.queue.add(one)
+        core.queue.add(core.cluster.pod_info(one))
     queued = time.process_time()
     spent: list[float] = []
     while batch := core.queue.pop():
