@@ -20,6 +20,7 @@ LEFT_OUT: Final = {
     "NodeTable.rows": "a memo by these versions",
     "Cache.resource_arrays": "follows the ledger from the change log (tests/property/core/test_mirror_stays_true.py)",
     "Cache.minimum_free": "likewise",
+    "Cache.amount_codes": "likewise",
     "Cache.by_priority": "compared below as it is read",
     "Cache._interner": "shares equal parts of objects",
     "Cache._signatures": "shares what replicas have in common",

@@ -1,4 +1,4 @@
-"""What is kept beside the ledger while things change, amounts in float64 and the least that is free, is what the ledger says."""
+"""What is kept beside the ledger while things change (amounts in float64, the least that is free, codes of equal amounts) is true."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,11 +11,13 @@ from tests.support.scheduling import make_cluster, make_info, make_node, make_po
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.dry_run import DryRun
 from robotapp_scheduler.core.cache.snapshot import Snapshot
-from robotapp_scheduler.core.nodes.resource_arrays import EXACT_IN_FLOAT, MOST_MISSES, MinimumFree
+from robotapp_scheduler.core.nodes.resource_arrays import EXACT_IN_FLOAT, MOST_CODES, MOST_MISSES, NO_CODE, MinimumFree
 from robotapp_scheduler.plugins.kubernetes.node_resources.balanced_allocation import NodeResourcesBalancedAllocation
 from robotapp_scheduler.plugins.kubernetes.node_resources.fit import NodeResourcesFit
 
 NAMES = ("cpu", "memory")
+Met = dict[tuple[int, int], list[int]]
+"""The amounts that each code of a generation stood for."""
 LARGE = ("1", "4", str(EXACT_IN_FLOAT // 1000 - 1), str(EXACT_IN_FLOAT // 500))
 
 
@@ -55,11 +57,14 @@ STEPS = st.lists(
 )
 
 
-def agrees(cluster: Cache) -> None:
+def agrees(cluster: Cache, met: Met) -> None:
     """Compare what is kept with the ledger, and scores of all rows at once with those of rows named one by one."""
     every, ledger = Snapshot(cluster), cluster.nodes.resources.ledger[:, : cluster.nodes.size]
     valid, plain = every.valid, every.plain(NAMES)
     some = Snapshot(cluster, np.flatnonzero(valid))
+    generation, codes = some.amount_codes or (0, np.zeros(some.n, dtype=np.intp))
+    for code, amounts in zip(codes.tolist(), ledger[:, valid].T.tolist(), strict=True):
+        assert code == NO_CODE or met.setdefault((generation, code), amounts) == amounts
     offered = some.block("allocatable", NAMES)
     if offered.size:
         assert (plain is not None) == (offered.min() > 0 and offered.max() < EXACT_IN_FLOAT)
@@ -88,18 +93,19 @@ def agrees(cluster: Cache) -> None:
 @given(st.lists(STEPS, max_size=4), STEPS)
 def test_whole_columns_are_those_of_the_ledger_whatever_happens(rounds: list[list[Step]], tried: list[Step]) -> None:
     cluster = make_cluster(*(make_node(f"n{i}", cpu="8", memory="8Gi") for i in range(3)))
-    agrees(cluster)
+    met: Met = {}
+    agrees(cluster, met)
     for steps in rounds:
         for step in steps:
             step.on(cluster)
-        agrees(cluster)
+        agrees(cluster, met)
     with DryRun(cluster) as dry_run:
         for step in tried:
             record = cluster.placed.get(make_pod(f"p{step.pod}").metadata.uid)
             if record is not None:
                 dry_run.take(record)
-                agrees(cluster)
-    agrees(cluster)
+                agrees(cluster, met)
+    agrees(cluster, met)
 
 
 def test_what_is_free_again_is_noticed_after_some_pods_that_need_it() -> None:
@@ -115,3 +121,16 @@ def test_what_is_free_again_is_noticed_after_some_pods_that_need_it() -> None:
         found.append(nodes.surely_free(wanted))
     assert not found[0]
     assert found[-1]
+
+
+def test_codes_of_amounts_are_given_out_anew_before_there_are_too_many() -> None:
+    cluster = make_cluster(make_node("n", cpu="64"), make_node("m", cpu="64"))
+    generations: set[int] = set()
+    for number in range(2 * MOST_CODES):
+        for name in ("n", "m"):
+            cluster.apply_pod(make_pod(f"p{number}-{name}", node=name, cpu="1m"))
+            coded = Snapshot(cluster, [0, 1]).amount_codes
+        if coded is not None:
+            generations.add(coded[0])
+            assert coded[1].max() < MOST_CODES
+    assert len(generations) == 3

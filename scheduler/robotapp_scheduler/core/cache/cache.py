@@ -24,7 +24,7 @@ from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.nodes.columns import IntArray
 from robotapp_scheduler.core.nodes.node_table import NodeTable
-from robotapp_scheduler.core.nodes.resource_arrays import MinimumFree, ResourceArrays
+from robotapp_scheduler.core.nodes.resource_arrays import AmountCodes, MinimumFree, ResourceArrays
 from robotapp_scheduler.core.pods.interning import Interner
 from robotapp_scheduler.core.pods.pod_group_index import PodGroups, in_group
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo, same_groups
@@ -51,6 +51,7 @@ class Cache:
         self.nodes = NodeTable()
         self.resource_arrays = ResourceArrays(self.nodes)
         self.minimum_free = MinimumFree(self.nodes)
+        self.amount_codes = AmountCodes(self.nodes)
         self.ports = PortUsers()
         self.apps = AppIndex()
         self.links = AccessLinks(self.nodes, self.apps)

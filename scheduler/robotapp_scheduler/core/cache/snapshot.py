@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -58,6 +58,7 @@ class Snapshot:
     """The rows in view as plain integers, when they are not all."""
     _rows: npt.NDArray[np.intp] | slice | None = None
     _each: list[Row] | None = None
+    _amount_codes: tuple[int, npt.NDArray[np.intp]] | Literal[False] | None = False
     _ledger: IntArray | None = None
     """The ledger that `_copied` was taken from: it may be laid out anew."""
     _copied: IntArray = NO_LEDGER
@@ -210,6 +211,13 @@ class Snapshot:
         if not self.full or not self.cluster.resource_arrays.refresh(self.cluster.log):
             return None
         return self.cluster.resource_arrays.plain(resources)
+
+    @property
+    def amount_codes(self) -> tuple[int, npt.NDArray[np.intp]] | None:
+        """Generation and codes, None when they are of no use: see core.nodes.resource_arrays.AmountCodes."""
+        if self._amount_codes is False:
+            self._amount_codes = self.cluster.amount_codes.of(self.cluster.log, self.rows)
+        return self._amount_codes
 
     def _block(self, kind: str, resources: tuple[str, ...]) -> IntArray:
         if kind in self._as_counted:

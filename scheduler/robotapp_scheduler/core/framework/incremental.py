@@ -31,7 +31,9 @@ from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 FilterRow = Callable[[PodInfo, Row], bool]
 """`filter_row(pod, row)`: True = the node certainly passes; False = `filter` decides. Without it: `filter` for every changed row."""
 ScoreRow = Callable[[PodInfo, Row], int]
-"""`score_row(pod, row)`: the same score as `score`. Without it: `score` for every changed row."""
+"""`score_row(pod, row)`: the same score as `score`. It must follow from pod and amounts alone: nodes with equal amounts may share the
+result. Without it: `score` for every changed row.
+"""
 
 # --- Scores that depend on which nodes are feasible -------------------------------------------------------------------
 

@@ -1,17 +1,19 @@
-"""Resource columns as float64 arrays, what is free of them, and the minimum that is free on every node.
+"""Resource columns as float64 arrays, what is free of them, the minimum that is free on every node, and codes for equal amounts.
 
 NumPy turns integers into floats for every division; for pods that are each a class of their own that was most of the
 work. The arrays follow the change log, and are made anew when a node comes, goes or offers something else.
-A pod that requests no more than the minimum fits everywhere, so no row need be examined for it.
+A pod that requests no more than the minimum fits everywhere, so no row need be examined for it. Nodes with equal amounts
+get equal scores from plugins that read nothing else, so one of them need be scored.
 """
 
 from operator import sub
 from typing import Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from robotapp_scheduler.core.events.change_log import ChangeLog
-from robotapp_scheduler.core.nodes.columns import FloatArray, IntArray
+from robotapp_scheduler.core.events.change_log import MOST_PLACED, ChangeLog
+from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 
 MOST_PLACES: Final = 64
@@ -154,3 +156,59 @@ class MinimumFree:
         for name in least:
             if (free := next(left)) < least[name]:
                 least[name] = free
+
+
+MOST_CODES: Final = 2048
+"""Greatest number of codes for amounts; then they are given out anew."""
+NO_CODE: Final = 0
+
+
+class AmountCodes:
+    """Codes for all amounts of a row: rows with the same code have equal columns in the ledger.
+
+    A row has NO_CODE until pods come or go there. Updated from the change log.
+    """
+
+    def __init__(self, table: NodeTable) -> None:
+        self._table = table
+        self._ledger: IntArray = np.zeros((0, 0), dtype=np.int64)
+        self._codes: npt.NDArray[np.intp] = np.zeros(0, dtype=np.intp)
+        self._known: dict[bytes, int] = {}
+        """The code of each column of the ledger that was met."""
+        self._repeated: BoolArray = np.zeros(MOST_CODES, dtype=np.bool_)
+        """By code: whether such a column was met again."""
+        self._position = -1
+        self._generation = 0
+        """Grows when codes are given out anew: then they stand for other amounts."""
+
+    def __repr__(self) -> str:
+        return f"AmountCodes({len(self._known)} of generation {self._generation})"
+
+    def of(self, log: ChangeLog, rows: npt.NDArray[np.intp] | slice) -> tuple[int, npt.NDArray[np.intp]] | None:
+        """The generation, and the codes of these rows, below MOST_CODES; None when all stand for amounts that were met only once."""
+        if log.position != self._position:
+            self._refresh(log)
+        codes = self._codes[rows]
+        return (self._generation, codes) if np.count_nonzero(self._repeated[codes]) else None
+
+    def _refresh(self, log: ChangeLog) -> None:
+        ledger = self._table.resources.ledger
+        if self._ledger is not ledger or len(self._known) + MOST_PLACED >= MOST_CODES:
+            self._ledger, self._position = ledger, -1
+            self._known.clear()
+            self._repeated[:] = False
+            self._generation += 1
+        rows = log.placed_since(self._position)
+        if rows is None:
+            self._codes = np.zeros(ledger.shape[1], dtype=np.intp)
+        for row in rows or ():
+            self._codes[row] = self._code(ledger[:, row].tobytes())
+        self._position = log.position
+
+    def _code(self, amounts: bytes) -> int:
+        code = self._known.get(amounts)
+        if code is None:
+            code = self._known[amounts] = len(self._known) + 1
+        else:
+            self._repeated[code] = True
+        return code

@@ -16,6 +16,7 @@
 |---|---|---|---|
 | `FilterColumn`: reason code per row | plugin; values of its `reads` | a change of its `node_reads` (`interest`) | `filter_row` or `filter` for the changed rows |
 | `ScoreColumn`: raw score per row | the same | the same | `score_row` or `score` for the changed rows |
+| `ScoreColumn`: raw score per `AmountCodes` code, of plugins with `score_row` | the same | never; dropped when codes are given out anew | scores of changed rows with other amounts |
 | `RelativeColumn`: nothing per row | the same | the same | `score_among` for the feasible rows |
 | `Evaluation`: first reason per row | pod class: all that any plugin reads of a pod | a row of a column, or a column's `epoch` | the changed rows; all after another epoch |
 | `TotalScores`: weighted total per row | the same | the same, and another set of feasible rows where a score is normalised | the changed rows; all after another epoch or set |

@@ -4,7 +4,7 @@
 """
 
 from bisect import insort
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from operator import attrgetter
 from typing import Final
 
@@ -178,26 +178,25 @@ class TopRows:
         """The highest total."""
         return self._levels[-1].value
 
-    def all_changed(self, positions: Iterable[int], old: Iterable[int], new: Iterable[int]) -> bool:
+    def all_changed(self, positions: Collection[int], old: Iterable[int], new: Iterable[int]) -> bool:
         """Move rows to their new totals, each position once. False when no row is left: then this must be made anew."""
+        if not self._shown.isdisjoint(positions):
+            self._first_count = -1
         floor, top, fallen = self._floor, self._levels[-1], []
         for position, before, after in zip(positions, old, new, strict=True):
-            if after < floor:
-                if before == top.value:
-                    fallen.append(position)
-                elif before >= floor:
-                    self._invalidate_first(position, after)
-                    self._move(position, before, after)
-            else:
-                self._invalidate_first(position, after)
-                if after != before:
-                    self._move(position, before, after)
-        if fallen:
-            # Where several classes take turns, every row that the others used leaves the top: remove them together.
-            if not self._shown.isdisjoint(fallen):
-                self._first_count = -1
-            if not top.leave(fallen):
-                self._drop(top)
+            if after == before:
+                continue
+            if after >= floor:
+                if (-after, position) < self._last:
+                    self._first_count = -1
+                self._move(position, before, after)
+            elif before == top.value:
+                fallen.append(position)
+            elif before >= floor:
+                self._move(position, before, after)
+        # Where several classes take turns, rows that the others used leave the top: remove them together.
+        if fallen and not top.leave(fallen):
+            self._drop(top)
         return bool(self._levels)
 
     def choose(self, pod: int) -> int:
@@ -214,11 +213,6 @@ class TopRows:
             self._first, self._first_count, self._shown = tuple(found), count, frozenset(found)
             self._last = (-self._total.item(found[-1]), found[-1])
         return self._first
-
-    def _invalidate_first(self, position: int, total: int) -> None:
-        """Make `first` compute anew when a changed row is one of its result, or better than the last of it."""
-        if position in self._shown or (-total, position) < self._last:
-            self._first_count = -1
 
     def _known(self, count: int) -> list[int]:
         found: list[int] = []

@@ -8,10 +8,12 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.change_log import ChangeLogDelta
+from robotapp_scheduler.core.framework.incremental import ScoreRow
 from robotapp_scheduler.core.framework.interface import MAX_SCORE, PerDomain, PluginError, ScoreResult, Scores
 from robotapp_scheduler.core.framework.plugin_results import checked_scores, normalized
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
+from robotapp_scheduler.core.nodes.resource_arrays import MOST_CODES, NO_CODE
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, MOST_ROW_CALLS, Column, stale_rows
 
@@ -21,6 +23,7 @@ Feasible = npt.NDArray[np.intp] | slice
 """Positions of the feasible rows; a slice when all are."""
 BAD_SCORE: Final = "score is NaN, infinite or outside 0 to 100 for a feasible node"
 _BAD: Final = np.iinfo(np.int64).min
+_UNKNOWN: Final = -1
 
 
 class ScoreColumn(Column):
@@ -42,6 +45,10 @@ class ScoreColumn(Column):
         self.normalize = plugin.normalize
         self._equal_raw: Any = 0
         self.bad = False
+        self._by_code: IntArray | None = None
+        """Scores by the code of a node's amounts, _UNKNOWN where there is none yet."""
+        self._generation = -1
+        """The generation of these codes."""
         self.changes = 0
         """Grows when any raw value may be different."""
 
@@ -146,7 +153,7 @@ class ScoreColumn(Column):
                 self._store_row(position, score_row(pod, row))
             return
         rows = stale.rows
-        raw = self._score(pod, stale)
+        raw = self._score(pod, stale) if score_row is None else self._score_amounts(pod, stale, score_row)
         if raw is None or isinstance(raw, int):
             if stale.n <= FEW_ROWS:
                 for position in stale.row_list:
@@ -159,9 +166,11 @@ class ScoreColumn(Column):
             self._raw = self._raw.astype(np.float64)
         self._raw[rows] = raw
         self.changes += 1
-        if self.constant is not None and np.count_nonzero((raw != self._equal_raw) & stale.valid):
-            self.constant = None
-            self.epoch += 1
+        if self.constant is not None:
+            differ = raw != self._equal_raw
+            if np.count_nonzero(differ if stale.no_holes else differ & stale.valid):
+                self.constant = None
+                self.epoch += 1
 
     def _store_row(self, row: int, score: int) -> None:
         self.changes += 1
@@ -169,6 +178,33 @@ class ScoreColumn(Column):
         if self.constant is not None and score != self._equal_raw:
             self.constant = None
             self.epoch += 1
+
+    def _score_amounts(
+        self, pod: PodInfo, stale: Snapshot, score_row: ScoreRow
+    ) -> npt.NDArray[Any] | PerDomain | int | None:
+        """As `_score`, of a plugin with `score_row`: rows whose amounts were scored before are not computed again."""
+        coded = stale.amount_codes
+        if coded is None:
+            return self._score(pod, stale)
+        generation, codes = coded
+        known = self._by_code
+        if known is None or self._generation != generation:
+            known = self._by_code = np.full(MOST_CODES, _UNKNOWN, dtype=np.int64)
+            self._generation = generation
+        scores: IntArray = known[codes]
+        missing = [i for i, score in enumerate(scores.tolist()) if score == _UNKNOWN]
+        if len(missing) > MOST_ROW_CALLS:
+            answer = self._score(pod, stale)
+            if not isinstance(answer, np.ndarray) or self.normalize != "none":
+                return answer
+            scores = answer
+        else:
+            for i in missing:
+                scores[i] = score_row(pod, stale.each[i])
+        if missing:
+            known[codes] = scores
+            known[NO_CODE] = _UNKNOWN
+        return scores
 
     def _score(self, pod: PodInfo, nodes: Snapshot) -> npt.NDArray[Any] | PerDomain | int | None:
         plugin = self.plugin
