@@ -12,7 +12,7 @@ pytestmark = pytest.mark.live
 OBJECTS = 200
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_no_process_ends_no_log_has_a_traceback_and_healthy_apps_become_ready(installed_plane: ControlPlane) -> None:
     mark = f"fuzz{daily_seed() % 1000}"
     nodes = fleet(robots=[f"amr-{mark}"], edges=[f"edge-{mark}"], clouds=0)

@@ -13,10 +13,11 @@ from dataclasses import dataclass, field
 from statistics import median
 from typing import Any
 
+from tests.support.fuzz.asking import Pulse, ask
 from tests.support.fuzz.claims import Claims
 from tests.support.fuzz.generator import Generator
 from tests.support.fuzz.judging import CACHES_BYTES, Samples, memory_problems, time_problems
-from tests.support.process_use import queued_s, tree, tree_rss_bytes, usage
+from tests.support.process_use import tree_rss_bytes, usage
 from tests.support.rigelfile_cases import ENVIRONMENT, first_generation, mutated
 from tests.support.world import APIS, World, plain_app
 
@@ -31,7 +32,6 @@ from robotapp_api.model.telemetry import NodeTelemetry
 from robotapp_api.schema.crd import schema_of
 from robotapp_testbed import Process, wait_until
 from robotapp_testbed.failures import ApiStatusError
-from robotapp_testbed.servers import answers
 
 LOT = 25
 TRACE = re.compile(r"Traceback \(most recent call last\)|\bcontroller_bug\b")
@@ -253,27 +253,25 @@ class Campaign:
 
         The scheduler's port is a process of its own, which passes this question on to the loop that places pods.
         """
-        stop = threading.Event()
+        stop, pulse = threading.Event(), Pulse()
         threads = [
-            threading.Thread(target=self._ask, args=(name, process, stop), daemon=True)
+            threading.Thread(target=self._ask, args=(name, process, pulse, stop), daemon=True)
             for name, process in self._processes.items()
         ]
-        for thread in threads:
-            thread.start()
-        try:
-            yield
-        finally:
-            stop.set()
+        with pulse:
             for thread in threads:
-                thread.join()
+                thread.start()
+            try:
+                yield
+            finally:
+                stop.set()
+                for thread in threads:
+                    thread.join()
 
-    def _ask(self, name: str, process: Process, stop: threading.Event) -> None:
-        report, pids = self.report, tree(process.pid)
+    def _ask(self, name: str, process: Process, pulse: Pulse, stop: threading.Event) -> None:
+        report = self.report
         while not stop.wait(0.1):
-            queued_before_s, began_s = queued_s(pids), time.monotonic()
-            answers(f"{process.health_url}/livez")  # a refusal or a timeout counts with its time, too
-            took_s = time.monotonic() - began_s
-            held_s = took_s - (queued_s(pids) - queued_before_s)
+            took_s, held_s = ask(process, pulse)
             report.slowest_wait_s[name] = max(report.slowest_wait_s.get(name, 0.0), took_s)
             report.slowest_answer_s[name] = max(report.slowest_answer_s.get(name, 0.0), held_s)
 
