@@ -211,6 +211,18 @@ def _lost(screen: Screen, history: History, note: str, at: datetime) -> Iterator
     yield from _stays(screen, history, note, at)
 
 
+def _claimed(screen: Screen, history: History, note: str, at: datetime) -> Iterator[str]:
+    found = re.search(r"(\d+) of (\d+) devices", note)
+    if not found or found[1] != found[2]:
+        yield "tells of no device, or not of all"
+        return
+    wished = [device for part in screen.app["spec"]["components"] for device in part.get("devices") or ()]
+    things = {key[2] for key in history.facts("claim", screen.name, ..., until=at) if isinstance(key[2], str)}
+    # What is shared has no claim of its own that stays.
+    if all(device.get("sharing", "Exclusive") == "Exclusive" for device in wished) and len(things) < int(found[1]):
+        yield f"{screen.name} had only held {sorted(things)}"
+
+
 def _returned(screen: Screen, history: History, note: str, at: datetime) -> Iterator[str]:
     found = re.match(r"device (\S+) on (\S+) is back: ", note)
     if not found:
@@ -302,6 +314,7 @@ _EVENTS: Final[Mapping[str, Judge]] = {
     "NodeRejected": _rejected,
     "BudgetExceeded": _over,
     "Rescheduled": _moved,
+    "DeviceClaimed": _claimed,
     "DeviceLost": _lost,
     "DeviceReturned": _returned,
     "DeviceBusy": _busy,

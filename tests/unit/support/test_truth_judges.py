@@ -98,6 +98,7 @@ def event(reason: str, note: str, *, ago: timedelta = timedelta()) -> dict[str, 
 
 
 TRUE_EVENTS = [
+    ("DeviceClaimed", "domain 7; 1 of 1 devices reserved"),
     ("Placed", "2 of 2 components on amr, edge"),
     ("DeviceLost", "talk: device cam on edge is gone: plug it in again; onLoss decides what happens to the pod"),
     ("BudgetExceeded", "1 of 1 edges are over budget, worst /t talk -> hear 5ms of 40ms; move a component closer"),
@@ -119,6 +120,8 @@ FALSE_EVENTS = [
     ("Rescheduled", "talk moved from cloud to edge: device cam on cloud is lost"),
     ("RobotOffline", "node amr of the robot is not Ready: kubectl describe node amr shows why"),
     ("DomainAllocated", "domain 7"),
+    ("DeviceClaimed", "domain 7; 2 of 2 devices reserved"),
+    ("DeviceClaimed", "domain 7; 0 of 1 devices reserved"),
     ("Invented", "something"),
 ]
 
