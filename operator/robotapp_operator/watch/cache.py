@@ -3,7 +3,7 @@
 import itertools
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import SCHEDULER_NAME
@@ -30,6 +30,8 @@ T = TypeVar("T")
 InstanceKey = tuple[str, str]
 """(uid of the app, name of the instance)."""
 Changed = Callable[[str, str], None]
+MOST_ENDED: Final = 1024
+"""RobotAppInstances whose end is remembered: more than have an answer to a write under way when they are deleted."""
 
 
 class Index(dict[str, dict[str, T]]):
@@ -204,6 +206,7 @@ class Cache:
         self.instance_objects: InstanceIndex[AppInstance] = InstanceIndex(lambda item: item.spec.instance, _no_facts)
         """RobotAppInstances by the uid of the app they name, as `namespace/name`."""
         self.instance_object_named: dict[str, AppInstance] = {}
+        self._ended_instance_objects: dict[str, None] = {}
         self.replica_sets: dict[str, str] = {}
         """uid of a ReplicaSet -> uid of its Deployment."""
         self.reported_devices = 0
@@ -283,8 +286,12 @@ class Cache:
     # RobotAppInstances
 
     def put_instance_object(self, item: AppInstance) -> bool:
-        """Keep the newer of two copies. False when this one was known, as the event of a write of ours is."""
+        """Keep the newer of two copies. False when this one was known, as the event of a write of ours is, or is gone: the
+        answer to a write of ours may come after the event that the object was deleted.
+        """
         meta = item.metadata
+        if meta.uid in self._ended_instance_objects:
+            return False
         key = f"{meta.namespace}/{meta.name}"
         known = self.instance_object_named.get(key)
         if known is not None:
@@ -296,6 +303,9 @@ class Cache:
         return True
 
     def drop_instance_object(self, item: AppInstance) -> None:
+        self._ended_instance_objects[item.metadata.uid] = None
+        if len(self._ended_instance_objects) > MOST_ENDED:
+            del self._ended_instance_objects[next(iter(self._ended_instance_objects))]
         key = f"{item.metadata.namespace}/{item.metadata.name}"
         known = self.instance_object_named.get(key)
         if known is not None and known.metadata.uid == item.metadata.uid:

@@ -12,7 +12,7 @@ from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation, Label
 from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet
-from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.cache import MOST_ENDED, Cache
 from robotapp_operator.watch.nodes import Nodes
 
 UID = "uid-1"
@@ -160,6 +160,22 @@ def test_a_successor_of_the_name_replaces_its_predecessor_wherever_it_was_found(
     assert cache.instance_objects.of_instance("uid-2", "a"), "the end of the predecessor is not its own"
     cache.drop_instance_object(stored(4, uid="v", app_uid="uid-2"))
     assert cache.instance_object_named == {}
+
+
+def test_an_answer_that_comes_after_the_deletion_brings_nothing_back(cache: Cache) -> None:
+    cache.put_instance_object(stored(5))
+    cache.drop_instance_object(stored(5))
+    assert not cache.put_instance_object(stored(6))
+    assert cache.instance_object_named == {}
+    assert not cache.instance_objects.of_instance(UID, "a")
+    assert cache.put_instance_object(stored(7, uid="v")), "its successor"
+
+
+def test_the_ends_that_are_remembered_are_bounded(cache: Cache) -> None:
+    for number in range(MOST_ENDED + 1):
+        cache.drop_instance_object(stored(1, uid=f"u{number}"))
+    assert not cache.put_instance_object(stored(2, uid="u1"))
+    assert cache.put_instance_object(stored(2, uid="u0"))
 
 
 # Nodes

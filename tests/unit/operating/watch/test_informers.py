@@ -312,7 +312,9 @@ def test_an_object_comes_back_after_a_moment_and_an_orphan_waits_for_its_app(wor
     assert world.queue.next_due_s() == BACK_S
     world.now_s += BACK_S
     assert world.due() == {INSTANCE}
-    world.informers._instance_object(Change("ADDED", "k", None, instance_object(app_uid="uid-9", name="unknown")))
+    world.informers._instance_object(
+        Change("ADDED", "k", None, instance_object(uid="v", app_uid="uid-9", name="unknown"))
+    )
     assert world.queue.next_due_s() == ORPHAN_S
 
 
