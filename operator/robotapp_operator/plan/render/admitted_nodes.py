@@ -53,8 +53,7 @@ def admitted_nodes(
     """
     if not closed:
         return AdmittedNodes(True)
-    terms = _terms(spec)
-    reach = [_reach(spec, term, nodes) for term in terms] or [_reach(spec, None, nodes)]
+    reach = _reaches(spec, nodes)
     everywhere = frozenset().union(*reach)
     if not everywhere - closed:
         return AdmittedNodes(False)
@@ -68,14 +67,14 @@ def admitted_nodes(
     only = is_in(Label.HOSTNAME, *chosen)
     narrowed = [
         {**term, "matchExpressions": [*(term.get("matchExpressions") or ()), only]} if found & closed else term
-        for term, found in zip(terms or [{}], reach, strict=True)
+        for term, found in zip(_terms(spec) or [{}], reach, strict=True)
     ]
     return AdmittedNodes(True, {"affinity": {"nodeAffinity": {_REQUIRED: {"nodeSelectorTerms": narrowed}}}})
 
 
 def reach_of(spec: Mapping[str, Any], nodes: Mapping[str, Node]) -> frozenset[str]:
     """Names of the nodes that a pod's node selector and required node affinity admit."""
-    return frozenset().union(*([_reach(spec, term, nodes) for term in _terms(spec)] or [_reach(spec, None, nodes)]))
+    return frozenset().union(*_reaches(spec, nodes))
 
 
 def is_outdated(
@@ -93,6 +92,11 @@ def _terms(spec: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The required node selector terms, [] for a pod without any."""
     affinity = (spec.get("affinity") or {}).get("nodeAffinity") or {}
     return list((affinity.get(_REQUIRED) or {}).get("nodeSelectorTerms") or ())
+
+
+def _reaches(spec: Mapping[str, Any], nodes: Mapping[str, Node]) -> list[frozenset[str]]:
+    """Of each required term, or of the node selector alone."""
+    return [_reach(spec, term, nodes) for term in _terms(spec)] or [_reach(spec, None, nodes)]
 
 
 def _reach(spec: Mapping[str, Any], term: Mapping[str, Any] | None, nodes: Mapping[str, Node]) -> frozenset[str]:
