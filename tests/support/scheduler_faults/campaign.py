@@ -202,10 +202,11 @@ def _pod(name: str, cpu_milli: int) -> Json:
 
 
 def _rooms(plan: Plan, pods: list[Json]) -> dict[str, Room]:
-    """Nodes that together hold `plan.room` of what the pods ask for."""
+    """Equal nodes that together hold `plan.room` of what the pods ask for."""
     asked_milli = sum(int(pod["metadata"]["labels"][CPU_LABEL]) for pod in pods)
-    cpu_milli = min(NODE_CPU_MILLI, max(1000, asked_milli // 10))
-    count = max(1, math.floor(asked_milli * plan.room / cpu_milli))
+    whole_milli = math.floor(asked_milli * plan.room)
+    count = math.ceil(whole_milli / min(NODE_CPU_MILLI, max(1000, asked_milli // 10)))
+    cpu_milli = whole_milli // count
     room = Room(max(2, math.ceil(plan.pods * 1.15 / count)), cpu_milli)
     return {f"node-{number:04}-{cpu_milli}-{room.pods}": room for number in range(count)}
 
