@@ -23,6 +23,7 @@ from tests.support.malformed_annotations import malformed_annotations, pod
 from tests.support.misfits import misfits
 from tests.support.world import World
 
+from robotapp_api.claiming.sweeper import PERIOD_S
 from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.schema.crd import schema_of
 from robotapp_testbed import ControlPlane, product
@@ -47,6 +48,7 @@ QUIET_LIMIT = 1.0
 """Writes per app and minute while nothing changes."""
 
 Figures = dict[str, Any]
+Phase = Callable[[World, argparse.Namespace], tuple[Figures, list[str]]]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -56,7 +58,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--apps", type=int, default=200, help="apps of the storm, three components each")
     parser.add_argument("--overflow", type=int, default=130, help=f"apps on one pool of {POOL_SIZE} ids")
     parser.add_argument("--quiet-seconds", type=float, default=60.0)
-    parser.add_argument("--only", choices=sorted(PHASES), action="append", help="this phase only (may be repeated)")
+    parser.add_argument(
+        "--only", choices=sorted({*PHASES, *BESIDE_BARE}), action="append", help="this phase only (may be repeated)"
+    )
     options = parser.parse_args(argv)
     with ControlPlane(audit=True) as cp:
         product.install(cp, values={"domainPool": {"quarantineSeconds": 1}})
@@ -71,21 +75,23 @@ def run(cp: ControlPlane, options: argparse.Namespace) -> Figures:
     """Every phase in turn, then what the operator used for all of them."""
     result: Figures = {"machine": {"python": platform.python_version(), "machine": platform.machine()}}
     problems: list[str] = []
-    with World(cp, _nodes(), pools=POOLS) as world:
-        for name, phase in PHASES.items():
-            if options.only and name not in options.only:
-                continue
-            _say(name)
-            figures, found = phase(world, options)
-            problems += [f"{name}: {each}" for each in found]
-            result[name] = figures
-            problems += beside_bare(result) if name == "storm" else []
-            _say(f"  {figures}{'; '.join(['', *found])}")
-        result["operator"] = process_use.usage(world.operator)
-        result["scheduler"] = process_use.usage(world.scheduler)
-    if result["operator"]["peak_rss_bytes"] > RSS_LIMIT_BYTES:
-        problems.append(f"operator: peak RSS {result['operator']['peak_rss_bytes'] / 1e6:.0f} MB")
-    return {**result, "problems": problems}
+    for sweep_s, phases in ((1.0, PHASES), (PERIOD_S, BESIDE_BARE)):
+        wanted = {name: phase for name, phase in phases.items() if not options.only or name in options.only}
+        if not wanted:
+            continue
+        flags = {"sweep_seconds": sweep_s}
+        with World(cp, _nodes(), pools=POOLS, operator_flags=flags, scheduler_flags=flags) as world:
+            for name, phase in wanted.items():
+                _say(name)
+                figures, found = phase(world, options)
+                problems += [f"{name}: {each}" for each in found]
+                result[name] = figures
+                _say(f"  {figures}{'; '.join(['', *found])}")
+            used = {part: process_use.usage(getattr(world, part)) for part in ("operator", "scheduler")}
+        result[f"sweep every {sweep_s:g} s"] = used
+        if used["operator"]["peak_rss_bytes"] > RSS_LIMIT_BYTES:
+            problems.append(f"operator: peak RSS {used['operator']['peak_rss_bytes'] / 1e6:.0f} MB")
+    return {**result, "problems": problems + beside_bare(result)}
 
 
 def teleop(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
@@ -116,7 +122,7 @@ def bad_input(world: World, _: argparse.Namespace) -> tuple[Figures, list[str]]:
 
 
 def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
-    """Many apps over two pools, then a quiet minute with all of them running."""
+    """Many apps over two pools, then a quiet minute with all of them running, then as many bare Deployments as they had."""
     began, before_s = datetime.now(UTC), world.operator.cpu_seconds()
     found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S)
     operator_s = world.operator.cpu_seconds() - before_s
@@ -133,7 +139,12 @@ def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]
     }
     busy = busy_in_quiet(counts, per_app_minute=rest["writes_per_app_minute"])
     world.clear()
-    cost = {"operator_ms_per_app": operator_s * 1000 / options.apps, "operator_requests": dict(asked.most_common())}
+    as_many_s = journeys.bare(world, count=found.deployments, within_s=WITHIN_S)
+    cost = {
+        "as_many_bare_s": as_many_s,
+        "operator_ms_per_app": operator_s * 1000 / options.apps,
+        "operator_requests": dict(asked.most_common()),
+    }
     return {**asdict(found), **cost, "quiet": rest}, [*found.problems, *busy]
 
 
@@ -144,13 +155,14 @@ def bare(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]
 
 
 def beside_bare(result: Figures) -> list[str]:
-    """Compare the storm with the bare Deployments; what is too slow, in words."""
-    if "bare" not in result:
+    """Compare the storm with Deployments of its components alone, and with as many as the operator made of it; what is too
+    slow, in words.
+    """
+    if not {"bare", "storm"} <= result.keys():
         return []
     apps, alone = result["storm"], result["bare"]
     times = apps["seconds"] / alone["seconds"]
-    per_deployment = times * alone["deployments"] / max(1, apps["deployments"])
-    result["times_bare"] = {"in_all": times, "per_deployment": per_deployment}
+    result["times_bare"] = {"components": times, "as_many": apps["seconds"] / apps["as_many_bare_s"]}
     return [f"apps take {times:.2f} times as long as bare Deployments"] if times > TIMES_BARE else []
 
 
@@ -174,14 +186,13 @@ def robots(world: World, _: argparse.Namespace) -> tuple[Figures, list[str]]:
     return asdict(found), list(found.problems)
 
 
-PHASES: Mapping[str, Callable[[World, argparse.Namespace], tuple[Figures, list[str]]]] = {
+PHASES: Mapping[str, Phase] = {
     "teleop": teleop,
     "bad_input": bad_input,
-    "bare": bare,
-    "storm": storm,
     "overflow": overflow,
     "robots": robots,
 }
+BESIDE_BARE: Mapping[str, Phase] = {"bare": bare, "storm": storm}
 
 
 def _nodes() -> Topology:

@@ -325,10 +325,8 @@ class Controller:
         """Add every app again; forget apps that are gone although no event came."""
         known = set(self._cache.apps)
         bodies = await self._list_apps()
-        vanished = known - set(self._cache.apps)  # while the list was under way, which may still show them
         for body in bodies:
-            if body["metadata"]["uid"] not in vanished:
-                self._cache.update_app(body)
+            self._cache.update_app(body)
         # An app that came while the list was under way may not be in it.
         for uid in known - {body["metadata"]["uid"] for body in bodies}:
             self._cache.forget_app(uid)

@@ -101,11 +101,14 @@ class Reporter:
         # Not by uid: a status of our kinds is written whatever uid is named, and the name may be another app's by now.
         meta = {"name": record.name, "namespace": record.namespace, "resourceVersion": record.resource_version}
         body = {"metadata": meta, "status": status}
+        began_s = self._clock()
         try:
             answer = await self._client.apply(ROBOTAPPS, body, subresource="status")
         except (NotFound, Conflict) as gone:
             log.info("status of %s/%s not written: %s", record.namespace, record.name, gone)
             return
+        finally:
+            memory.bucket.took_s = self._clock() - began_s
         self._announce(record, status, memory, present=present)
         self._cache.update_app(answer)
 

@@ -31,7 +31,7 @@ InstanceKey = tuple[str, str]
 """(uid of the app, name of the instance)."""
 Changed = Callable[[str, str], None]
 MOST_ENDED: Final = 1024
-"""RobotAppInstances whose end is remembered: more than have an answer to a write under way when they are deleted."""
+"""Objects of one kind whose end is remembered: more than have an answer under way when they are deleted."""
 
 
 class Index(dict[str, dict[str, T]]):
@@ -177,6 +177,21 @@ class Answers:
         self._found.pop(uid, None)
 
 
+class Ended:
+    """Uids of objects that are gone: an answer to a request of ours may come after the event that its object was deleted."""
+
+    def __init__(self) -> None:
+        self._uids: dict[str, None] = {}
+
+    def __contains__(self, uid: str) -> bool:
+        return uid in self._uids
+
+    def add(self, uid: str) -> None:
+        self._uids[uid] = None
+        if len(self._uids) > MOST_ENDED:
+            del self._uids[next(iter(self._uids))]
+
+
 class Cache:
     """Every object the plan reads.
 
@@ -206,7 +221,7 @@ class Cache:
         self.instance_objects: InstanceIndex[AppInstance] = InstanceIndex(lambda item: item.spec.instance, _no_facts)
         """RobotAppInstances by the uid of the app they name, as `namespace/name`."""
         self.instance_object_named: dict[str, AppInstance] = {}
-        self._ended_instance_objects: dict[str, None] = {}
+        self._ended_apps, self._ended_instance_objects = Ended(), Ended()
         self.replica_sets: dict[str, str] = {}
         """uid of a ReplicaSet -> uid of its Deployment."""
         self.reported_devices = 0
@@ -260,11 +275,15 @@ class Cache:
         return True
 
     def update_app(self, body: Mapping[str, Any]) -> Record:
-        """Keep the newer of two copies of a RobotApp: a watch event may be older than the answer to our own write."""
+        """Keep the newer of two copies of a RobotApp: a watch event may be older than the answer to our own write. One that is
+        gone is not kept.
+        """
         known = self.apps.get((body.get("metadata") or {}).get("uid", ""))
         record = parse_record(body, known=known, default_scheduler=self._default_scheduler)
         if known and record.version_number < known.version_number:
             return known
+        if record.uid in self._ended_apps:
+            return record
         self.apps[record.uid] = record
         if known is None:
             self._drop_foreign(record.uid)
@@ -275,6 +294,8 @@ class Cache:
         return record
 
     def forget_app(self, uid: str) -> None:
+        """The app of this uid is gone for good."""
+        self._ended_apps.add(uid)
         self._announced.pop(uid, None)
         self._versions.pop(uid, None)
         self.answers.forget(uid)
@@ -286,9 +307,7 @@ class Cache:
     # RobotAppInstances
 
     def put_instance_object(self, item: AppInstance) -> bool:
-        """Keep the newer of two copies. False when this one was known, as the event of a write of ours is, or is gone: the
-        answer to a write of ours may come after the event that the object was deleted.
-        """
+        """Keep the newer of two copies. False when this one was known, as the event of a write of ours is, or is gone."""
         meta = item.metadata
         if meta.uid in self._ended_instance_objects:
             return False
@@ -303,9 +322,7 @@ class Cache:
         return True
 
     def drop_instance_object(self, item: AppInstance) -> None:
-        self._ended_instance_objects[item.metadata.uid] = None
-        if len(self._ended_instance_objects) > MOST_ENDED:
-            del self._ended_instance_objects[next(iter(self._ended_instance_objects))]
+        self._ended_instance_objects.add(item.metadata.uid)
         key = f"{item.metadata.namespace}/{item.metadata.name}"
         known = self.instance_object_named.get(key)
         if known is not None and known.metadata.uid == item.metadata.uid:

@@ -13,6 +13,9 @@ EDGES_PER_S: Final = 64
 """The server checks the whole spec again with each status write; that takes longer the more edges there are."""
 START_REST_S: Final = (1.0, 5.0, 15.0)
 """Pauses before writes of an app's status that only show how far its start has come: the first, the second, every further one."""
+BUSY_TIMES: Final = 50.0
+"""A write that took t seconds is followed by 50 t without such a write: where the API server is slow, others wait for it."""
+MOST_START_REST_S: Final = 30.0
 SETTLED_S: Final = 0.5
 """An urgent change is written when it has lasted this long: a starting pod passes through states that end at once."""
 URGENT_REST_S: Final = 1.0
@@ -51,23 +54,27 @@ class Bucket:
     """Writes of one app's status: `BURST` at once, and one per period in the long run. Times are monotonic seconds.
 
     Unlike `values.buckets` its period depends on the app's edges, and a write that cannot wait runs it into debt.
-    `steps`: writes in a row that only showed progress (`is_progress`).
+    `steps`: writes in a row that only showed progress (`is_progress`). `took_s`: how long the last write took.
     """
 
     tokens: float = BURST
     at_s: float = float("-inf")
     steps: int = 0
+    took_s: float = 0.0
 
     def wait_s(self, now_s: float, *, edges: int, progress: bool = False) -> float:
         """0 when one may be written now."""
         missing = 1.0 - self._filled(now_s, edges)
-        rest_s = START_REST_S[min(self.steps, len(START_REST_S) - 1)] if progress else 0.0
-        return max(0.0, missing * _period_s(edges), self.at_s + rest_s - now_s)
+        return max(0.0, missing * _period_s(edges), self.at_s + (self._start_rest_s() if progress else 0.0) - now_s)
 
     def take(self, now_s: float, *, edges: int, progress: bool = False) -> None:
         self.tokens = self._filled(now_s, edges) - 1.0
         self.at_s = now_s
         self.steps = self.steps + 1 if progress else 0
+
+    def _start_rest_s(self) -> float:
+        least_s = START_REST_S[min(self.steps, len(START_REST_S) - 1)]
+        return max(least_s, min(BUSY_TIMES * self.took_s, MOST_START_REST_S))
 
     def _filled(self, now_s: float, edges: int) -> float:
         return min(float(BURST), self.tokens + (now_s - self.at_s) / _period_s(edges))

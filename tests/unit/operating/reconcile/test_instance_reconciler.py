@@ -177,6 +177,25 @@ async def test_an_app_that_is_gone_is_forgotten_and_nothing_is_written(world: Wo
     assert uid not in world.cache.apps
 
 
+async def test_an_app_whose_end_was_announced_while_it_was_read_is_not_written_for(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await world.pool()
+    uid = await world.app()
+    get = world.client.get
+
+    async def late(*args: Any, **more: Any) -> Any:
+        answer = await get(*args, **more)
+        world.cache.forget_app(uid)
+        return answer
+
+    monkeypatch.setattr(world.client, "get", late)
+    before = world.writes()
+    assert await world.children.reconcile(uid, "")
+    assert world.writes() == before
+    assert uid not in world.cache.apps
+
+
 async def test_a_404_that_does_not_name_the_app_is_an_error_and_the_app_is_not_forgotten(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -109,6 +109,13 @@ def test_nothing_is_numbered_for_apps_that_are_not_known(cache: Cache) -> None:
     assert cache.version_of(UID, "a") == 0
 
 
+def test_an_answer_about_an_app_that_was_deleted_meanwhile_brings_no_app_back(cache: Cache) -> None:
+    cache.forget_app(UID)
+    assert cache.update_app(app_body()).uid == UID
+    assert UID not in cache.apps
+    assert cache.update_app(app_body(uid="successor")).uid in cache.apps
+
+
 def device_claim(uid: str) -> Claim:
     holder = {"apiVersion": "v1", "kind": "Pod", "namespace": "default", "name": "x", "uid": uid}
     return msgspec.convert(

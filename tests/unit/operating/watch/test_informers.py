@@ -336,8 +336,8 @@ def test_an_object_of_another_namespace_wakes_nobody_and_counts_for_nobody(world
     assert world.cache.pods.on_node("n") == set()
 
 
-def test_an_object_that_came_before_the_app_of_another_namespace_is_forgotten_with_its_event(world: World) -> None:
-    world.cache.forget_app("uid-1")
+def test_an_object_that_came_before_the_app_of_another_namespace_is_forgotten_with_its_event() -> None:
+    world = World()
     world.see("_deployment", None, deployment(namespace="elsewhere"), key="elsewhere/x")
     world.see("_deployment", None, deployment(labels=LABELS | {Label.INSTANCE.value: "b"}), key="default/x")
     assert world.cache.running_instances("uid-1") == {"a", "b"}

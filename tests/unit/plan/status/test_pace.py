@@ -6,6 +6,8 @@ import pytest
 
 from robotapp_operator.plan.status.pace import (
     BURST,
+    BUSY_TIMES,
+    MOST_START_REST_S,
     PROGRESS_REST_S,
     SETTLED_S,
     START_REST_S,
@@ -58,6 +60,15 @@ def test_writes_that_only_show_progress_come_ever_more_seldom_and_an_urgent_one_
     assert bucket.wait_s(1036.1, edges=0) == 0
     bucket.take(1036.1, edges=0)
     assert bucket.wait_s(1036.1, edges=0, progress=True) == pytest.approx(START_REST_S[0])
+
+
+def test_where_a_write_takes_long_mere_progress_waits_longer_but_never_for_ever() -> None:
+    bucket = Bucket()
+    bucket.take(1000, edges=0)
+    for took_s, rest_s in ((0.01, START_REST_S[0]), (0.1, BUSY_TIMES * 0.1), (30.0, MOST_START_REST_S)):
+        bucket.took_s = took_s
+        assert bucket.wait_s(1000, edges=0, progress=True) == pytest.approx(rest_s)
+        assert bucket.wait_s(1000, edges=0) == 0
 
 
 def status(phase: str = "Pending", **conditions: tuple[str, str]) -> dict[str, Any]:
