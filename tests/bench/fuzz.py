@@ -3,7 +3,7 @@
 Nodes and kubelets are simulated; operator, scheduler and API server are real. RobotApps, edits of them, RobotClaims, Rigelfiles (as
 the bridge renders them), annotated pods and telemetry are sent. Where the machine is busy, healthy
 apps may take five times as long as bare Deployments beside them; time without a processor holds no loop,
-and where bare Deployments take longer than 0.35 s, answers may take as many times a second.
+and where bare Deployments take longer than 0.85 s, answers may take as many times a second.
 """
 
 import argparse

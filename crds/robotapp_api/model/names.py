@@ -82,6 +82,8 @@ class Annotation(StrEnum):
     GRANTED_SHARED = "granted.robotics.io/shared-devices"
     """Devices the pod uses together with others (sharing Namespace or Cluster): nobody gets them alone meanwhile."""
     ALLOWED_NAMESPACES = "robotics.io/allowed-namespaces"
+    ADMITTED_NODES = "robotics.io/admitted-nodes"
+    """On pods of other schedulers: which terms of its node affinity the operator ended with the names of the nodes that admit it."""
     PODS_GONE = "robotics.io/pods-gone"
     """On a Parked RobotClaim: its status.attempt, written by an admin who knows that none of its pods runs any more."""
     APPROVE_UPDATE = "robotics.io/approve-update"

@@ -324,6 +324,7 @@ class Controller:
     async def _resync(self, _: Key) -> float:
         """Add every app again; forget apps that are gone although no event came."""
         known = set(self._cache.apps)
+        self._cache.forget_ends()
         bodies = await self._list_apps()
         for body in bodies:
             self._cache.update_app(body)

@@ -91,13 +91,12 @@ class InstanceObjects:
 
     async def _look(self, app: App, instance: str) -> Again:
         """Put the object that already has this name into the cache; the next run judges it."""
+        name = object_name(app.name, instance)
         try:
-            self._keep(
-                await self._client.get(ROBOTAPPINSTANCES, object_name(app.name, instance), namespace=app.namespace)
-            )
+            self._keep(await self._client.get(ROBOTAPPINSTANCES, name, namespace=app.namespace))
         except NotFound:
             return SOON_S
-        return 0.0
+        return 0.0 if f"{app.namespace}/{name}" in self._cache.instance_object_named else SOON_S
 
     async def _write(self, app: App, instance: str, item: AppInstance, memory: InstanceMemory) -> Again:
         facts = self._facts(app, instance, item)

@@ -15,9 +15,9 @@ from robotapp_api.claims.objects import Pod as ClaimsPod
 from robotapp_api.client import ApiClient, Conflict, NotFound
 from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import means_gone
-from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME
-from robotapp_operator.plan.render.admitted_nodes import admitted_nodes, is_outdated
-from robotapp_operator.plan.spec.objects import Pod
+from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME, Annotation
+from robotapp_operator.plan.render.admitted_nodes import admitted_nodes, is_outdated, reach_of, wishes_of
+from robotapp_operator.plan.spec.objects import Meta, Pod
 from robotapp_operator.reconcile.apply_plan import evict
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
@@ -46,6 +46,8 @@ class Gates:
         self._memory = memory
         self._closed_nodes: tuple[int, dict[str, frozenset[str]]] = (-1, {})
         """Version of the nodes, and those that are closed to each namespace that was asked about."""
+        self._reach: tuple[int, dict[bytes, frozenset[str]]] = (-1, {})
+        """Version of the nodes, and those that pods with the same wishes reach."""
 
     async def open(self, uid: str, robot: str) -> bool:
         """True when no pod of the instance has to be tried again. One without a node that admits it waits for another node."""
@@ -90,8 +92,10 @@ class Gates:
                 result.barred.add(meta.uid)
                 return True
             left = [{"name": name} for name in gates if name != SCHEDULING_GATE]
-            precondition = {"uid": meta.uid, "resourceVersion": seen.metadata.resource_version}
-            body = {"metadata": precondition, "spec": {**admitted.patch, "schedulingGates": left}}
+            about: dict[str, Any] = {"uid": meta.uid, "resourceVersion": seen.metadata.resource_version}
+            if admitted.mark:
+                about["annotations"] = {Annotation.ADMITTED_NODES.value: admitted.mark}
+            body = {"metadata": about, "spec": {**admitted.patch, "schedulingGates": left}}
             await self._client.patch(PODS, meta.name, body, namespace=meta.namespace)
             result.opened[meta.uid] = version
         except NotFound as error:
@@ -114,45 +118,56 @@ class Gates:
         gated again. judged: by a pod's uid, the version of the nodes that it was compared with last.
         """
         version, done = self._cache.nodes.identity_version, True
-        for pod, template in self._waiting(uid, robot):
+        for pod in self._waiting(uid, robot):
             if judged.get(pod.metadata.uid) == version:
                 continue
-            if await self._replace(pod, template):
+            if await self._replace(pod):
                 judged[pod.metadata.uid] = version
             else:
                 done = False
         return done
 
-    def _waiting(self, uid: str, robot: str) -> list[tuple[Pod, Mapping[str, Any]]]:
-        """Pods of the app's Deployments that another scheduler may place at any moment, each with its template's spec."""
-        found = []
+    def _waiting(self, uid: str, robot: str) -> list[Pod]:
+        """Pods of the app's Deployments that another scheduler may place at any moment."""
         pods = self._cache.pods_by_deployment(uid, robot)
-        for deployment in self._cache.deployments.of_instance(uid, robot).values():
-            template = deployment.spec.get("template") or {}
-            found += [
-                (pod, template.get("spec") or {})
-                for pod in pods.get(deployment.metadata.uid, ())
-                if not (pod.spec.node_name or pod.terminal or pod.metadata.deletion_timestamp)
-                and pod.spec.scheduler_name not in OURS
-                and all(gate.name != SCHEDULING_GATE for gate in pod.spec.scheduling_gates)
-            ]
-        return found
+        return [
+            pod
+            for deployment in self._cache.deployments.of_instance(uid, robot).values()
+            for pod in pods.get(deployment.metadata.uid, ())
+            if not (pod.spec.node_name or pod.terminal or pod.metadata.deletion_timestamp)
+            and pod.spec.scheduler_name not in OURS
+            and all(gate.name != SCHEDULING_GATE for gate in pod.spec.scheduling_gates)
+        ]
 
-    async def _replace(self, pod: Pod, template: Mapping[str, Any]) -> bool:
+    async def _replace(self, pod: Pod) -> bool:
         """Whether the pod needs no other look while the nodes stay as they are."""
         meta = pod.metadata
+        closed = self._closed(meta.namespace)
+        if not closed and Annotation.ADMITTED_NODES not in meta.annotations:
+            return True  # nothing was excluded for it, and nothing has to be
         try:
             found = await self._client.get(PODS, meta.name, namespace=meta.namespace)
         except NotFound as error:
             if not means_gone(error, meta.name):
                 raise
             return True
-        spec, version = found["spec"], found["metadata"]["resourceVersion"]
-        if found["metadata"]["uid"] != meta.uid or spec.get("nodeName"):
+        spec, now = found["spec"], msgspec.convert(found["metadata"], Meta)
+        if now.uid != meta.uid or spec.get("nodeName"):
             return True
-        if not is_outdated(spec, template, self._cache.nodes, self._closed(meta.namespace)):
+        mark = now.annotations.get(Annotation.ADMITTED_NODES, "")
+        if not is_outdated(spec, mark, self._cache.nodes, self._closed(meta.namespace), reach=self._reach_of):
             return True
-        return await evict(self._client, pod, version=version) == ""
+        return await evict(self._client, pod, version=now.resource_version) == ""
+
+    def _reach_of(self, spec: Mapping[str, Any]) -> frozenset[str]:
+        """`reach_of` over the nodes as they are now: all pods of a Deployment wish for the same, and there are thousands of nodes."""
+        nodes, wishes = self._cache.nodes, wishes_of(spec)
+        if self._reach[0] != nodes.identity_version:
+            self._reach = nodes.identity_version, {}
+        known = self._reach[1]
+        if wishes not in known:
+            known[wishes] = reach_of(spec, nodes)
+        return known[wishes]
 
 
 def _is_gated(spec: Mapping[str, Any]) -> bool:

@@ -89,7 +89,7 @@ class Reporter:
         edges = len(facts.app.spec.edges)
         progress = is_progress(record.status, status)
         if observed and (wait_s := memory.bucket.wait_s(now_s, edges=edges, progress=progress)) > 0:
-            return wait_s
+            return wait_s if again_s is None else min(wait_s, again_s)
         memory.bucket.take(now_s, edges=edges, progress=progress and observed)
         present = [device for instance in facts.instances for device in instance.present]
         await self._put(record, status, memory, present=present)

@@ -191,6 +191,9 @@ class Ended:
         if len(self._uids) > MOST_ENDED:
             del self._uids[next(iter(self._uids))]
 
+    def clear(self) -> None:
+        self._uids.clear()
+
 
 class Cache:
     """Every object the plan reads.
@@ -245,6 +248,11 @@ class Cache:
     def forget_versions(self) -> None:
         """Forget the numbers, together with everything that was computed for one: tenants name instances by labels, so they only grow."""
         self._versions.clear()
+
+    def forget_ends(self) -> None:
+        """Let objects come back: an etcd that was restored from a snapshot has the same ones again."""
+        self._ended_apps.clear()
+        self._ended_instance_objects.clear()
 
     @property
     def devices_version(self) -> tuple[int, int]:

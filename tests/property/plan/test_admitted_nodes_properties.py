@@ -51,7 +51,9 @@ def test_a_pod_that_is_let_go_reaches_exactly_its_nodes_that_are_not_closed(
         return
     after = spec | found.patch
     assert reach_of(after, nodes) == before - closed
-    assert not is_outdated(after, spec, nodes, closed)
+    assert not is_outdated(after, found.mark, nodes, closed, reach=lambda each: reach_of(each, nodes))
+    opened = is_outdated(after, found.mark, nodes, frozenset(), reach=lambda each: reach_of(each, nodes))
+    assert opened == bool(before & closed), "what was excluded is missed when it opens, and nothing else is"
     if found.patch:
         written = found.patch["affinity"]["nodeAffinity"]["requiredDuringSchedulingIgnoredDuringExecution"]
         for old, new in zip(terms or [{}], written["nodeSelectorTerms"], strict=True):  # what the API server allows

@@ -12,9 +12,9 @@ READY_TIMES: Final = 5.0
 An app has two discovery servers more, which come first, a claim and a status."""
 HELD_S: Final = 1.0
 """For no longer may anything hold the loop of operator or scheduler. Time in which it had no processor does not count."""
-BARE_S: Final = 0.35
-"""What bare Deployments take on a machine that does nothing else, estimated: lower it when it has been measured. Where they take longer, an answer may, too: not all that
-keeps a program waiting on a busy machine is counted by the kernel as waiting for a processor."""
+BARE_S: Final = 0.85
+"""What bare Deployments take beside 5,000 objects on two cores that do nothing else (median). Where they take longer, an answer may, too: not all that keeps a program waiting
+on a busy machine is counted by the kernel as waiting for a processor."""
 WARM_SHARE: Final = 0.25
 """Share of the objects after which a process has imported, cached and allocated what it needs for any of them."""
 KEPT_BYTES: Final = 2048

@@ -7,7 +7,7 @@ from typing import Any
 from robotapp_api.claims.identity import domain_literal
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import Annotation, Label
-from robotapp_operator.plan.diff.newer import Held, amend, is_newer, written_by_newer
+from robotapp_operator.plan.diff.newer import Held, amend, binding_rules, is_newer, pod_spec, written_by_newer
 from robotapp_operator.plan.diff.unowned import unowned_pointers
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.deployments import component_deployments
@@ -77,6 +77,7 @@ def plan(
     """
     changes: list[Change] = []
     held: list[Held] = []
+    waiting: list[Change] = []
     foreign: list[str] = []
     for child in wanted:
         over = observed.get(child.ref)
@@ -93,12 +94,39 @@ def plan(
             if found.waits:
                 held.append(Held(child.ref.name, newer, version))
         elif is_held(app, child, over, version):
-            held.append(Held(child.ref.name))
+            waiting.append(Change(child, over))
         else:
             changes.append(Change(child, over))
+    moved = _moved_servers(waiting, changes)
+    changes = [*moved, *changes]
+    held += [Held(change.child.ref.name) for change in waiting if change not in moved]
     names = {child.ref for child in wanted}
-    deletes = [item for ref, item in sorted(observed.items()) if ref not in names and _prunable(app, item)]
+    unwanted = [item for ref, item in sorted(observed.items()) if ref not in names and _prunable(app, item)]
+    deletes = [item for item in unwanted if not (wanted and _is_named(app, item, held, version))]
     return Plan(tuple(changes), tuple(deletes), tuple(held), tuple(foreign))
+
+
+def _moved_servers(waiting: Sequence[Change], changes: Sequence[Change]) -> list[Change]:
+    """Infrastructure that waits for approval at an older address, while a component that is written looks for it at the new one."""
+    if not any(change.child.component for change in changes):
+        return []
+    return [
+        change
+        for change in waiting
+        if change.over is not None
+        and not change.child.component
+        and _host_name(change.over.spec) != _host_name(change.child.spec)
+    ]
+
+
+def _is_named(app: App, item: Observed, held: Sequence[Held], version: str) -> bool:
+    """May a template that stays as another version rendered it need this object, a Service or infrastructure?
+
+    Its pods would start without discovery. The Services go with the last template that is held.
+    """
+    if isinstance(item, Deployment) and item.metadata.labels.get(Label.COMPONENT):
+        return False  # the user removed the component
+    return bool(written_by_newer(app, item, version)) or (bool(held) and not isinstance(item, Deployment))
 
 
 def still_running(uid: str, observed: Mapping[ChildRef, Observed]) -> list[Deployment]:
@@ -151,9 +179,7 @@ def template_env(spec: Mapping[str, object]) -> dict[str, str]:
 
 
 def _containers(spec: Mapping[str, object]) -> Sequence[Mapping[str, Any]]:
-    template = spec.get("template")
-    pod = template.get("spec") if isinstance(template, Mapping) else None
-    return (pod.get("containers") if isinstance(pod, Mapping) else None) or ()
+    return pod_spec(spec).get("containers") or ()
 
 
 def _inputs(spec: Mapping[str, object]) -> tuple[object, ...]:
@@ -167,7 +193,13 @@ def _inputs(spec: Mapping[str, object]) -> tuple[object, ...]:
         annotations.get(Annotation.PARAMETERS_HASH),
         spec.get("replicas"),
         images[:1],
+        binding_rules(spec),
     )
+
+
+def _host_name(spec: Mapping[str, object]) -> tuple[object, object]:
+    pod = pod_spec(spec)
+    return pod.get("hostname"), pod.get("subdomain")
 
 
 def _prunable(app: App, item: Observed) -> bool:

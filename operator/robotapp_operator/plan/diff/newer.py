@@ -1,8 +1,8 @@
 """Templates that a newer operator wrote: which edits of the user this older one still carries out, and which it holds back.
 
 After a rollback the templates stay as the newer operator rendered them, because a wrong guess would roll every robot.
-What must never wait is written into them: replicas (so also `suspend`), the component's image, and the domain id, which
-is the protocol's. Everything else waits, and the status names it.
+What must never wait is written into them: replicas (so also `suspend`), the component's image, and what is the protocol's:
+the domain id, the scheduler and our gate. Everything else waits, and the status names it.
 """
 
 import copy
@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 from robotapp_api.claims.identity import domain_literal
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
-from robotapp_api.model.names import WAITING_STEP, Annotation
+from robotapp_api.model.names import SCHEDULING_GATE, WAITING_STEP, Annotation
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Service
@@ -70,6 +70,7 @@ def amend(app: App, child: Child, over: Deployment | Service) -> Amendment:
     if not seen:
         _set_image(spec, child)
     _set_domain(spec, child)
+    _set_binding_rules(spec, child)
     return Amendment(None if spec == over.spec else spec, waits=_edit_waits(app, child, over))
 
 
@@ -112,6 +113,22 @@ def _set_domain(spec: dict[str, Any], child: Child) -> None:
         annotations.pop(Annotation.DOMAIN_CLAIM.value, None)
 
 
+def binding_rules(spec: Mapping[str, Any]) -> tuple[str, bool]:
+    """Of a Deployment's spec: who binds its pods, and whether our gate keeps them until their claim and their nodes are checked."""
+    pod = pod_spec(spec)
+    return pod.get("schedulerName") or "", any(gate.get("name") == SCHEDULING_GATE for gate in _gates(pod))
+
+
+def _set_binding_rules(spec: dict[str, Any], child: Child) -> None:
+    """Whoever writes a newer version's name on a template must not get past the checks before a pod is bound."""
+    if binding_rules(spec) == binding_rules(child.spec) or not pod_spec(spec):
+        return
+    pod, wanted = spec["template"]["spec"], pod_spec(child.spec)
+    pod["schedulerName"] = wanted["schedulerName"]
+    gates = [gate for gate in _gates(pod) if gate.get("name") != SCHEDULING_GATE]
+    pod["schedulingGates"] = [*gates, *(gate for gate in _gates(wanted) if gate.get("name") == SCHEDULING_GATE)]
+
+
 def _edit_waits(app: App, child: Child, over: Deployment) -> bool:
     """Has the user changed something since the template was written that is not carried out in it?"""
     marked = over.metadata.annotations.get(Annotation.SPEC_HASH)
@@ -121,9 +138,19 @@ def _edit_waits(app: App, child: Child, over: Deployment) -> bool:
     return marked != app.spec_hashes[child.component] or len(set(files)) > 1
 
 
+def pod_spec(spec: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The pod's spec in a Deployment's, {} where there is none."""
+    template = spec.get("template")
+    pod = template.get("spec") if isinstance(template, Mapping) else None
+    return pod if isinstance(pod, Mapping) else {}
+
+
 def _containers(spec: Mapping[str, Any], place: str) -> list[dict[str, Any]]:
-    pod = (spec.get("template") or {}).get("spec") or {}
-    return pod.get(place) or []
+    return pod_spec(spec).get(place) or []
+
+
+def _gates(pod: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return pod.get("schedulingGates") or []
 
 
 def _domain_variables(spec: Mapping[str, Any]) -> Iterator[dict[str, Any]]:

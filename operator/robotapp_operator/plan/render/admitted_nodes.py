@@ -8,7 +8,7 @@ The nodes that are named are those that admit the namespace. Those that do not a
 to read.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
 import msgspec
@@ -37,10 +37,14 @@ class Term(Struct):
 
 
 class AdmittedNodes(NamedTuple):
-    """Whether any node is left for a pod, and the patch of its spec that excludes the others ({}: none has to be)."""
+    """Whether any node is left for a pod, and the patch of its spec that excludes the others ({}: none has to be).
+
+    mark: for `is_outdated`, the places of the terms whose last expression is the patch's.
+    """
 
     allowed: bool
     patch: Mapping[str, Any] = {}
+    mark: str = ""
 
 
 def admitted_nodes(
@@ -69,7 +73,8 @@ def admitted_nodes(
         {**term, "matchExpressions": [*(term.get("matchExpressions") or ()), only]} if found & closed else term
         for term, found in zip(_terms(spec) or [{}], reach, strict=True)
     ]
-    return AdmittedNodes(True, {"affinity": {"nodeAffinity": {_REQUIRED: {"nodeSelectorTerms": narrowed}}}})
+    mark = ",".join(str(place) for place, found in enumerate(reach) if found & closed)
+    return AdmittedNodes(True, {"affinity": {"nodeAffinity": {_REQUIRED: {"nodeSelectorTerms": narrowed}}}}, mark)
 
 
 def reach_of(spec: Mapping[str, Any], nodes: Mapping[str, Node]) -> frozenset[str]:
@@ -78,14 +83,40 @@ def reach_of(spec: Mapping[str, Any], nodes: Mapping[str, Node]) -> frozenset[st
 
 
 def is_outdated(
-    spec: Mapping[str, Any], template: Mapping[str, Any], nodes: Mapping[str, Node], closed: frozenset[str]
+    spec: Mapping[str, Any],
+    mark: str,
+    nodes: Mapping[str, Node],
+    closed: frozenset[str],
+    *,
+    reach: Callable[[Mapping[str, Any]], frozenset[str]],
 ) -> bool:
     """Whether a pod that no scheduler has placed should be replaced: it may use a node that does not admit it (any more), or
-    does not name one that does (by now). template: the pod's spec before it was narrowed.
+    we narrowed it to nodes without one that admits it by now. mark: of our patch, "" for a pod that we did not narrow; what
+    else narrows a pod (a RuntimeClass, a queue, a webhook) is not our business. reach: `reach_of` over these nodes.
     """
-    now = reach_of(spec, nodes)
-    missing = _hosts(reach_of(template, nodes) - closed - now, nodes, closed)
-    return bool(now & closed) or (len(now) < MAX_NAMED and bool(missing))
+    now = reach(spec)
+    if now & closed:
+        return True
+    if not mark or len(now) >= MAX_NAMED:
+        return False
+    return bool(_hosts(reach(_without_our_part(spec, mark)) - closed - now, nodes, closed))
+
+
+def wishes_of(spec: Mapping[str, Any]) -> bytes:
+    """All of a pod's spec that `reach_of` reads: pods with the same wishes reach the same nodes."""
+    return msgspec.json.encode([spec.get("nodeSelector"), _terms(spec)], order="sorted")
+
+
+def _without_our_part(spec: Mapping[str, Any], mark: str) -> dict[str, Any]:
+    """The pod as it was before it was narrowed. A term that was ours alone was there for a pod without any."""
+    ours = mark.split(",")
+    terms = [
+        {**term, "matchExpressions": (term.get("matchExpressions") or [])[:-1]} if str(place) in ours else term
+        for place, term in enumerate(_terms(spec))
+    ]
+    wished = [term for term in terms if term.get("matchExpressions") or term.get("matchFields")]
+    required = {_REQUIRED: {"nodeSelectorTerms": wished}}
+    return {"nodeSelector": spec.get("nodeSelector"), "affinity": {"nodeAffinity": required if wished else {}}}
 
 
 def _terms(spec: Mapping[str, Any]) -> list[dict[str, Any]]:

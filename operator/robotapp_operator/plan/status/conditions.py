@@ -311,11 +311,13 @@ def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
     if missing := what_is_missing(instance):
         return missing[0], _named(facts, instance, missing[1])
     worst = instance.worst
+    if instance.infrastructure_barred and (worst is None or not worst.reason):
+        text = f"its discovery or master is not ready: {instance.infrastructure_barred}"
+        return Reason.UNSCHEDULABLE, f"{count}; {_named(facts, instance, text)}"
     if worst is None:
-        why = f": {instance.infrastructure_barred}" if instance.infrastructure_barred else ""
         return (
             Reason.COMPONENTS_NOT_READY,
-            f"{count}; {_named(facts, instance, f'its discovery or master is not ready{why}')}",
+            f"{count}; {_named(facts, instance, 'its discovery or master is not ready')}",
         )
     text = worst.message or ("is starting" if worst.exists else "is being created")
     return worst.reason or Reason.COMPONENTS_NOT_READY, f"{count}; {_named(facts, instance, f'{worst.name}: {text}')}"

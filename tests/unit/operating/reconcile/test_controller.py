@@ -303,6 +303,14 @@ async def test_an_app_that_comes_or_goes_while_the_list_is_under_way_is_not_misj
     assert set(world.cache.apps) == {"uid-coming"}
 
 
+async def test_an_app_that_a_restored_etcd_has_again_is_known_after_the_next_full_comparison(world: World) -> None:
+    world.cache.update_app(app_body())
+    world.cache.forget_app("uid-1")
+    world.listed = [app_body()]
+    await world.handle(Key(Work.RESYNC, ""))
+    assert set(world.cache.apps) == {"uid-1"}
+
+
 @pytest.mark.parametrize("work", [Work.CHILDREN, Work.STATUS, Work.GATES, Work.INSTANCE])
 async def test_an_app_that_goes_while_it_is_worked_on_leaves_no_memory(world: World, work: Work) -> None:
     world.cache.update_app(app_body())

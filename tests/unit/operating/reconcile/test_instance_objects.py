@@ -102,6 +102,18 @@ async def test_who_deletes_an_object_gets_it_back(world: World) -> None:
     assert second["status"] == first["status"]
 
 
+async def test_an_object_that_is_back_although_its_end_was_announced_is_looked_for_without_haste(world: World) -> None:
+    """An etcd restored from a snapshot has it again, with the same uid."""
+    uid = await world.app()
+    await world.settle(uid)
+    (item,) = world.cache.instance_object_named.values()
+    world.cache.drop_instance_object(item)
+    assert await world.objects.publish(uid, "") == SOON_S
+    world.cache.forget_ends()
+    assert await world.objects.publish(uid, "") == 0.0
+    assert world.cache.instance_object_named
+
+
 async def test_an_object_that_went_with_its_app_does_not_come_back(world: World) -> None:
     """The event of the object came before that of its app."""
     uid = await world.app()

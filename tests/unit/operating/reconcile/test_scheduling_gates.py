@@ -132,6 +132,26 @@ async def test_a_pod_whose_gate_an_older_operator_took_off_is_replaced(world: Wo
         await world.see()
 
 
+async def test_a_pod_that_somebody_else_narrowed_is_left_alone_when_a_node_joins(world: World) -> None:
+    world.node("amr-2")
+    await world.create(schedulingGates=[], nodeSelector={"example.org/flavor": "spot"})
+    before = world.requests()
+    for name in ("amr-3", "amr-4"):
+        world.node(name)
+        assert await world.look()
+    assert world.requests() == before, "where no node is closed, not even the pod is read"
+
+
+async def test_a_pod_that_was_narrowed_is_replaced_when_another_robot_admits_it(world: World) -> None:
+    await world.create()
+    await world.look()
+    await world.see()
+    world.node("amr-3")
+    assert await world.look()
+    with pytest.raises(NotFound):
+        await world.see()
+
+
 async def test_what_runs_stays_whatever_its_node_admits(world: World) -> None:
     await world.create(schedulingGates=[], nodeName="amr-2")
     before = world.requests()

@@ -8,7 +8,7 @@ from tests.support.factories import VERSION, after, component, make_app
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_operator.plan.diff.diff import Observed, Plan, deployment_domain, plan, wanted_children
-from robotapp_operator.plan.render.child import DEPLOYMENT, Child
+from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment
 
@@ -224,6 +224,65 @@ def test_on_demand_never_holds_the_users_own_edit_or_another_domain() -> None:
     suspended = make_app(suspend=True, **edit)
     assert planned(suspended, wanted(suspended, running=False), observed).changes
     assert planned(app, wanted(app, domain=Domain(8, "dds.default.c.8")), observed).changes
+
+
+def older_services(app: App) -> dict[ChildRef, Observed]:
+    """The app as an older operator rendered it: each discovery server found by a Service of its own."""
+    observed = settled_world(app)
+    for ref, item in list(observed.items()):
+        item.metadata.annotations.update({Annotation.RENDERED_BY: "1.0.0", Annotation.CONTENT_HASH: "old"})
+        if ref.kind == SERVICE:
+            for number in range(2):
+                old = bent(observed[ref], metadata__name=f"teleop-discovery-{number}")
+                observed[ChildRef(SERVICE, old.metadata.name)] = old
+            del observed[ref]
+        elif "discovery" in ref.name:
+            observed[ref] = bent(item, spec__template__spec__hostname=None, spec__template__spec__subdomain=None)
+        else:
+            observed[ref] = bent(item, spec__template__spec__enableServiceLinks=True)
+    return observed
+
+
+def names_of(items: Any) -> set[str]:
+    return {item.metadata.name for item in items}
+
+
+def test_services_that_held_templates_may_name_stay_until_the_last_of_these_is_rendered_anew() -> None:
+    app = make_app(update={"operator": "OnDemand"})
+    observed = older_services(app)
+    result = planned(app, wanted(app), observed)
+    assert [change.child.ref.kind for change in result.changes] == [SERVICE]
+    assert len(result.held) == 4
+    assert not result.deletes
+    approved = make_app(update={"operator": "OnDemand"}, annotations={Annotation.APPROVE_UPDATE: VERSION})
+    assert names_of(planned(approved, wanted(approved), observed).deletes) == {
+        "teleop-discovery-0",
+        "teleop-discovery-1",
+    }
+    gone = planned(app, [], observed)
+    assert names_of(gone.deletes) == names_of(observed.values()), "an instance that ends takes all with it"
+
+
+def test_servers_at_another_address_roll_with_the_first_component_that_looks_for_them_there() -> None:
+    observed = older_services(make_app(update={"operator": "OnDemand"}))
+    edited = make_app(
+        component("operator", args=["new"]), component("driver"), update={"operator": "OnDemand"}, generation=2
+    )
+    result = planned(edited, wanted(edited), observed)
+    written = [change.child.ref.name.split("-")[1] for change in result.changes if change.child.ref.kind == DEPLOYMENT]
+    assert written == ["discovery", "discovery", "operator"]
+    assert [item.name.split("-")[1] for item in result.held] == ["driver"]
+    assert not result.deletes, "the driver finds the same servers by their old names"
+
+
+def test_on_demand_never_holds_back_the_gate_that_keeps_pods_off_closed_robots() -> None:
+    app = make_app(update={"operator": "OnDemand"}, schedulerName="default-scheduler")
+    observed = settled_world(app)
+    ref = driver_of(observed)
+    observed[ref] = bent(observed[ref], spec__template__spec__schedulingGates=[])
+    observed[ref].metadata.annotations.update({Annotation.RENDERED_BY: "1.0.0", Annotation.CONTENT_HASH: "old"})
+    (change,) = planned(app, wanted(app), observed).changes
+    assert change.child.ref == ref
 
 
 def test_automatic_rolls_with_the_operator() -> None:

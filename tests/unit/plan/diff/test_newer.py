@@ -14,7 +14,7 @@ from tests.unit.plan.diff.test_diff import bent, planned, settled_world, wanted
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import WAITING_STEP, Annotation, Label
 from robotapp_operator.plan.diff.diff import Observed, Plan, deployment_domain, template_env
-from robotapp_operator.plan.render.child import DEPLOYMENT
+from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE
 from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.objects import ChildRef
 
@@ -169,6 +169,34 @@ def test_an_edit_that_is_taken_back_is_not_reported_any_more() -> None:
     observed = rolled_back(make_app())
     assert plan_of(edited(component("operator"), component("driver", args=["new"])), observed).held
     assert plan_of(make_app(generation=3), observed) == Plan()
+
+
+def test_services_of_a_newer_operator_stay_because_its_templates_name_them() -> None:
+    app = make_app()
+    observed = rolled_back(app)
+    service = next(item for ref, item in observed.items() if ref.kind == SERVICE)
+    theirs = bent(service, metadata__name="of-a-newer-version")
+    observed[ChildRef(SERVICE, "of-a-newer-version")] = theirs
+    assert not plan_of(app, observed).deletes
+    assert theirs in planned(app, [], observed).deletes, "an instance that ends takes all with it"
+
+
+@pytest.mark.parametrize("scheduler", ["", "default-scheduler"])
+def test_a_forged_version_takes_neither_the_scheduler_nor_its_gate_off_a_template(scheduler: str) -> None:
+    app = make_app(**({"schedulerName": scheduler} if scheduler else {}))
+    observed = rolled_back(app)
+    assert plan_of(app, observed) == Plan()
+    ref = next(ref for ref in observed if "driver" in ref.name and ref.kind == DEPLOYMENT)
+    before = observed[ref].spec["template"]["spec"]
+    observed[ref] = bent(
+        observed[ref],
+        spec__template__spec__schedulerName="by-hand",
+        spec__template__spec__schedulingGates=[{"name": "example.org/mine"}],
+    )
+    (spec,) = specs(plan_of(app, observed)).values()
+    pod = spec["template"]["spec"]
+    assert pod["schedulerName"] == before["schedulerName"]
+    assert pod["schedulingGates"] == [{"name": "example.org/mine"}, *before.get("schedulingGates", [])]
 
 
 def test_removed_components_go_and_added_ones_come() -> None:

@@ -6,7 +6,8 @@ import msgspec
 import pytest
 from tests.support.factories import make_node
 
-from robotapp_operator.plan.render.admitted_nodes import MAX_NAMED, AdmittedNodes, admitted_nodes, is_outdated, reach_of
+from robotapp_operator.plan.render import admitted_nodes as module
+from robotapp_operator.plan.render.admitted_nodes import MAX_NAMED, AdmittedNodes, admitted_nodes, reach_of, wishes_of
 from robotapp_operator.plan.spec.objects import Node
 
 ROBOTS = {"matchExpressions": [{"key": "robotics.io/tier", "operator": "In", "values": ["robot"]}]}
@@ -49,13 +50,13 @@ CLOSED = frozenset({"amr-2"})
 
 
 def test_nothing_is_written_while_every_node_admits_the_namespace() -> None:
-    assert admitted_nodes(pod(ROBOTS), NODES, frozenset()) == (True, {})
-    assert admitted_nodes(pod(ROBOTS), {}, frozenset()) == (True, {})
+    assert admitted_nodes(pod(ROBOTS), NODES, frozenset()) == AdmittedNodes(True)
+    assert admitted_nodes(pod(ROBOTS), {}, frozenset()) == AdmittedNodes(True)
 
 
 def test_nothing_is_written_for_a_pod_that_cannot_get_on_a_closed_node() -> None:
     for spec in (pod(OWN), pod(OWN, NO_ROBOT), pod(nodeSelector={"robotics.io/robot": "amr-1"})):
-        assert admitted_nodes(spec, NODES, CLOSED) == (True, {})
+        assert admitted_nodes(spec, NODES, CLOSED) == AdmittedNodes(True)
 
 
 def test_a_pod_for_any_robot_names_the_robots_that_admit_it() -> None:
@@ -91,12 +92,12 @@ def test_a_term_that_reaches_closed_nodes_alone_is_shut() -> None:
 )
 def test_a_pod_for_which_no_node_is_left_is_not_let_go(spec: dict[str, Any]) -> None:
     """Neither is one whose node is not there yet: it may be closed when it joins."""
-    assert admitted_nodes(spec, NODES, CLOSED) == (False, {})
+    assert admitted_nodes(spec, NODES, CLOSED) == AdmittedNodes(False)
 
 
 def test_a_host_name_that_a_closed_node_bears_as_well_opens_nothing() -> None:
     twins = {"a": make_node("a", hostname="same"), "b": make_node("b", hostname="same"), "c": make_node("c")}
-    assert admitted_nodes({}, twins, frozenset({"b"})) == (False, {})
+    assert admitted_nodes({}, twins, frozenset({"b"})) == AdmittedNodes(False)
 
 
 def test_a_large_fleet_is_named_in_part_and_every_pod_gets_its_own_part() -> None:
@@ -106,32 +107,59 @@ def test_a_large_fleet_is_named_in_part_and_every_pod_gets_its_own_part() -> Non
     assert "h-amr-2" not in parts[0] + parts[1]
     assert parts[0] != parts[1]
     assert len(msgspec.json.encode(parts[0])) < 16_384
-    narrowed = pod(*terms_of(admitted_nodes(pod(ROBOTS), nodes, CLOSED, seed="one")))
-    assert not is_outdated(narrowed, pod(ROBOTS), nodes, CLOSED)
+    assert not is_outdated(admitted_nodes(pod(ROBOTS), nodes, CLOSED, seed="one"), nodes, CLOSED)
 
 
-def narrowed_for(closed: frozenset[str], nodes: dict[str, Node]) -> dict[str, Any]:
-    found = admitted_nodes(pod(ROBOTS), nodes, closed)
-    return pod(*terms_of(found)) if found.patch else pod(ROBOTS)
+def narrowed_for(closed: frozenset[str], nodes: dict[str, Node], spec: dict[str, Any] | None = None) -> AdmittedNodes:
+    found = admitted_nodes(spec or pod(ROBOTS), nodes, closed)
+    return found if found.patch else found._replace(patch=pod(ROBOTS))
+
+
+def is_outdated(found: AdmittedNodes, nodes: dict[str, Node], closed: frozenset[str]) -> bool:
+    return module.is_outdated(found.patch, found.mark, nodes, closed, reach=lambda spec: reach_of(spec, nodes))
 
 
 def test_a_waiting_pod_is_outdated_when_a_node_that_it_names_closes() -> None:
-    assert is_outdated(narrowed_for(CLOSED, NODES), pod(ROBOTS), NODES, frozenset({"amr-1", "amr-2"}))
-    assert is_outdated(pod(ROBOTS), pod(ROBOTS), NODES, CLOSED), "an earlier operator let it go"
-    assert not is_outdated(narrowed_for(CLOSED, NODES), pod(ROBOTS), NODES, CLOSED)
+    assert is_outdated(narrowed_for(CLOSED, NODES), NODES, frozenset({"amr-1", "amr-2"}))
+    assert is_outdated(AdmittedNodes(True, pod(ROBOTS)), NODES, CLOSED), "an earlier operator let it go"
+    assert not is_outdated(narrowed_for(CLOSED, NODES), NODES, CLOSED)
 
 
 def test_a_waiting_pod_is_outdated_when_another_node_admits_it() -> None:
     narrowed = narrowed_for(CLOSED, NODES)
-    assert is_outdated(narrowed, pod(ROBOTS), NODES, frozenset())
-    assert is_outdated(narrowed, pod(ROBOTS), fleet("amr-1", "amr-2", "amr-3"), CLOSED)
-    assert not is_outdated(narrowed, pod(ROBOTS), NODES | {"edge": node("edge", tier="edge")}, CLOSED)
-    assert not is_outdated(pod(ROBOTS), pod(ROBOTS), NODES, frozenset())
+    assert is_outdated(narrowed, NODES, frozenset())
+    assert is_outdated(narrowed, fleet("amr-1", "amr-2", "amr-3"), CLOSED)
+    assert not is_outdated(narrowed, NODES | {"edge": node("edge", tier="edge")}, CLOSED)
+    assert not is_outdated(AdmittedNodes(True, pod(ROBOTS)), NODES, frozenset())
+
+
+def test_a_pod_without_any_wish_is_outdated_when_a_node_of_whatever_kind_joins() -> None:
+    narrowed = narrowed_for(CLOSED, NODES, {"nodeSelector": {}})
+    assert not is_outdated(narrowed, NODES, CLOSED)
+    assert is_outdated(narrowed, NODES | {"edge": node("edge", tier="edge")}, CLOSED)
+
+
+def test_what_others_narrowed_is_never_outdated_and_a_host_name_that_the_user_wrote_is_not_ours() -> None:
+    """A RuntimeClass, a queue or a webhook adds to pods. Each node that joined had them evicted once more."""
+    by_a_queue = pod(ROBOTS, nodeSelector={"example.org/flavor": "spot"})
+    assert not is_outdated(AdmittedNodes(True, by_a_queue), fleet("amr-1", "amr-2", "amr-3"), frozenset())
+    mine = {"key": "kubernetes.io/hostname", "operator": "In", "values": ["h-amr-1", "h-amr-2"]}
+    narrowed = narrowed_for(CLOSED, NODES, pod({"matchExpressions": [*ROBOTS["matchExpressions"], mine]}))
+    assert hosts(terms_of(narrowed)[0]) == ["h-amr-1"]
+    assert not is_outdated(narrowed, fleet("amr-1", "amr-2", "amr-3"), CLOSED)
+    assert is_outdated(narrowed, NODES, frozenset())
+    same = pod(ROBOTS, {"matchExpressions": [mine | {"values": ["h-amr-1"]}]})
+    assert not is_outdated(narrowed_for(CLOSED, NODES, same), NODES, CLOSED), "although both terms end alike"
+
+
+def test_pods_with_the_same_wishes_are_known_by_them() -> None:
+    assert wishes_of(pod(ROBOTS, nodeSelector={"a": "b"})) == wishes_of(pod(ROBOTS, nodeSelector={"a": "b"}, x=1))
+    assert len({wishes_of(spec) for spec in ({}, pod(ROBOTS), pod(OWN), pod(nodeSelector={"a": "b"}))}) == 4
 
 
 def test_a_node_without_a_host_name_replaces_no_pod_for_ever() -> None:
     nameless = NODES | {"amr-4": make_node("amr-4", robot="amr-4", tier="robot")}
-    assert not is_outdated(narrowed_for(CLOSED, nameless), pod(ROBOTS), nameless, CLOSED)
+    assert not is_outdated(narrowed_for(CLOSED, nameless), nameless, CLOSED)
 
 
 def test_what_a_pod_reaches_is_its_selector_and_one_of_its_terms() -> None:

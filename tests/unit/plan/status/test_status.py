@@ -16,6 +16,7 @@ from robotapp_operator.plan.spec.validate import Problem
 from robotapp_operator.plan.status.components import ComponentView
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView, edge_views, worst_first
+from robotapp_operator.plan.status.pace import is_progress
 from robotapp_operator.plan.status.status import MAX_STATUS_BYTES, domains_text, ranges, render_status
 
 UP = ComponentView(name="driver", replicas=1, ready=True, exists=True, bound=True, rolling=False, nodes=("edge-1",))
@@ -295,6 +296,16 @@ def test_missing_discovery_keeps_the_app_from_being_ready() -> None:
     status = status_of(instance(infrastructure_ready=False))
     assert condition(status, Condition.READY) == ("False", Reason.COMPONENTS_NOT_READY)
     assert "discovery or master" in message(status, Condition.READY)
+
+
+def test_that_no_node_admits_the_infrastructure_is_told_at_once_and_before_that_components_start() -> None:
+    """It travelled as an ordinary step of a start, so that it could wait, and was hidden while a component started."""
+    why = "no node that it may use admits namespace x"
+    before = status_of(instance())
+    status = status_of(instance(infrastructure_ready=False, infrastructure_barred=why))
+    ready = next(item for item in status["conditions"] if item["type"] == Condition.READY)
+    assert (ready["reason"], why in ready["message"]) == ("Unschedulable", True)
+    assert not is_progress({**before, "phase": "Placing"}, {**status, "phase": "Placing"})
 
 
 def test_held_templates_and_bugs_are_shown() -> None:
