@@ -33,6 +33,8 @@ YIELD_S: Final = 0.05
 """Pause before each background key while foreground keys wait for a worker."""
 FIRST_OBJECT_S: Final = 1.0
 """RobotAppInstances of a new app are created after its Deployments."""
+FIRST_STATUS_S: Final = 0.3
+"""The first status of an accepted app waits so long for its domain, to be one write and not two. Its first pods take as long."""
 INSTANCE_REST_S: Final = 0.5
 """Rest of an instance's key: its pods and Deployments change in bursts, of which one look sees the end."""
 STATUS_REST_S: Final = 0.2
@@ -184,7 +186,8 @@ class Controller:
         if record.deleting:
             return 0.0
         # First of all: the scheduler waits until the status has the app's generation.
-        self._queue.add(Key(Work.STATUS, key.group))
+        begins = record.app is not None and not record.status and not problems_now(record.app, self._cache)
+        self._queue.add(Key(Work.STATUS, key.group), delay_s=FIRST_STATUS_S if begins else 0.0)
         if record.app is not None:
             self._plan(record, record.app)
         elif record.suspended:

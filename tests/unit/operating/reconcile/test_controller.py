@@ -1,5 +1,7 @@
 """Keys to work, errors to retry classes."""
 
+from typing import Any
+
 import msgspec
 import pytest
 from tests.support.claims_objects import pool_json
@@ -16,6 +18,7 @@ from robotapp_operator.queue.workqueue import Key
 from robotapp_operator.reconcile.controller import (
     BUG_DELAY_S,
     FIRST_OBJECT_S,
+    FIRST_STATUS_S,
     FLEET_REST_S,
     NEXT_IN_LINE_S,
     POOL_REST_S,
@@ -33,16 +36,26 @@ def world() -> World:
     return World()
 
 
-async def test_an_app_asks_for_its_instances_and_its_status_at_once(world: World) -> None:
+async def test_an_app_asks_for_its_instances_at_once_and_for_its_first_status_when_they_may_have_their_domains(
+    world: World,
+) -> None:
     world.cache.update_app(app_body(robots=EACH))
     world.cache.nodes.update(robots("a", "b"))
     await world.handle(Key(Work.APP, "uid-1"))
-    assert world.due() == {
-        Key(Work.CHILDREN, "uid-1", "a"),
-        Key(Work.CHILDREN, "uid-1", "b"),
-        Key(Work.STATUS, "uid-1"),
-    }
+    assert world.due() == {Key(Work.CHILDREN, "uid-1", "a"), Key(Work.CHILDREN, "uid-1", "b")}
+    assert world.due(FIRST_STATUS_S) == {Key(Work.STATUS, "uid-1")}
     assert {Key(Work.INSTANCE, "uid-1", "a"), Key(Work.INSTANCE, "uid-1", "b")} < world.due(FIRST_OBJECT_S)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [app_body() | {"status": {"phase": "Running"}}, app_body(robots=EACH)],
+    ids=["had a status before", "no robot matches"],
+)
+async def test_an_edit_and_a_refusal_are_told_at_once(world: World, body: dict[str, Any]) -> None:
+    world.cache.update_app(body)
+    await world.handle(Key(Work.APP, "uid-1"))
+    assert Key(Work.STATUS, "uid-1") in world.due()
 
 
 async def test_objects_of_instances_that_are_gone_are_visited_too(world: World) -> None:
