@@ -9,6 +9,7 @@ from tests.support.truth.screen import Screen
 from tests.support.world import APIS, Object, World, plain_app
 
 from robotapp_api.model.names import Label
+from robotapp_testbed import wait_until
 from robotapp_testbed.components import SIMULATED_BY_KWOK
 from robotapp_testbed.network import Topology
 from robotapp_testbed.topology import Device, fleet
@@ -120,6 +121,23 @@ def broken(place: Place, *names: str) -> Iterator[None]:
         for name in names:
             place.patch_node(name, {"metadata": {"labels": {Label.SIMULATED.value: SIMULATED_BY_KWOK}}})
             _set_ready(place, name, "True")
+        for name in names:
+            _await_node_controller(place, name)
+
+
+def _await_node_controller(place: Place, name: str) -> None:
+    """Until its next pass, seconds later, the node controller takes a node for lost, and the pods of the next app for not ready;
+    kwok does not report them again.
+    """
+
+    def tainted() -> bool:
+        taints = place.world.cp.api.get(f"/api/v1/nodes/{name}")["spec"].get("taints", ())
+        return any(
+            taint["key"].startswith("node.kubernetes.io/") and taint["effect"] == "NoExecute" for taint in taints
+        )
+
+    if not wait_until(lambda: not tainted(), timeout_s=SEEN_S, poll_s=0.3):
+        raise TimeoutError(f"the node controller does not take its taint off {name} within {SEEN_S:g} s")
 
 
 def _set_ready(place: Place, name: str, status: str) -> None:
