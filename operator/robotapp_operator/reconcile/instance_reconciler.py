@@ -281,9 +281,9 @@ class Children:
             self._gone(known)
             return None
         record = self._cache.update_app(body)
-        return (
-            None if record.deleting or uid not in self._cache.apps else record
-        )  # its DELETED event may have been faster
+        if uid not in self._cache.apps:  # its DELETED event was faster than this answer
+            return None
+        return None if record.deleting else record
 
     def _gone(self, record: Record) -> None:
         self._cache.forget_app(record.uid)

@@ -18,7 +18,7 @@ from tests.support.scheduler_faults.crew import Crew
 from tests.support.scheduler_faults.faults import FAULTS
 from tests.support.scheduler_faults.history import Room
 from tests.support.scheduler_faults.observer import CPU_LABEL, Observer
-from tests.support.scheduler_faults.run import Plan, Run
+from tests.support.scheduler_faults.run import REST_LOOK_S, Plan, Run
 
 from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import NAMESPACES, NODES, PODS
@@ -40,7 +40,6 @@ QUIET_CPU_S = 0.1
 QUIET_WRITES = 4
 QUIET_LOOKS = 6
 """And one more per 200 pods: events trail behind the binds, on a busy machine by minutes. A loop that is hot is so in every look."""
-REST_POLL_S = 0.5
 EMPTY_S = 300.0
 
 
@@ -153,7 +152,7 @@ class Campaign:
         while left := run.observer.history.unsettled():
             if time.monotonic() > deadline_s:
                 raise TimeoutError(f"{len(left)} pods do not come to rest in {within_s:.0f} s: {'; '.join(left[:3])}")
-            await asyncio.sleep(REST_POLL_S)
+            await asyncio.sleep(REST_LOOK_S)
 
     def _verdict(self, run: Run, figures: Mapping[str, float]) -> Json:
         history, plan = run.observer.history, run.plan

@@ -92,6 +92,11 @@ def app_of(situation: Situation, place: Place, name: str = "app") -> Object:
     return app
 
 
+def until(what: str, condition: Callable[[], object]) -> None:
+    if not wait_until(lambda: bool(condition()), timeout_s=SEEN_S, poll_s=0.3):
+        raise TimeoutError(f"{what}: not within {SEEN_S:g} s")
+
+
 # Around an app
 
 
@@ -136,8 +141,7 @@ def _await_node_controller(place: Place, name: str) -> None:
             taint["key"].startswith("node.kubernetes.io/") and taint["effect"] == "NoExecute" for taint in taints
         )
 
-    if not wait_until(lambda: not tainted(), timeout_s=SEEN_S, poll_s=0.3):
-        raise TimeoutError(f"the node controller does not take its taint off {name} within {SEEN_S:g} s")
+    until(f"the node controller takes its taint off {name}", lambda: not tainted())
 
 
 def _set_ready(place: Place, name: str, status: str) -> None:

@@ -10,7 +10,6 @@ from tests.support.truth.arranging import (
     NO_GRACE,
     NOWHERE,
     ON_BOARD,
-    SEEN_S,
     WELL,
     Place,
     Situation,
@@ -24,12 +23,13 @@ from tests.support.truth.arranging import (
     robot,
     rtt,
     running,
+    until,
 )
 from tests.support.truth.screen import Screen, spoken
 from tests.support.world import APIS, Object
 
 from robotapp_api.model.names import Annotation, Label
-from robotapp_testbed import topology, wait_until
+from robotapp_testbed import topology
 
 NEAR_MS: Final = 2.0
 
@@ -63,11 +63,6 @@ def node_of(place: Place, component: str) -> str:
 
 def the_other(place: Place, node: str) -> str:
     return next(name for name in place.edges if name != node)
-
-
-def until(what: str, condition: Callable[[], object]) -> None:
-    if not wait_until(lambda: bool(condition()), timeout_s=SEEN_S, poll_s=0.3):
-        raise TimeoutError(f"{what}: not within {SEEN_S:g} s")
 
 
 def told(place: Place, reason: str) -> None:

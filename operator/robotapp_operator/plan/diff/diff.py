@@ -7,7 +7,7 @@ from typing import Any
 from robotapp_api.claims.identity import domain_literal
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import Annotation, Label
-from robotapp_operator.plan.diff.newer import Held, amend, binding_rules, is_newer, pod_spec, written_by_newer
+from robotapp_operator.plan.diff.newer import Held, amend, binding_rules, is_newer, written_by_newer
 from robotapp_operator.plan.diff.unowned import unowned_pointers
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.deployments import component_deployments
@@ -16,7 +16,7 @@ from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.render.services import peers_service
 from robotapp_operator.plan.spec.covers import covers
 from robotapp_operator.plan.spec.desired import App, Desired, Domain
-from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Service
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Service, pod_annotations, pod_spec
 
 Observed = Deployment | Service
 
@@ -97,29 +97,26 @@ def plan(
             waiting.append(Change(child, over))
         else:
             changes.append(Change(child, over))
-    moved = _moved_servers(waiting, changes)
-    changes = [*moved, *changes]
-    held += [Held(change.child.ref.name) for change in waiting if change not in moved]
+    moved, still = _moved_servers(waiting, changes)
+    held += [Held(change.child.ref.name) for change in still]
     names = {child.ref for child in wanted}
     unwanted = [item for ref, item in sorted(observed.items()) if ref not in names and _prunable(app, item)]
-    deletes = [item for item in unwanted if not (wanted and _is_named(app, item, held, version))]
-    return Plan(tuple(changes), tuple(deletes), tuple(held), tuple(foreign))
+    deletes = [item for item in unwanted if not (wanted and _may_be_named(app, item, held, version))]
+    return Plan((*moved, *changes), tuple(deletes), tuple(held), tuple(foreign))
 
 
-def _moved_servers(waiting: Sequence[Change], changes: Sequence[Change]) -> list[Change]:
-    """Infrastructure that waits for approval at an older address, while a component that is written looks for it at the new one."""
-    if not any(change.child.component for change in changes):
-        return []
-    return [
-        change
-        for change in waiting
-        if change.over is not None
-        and not change.child.component
-        and _host_name(change.over.spec) != _host_name(change.child.spec)
-    ]
+def _moved_servers(waiting: Sequence[Change], changes: Sequence[Change]) -> tuple[list[Change], list[Change]]:
+    """Of what waits for approval, the infrastructure that a component which is written looks for at another address, and the rest."""
+    moved: list[Change] = []
+    still: list[Change] = []
+    clients = any(change.child.component for change in changes)
+    for change in waiting:
+        is_moved = clients and not change.child.component and _host_name(change.over) != _host_name(change.child)
+        (moved if is_moved else still).append(change)
+    return moved, still
 
 
-def _is_named(app: App, item: Observed, held: Sequence[Held], version: str) -> bool:
+def _may_be_named(app: App, item: Observed, held: Sequence[Held], version: str) -> bool:
     """May a template that stays as another version rendered it need this object, a Service or infrastructure?
 
     Its pods would start without discovery. The Services go with the last template that is held.
@@ -184,21 +181,18 @@ def _containers(spec: Mapping[str, object]) -> Sequence[Mapping[str, Any]]:
 
 def _inputs(spec: Mapping[str, object]) -> tuple[object, ...]:
     """What comes from outside the spec, and what `App.spec_hashes` leaves out."""
-    template = spec.get("template")
-    metadata = template.get("metadata") if isinstance(template, Mapping) else None
-    annotations = (metadata.get("annotations") if isinstance(metadata, Mapping) else None) or {}
     images = [container.get("image") for container in _containers(spec)]
     return (
         template_env(spec).get(ROS_DOMAIN_ID),
-        annotations.get(Annotation.PARAMETERS_HASH),
+        pod_annotations(spec).get(Annotation.PARAMETERS_HASH),
         spec.get("replicas"),
         images[:1],
         binding_rules(spec),
     )
 
 
-def _host_name(spec: Mapping[str, object]) -> tuple[object, object]:
-    pod = pod_spec(spec)
+def _host_name(item: Observed | Child | None) -> tuple[object, object]:
+    pod = pod_spec(item.spec if item else {})
     return pod.get("hostname"), pod.get("subdomain")
 
 

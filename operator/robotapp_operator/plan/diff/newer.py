@@ -16,7 +16,7 @@ from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import SCHEDULING_GATE, WAITING_STEP, Annotation
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.spec.objects import Deployment, Service
+from robotapp_operator.plan.spec.objects import Deployment, Service, pod_annotations, pod_spec
 
 _NUMBERS: Final = re.compile(r"\d+")
 
@@ -105,7 +105,7 @@ def _set_domain(spec: dict[str, Any], child: Child) -> None:
         return
     for variable in stale:
         variable["value"] = min(wanted)
-    claim = _annotations(child.spec).get(Annotation.DOMAIN_CLAIM)
+    claim = pod_annotations(child.spec).get(Annotation.DOMAIN_CLAIM)
     annotations = spec["template"].setdefault("metadata", {}).setdefault("annotations", {})
     if claim:
         annotations[Annotation.DOMAIN_CLAIM.value] = claim
@@ -120,7 +120,7 @@ def binding_rules(spec: Mapping[str, Any]) -> tuple[str, bool]:
 
 
 def _set_binding_rules(spec: dict[str, Any], child: Child) -> None:
-    """Whoever writes a newer version's name on a template must not get past the checks before a pod is bound."""
+    """Put back who binds the pods, and our gate: a tenant who may edit the Deployment can annotate it with a newer version."""
     if binding_rules(spec) == binding_rules(child.spec) or not pod_spec(spec):
         return
     pod, wanted = spec["template"]["spec"], pod_spec(child.spec)
@@ -134,15 +134,8 @@ def _edit_waits(app: App, child: Child, over: Deployment) -> bool:
     marked = over.metadata.annotations.get(Annotation.SPEC_HASH)
     if marked is None:
         return over.metadata.annotations.get(Annotation.APP_GENERATION) != str(app.generation)
-    files = (_annotations(spec).get(Annotation.PARAMETERS_HASH) for spec in (over.spec, child.spec))
+    files = (pod_annotations(spec).get(Annotation.PARAMETERS_HASH) for spec in (over.spec, child.spec))
     return marked != app.spec_hashes[child.component] or len(set(files)) > 1
-
-
-def pod_spec(spec: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The pod's spec in a Deployment's, {} where there is none."""
-    template = spec.get("template")
-    pod = template.get("spec") if isinstance(template, Mapping) else None
-    return pod if isinstance(pod, Mapping) else {}
 
 
 def _containers(spec: Mapping[str, Any], place: str) -> list[dict[str, Any]]:
@@ -159,8 +152,3 @@ def _domain_variables(spec: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
             for variable in container.get("env") or ():
                 if variable.get("name") == ROS_DOMAIN_ID and domain_literal(variable.get("value", "")) is not None:
                     yield variable
-
-
-def _annotations(spec: Mapping[str, Any]) -> Mapping[str, str]:
-    metadata = (spec.get("template") or {}).get("metadata") or {}
-    return metadata.get("annotations") or {}

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
+from robotapp_operator.plan.spec.objects import pod_spec
 
 _PLACES = ("initContainers", "containers")
 
@@ -22,7 +23,7 @@ def unowned_pointers(spec: Mapping[str, Any], wanted: Mapping[str, Any]) -> list
 
 
 def _literals(spec: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    pod = (spec.get("template") or {}).get("spec") or {}
+    pod = pod_spec(spec)
     for place in _PLACES:
         for index, container in enumerate(pod.get(place) or ()):
             for number, variable in enumerate(container.get("env") or ()):

@@ -3,6 +3,7 @@
 Only fields a rule reads are listed; managedFields and the rest are skipped while decoding.
 """
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import msgspec
@@ -48,6 +49,20 @@ class Deployment(Struct):
     metadata: Meta
     spec: dict[str, Any] = {}
     status: DeploymentStatus = msgspec.field(default_factory=DeploymentStatus)
+
+
+def pod_spec(deployment: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The pod's spec in a Deployment's spec, {} where there is none."""
+    return _mapping(_mapping(deployment.get("template")).get("spec"))
+
+
+def pod_annotations(deployment: Mapping[str, Any]) -> Mapping[str, str]:
+    """The pod's annotations in a Deployment's spec, {} where there are none."""
+    return _mapping(_mapping(_mapping(deployment.get("template")).get("metadata")).get("annotations"))
+
+
+def _mapping(value: object) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
 
 
 class Service(Struct):

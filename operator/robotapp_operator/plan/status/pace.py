@@ -65,7 +65,8 @@ class Bucket:
     def wait_s(self, now_s: float, *, edges: int, progress: bool = False) -> float:
         """0 when one may be written now."""
         missing = 1.0 - self._filled(now_s, edges)
-        return max(0.0, missing * _period_s(edges), self.at_s + (self._start_rest_s() if progress else 0.0) - now_s)
+        rest_s = self._start_rest_s() if progress else 0.0
+        return max(0.0, missing * _period_s(edges), self.at_s + rest_s - now_s)
 
     def take(self, now_s: float, *, edges: int, progress: bool = False) -> None:
         self.tokens = self._filled(now_s, edges) - 1.0
