@@ -37,6 +37,15 @@ class GatesResult:
     opened: dict[str, int] = dataclasses.field(default_factory=dict)
 
 
+@dataclasses.dataclass(slots=True)
+class NodeSets:
+    """Names of nodes, worked out once for one version of the nodes: closed to a namespace, and reached by pods with the same wishes."""
+
+    version: int = -1
+    closed: dict[str, frozenset[str]] = dataclasses.field(default_factory=dict)
+    reach: dict[bytes, frozenset[str]] = dataclasses.field(default_factory=dict)
+
+
 class Gates:
     """Removes our gate from pods whose domain claim stands (claims, rule 6), and keeps them on nodes that admit them."""
 
@@ -44,10 +53,7 @@ class Gates:
         self._client = client
         self._cache = cache
         self._memory = memory
-        self._closed_nodes: tuple[int, dict[str, frozenset[str]]] = (-1, {})
-        """Version of the nodes, and those that are closed to each namespace that was asked about."""
-        self._reach: tuple[int, dict[bytes, frozenset[str]]] = (-1, {})
-        """Version of the nodes, and those that pods with the same wishes reach."""
+        self._known = NodeSets()
 
     async def open(self, uid: str, robot: str) -> bool:
         """True when no pod of the instance has to be tried again. One without a node that admits it waits for another node."""
@@ -105,12 +111,9 @@ class Gates:
 
     def _closed(self, namespace: str) -> frozenset[str]:
         """Names of the nodes that do not admit the namespace."""
-        nodes = self._cache.nodes
-        if self._closed_nodes[0] != nodes.identity_version:
-            self._closed_nodes = nodes.identity_version, {}
-        known = self._closed_nodes[1]
+        known = self._node_sets().closed
         if namespace not in known:
-            known[namespace] = closed_nodes([node.metadata for node in nodes.values()], namespace)
+            known[namespace] = closed_nodes([node.metadata for node in self._cache.nodes.values()], namespace)
         return known[namespace]
 
     async def _replace_outdated(self, uid: str, robot: str, judged: dict[str, int]) -> bool:
@@ -161,13 +164,17 @@ class Gates:
 
     def _reach_of(self, spec: Mapping[str, Any]) -> frozenset[str]:
         """`reach_of` over the nodes as they are now: all pods of a Deployment wish for the same, and there are thousands of nodes."""
-        nodes, wishes = self._cache.nodes, wishes_of(spec)
-        if self._reach[0] != nodes.identity_version:
-            self._reach = nodes.identity_version, {}
-        known = self._reach[1]
+        known, wishes = self._node_sets().reach, wishes_of(spec)
         if wishes not in known:
-            known[wishes] = reach_of(spec, nodes)
+            known[wishes] = reach_of(spec, self._cache.nodes)
         return known[wishes]
+
+    def _node_sets(self) -> NodeSets:
+        """Those of the nodes as they are now."""
+        version = self._cache.nodes.identity_version
+        if self._known.version != version:
+            self._known = NodeSets(version)
+        return self._known
 
 
 def _is_gated(spec: Mapping[str, Any]) -> bool:
