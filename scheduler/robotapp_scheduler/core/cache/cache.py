@@ -5,7 +5,7 @@ that the shell wakes exactly the waiting pods that may profit. Rows that changed
 results are repaired.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from datetime import datetime
 from typing import Final
 
@@ -179,7 +179,7 @@ class Cache:
         """Whether the pod is assumed: counted on its node before the API server shows it there."""
         return uid in self.placed and self.placed[uid].assumed
 
-    def pods_on(self, node: str) -> Iterable[PlacedPod]:
+    def pods_on(self, node: str) -> Collection[PlacedPod]:
         """Placed pods of one node."""
         return self._by_node.get(node, {}).values()
 

@@ -2,7 +2,8 @@
 
 The search (`better_node`) takes the pod off its node in a dry run, with the rest of the app where it is, and places it as a
 waiting pod would be: by all filters, the order of `runsOn` and all scores. So a pod that is evicted for the sake of the proposal
-finds a place. Whether anything is moved is the operator's decision (`robotapp_api.values.better_node`).
+finds a place. Whether anything is moved is the operator's decision (`robotapp_api.values.better_node`). Places that are proposed to
+other pods are taken meanwhile: what two pods were told, both would be evicted for.
 
 `BudgetWatch` decides what a pod's annotation `robotics.io/better-node` should be. It looks at instances when a time, a pod or the
 app has changed, a bounded number per tick, by what is measured; while nothing changes there is nothing to do. Only for a pod whose
@@ -14,19 +15,23 @@ is written while nothing changes, and a new leader goes on where the last one en
 import dataclasses
 import itertools
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from datetime import datetime, timedelta
 from functools import partial
 from math import isinf
 from typing import Final, NamedTuple
 
+import msgspec
+
 from robotapp_api.model.names import Annotation
 from robotapp_api.values.better_node import BetterNode, is_gain, parse_better_node
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cache
+from robotapp_scheduler.core.cache.dry_run import DryRun
 from robotapp_scheduler.core.cycle.re_evaluate import as_waiting
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.pods.pod_info import Member
+from robotapp_scheduler.core.pods.pod_info import Member, member_of
 from robotapp_scheduler.core.robotics.app_index import InstanceKey, Link, budget_for_s
 from robotapp_scheduler.core.robotics.edge_times import Part, movable, part_of, peer_nodes, time_us, worst_late
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
@@ -52,6 +57,8 @@ REST_S: Final = 60.0
 """Pause after a write before the next proposal for the same pod."""
 SEEN_S: Final = 5.0
 """Pause after a write before a proposal is withdrawn: until the watch shows what was written."""
+SUCCESSOR_S: Final = 60.0
+"""The place proposed to a pod that has been evicted is kept so long for its successor."""
 
 
 # --- Which node -------------------------------------------------------------------------------------------------------
@@ -144,7 +151,27 @@ def _there_us(cluster: Cache, part: Part, link: Link, node: str) -> float | None
     return time_us(link, part.member, node, cluster, lambda one, other, of: cluster.rtt.between(one, other, of)[0])
 
 
+@contextmanager
+def places_taken(cluster: Cache, places: Iterable["Place"]) -> Iterator[None]:
+    """The cluster with pods that may come at these places; afterwards all is as before."""
+    with DryRun(cluster, preemption=False) as dry_run:
+        for pod, node in places:
+            # With a name of its own, or the running pod could not be found by its name afterwards.
+            meta = msgspec.structs.replace(pod.metadata, uid=f"{pod.metadata.uid}/successor", name="successor")
+            spec = msgspec.structs.replace(pod.spec, node_name="")
+            coming = msgspec.structs.replace(pod, metadata=meta, spec=spec)
+            dry_run.put(cluster.record(cluster.pod_info(coming), node))
+        yield
+
+
 # --- When it is proposed ----------------------------------------------------------------------------------------------
+
+
+class Place(NamedTuple):
+    """A node that was proposed to a pod."""
+
+    pod: Pod
+    node: str
 
 
 class AnnotationWrite(NamedTuple):
@@ -167,6 +194,8 @@ class WatchedPod:
     search_s: float = 0.0
     """No search before."""
     written_s: float = float("-inf")
+    neighbours: int = 0
+    """Pods on the proposed node when it was searched last."""
 
     def counts(self, now_s: float) -> bool:
         """Has it been so for long enough?"""
@@ -186,6 +215,10 @@ class BudgetWatch:
         """When all instances were last added."""
         self._watched: dict[str, WatchedPod] = {}
         """By pod uid."""
+        self._places: dict[str, Place] = {}
+        """What is proposed, by pod uid: as written, or as the watch shows it."""
+        self._evicted_s: dict[str, float] = {}
+        """Since when pods with a proposal have been gone, while the place is kept for their successors."""
 
     def __repr__(self) -> str:
         return f"BudgetWatch({len(self._watched)} pods over budget or with a proposal)"
@@ -209,12 +242,49 @@ class BudgetWatch:
         if now_s - self._round_s >= ROUND_S:
             self._round_s = now_s
             self._turn |= dict.fromkeys(cluster.apps.instances())
+        self._keep_places()
         self._watched = {uid: watched for uid, watched in self._watched.items() if uid in cluster.placed}
         self._turn |= dict.fromkeys((each.member.app_uid, each.member.instance) for each in self._watched.values())
         found = list(itertools.islice(self._turn, LOOKS))
         for key in found:
             del self._turn[key]
         return found
+
+    def failed(self, uid: str) -> None:
+        """A write that `tick` gave for this pod has failed: it is decided anew soon, as if there had been none."""
+        watched = self._watched.get(uid)
+        if watched is not None:
+            watched.written_s, watched.search_s = float("-inf"), self._clock() + RETRY_S
+
+    def _keep_places(self) -> None:
+        """A place is kept while its proposal stands, and from the pod's end until its successor has a node."""
+        cluster, now_s = self._core.cluster, self._clock()
+        for uid, place in list(self._places.items()):
+            placed = cluster.placed.get(uid)
+            if placed is None:
+                since_s = self._evicted_s.setdefault(uid, now_s)
+                member = member_of(place.pod.metadata.labels or {})
+                ended = now_s - since_s >= SUCCESSOR_S or (member is not None and _has_node(cluster, member))
+            else:
+                watched = self._watched.get(uid)
+                unseen = watched is not None and now_s - watched.written_s < SEEN_S
+                ended = not unseen and self._standing_node(placed.pod) != place.node
+            if ended:
+                del self._places[uid]
+                self._evicted_s.pop(uid, None)
+
+    def _standing_node(self, pod: Pod) -> str:
+        standing = _standing(pod)
+        return standing.node if standing is not None and standing.expires > self._now() else ""
+
+    def _others(self, uid: str) -> list[Place]:
+        """Places that are proposed to other pods, where these are not yet."""
+        nodes, placed = self._core.cluster.nodes.row_of, self._core.cluster.placed
+        return [
+            place
+            for other, place in self._places.items()
+            if other != uid and place.node in nodes and (other not in placed or placed[other].node != place.node)
+        ]
 
     def _components(self, app_uid: str, instance: str) -> Iterator[Part]:
         apps = self._core.cluster.apps
@@ -227,7 +297,27 @@ class BudgetWatch:
                 yield part
 
     def _looked_at(self, instance: InstanceKey) -> list[AnnotationWrite]:
-        return [write for part in self._components(*instance) if (write := self._look(part)) is not None]
+        parts = list(self._components(*instance))
+        found = [write for part in parts if (write := self._look(part)) is not None]
+        return found + self._left_over(instance, {part.pod.metadata.uid for part in parts})
+
+    def _left_over(self, instance: InstanceKey, movable_uids: set[str]) -> list[AnnotationWrite]:
+        """Withdraw proposals of pods that may not be moved any more: scaled up, or without a budget."""
+        apps, found = self._core.cluster.apps, []
+        app = apps.app(instance[0])
+        for name in app.components if app is not None else ():
+            member = Member(*instance, name)
+            for replica in apps.replicas(member, name):
+                uid = replica.pod.metadata.uid
+                if uid in movable_uids or uid not in self._core.cluster.placed:
+                    continue
+                if not _annotated(replica.pod):
+                    self._watched.pop(uid, None)
+                    continue
+                self._watched.setdefault(uid, WatchedPod(member, late=False, since_s=self._clock()))
+                if (write := self._write(replica.pod, None)) is not None:
+                    found.append(write)
+        return found
 
     def _searched_for(self, uid: str) -> list[AnnotationWrite]:
         write = self._search(uid)
@@ -242,6 +332,8 @@ class BudgetWatch:
             if late is None and not _annotated(part.pod):
                 return None
             watched = self._watched[uid] = WatchedPod(part.member, late is not None, now_s)
+        if uid not in self._places and (node := self._standing_node(part.pod)):
+            self._places[uid] = Place(part.pod, node)  # by an earlier leader
         watched.for_s = budget_for_s(part.app)
         if watched.late != (late is not None):
             watched.late, watched.since_s = late is not None, now_s
@@ -258,14 +350,21 @@ class BudgetWatch:
         due = [
             (watched.search_s, uid)
             for uid, watched in self._watched.items()
-            if watched.late and watched.search_s <= now_s and watched.counts(now_s)
+            if watched.late
+            and (watched.search_s <= now_s or self._neighbours(uid) > watched.neighbours)
+            and watched.counts(now_s)
         ]
         return [uid for _, uid in sorted(due)[:SEARCHES]]
+
+    def _neighbours(self, uid: str) -> int:
+        """Pods on the node that is proposed to this pod: with one more of them the place may be gone. 0 without a proposal."""
+        place = self._places.get(uid)
+        return len(self._core.cluster.pods_on(place.node)) if place is not None else 0
 
     def _search(self, uid: str) -> AnnotationWrite | None:
         """Without a proposal it is searched again soon, with one the search only confirms it."""
         cluster, watched = self._core.cluster, self._watched[uid]
-        watched.search_s = self._clock() + RETRY_S
+        watched.search_s, watched.neighbours = self._clock() + RETRY_S, self._neighbours(uid)
         app = cluster.apps.app(watched.member.app_uid)
         part = part_of(app, watched.member, cluster.apps) if app is not None else None
         if part is None or part.pod.metadata.uid != uid:
@@ -275,10 +374,13 @@ class BudgetWatch:
         if worst_late(part, cluster, cluster.rtt.measured_us) is None or not settled(self._core, part):
             return None
         standing = _standing(part.pod)
-        found = better_node(self._core, part, standing=standing.node if standing else "")
+        with places_taken(cluster, self._others(uid)):
+            found = better_node(self._core, part, standing=standing.node if standing else "")
         if found is not None or standing is not None:
             watched.search_s = self._clock() + SEARCH_S
-        return self._write(part.pod, found)
+        write = self._write(part.pod, found)
+        watched.neighbours = self._neighbours(uid)
+        return write
 
     def _write(self, pod: Pod, found: Proposal | None) -> AnnotationWrite | None:
         """The write that makes the annotation what it should be; None when it is so, or a write was a moment ago."""
@@ -288,12 +390,14 @@ class BudgetWatch:
             if not _annotated(pod) or since_s < SEEN_S:
                 return None
             watched.written_s = now_s
+            self._places.pop(pod.metadata.uid, None)
             return AnnotationWrite(pod, None)
         standing = _standing(pod)
         holds = standing is not None and standing.node == found.node and standing.expires - now >= RENEW
         if holds or since_s < REST_S:
             return None
         watched.written_s = now_s
+        self._places[pod.metadata.uid] = Place(pod, found.node)
         expires = (now + VALID).replace(microsecond=0)
         return AnnotationWrite(pod, BetterNode(found.node, found.before_us, found.after_us, expires))
 
@@ -305,6 +409,10 @@ def _shielded(instance: InstanceKey, decide: Callable[[], list[AnnotationWrite]]
     except Exception:
         log.exception("looking for better nodes failed: instance %r of the app with uid %s", instance[1], instance[0])
         return []
+
+
+def _has_node(cluster: Cache, member: Member) -> bool:
+    return any(replica.node for replica in cluster.apps.replicas(member, member.component))
 
 
 def _annotated(pod: Pod) -> bool:

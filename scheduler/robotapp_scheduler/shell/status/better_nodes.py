@@ -55,6 +55,7 @@ class BetterNodes:
             changed = isinstance(error, Conflict | NotFound) or (isinstance(error, ApiError) and means_another(error))
             level = logging.DEBUG if changed else logging.WARNING
             log.log(level, "%s of %s cannot be written: %s", Annotation.BETTER_NODE, write.pod.key, error)
+            self._watch.failed(meta.uid)
         else:
             text = f"would be better on {write.better.node}" if write.better else "is no longer better elsewhere"
             log.info("%s %s", write.pod.key, text)

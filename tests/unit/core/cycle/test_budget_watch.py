@@ -6,9 +6,10 @@ from itertools import pairwise
 from typing import Any
 
 import msgspec
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.late_apps import annotate, edge, measure, placed, planner, robot_and_servers
+from tests.support.late_apps import COMPONENTS, annotate, edge, measure, placed, planner, robot_and_servers
 from tests.support.scheduling import Clock, app_object, chain, make_pod, member_pod, telemetry
 
 from robotapp_api.model.names import Annotation
@@ -19,6 +20,8 @@ from robotapp_scheduler.core.cycle.better_node import (
     RETRY_S,
     ROUND_S,
     SEARCH_S,
+    SEEN_S,
+    SUCCESSOR_S,
     TICK_S,
     VALID,
     AnnotationWrite,
@@ -200,6 +203,67 @@ def test_a_component_that_may_no_longer_move_loses_its_proposal() -> None:
     assert cluster.run(100) == []
 
 
+def test_a_component_that_was_scaled_up_loses_its_proposal() -> None:
+    cluster = late()
+    components = ({"name": "driver", "runsOn": ["Robot"]}, {"name": "planner", "replicas": 2})
+    cluster.core.cluster.apply_app(app_object(*components, edges=[edge("planner", "driver")], generation=2))
+    cluster.core.cluster.apply_pod(placed("planner", "e3", uid="second"))
+    assert [node for _, node in cluster.run(SEEN_S + 2)] == [""]
+    assert cluster.run(2 * ROUND_S) == []
+    assert repr(cluster.watch) == "BudgetWatch(0 pods over budget or with a proposal)"
+
+
+@pytest.mark.parametrize("recovers", [False, True])
+def test_a_component_whose_budget_was_removed_loses_its_proposal_also_under_a_new_leader(recovers: bool) -> None:
+    cluster = late()
+    if recovers:
+        cluster.rtt_ms = {"e1": 5.0}
+        cluster.run(3)
+    free = [{"topic": "/planner", "from": "planner", "to": "driver"}]
+    cluster.core.cluster.apply_app(app_object(*COMPONENTS, edges=free, generation=2))
+    if not recovers:
+        cluster.watch = cluster.new_watch()
+    assert [node for _, node in cluster.run(ROUND_S + 2)] == [""]
+    assert cluster.annotation is None
+
+
+def test_a_write_that_failed_is_made_again_within_seconds() -> None:
+    cluster = Cluster()
+    tried: list[float] = []
+    for seq in range(round(FOR_S + REST_S)):
+        cluster.clock.forward(1)
+        measure(cluster.core, seq=seq)
+        for write in cluster.watch.tick():
+            tried.append(cluster.clock())
+            cluster.watch.failed(write.pod.metadata.uid)
+    assert len(tried) >= REST_S / SEARCH_S
+    assert all(later - one <= RETRY_S + 1 for one, later in pairwise(tried))
+
+
+def test_a_place_that_is_proposed_to_one_pod_is_proposed_to_no_other_also_by_a_new_leader_or_after_the_eviction() -> (
+    None
+):
+    cluster = Cluster(placement={"reschedule": {"for": "1s"}})
+    cluster.rtt_ms = {"e3": 60.0}
+    cluster.core.cluster.apply_pod(make_pod("load", node="e2", cpu="500m"))  # it has room for one
+    assert [node for _, node in cluster.run(3)] == ["e2"]
+    first = planner(cluster.core).pod
+    many(cluster.core, 1, cpu="600m")
+    assert cluster.run(REST_S) == []
+    cluster.watch = cluster.new_watch()
+    assert cluster.run(REST_S) == []
+    cluster.core.cluster.remove_pod(first)
+    assert cluster.run(SUCCESSOR_S - 2) == []
+    assert [node for _, node in cluster.run(RETRY_S + 3)] == ["e2"], "its successor did not come"
+
+
+def test_a_place_that_another_pod_takes_is_looked_at_at_once() -> None:
+    cluster = late()
+    cluster.run(REST_S)
+    cluster.core.cluster.apply_pod(make_pod("load", node="e2", cpu="1500m"))
+    assert [node for _, node in cluster.run(1)] == ["e3"]
+
+
 def test_a_proposal_outlasts_the_restart_of_another_pod_of_the_app_but_not_its_absence() -> None:
     cluster = late()
     cluster.core.cluster.remove_pod(placed("driver", "amr"))
@@ -220,7 +284,7 @@ def test_pods_that_are_gone_are_forgotten() -> None:
 # --- How much ---------------------------------------------------------------------------------------------------------
 
 
-def many(core: SchedulerCore, count: int) -> None:
+def many(core: SchedulerCore, count: int, *, cpu: str = "1m") -> None:
     """More apps of the same kind, all late."""
     for i in range(count):
         uid, name = f"many-{i}", f"many-{i}"
@@ -231,7 +295,7 @@ def many(core: SchedulerCore, count: int) -> None:
         core.cluster.apply_app(app)
         for owned in chain("planner", app=name, app_uid=uid):
             core.cluster.apply_owner(owned)
-        pod = member_pod("planner", app=name, app_uid=uid, instance="amr", node="e1", cpu="1m", memory="1Mi")
+        pod = member_pod("planner", app=name, app_uid=uid, instance="amr", node="e1", cpu=cpu, memory="1Mi")
         core.cluster.apply_pod(pod)
 
 

@@ -55,8 +55,11 @@ class Planner:
 class World:
     """A robot whose driver stays, and one planner per app on servers that hold one each."""
 
-    def __init__(self, network: Network, *, apps: Mapping[str, str], cpu: str = "1500m") -> None:
-        self.network = network
+    def __init__(
+        self, network: Network, *, apps: Mapping[str, str], cpu: str = "1500m", looks: int = 1, lag_s: int = 0
+    ) -> None:
+        """looks: of the scheduler per second. lag_s: how late the operator acts."""
+        self.network, self.looks, self.lag_s = network, looks, lag_s
         self.clock = Clock(0.0)
         robot = make_node("amr", labels={str(Label.ROBOT): "amr"}, unschedulable=True)
         self.core = make_core(robot, *(make_node(name, cpu=cpu) for name in SERVERS), clock=self.clock)
@@ -93,16 +96,21 @@ class World:
 
     def run(self, seconds: int) -> None:
         for second in range(seconds):
-            self.clock.forward(1)
             if second % 2 == 0:
                 self.measured = {name: self.network(name, second) for name in SERVERS}
                 self.core.cluster.apply_telemetry(telemetry("amr", rtt_ms=self.measured, seq=second))
-            for write in self.watch.tick():
-                planner = next(one for one in self.planners if one.pod.metadata.uid == write.pod.metadata.uid)
-                annotate(self.core, planner.pod, write.better.text() if write.better else None)
-                planner.pod = self.core.cluster.placed[planner.pod.metadata.uid].pod
+            for _ in range(self.looks):
+                self.clock.forward(1 / self.looks)
+                self.look()
             for planner in self.planners:
                 self.operate(planner, second)
+
+    def look(self) -> None:
+        """What the scheduler does at a tick."""
+        for write in self.watch.tick():
+            planner = next(one for one in self.planners if one.pod.metadata.uid == write.pod.metadata.uid)
+            annotate(self.core, planner.pod, write.better.text() if write.better else None)
+            planner.pod = self.core.cluster.placed[planner.pod.metadata.uid].pod
 
     def operate(self, planner: Planner, second: int) -> None:
         """What the operator does in this second."""
@@ -112,7 +120,7 @@ class World:
             edge=spec, nodes=(planner.node, "amr"), budget_us=30_000, p95_us=us, judged_us=us, measured=True
         )
         planner.times.look([view], now_s=second)
-        lasts = view.met is False and planner.times.lasts_from_s(view, for_s=FOR_S) <= second
+        lasts = view.met is False and planner.times.lasts_from_s(view, for_s=FOR_S) <= second - self.lag_s
         text = (planner.pod.metadata.annotations or {}).get(Annotation.BETTER_NODE, "")
         record = parse_moves({KEY: planner.record}, KEY)
         running = Running(
@@ -188,6 +196,19 @@ def test_two_apps_that_want_one_place_do_not_drive_each_other_about() -> None:
     world.run(HOUR_S)
     assert sorted(len(planner.moves) for planner in world.planners) == [0, 1]
     assert sorted(planner.node for planner in world.planners) in (["e1", "e2"], ["e2", "e3"])
+
+
+@pytest.mark.parametrize("lag_s", [0, 3, 8])
+def test_of_two_apps_on_one_slow_server_one_is_moved_to_the_only_free_place_and_none_is_left_without_one(
+    lag_s: int,
+) -> None:
+    def network(server: str, second: int) -> float:
+        return {"e1": 60.0 if second >= 10 else 5.0, "e2": 4.0, "e3": 60.0}[server]
+
+    world = World(network, apps={"one": "e1", "two": "e1"}, cpu="1", looks=4, lag_s=lag_s)
+    world.run(300)
+    assert sorted(planner.node for planner in world.planners) == ["e1", "e2"]
+    assert sorted(len(planner.moves) for planner in world.planners) == [0, 1]
 
 
 @given(st.integers(0, 2**32), st.integers(5, 300))

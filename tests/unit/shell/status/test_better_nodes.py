@@ -23,6 +23,10 @@ class Ticks:
 
     def __init__(self, *ticks: Sequence[AnnotationWrite] | Exception) -> None:
         self.left = list(ticks)
+        self.failures: list[str] = []
+
+    def failed(self, uid: str) -> None:
+        self.failures.append(uid)
 
     def tick(self) -> list[AnnotationWrite]:
         if not self.left:
