@@ -33,7 +33,7 @@ from robotapp_scheduler.core.cycle.re_evaluate import as_waiting
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
 from robotapp_scheduler.core.robotics.app_index import InstanceKey, Link, budget_for_s
-from robotapp_scheduler.core.robotics.edge_times import Part, movable, part_of, peer_nodes, time_us, worst_late
+from robotapp_scheduler.core.robotics.edge_times import Part, Times, movable, part_of, peer_nodes, worst_late
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 
 log = logging.getLogger(__name__)
@@ -98,7 +98,8 @@ def settled(core: SchedulerCore, part: Part) -> bool:
             meta = replica.pod.metadata
             if not replica.node or meta.deletion_timestamp is not None or cluster.is_assumed(meta.uid):
                 return False
-    others = {node for link in part.budgeted for node in peer_nodes(link, part.member, cluster)}
+    peers = {link.peer: link for link in part.budgeted}.values()
+    others = {node for link in peers for node in peer_nodes(link, part.member, cluster)}
     return not any(core.groups.lost(node) for node in (part.node, *others))
 
 
@@ -123,32 +124,26 @@ def _judged(cluster: Cache, part: Part, node: str) -> Proposal | None:
     late = worst_late(part, cluster, cluster.rtt.measured_us)
     if late is None or node == part.node:
         return None
-    after_us = _there_us(cluster, part, late.link, node)
-    if isinf(late.us):
-        # Of a link that is cut an estimate knows nothing.
-        after_us = time_us(late.link, part.member, node, cluster, cluster.rtt.measured_us)
+    measured = Times(part, cluster, cluster.rtt.measured_us)
+    estimated = Times(part, cluster, lambda one, other, of: cluster.rtt.between(one, other, of)[0])
+    # Of a link that is cut an estimate knows nothing.
+    after_us = (measured if isinf(late.us) else estimated).at(late.link, node)
     budget_us = late.link.budget_us or 0
     if after_us is None or not is_gain(before_us=late.us, after_us=after_us, budget_us=budget_us):
         return None
-    if any(_is_worse(cluster, part, link, node) for link in part.budgeted if link != late.link):
-        return None
+    for link in part.budgeted:
+        if link != late.link and _is_worse(link, measured.at(link, part.node), estimated.at(link, node)):
+            return None
     return Proposal(node, late.us, after_us)
 
 
-def _is_worse(cluster: Cache, part: Part, link: Link, node: str) -> bool:
+def _is_worse(link: Link, here_us: float | None, there_us: float | None) -> bool:
     """Would the connection leave its budget there, or be further from it? One of which less is known there counts, too."""
-    here_us = time_us(link, part.member, part.node, cluster, cluster.rtt.measured_us)
-    there_us = _there_us(cluster, part, link, node)
     if there_us is None:
         return here_us is not None
     if there_us <= (link.budget_us or 0):
         return False
     return here_us is None or here_us <= (link.budget_us or 0) or there_us > here_us
-
-
-def _there_us(cluster: Cache, part: Part, link: Link, node: str) -> float | None:
-    """The time of a connection there, estimated where nobody measured it."""
-    return time_us(link, part.member, node, cluster, lambda one, other, of: cluster.rtt.between(one, other, of)[0])
 
 
 @contextmanager

@@ -92,7 +92,10 @@ def joint_problem_of(core: Scores, pods: Sequence[PodInfo]) -> JointProblem | No
     app = core.cluster.apps.app(member.app_uid) if member is not None else None
     if app is None or not 2 <= len(pods) <= MOST_PODS:
         return None
-    edges = _edges(core, app, pods)
+    of = _by_component(app, pods)
+    if sum(len(of.get(each.from_, ())) * len(of.get(each.to, ())) for each in app.source.spec.edges) > MOST_EDGES:
+        return None  # before they are made: it may be a quarter of a million
+    edges = _edges(core, app, pods, of)
     timed = any(edge.relation is Relation.RTT for edge in edges)
     if len(edges) > MOST_EDGES or not (timed or _want_devices(app, pods)):
         return None
@@ -188,11 +191,16 @@ def _crowd(core: Scores, pods: Sequence[PodInfo]) -> FloatArray:
 # --- What binds them -------------------------------------------------------------------------------------------------
 
 
-def _edges(core: Scores, app: App, pods: Sequence[PodInfo]) -> list[Edge]:
+def _by_component(app: App, pods: Sequence[PodInfo]) -> dict[str, list[int]]:
+    """Positions of the pods by component of the app."""
     of: dict[str, list[int]] = {}
     for i, pod in enumerate(pods):
         if pod.member is not None and pod.member.component in app.components:
             of.setdefault(pod.member.component, []).append(i)
+    return of
+
+
+def _edges(core: Scores, app: App, pods: Sequence[PodInfo], of: Mapping[str, Sequence[int]]) -> list[Edge]:
     profile = core.runner(pods[0].scheduler_name).profile
     rules = _Rules(profile, held=_held(core.cluster, app, pods[0]), balance=balances(app))
     found = [

@@ -1,6 +1,6 @@
 """LatencyFilter: nodes that are too far from the other ends of a pod's connections, or on whose links these do not fit."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Final
 
 import msgspec
@@ -78,9 +78,8 @@ class LatencyFilter:
             return None
         codes = np.where(nodes.fact(SHUTTING_DOWN), _DRAINING, _PASS)
         detail = np.full(nodes.n, np.nan)
-        for endpoint in pod.ros.endpoints:
-            if endpoint.required:
-                self._judge(nodes, endpoint, codes, detail)
+        for endpoint in self._tightest(pod.ros.endpoints):
+            self._judge(nodes, endpoint, codes, detail)
         if self.deny_unknown and pod.ros.unknown_end:
             self._mark(codes, np.ones(nodes.n, dtype=np.bool_), _NO_END)
         if pod.ros.flows:
@@ -98,9 +97,21 @@ class LatencyFilter:
         )
         return Verdict(mask, np.maximum(codes, 0), reasons, detail=detail, detail_unit="ms")
 
+    def _tightest(self, endpoints: Iterable[Endpoint]) -> Collection[Endpoint]:
+        """The required ones, of those to the same nodes the one with the least budget: 256 topics times 32 pods can be there."""
+        found: dict[tuple[tuple[str, ...], int], Endpoint] = {}
+        for endpoint in endpoints:
+            key = (endpoint.nodes, endpoint.percentile)
+            if endpoint.required and (key not in found or self._budget_us(endpoint) < self._budget_us(found[key])):
+                found[key] = endpoint
+        return found.values()
+
+    def _budget_us(self, endpoint: Endpoint) -> float:
+        return self.most_us if endpoint.budget_us is None else endpoint.budget_us
+
     def _judge(self, nodes: Snapshot, endpoint: Endpoint, codes: IntArray, detail: FloatArray) -> None:
         rtt_us = nearest_us(nodes, endpoint)
-        budget_us = self.most_us if endpoint.budget_us is None else endpoint.budget_us
+        budget_us = self._budget_us(endpoint)
         lost = np.isinf(rtt_us)
         self._mark(codes, lost, _UNREACHABLE)
         far = (rtt_us > budget_us) & ~lost  # NaN is never greater: unknown is judged below
