@@ -7,6 +7,8 @@ with the pods that the operator would make, profiles are swapped. Then the sched
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final, NamedTuple
 
+import msgspec
+
 from robotapp_api.model.names import PodReason
 from robotapp_api.values.duration import format_us
 from robotapp_scheduler.config.load import SchedulerConfig
@@ -88,11 +90,11 @@ class _Decider:
         made = self._apps(running, former)
         self._queue(successors, made)
         self._place()
+        new = [(member.app_uid, member.instance) for pod in made if (member := member_of(pod.metadata.labels or {}))]
+        after = edge_times(dict.fromkeys([*concerned, *new]), self._cluster, lost=self._lost)
         self._better([each for each in concerned if each not in replaced], late)
         if self._question.config is not None:
             self._replay()
-        new = [(member.app_uid, member.instance) for pod in made if (member := member_of(pod.metadata.labels or {}))]
-        after = edge_times(dict.fromkeys([*concerned, *new]), self._cluster, lost=self._lost)
         edges, same = edge_changes(before, after)
         return Answer(
             pods=in_order(self._pods),
@@ -221,7 +223,7 @@ class _Decider:
         }
 
     def _better(self, instances: list[InstanceKey], late: set[str]) -> None:
-        """Where pods would go whose budget is exceeded only now."""
+        """Where pods would go whose budget is exceeded only now, one after the other: what one has taken the next cannot have."""
         cluster, skipped = self._cluster, 0
         for part in self._components(instances):
             worst = worst_late(part, cluster, cluster.rtt.measured_us)
@@ -239,6 +241,10 @@ class _Decider:
             )
             outcome = Outcome.MOVES if moves else Outcome.MAY_MOVE
             self._pods.append(change_of(part.pod, cluster, outcome, from_=part.node, to=found.node, reason=reason))
+            if moves:
+                spec = msgspec.structs.replace(part.pod.spec, node_name=found.node)
+                cluster.remove_pod(part.pod)
+                cluster.apply_pod(msgspec.structs.replace(part.pod, spec=spec))
         if skipped:
             self._notes.append(f"{skipped} more pods are over a budget: not looked at for want of time")
 

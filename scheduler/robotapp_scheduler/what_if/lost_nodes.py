@@ -13,6 +13,8 @@ from robotapp_scheduler.what_if.difference import Outcome, PodChange
 
 TAINT_KEY: Final = "node.kubernetes.io/unreachable"
 TAINTS: Final = tuple(Taint(key=TAINT_KEY, effect=effect) for effect in ("NoSchedule", "NoExecute"))
+_EVERY: Final = ("", "NoExecute")
+"""Effects of a toleration of all taints that evict."""
 _UNTIL_DELETED: Final = "StatefulSet"
 SUCCESSOR: Final = "what-if/successor/"
 
@@ -30,6 +32,9 @@ def fate(pod: Pod, node: str, cluster: Cache) -> PodChange | None:
         return change_of(pod, cluster, Outcome.ENDS, from_=node, reason="it has no controller that makes it anew")
     if owner.kind == "DaemonSet":
         return change_of(pod, cluster, Outcome.STAYS, from_=node, reason="its DaemonSet needs it on this node alone")
+    if any(each.operator == "Exists" and not each.key and each.effect in _EVERY for each in pod.spec.tolerations):
+        reason = "it tolerates every taint, so nothing evicts it"
+        return change_of(pod, cluster, Outcome.STAYS, from_=node, reason=reason)
     if owner.kind == _UNTIL_DELETED:
         reason = "its StatefulSet waits until the pod or the node is deleted"
         return change_of(pod, cluster, Outcome.PENDING, from_=node, reason=reason)

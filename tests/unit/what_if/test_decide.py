@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from tests.support.late_apps import COMPONENTS, edge, measure, robot_and_servers
+from tests.support.late_apps import COMPONENTS, edge, measure, placed, robot_and_servers
 from tests.support.scheduling import (
     app_object,
     chain,
@@ -117,6 +117,7 @@ def test_pods_of_replica_sets_move_others_end_wait_or_stay() -> None:
     core.cluster.apply_pod(make_pod("bare", node="n1"))
     core.cluster.apply_pod(make_pod("every", node="n1", owner=owner("DaemonSet", "ds", "ds-1")))
     core.cluster.apply_pod(make_pod("db-0", node="n1", owner=owner("StatefulSet", "db", "db-1")))
+    core.cluster.apply_pod(replica("tolerant", "n1", tolerations=[{"operator": "Exists"}]))
     core.cluster.apply_pod(replica("foreign", "n1", scheduler="default-scheduler"))
     core.cluster.apply_pod(replica("elsewhere", "n2"))
     found = lost(core, "n1")
@@ -124,6 +125,7 @@ def test_pods_of_replica_sets_move_others_end_wait_or_stay() -> None:
         "web": (Outcome.MOVES, "n2"),
         "bare": (Outcome.ENDS, ""),
         "every": (Outcome.STAYS, ""),
+        "tolerant": (Outcome.STAYS, ""),
         "db-0": (Outcome.PENDING, ""),
     }
     assert any("1 pods of other schedulers" in note for note in found.notes)
@@ -157,6 +159,26 @@ def test_a_slow_pair_breaks_the_budget_and_a_better_node_is_named() -> None:
     moved = only(found)
     assert (moved.outcome, moved.from_, moved.to) == (Outcome.MOVES, "e1", "e2")
     assert moved.reason == "/planner to driver: 40ms of 20ms, 8ms there"
+
+
+def test_two_components_that_would_move_to_the_only_free_place_do_not_both_get_it() -> None:
+    core = robot_and_servers(placement={"reschedule": {"when": "BudgetExceeded"}})
+    measure(core, {"e1": 12.0, "e3": 50.0})
+    core.cluster.apply_pod(make_pod("load", node="e2", cpu="500m"))
+    second = app_object(
+        *COMPONENTS, name="second", uid="second", edges=[edge("planner", "driver")],
+        placement={"reschedule": {"when": "BudgetExceeded"}},
+    )  # fmt: skip
+    core.cluster.apply_app(second)
+    for component in ("driver", "planner"):
+        for owned in chain(component, app="second", app_uid="second"):
+            core.cluster.apply_owner(owned)
+    of_second = {"app": "second", "app_uid": "second"}
+    core.cluster.apply_pod(placed("driver", "amr", uid="driver-2", **of_second, cpu="1m"))
+    core.cluster.apply_pod(placed("planner", "e1", uid="planner-2", **of_second))
+    found = answer(core, rtt=slow("e1", "amr", "90ms"))
+    assert (only(found).outcome, only(found).to) == (Outcome.MOVES, "e2")
+    assert [states(each)[1].rtt_ms for each in found.edges] == [90.0, 90.0], "before they move"
 
 
 def test_an_app_that_has_not_opted_in_may_move_and_does_not() -> None:

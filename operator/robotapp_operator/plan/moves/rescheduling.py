@@ -148,10 +148,13 @@ def _time(edge: EdgeView) -> str:
 def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, better: BetterNode, between: Between) -> str:
     """Why the move gains too little, or makes another edge of the app worse; "" when it is worth it.
 
-    A pair that nobody has measured yet is left to the scheduler's estimate. No measured time is in the sentence: a status
-    that followed each measurement would be written for ever, and two operators would overwrite each other's.
+    A pair that nobody has measured yet is left to the scheduler's estimate, if the proposal is about this edge. No measured
+    time is in the sentence: a status that followed each measurement would be written for ever, and two operators would
+    overwrite each other's.
     """
     after_us = _judged_there(edge, component, better.node, between)
+    if after_us is None and edge.key != _worst(edges, component).key:
+        return f"the time of {edge_name(edge)} there is not measured"  # the proposal is about another edge
     after_us = better.after_us if after_us is None else max(after_us, better.after_us)
     if not is_gain(before_us=edge.judged_us or 0, after_us=after_us, budget_us=edge.budget_us or 0):
         most_us = MOST_USE * (edge.budget_us or 0)
@@ -165,6 +168,12 @@ def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, bette
         if other.met is not False or there_us > (other.judged_us or 0):
             return f"{edge_name(other)} would be over its budget of {shown_ms(other.budget_us)} there"
     return ""
+
+
+def _worst(edges: Sequence[EdgeView], component: str) -> EdgeView:
+    """The edge of the component that uses most of its budget: that which a proposal is about."""
+    own = [edge for edge in edges if component in (edge.edge.from_, edge.edge.to) and _required(edge)]
+    return max(own, key=lambda one: one.use)
 
 
 def _judged_there(edge: EdgeView, component: str, node: str, between: Between) -> float | None:

@@ -31,6 +31,7 @@ def decide(
     record: MoveRecord | None = NO_MOVES,
     times: Mapping[str, Any] = TIMES,
     lasts: bool = True,
+    lasting: str = "",
     unusable: str = "",
     unreadable: str = "",
     map_on: str = "near",
@@ -51,7 +52,7 @@ def decide(
     return reschedule(
         app,
         views,
-        over={view.key for view in views if view.met is False} if lasts else (),
+        over={view.key for view in views if view.met is False and lasting in view.edge.topic} if lasts else (),
         running=running,
         between=lambda one, other: between(one, other, table),
         unusable=lambda _: unusable,
@@ -92,6 +93,18 @@ def test_without_a_proposal_that_holds_nothing_is_said() -> None:
 def test_what_runs_on_its_robot_alone_or_in_several_copies_stays() -> None:
     assert why(parts=(component("planner", runsOn=["Robot"]), *PARTS[1:])) == ""
     assert why(parts=(component("planner", replicas=2), *PARTS[1:])) == ""
+
+
+def test_the_time_that_another_edge_would_have_there_moves_nobody() -> None:
+    other = {"topic": "/m", "from": "planner", "to": "map", "latency": {"budget": "30ms"}}
+    times = {"far": telemetry("far", amr=31, cloud=90), "near": telemetry("near", cloud=5)}
+    found = why(edges=(EDGE, other), times=times, map_on="cloud", better=GOOD._replace(after_us=5_000), lasting="/t")
+    assert found == "planner would have 5ms on near, but the time of /t planner -> driver there is not measured"
+    near = {**times, "near": telemetry("near", cloud=5, amr=8)}
+    assert isinstance(
+        decide(edges=(EDGE, other), times=near, map_on="cloud", better=GOOD._replace(after_us=5_000), lasting="/t"),
+        Move,
+    )
 
 
 def test_a_gain_that_is_too_small_is_none() -> None:
