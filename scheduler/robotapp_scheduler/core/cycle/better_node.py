@@ -303,8 +303,8 @@ class BudgetWatch:
         for name in app.components if app is not None else ():
             member = Member(*instance, name)
             for replica in apps.replicas(member, name):
-                uid = replica.pod.metadata.uid
-                if uid in movable_uids or uid not in self._core.cluster.placed:
+                uid, ending = replica.pod.metadata.uid, replica.pod.metadata.deletion_timestamp is not None
+                if uid in movable_uids or ending or uid not in self._core.cluster.placed:
                     continue
                 if not _annotated(replica.pod):
                     self._watched.pop(uid, None)

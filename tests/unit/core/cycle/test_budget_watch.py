@@ -252,6 +252,9 @@ def test_a_place_that_is_proposed_to_one_pod_is_proposed_to_no_other_also_by_a_n
     assert cluster.run(REST_S) == []
     cluster.watch = cluster.new_watch()
     assert cluster.run(REST_S) == []
+    ending = msgspec.structs.replace(first.metadata, deletion_timestamp="2026-01-02T03:02:00Z")
+    cluster.core.cluster.apply_pod(msgspec.structs.replace(planner(cluster.core).pod, metadata=ending))
+    assert cluster.run(2 * SEARCH_S) == [], "its grace"
     cluster.core.cluster.remove_pod(first)
     assert cluster.run(SUCCESSOR_S - 2) == []
     assert [node for _, node in cluster.run(RETRY_S + 3)] == ["e2"], "its successor did not come"
