@@ -1,6 +1,6 @@
 """LatencyFilter: nodes that are too far from the other ends of a pod's connections, or on whose links these do not fit."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import msgspec
@@ -17,7 +17,7 @@ from robotapp_scheduler.core.nodes.node_facts import NodeFact
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.access_links import LINK_BANDWIDTH
 from robotapp_scheduler.joint.link_limits import overloading
-from robotapp_scheduler.plugins.ros.round_trips import estimated, nearest_us
+from robotapp_scheduler.plugins.ros.round_trips import estimated, nearest_us, tightest
 
 DRAINING: Final = "node(s) were shutting down gracefully"
 TOO_FAR: Final = "node(s) exceeded the latency budget"
@@ -78,7 +78,8 @@ class LatencyFilter:
             return None
         codes = np.where(nodes.fact(SHUTTING_DOWN), _DRAINING, _PASS)
         detail = np.full(nodes.n, np.nan)
-        for endpoint in self._tightest(pod.ros.endpoints):
+        required = (endpoint for endpoint in pod.ros.endpoints if endpoint.required)
+        for endpoint in tightest(required, default_us=self.most_us):
             self._judge(nodes, endpoint, codes, detail)
         if self.deny_unknown and pod.ros.unknown_end:
             self._mark(codes, np.ones(nodes.n, dtype=np.bool_), _NO_END)
@@ -97,21 +98,9 @@ class LatencyFilter:
         )
         return Verdict(mask, np.maximum(codes, 0), reasons, detail=detail, detail_unit="ms")
 
-    def _tightest(self, endpoints: Iterable[Endpoint]) -> Collection[Endpoint]:
-        """The required ones, of those to the same nodes the one with the least budget: 256 topics times 32 pods can be there."""
-        found: dict[tuple[tuple[str, ...], int], Endpoint] = {}
-        for endpoint in endpoints:
-            key = (endpoint.nodes, endpoint.percentile)
-            if endpoint.required and (key not in found or self._budget_us(endpoint) < self._budget_us(found[key])):
-                found[key] = endpoint
-        return found.values()
-
-    def _budget_us(self, endpoint: Endpoint) -> float:
-        return self.most_us if endpoint.budget_us is None else endpoint.budget_us
-
     def _judge(self, nodes: Snapshot, endpoint: Endpoint, codes: IntArray, detail: FloatArray) -> None:
         rtt_us = nearest_us(nodes, endpoint)
-        budget_us = self._budget_us(endpoint)
+        budget_us = self.most_us if endpoint.budget_us is None else endpoint.budget_us
         lost = np.isinf(rtt_us)
         self._mark(codes, lost, _UNREACHABLE)
         far = (rtt_us > budget_us) & ~lost  # NaN is never greater: unknown is judged below

@@ -9,7 +9,7 @@ from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import MAX_SCORE, ScoreResult, Scores
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.plugins.ros.round_trips import NEUTRAL, margin_points, nearest_us
+from robotapp_scheduler.plugins.ros.round_trips import NEUTRAL, margin_points, nearest_us, tightest
 
 
 class LatencyScoreArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -46,7 +46,7 @@ class LatencyScore:
         if not self._by_budget and not pod.ros.balance:
             return Scores(_nearness(nodes, ends), "minmax")
         scores = np.full(nodes.n, 100.0)
-        for end in ends:
+        for end in tightest(ends):
             margin = 1.0 - nearest_us(nodes, end) / float(end.budget_us or 1)
             scores = np.minimum(scores, margin_points(margin, balance=pod.ros.balance))
         return scores

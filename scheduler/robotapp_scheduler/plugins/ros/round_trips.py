@@ -1,5 +1,6 @@
 """RTT of a pod's connections to every node, shared by the latency plugins."""
 
+from collections.abc import Collection, Iterable
 from typing import Final
 
 import numpy as np
@@ -24,6 +25,20 @@ def nearest_us(nodes: Snapshot, endpoint: Endpoint, percentile: int | None = Non
     if len(rows) > 1 and lost.any():  # a node of which nothing is known may be in reach
         result = np.where(lost & np.any([np.isnan(row) for row in rows], axis=0), np.nan, result)
     return result
+
+
+def tightest(endpoints: Iterable[Endpoint], *, default_us: float = 0.0) -> Collection[Endpoint]:
+    """Of those to the same nodes the one with the least budget, which decides: 256 topics to each of 32 pods can be there.
+
+    default_us: the budget of those without one.
+    """
+    found: dict[tuple[tuple[str, ...], int], tuple[float, Endpoint]] = {}
+    for endpoint in endpoints:
+        key = (endpoint.nodes, endpoint.percentile)
+        budget_us = default_us if endpoint.budget_us is None else endpoint.budget_us
+        if key not in found or budget_us < found[key][0]:
+            found[key] = budget_us, endpoint
+    return [endpoint for _, endpoint in found.values()]
 
 
 def margin_points(margin: FloatArray, *, balance: bool) -> FloatArray:
