@@ -148,9 +148,9 @@ def _time(edge: EdgeView) -> str:
 def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, better: BetterNode, between: Between) -> str:
     """Why the move gains too little, or makes another edge of the app worse; "" when it is worth it.
 
-    A pair that nobody has measured yet is left to the scheduler's estimate, if the proposal is about this edge. No measured
-    time is in the sentence: a status that followed each measurement would be written for ever, and two operators would
-    overwrite each other's.
+    Where no agent has measured the edge from the proposed node, the time in the scheduler's proposal is used, but only for the
+    edge that the proposal is about. No measured time is in the sentence: a status that followed each measurement would be
+    written for ever, and two operators would overwrite each other's.
     """
     after_us = _judged_there(edge, component, better.node, between)
     if after_us is None and edge.key != _worst(edges, component).key:

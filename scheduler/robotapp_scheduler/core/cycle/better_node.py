@@ -2,8 +2,8 @@
 
 The search (`better_node`) takes the pod off its node in a dry run, with the rest of the app where it is, and places it as a
 waiting pod would be: by all filters, the order of `runsOn` and all scores. So a pod that is evicted for the sake of the proposal
-finds a place. Whether anything is moved is the operator's decision (`robotapp_api.values.better_node`). Places that are proposed to
-other pods are taken meanwhile: what two pods were told, both would be evicted for.
+finds a place. Whether anything is moved is the operator's decision (`robotapp_api.values.better_node`). During a search the nodes
+proposed to other pods count as if these pods were there already: else the operator would evict two pods for one free place.
 
 `BudgetWatch` decides what a pod's annotation `robotics.io/better-node` should be. It looks at instances when a time, a pod or the
 app has changed, a bounded number per tick, by what is measured; while nothing changes there is nothing to do. Only for a pod whose
@@ -126,7 +126,7 @@ def _judged(cluster: Cache, part: Part, node: str) -> Proposal | None:
         return None
     measured = Times(part, cluster, cluster.rtt.measured_us)
     estimated = Times(part, cluster, lambda one, other, of: cluster.rtt.between(one, other, of)[0])
-    # Of a link that is cut an estimate knows nothing.
+    # While probes of the connection get no answer, only a measured time shows that it works from the other node.
     after_us = (measured if isinf(late.us) else estimated).at(late.link, node)
     budget_us = late.link.budget_us or 0
     if after_us is None or not is_gain(before_us=late.us, after_us=after_us, budget_us=budget_us):
@@ -146,27 +146,30 @@ def _is_worse(link: Link, here_us: float | None, there_us: float | None) -> bool
     return here_us is None or here_us <= (link.budget_us or 0) or there_us > here_us
 
 
+@dataclasses.dataclass(slots=True)
+class Place:
+    """A node that was proposed to a pod. `gone_s`: since when the pod has been gone, while the node is kept for its successor."""
+
+    pod: Pod
+    node: str
+    gone_s: float | None = None
+
+
 @contextmanager
-def places_taken(cluster: Cache, places: Iterable["Place"]) -> Iterator[None]:
+def places_taken(cluster: Cache, places: Iterable[Place]) -> Iterator[None]:
     """The cluster with pods that may come at these places; afterwards all is as before."""
     with DryRun(cluster, preemption=False) as dry_run:
-        for pod, node in places:
+        for place in places:
+            pod = place.pod
             # With a name of its own, or the running pod could not be found by its name afterwards.
             meta = msgspec.structs.replace(pod.metadata, uid=f"{pod.metadata.uid}/successor", name="successor")
             spec = msgspec.structs.replace(pod.spec, node_name="")
             coming = msgspec.structs.replace(pod, metadata=meta, spec=spec)
-            dry_run.put(cluster.record(cluster.pod_info(coming), node))
+            dry_run.put(cluster.record(cluster.pod_info(coming), place.node))
         yield
 
 
 # --- When it is proposed ----------------------------------------------------------------------------------------------
-
-
-class Place(NamedTuple):
-    """A node that was proposed to a pod."""
-
-    pod: Pod
-    node: str
 
 
 class AnnotationWrite(NamedTuple):
@@ -212,8 +215,6 @@ class BudgetWatch:
         """By pod uid."""
         self._places: dict[str, Place] = {}
         """What is proposed, by pod uid: as written, or as the watch shows it."""
-        self._evicted_s: dict[str, float] = {}
-        """Since when pods with a proposal have been gone, while the place is kept for their successors."""
 
     def __repr__(self) -> str:
         return f"BudgetWatch({len(self._watched)} pods over budget or with a proposal)"
@@ -253,20 +254,23 @@ class BudgetWatch:
 
     def _keep_places(self) -> None:
         """A place is kept while its proposal stands, and from the pod's end until its successor has a node."""
-        cluster, now_s = self._core.cluster, self._clock()
         for uid, place in list(self._places.items()):
-            placed = cluster.placed.get(uid)
-            if placed is None:
-                since_s = self._evicted_s.setdefault(uid, now_s)
-                member = member_of(place.pod.metadata.labels or {})
-                ended = now_s - since_s >= SUCCESSOR_S or (member is not None and _has_node(cluster, member))
-            else:
-                watched = self._watched.get(uid)
-                unseen = watched is not None and now_s - watched.written_s < SEEN_S
-                ended = not unseen and self._standing_node(placed.pod) != place.node
-            if ended:
+            placed = self._core.cluster.placed.get(uid)
+            if self._is_over(place) if placed is None else not self._stands(place, placed.pod):
                 del self._places[uid]
-                self._evicted_s.pop(uid, None)
+
+    def _is_over(self, place: Place) -> bool:
+        """Has the successor of a pod that is gone a node, or did none come?"""
+        now_s, member = self._clock(), member_of(place.pod.metadata.labels or {})
+        if place.gone_s is None:
+            place.gone_s = now_s
+        return now_s - place.gone_s >= SUCCESSOR_S or (member is not None and _has_node(self._core.cluster, member))
+
+    def _stands(self, place: Place, pod: Pod) -> bool:
+        """Does the pod's annotation propose this node, or was it written a moment ago?"""
+        watched = self._watched.get(pod.metadata.uid)
+        unseen = watched is not None and self._clock() - watched.written_s < SEEN_S
+        return unseen or self._standing_node(pod) == place.node
 
     def _standing_node(self, pod: Pod) -> str:
         standing = _standing(pod)

@@ -93,8 +93,9 @@ def slowest_us(connection: Connection, member: Member, around: Around, between: 
 
 
 class Times:
-    """The round trips of a component's connections, each asked for once: an app may have 256 topics between two components, and
-    each of these 32 pods.
+    """`time_us` of a component's connections. It is computed once per peer, percentile and node and then kept.
+
+    An app may have 256 topics between two components, and each of these 32 pods.
     """
 
     def __init__(self, part: Part, around: Around, between: Between) -> None:

@@ -69,7 +69,9 @@ async def test_who_no_longer_leads_writes_nothing(leads: list[bool]) -> None:
 @pytest.mark.parametrize("error", [Conflict("no", status=409), NotFound("no", status=404), Forbidden("no", status=403)])
 async def test_a_write_that_fails_does_not_keep_the_next_from_being_made(error: ApiError) -> None:
     client = ScriptedClient().script("patch", error, {})
-    assert len(await written(Ticks([AnnotationWrite(POD, BETTER)] * 2), client)) == 2
+    ticks = Ticks([AnnotationWrite(POD, BETTER)] * 2)
+    assert len(await written(ticks, client)) == 2
+    assert ticks.failures == [POD.metadata.uid], "the watch is told of the one that failed"
 
 
 async def test_a_server_that_cannot_be_reached_ends_nothing() -> None:
