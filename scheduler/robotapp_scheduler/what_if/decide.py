@@ -232,7 +232,7 @@ class _Decider:
             if self._clock() - self._began_s > SEARCH_S:
                 skipped += 1
                 continue
-            found = better_node(self._core, part)
+            found = better_node(self._core, part, worst)
             if found is None:
                 continue
             moves = part.app.source.spec.placement.reschedule.when == MOVES_WHEN

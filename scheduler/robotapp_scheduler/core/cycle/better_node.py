@@ -6,9 +6,9 @@ finds a place. Whether anything is moved is the operator's decision (`robotapp_a
 proposed to other pods count as if these pods were there already: else the operator would evict two pods for one free place.
 
 `BudgetWatch` decides what a pod's annotation `robotics.io/better-node` should be. It looks at instances when a time, a pod or the
-app has changed, a bounded number per tick, by what is measured; while nothing changes there is nothing to do. Only for a pod whose
-budget has been exceeded for `placement.reschedule.for` a node is searched, and of these a bounded number per tick, the one that
-waited longest first. The annotation on the pod is the record: what it should be is compared with what the watch shows. So nothing
+app has changed, a bounded number per tick, by what is measured; while nothing changes there is nothing to do. A node is searched
+only for the sake of a connection that has been over its budget for `placement.reschedule.for`: one slow report of another moves
+nothing. A bounded number of pods is searched for per tick, the one that waited longest first. The annotation on the pod is the record: what it should be is compared with what the watch shows. So nothing
 is written while nothing changes, and a new leader goes on where the last one ended.
 """
 
@@ -33,7 +33,16 @@ from robotapp_scheduler.core.cycle.re_evaluate import as_waiting
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
 from robotapp_scheduler.core.robotics.app_index import InstanceKey, Link, budget_for_s
-from robotapp_scheduler.core.robotics.edge_times import Part, Times, movable, part_of, peer_nodes, worst_late
+from robotapp_scheduler.core.robotics.edge_times import (
+    Late,
+    Part,
+    Times,
+    movable,
+    over_budget,
+    part_of,
+    peer_nodes,
+    worst_of,
+)
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 
 log = logging.getLogger(__name__)
@@ -65,24 +74,24 @@ SUCCESSOR_S: Final = 60.0
 
 
 class Proposal(NamedTuple):
-    """The times are those of the connection that uses most of its budget now."""
+    """The times are those of the connection for whose sake it is."""
 
     node: str
     before_us: float
     after_us: float
 
 
-def better_node(core: SchedulerCore, part: Part, *, standing: str = "") -> Proposal | None:
+def better_node(core: SchedulerCore, part: Part, late: Late, *, standing: str = "") -> Proposal | None:
     """The proposal for a component of an instance that is `settled`; None when it has to stay where it is.
 
-    standing: the node that was proposed before. It is proposed again as long as it is feasible and better, so that equal
+    late: the connection for whose sake it may move. standing: the node that was proposed before. It is proposed again as long as it is feasible and better, so that equal
     nodes do not take turns.
     """
     node, kept = _choice(core, part, standing)
-    found = _judged(core.cluster, part, node) if node else None
+    found = _judged(core.cluster, part, late, node) if node else None
     if found is None or not kept or node == standing:
         return found
-    return _judged(core.cluster, part, standing) or found
+    return _judged(core.cluster, part, late, standing) or found
 
 
 def settled(core: SchedulerCore, part: Part) -> bool:
@@ -119,10 +128,9 @@ def _choice(core: SchedulerCore, part: Part, standing: str) -> tuple[str, bool]:
     return node, bool(evaluation.reason[position] == 0)
 
 
-def _judged(cluster: Cache, part: Part, node: str) -> Proposal | None:
+def _judged(cluster: Cache, part: Part, late: Late, node: str) -> Proposal | None:
     """The proposal of a node; None when it is no gain, or another connection would be over its budget there."""
-    late = worst_late(part, cluster, cluster.rtt.measured_us)
-    if late is None or node == part.node:
+    if node == part.node:
         return None
     measured = Times(part, cluster, cluster.rtt.measured_us)
     estimated = Times(part, cluster, lambda one, other, of: cluster.rtt.between(one, other, of)[0])
@@ -184,9 +192,10 @@ class WatchedPod:
     """A pod whose budget is exceeded, or that has a proposal. Times are monotonic seconds."""
 
     member: Member
-    late: bool
-    since_s: float
-    """From when a budget has been exceeded (late), or all have been met."""
+    met_s: float
+    """From when all budgets have been met, while they are."""
+    late_s: dict[Link, float] = dataclasses.field(default_factory=dict)
+    """From when each connection has been over its budget, of those that are."""
     for_s: float = 0.0
     """How long it must be so before it counts. A link that is cut for a moment is no reason to move either."""
     search_s: float = 0.0
@@ -195,9 +204,19 @@ class WatchedPod:
     neighbours: int = 0
     """Pods on the proposed node when it was searched last."""
 
-    def counts(self, now_s: float) -> bool:
-        """Has it been so for long enough?"""
-        return now_s - self.since_s >= self.for_s
+    def note(self, late: Iterable[Link], now_s: float) -> None:
+        """These connections are over their budgets now, and no others."""
+        if self.late_s:
+            self.met_s = now_s
+        self.late_s = {link: self.late_s.get(link, now_s) for link in late}
+
+    def is_met(self, now_s: float) -> bool:
+        """Have all budgets been met for long enough?"""
+        return not self.late_s and now_s - self.met_s >= self.for_s
+
+    def lasting(self, now_s: float) -> frozenset[Link]:
+        """Connections that have been over their budgets for long enough."""
+        return frozenset(link for link, since_s in self.late_s.items() if now_s - since_s >= self.for_s)
 
 
 class BudgetWatch:
@@ -313,7 +332,7 @@ class BudgetWatch:
                 if not _annotated(replica.pod):
                     self._watched.pop(uid, None)
                     continue
-                self._watched.setdefault(uid, WatchedPod(member, late=False, since_s=self._clock()))
+                self._watched.setdefault(uid, WatchedPod(member, self._clock()))
                 if (write := self._write(replica.pod, None)) is not None:
                     found.append(write)
         return found
@@ -325,18 +344,17 @@ class BudgetWatch:
     def _look(self, part: Part) -> AnnotationWrite | None:
         """Note whether the pod is over budget. Its proposal is withdrawn when all budgets have been met for long enough."""
         uid, now_s = part.pod.metadata.uid, self._clock()
-        late = worst_late(part, self._core.cluster, self._core.cluster.rtt.measured_us)
+        late = over_budget(part, self._core.cluster, self._core.cluster.rtt.measured_us)
         watched = self._watched.get(uid)
         if watched is None:
-            if late is None and not _annotated(part.pod):
+            if not late and not _annotated(part.pod):
                 return None
-            watched = self._watched[uid] = WatchedPod(part.member, late is not None, now_s)
+            watched = self._watched[uid] = WatchedPod(part.member, now_s)
         if uid not in self._places and (node := self._standing_node(part.pod)):
             self._places[uid] = Place(part.pod, node)  # by an earlier leader
         watched.for_s = budget_for_s(part.app)
-        if watched.late != (late is not None):
-            watched.late, watched.since_s = late is not None, now_s
-        if watched.late or not watched.counts(now_s):
+        watched.note(late, now_s)
+        if not watched.is_met(now_s):
             return None
         if not _annotated(part.pod) and now_s - watched.written_s >= REST_S:
             del self._watched[uid]
@@ -349,9 +367,7 @@ class BudgetWatch:
         due = [
             (watched.search_s, uid)
             for uid, watched in self._watched.items()
-            if watched.late
-            and (watched.search_s <= now_s or self._neighbours(uid) > watched.neighbours)
-            and watched.counts(now_s)
+            if (watched.search_s <= now_s or self._neighbours(uid) > watched.neighbours) and watched.lasting(now_s)
         ]
         return [uid for _, uid in sorted(due)[:SEARCHES]]
 
@@ -362,21 +378,23 @@ class BudgetWatch:
 
     def _search(self, uid: str) -> AnnotationWrite | None:
         """Without a proposal it is searched again soon, with one the search only confirms it."""
-        cluster, watched = self._core.cluster, self._watched[uid]
-        watched.search_s, watched.neighbours = self._clock() + RETRY_S, self._neighbours(uid)
+        cluster, watched, now_s = self._core.cluster, self._watched[uid], self._clock()
+        watched.search_s, watched.neighbours = now_s + RETRY_S, self._neighbours(uid)
         app = cluster.apps.app(watched.member.app_uid)
         part = part_of(app, watched.member, cluster.apps) if app is not None else None
         if part is None or part.pod.metadata.uid != uid:
             return None  # it is on its way out
         if part.member.component not in movable(part.app):
             return self._write(part.pod, None)
-        if worst_late(part, cluster, cluster.rtt.measured_us) is None or not settled(self._core, part):
+        over, lasting = over_budget(part, cluster, cluster.rtt.measured_us), watched.lasting(now_s)
+        late = worst_of({link: us for link, us in over.items() if link in lasting})
+        if late is None or not settled(self._core, part):
             return None
         standing = _standing(part.pod)
         with places_taken(cluster, self._others(uid)):
-            found = better_node(self._core, part, standing=standing.node if standing else "")
+            found = better_node(self._core, part, late, standing=standing.node if standing else "")
         if found is not None or standing is not None:
-            watched.search_s = self._clock() + SEARCH_S
+            watched.search_s = now_s + SEARCH_S
         write = self._write(part.pod, found)
         watched.neighbours = self._neighbours(uid)
         return write

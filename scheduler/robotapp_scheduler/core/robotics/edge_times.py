@@ -1,6 +1,6 @@
 """The round trips of a component's connections that have a budget, with the component where it is or on another node."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple, Protocol
 
 from robotapp_api.model.names import ROBOT_END
@@ -115,13 +115,20 @@ class Times:
         return self._known[key]
 
 
+def over_budget(part: Part, around: Around, between: Between) -> dict[Link, float]:
+    """The required connections that are over their budgets, each with its round trip (`Late.us`)."""
+    times = Times(part, around, between)
+    found = ((link, times.at(link, part.node)) for link in part.budgeted if link.required)
+    return {link: us for link, us in found if us is not None and us > (link.budget_us or 0)}
+
+
+def worst_of(late: Mapping[Link, float]) -> Late | None:
+    """Of connections over their budgets the one that uses most of its own; the first where several do."""
+    if not late:
+        return None
+    return Late(*max(late.items(), key=lambda item: item[1] / max(item[0].budget_us or 0, 1)))
+
+
 def worst_late(part: Part, around: Around, between: Between) -> Late | None:
     """The required connection that uses most of its budget, if it is over it."""
-    worst, use = None, 1.0
-    times = Times(part, around, between)
-    for link in part.budgeted:
-        budget_us = link.budget_us or 0
-        us = times.at(link, part.node) if link.required else None
-        if us is not None and us > budget_us and (worst is None or us / max(budget_us, 1) > use):
-            worst, use = Late(link, us), us / max(budget_us, 1)
-    return worst
+    return worst_of(over_budget(part, around, between))

@@ -20,7 +20,9 @@ WITH_MAP = (*COMPONENTS, {"name": "map"})
 
 
 def proposal(core: SchedulerCore, standing: str = "") -> Proposal | None:
-    return better_node(core, planner(core), standing=standing)
+    part = planner(core)
+    late = worst_late(part, core.cluster, core.cluster.rtt.measured_us)
+    return better_node(core, part, late, standing=standing) if late is not None else None
 
 
 def with_map(core: SchedulerCore, **rtt_ms: float) -> SchedulerCore:
@@ -205,7 +207,7 @@ def test_whatever_is_measured_a_proposal_meets_every_budget_with_a_gain(
     measure(core, rtt_ms)
     part = planner(core)
     late = worst_late(part, core.cluster, core.cluster.rtt.measured_us)
-    found = better_node(core, part, standing=standing)
+    found = better_node(core, part, late, standing=standing) if late is not None else None
     if found is None:
         return
     assert late is not None

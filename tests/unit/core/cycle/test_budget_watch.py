@@ -29,7 +29,7 @@ from robotapp_scheduler.core.cycle.better_node import (
     better_node,
 )
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.robotics.edge_times import worst_late
+from robotapp_scheduler.core.robotics.edge_times import over_budget
 
 WATCH = "robotapp_scheduler.core.cycle.better_node"
 FOR_S = 15.0
@@ -122,6 +122,41 @@ def test_slow_rounds_that_do_not_last_write_nothing() -> None:
         cluster.rtt_ms = {"e1": 10.0}
         cluster.run(1)
     assert cluster.writes == []
+
+
+def two_edges(*, driver_ms: float, map_ms: float) -> Cluster:
+    """The planner on e1 also has a budget of 30 ms with the map server on e3."""
+    cluster = Cluster(
+        edges=[edge("planner", "driver"), edge("planner", "map", "30ms")], components=(*COMPONENTS, {"name": "map"})
+    )
+    cluster.core.cluster.apply_pod(placed("map", "e3", cpu="100m", nodeSelector={"kubernetes.io/hostname": "e3"}))
+    report(cluster, driver_ms=driver_ms, map_ms=map_ms)
+    return cluster
+
+
+def report(cluster: Cluster, *, driver_ms: float, map_ms: float) -> None:
+    """The round trips of the planner's two connections from now on."""
+    cluster.rtt_ms = {"e1": driver_ms}
+    cluster.core.cluster.apply_telemetry(telemetry("e3", rtt_ms={"e1": map_ms, "e2": 9.0}))
+
+
+def test_each_connection_must_be_over_its_budget_for_as_long_on_its_own() -> None:
+    cluster = two_edges(driver_ms=60.0, map_ms=10.0)
+    assert cluster.run(FOR_S - 2) == []
+    report(cluster, driver_ms=10.0, map_ms=90.0)
+    assert cluster.run(FOR_S - 2) == [], "one of them has been late all the time, neither for long enough"
+    assert [node for _, node in cluster.run(4)] == ["e2"]
+    assert cluster.annotation is not None
+    assert '"before": "90ms", "after": "9ms"' in cluster.annotation
+
+
+def test_one_slow_report_of_another_connection_is_not_what_a_proposal_tells() -> None:
+    cluster = two_edges(driver_ms=60.0, map_ms=10.0)
+    assert cluster.run(FOR_S) == []
+    report(cluster, driver_ms=60.0, map_ms=900.0)
+    assert [node for _, node in cluster.run(2)] == ["e2"]
+    assert cluster.annotation is not None
+    assert '"before": "60ms", "after": "8ms"' in cluster.annotation
 
 
 def test_a_measurement_that_stays_away_ends_what_was_counted() -> None:
@@ -310,13 +345,13 @@ def test_a_tick_looks_at_few_instances_and_searches_for_one_component(monkeypatc
 
     def looked(part: Any, *rest: Any) -> Any:
         looks.append(part.pod.metadata.uid)
-        return worst_late(part, *rest)
+        return over_budget(part, *rest)
 
-    def searched(core: Any, part: Any, **fields: Any) -> Any:
+    def searched(core: Any, part: Any, late: Any, **fields: Any) -> Any:
         searches.append(part.pod.metadata.uid)
-        return better_node(core, part, **fields)
+        return better_node(core, part, late, **fields)
 
-    monkeypatch.setattr(f"{WATCH}.worst_late", looked)
+    monkeypatch.setattr(f"{WATCH}.over_budget", looked)
     monkeypatch.setattr(f"{WATCH}.better_node", searched)
     for _ in range(60):
         cluster.clock.forward(TICK_S)
@@ -337,9 +372,9 @@ def test_a_bug_that_one_app_meets_keeps_no_other_from_its_proposal(monkeypatch: 
     def broken(part: Any, *rest: Any) -> Any:
         if part.pod.metadata.uid != mine:
             raise RuntimeError("bug")
-        return worst_late(part, *rest)
+        return over_budget(part, *rest)
 
-    monkeypatch.setattr(f"{WATCH}.worst_late", broken)
+    monkeypatch.setattr(f"{WATCH}.over_budget", broken)
     assert [node for _, node in cluster.run(FOR_S + 2)] == ["e2"]
     assert caplog.text.count("RuntimeError: bug") >= 3
 
@@ -350,9 +385,9 @@ def looks_of(monkeypatch: Any) -> list[str]:
 
     def looked(part: Any, *rest: Any) -> Any:
         looks.append(part.pod.metadata.uid)
-        return worst_late(part, *rest)
+        return over_budget(part, *rest)
 
-    monkeypatch.setattr(f"{WATCH}.worst_late", looked)
+    monkeypatch.setattr(f"{WATCH}.over_budget", looked)
     return looks
 
 
