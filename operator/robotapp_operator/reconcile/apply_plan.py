@@ -88,11 +88,11 @@ async def stop(client: ApiClient, item: Deployment) -> None:
         raise StartOver(str(race)) from race
 
 
-async def evict(client: ApiClient, pod: Pod, *, version: str = "") -> str | None:
+async def evict(client: ApiClient, pod: Pod, *, version: str = "", dry_run: bool = False) -> str | None:
     """Evict the pod. Returns why the API server refused, "" when the pod is being deleted, None when it was gone before.
 
     By the eviction API, so that disruption budgets hold: the operator may delete no pod in another way.
-    version: the pod must still have this resourceVersion, else None; "" for any.
+    version: the pod must still have this resourceVersion, else None; "" for any. dry_run: only find out what the answer would be.
     """
     meta = pod.metadata
     preconditions = {"uid": meta.uid} | ({"resourceVersion": version} if version else {})
@@ -100,7 +100,7 @@ async def evict(client: ApiClient, pod: Pod, *, version: str = "") -> str | None
         "apiVersion": "policy/v1",
         "kind": "Eviction",
         "metadata": {"name": meta.name, "namespace": meta.namespace},
-        "deleteOptions": {"preconditions": preconditions},
+        "deleteOptions": {"preconditions": preconditions} | ({"dryRun": ["All"]} if dry_run else {}),
     }
     try:
         await client.post_raw(PODS.path(meta.namespace, meta.name, "eviction"), encode(body))

@@ -307,9 +307,12 @@ class Mover:
         """Why the pod could not be evicted, "" when it was, or when it is gone already."""
         if own.evicted == move.pod:
             return ""
-        if not move.counted and not await self._count(app, part.deployment, move):
+        # A move that a disruption budget forbids is not recorded: another may replace the pod, and it was not moved then.
+        refused = await evict(self._client, part.pod, dry_run=True)
+        if refused == "" and not move.counted and not await self._count(app, part.deployment, move):
             return ""
-        refused = await evict(self._client, part.pod)
+        if refused == "":
+            refused = await evict(self._client, part.pod)
         if refused:
             return f"{move.component} is not moved to {move.after}: {refused}"
         own.evicted = move.pod

@@ -110,6 +110,7 @@ def test_a_component_moves_once_to_the_better_node_when_no_disruption_budget_kee
 
         eventually(kept, what=lambda: user.condition("near", "BudgetMet"))
         assert pod_of(user, "planner")["metadata"]["uid"] == first
+        assert record(user, "planner", Annotation.MOVES) == "", "nothing was moved"
         user.cp.api.delete(path)
         eventually(lambda: node_of(user, "planner") not in ("", here), what=lambda: user.listed("pods"))
         user.wait("near", "BudgetMet", "True", reason="WithinBudget")

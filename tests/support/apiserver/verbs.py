@@ -105,7 +105,12 @@ def post(store: Store, where: Target, obj: Json, writer: Owner) -> Json:
     if where.plural == "pods" and where.subresource == "binding":
         return bind(store, where.key(), obj)
     if where.plural == "pods" and where.subresource == "eviction":
-        _delete_pod(store, where, (obj.get("deleteOptions") or {}).get("preconditions") or {})
+        options = obj.get("deleteOptions") or {}
+        preconditions = options.get("preconditions") or {}
+        if options.get("dryRun"):
+            check(store.get(where.key()), preconditions)
+        else:
+            _delete_pod(store, where, preconditions)
         return {"kind": "Status", "apiVersion": "v1", "status": "Success"}
     meta = obj.get("metadata") or {}
     name = meta.get("name") or (meta["generateName"] + secrets.token_hex(3) if meta.get("generateName") else "")

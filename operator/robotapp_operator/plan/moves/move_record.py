@@ -15,7 +15,7 @@ DAY: Final = timedelta(hours=24)
 AHEAD: Final = timedelta(minutes=1)
 """Clocks of two machines may differ by this much."""
 RECENT: Final = timedelta(minutes=10)
-"""A pod that a disruption budget has kept for longer is entered with the present time when it is tried again."""
+"""A move that was recorded longer ago and not made (an operator ended in between) is entered with the present time when it is tried again."""
 MAX_TIMES: Final = 1000
 """The schema's bound of maxPerDay."""
 MAX_BYTES: Final = 64 * 1024

@@ -188,9 +188,11 @@ async def test_a_move_is_recorded_first_then_the_pod_is_evicted_and_its_user_is_
     assert await world.look() == FOR_S, "the budget must have been exceeded for a while"
     assert await world.pods() == ["driver", "planner"]
     world.api.requests.clear()
+    evictions = _evictions(world)
     await world.look(later_s=FOR_S)
     writes = [f"{method} {path.rpartition('/')[2]}" for method, path in world.api.requests if method != "GET"]
-    assert [write.partition("?")[0] for write in writes] == ["PATCH planner", "POST eviction"]
+    assert [write.partition("?")[0] for write in writes] == ["POST eviction", "PATCH planner", "POST eviction"]
+    assert [is_trial(sent) for sent in evictions] == [True, False]
     assert await world.pods() == ["driver"]
     assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
     assert world.events == [], "where its successor goes the scheduler decides"
@@ -257,7 +259,9 @@ async def test_an_operator_that_ended_after_the_record_evicts_the_same_pod_and_c
     await world.mirror()
     post = world.client.post_raw
 
-    async def dies(*_: Any, **__: Any) -> bytes:
+    async def dies(path: str, body: bytes) -> bytes:
+        if is_trial(body):
+            return await post(path, body)
         raise KeyboardInterrupt
 
     world.client.post_raw = dies  # type: ignore[method-assign]
@@ -265,6 +269,7 @@ async def test_an_operator_that_ended_after_the_record_evicts_the_same_pod_and_c
         await world.mover.look(UID, "")
     world.client.post_raw = post  # type: ignore[method-assign]
     before = await world.annotation(Annotation.MOVES)
+    assert len(before["times"]) == 1
     world.start()
     await world.look()
     await world.look(later_s=FOR_S)
@@ -307,7 +312,7 @@ async def test_a_record_ahead_of_our_clock_is_written_with_the_present_and_ends_
     assert await world.pods() == ["driver"]
 
 
-async def test_a_pod_that_a_disruption_budget_keeps_is_counted_once_and_tried_again(world: World) -> None:
+async def test_a_pod_that_a_disruption_budget_keeps_is_not_counted_and_tried_again(world: World) -> None:
     await world.app()
     await world.propose()
     await world.look()
@@ -318,8 +323,24 @@ async def test_a_pod_that_a_disruption_budget_keeps_is_counted_once_and_tried_ag
         assert await world.mover.look(UID, "") == REFUSED_S
         refused()
         assert "planner is not moved to near: Cannot evict pod" in world.stays()
-    assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
+    assert await world.annotation(Annotation.MOVES) is None, "another may replace the pod, and nothing was moved then"
     assert world.events == []
+    await world.look()
+    assert await world.pods() == ["driver"]
+    assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
+
+
+async def test_a_disruption_budget_that_comes_in_between_has_the_move_counted_once(world: World) -> None:
+    await world.app()
+    await world.propose()
+    await world.look()
+    world.now_s += FOR_S
+    for _ in range(3):
+        await world.mirror()
+        refused = _refuse_eviction(world, trials=False)
+        assert await world.mover.look(UID, "") == REFUSED_S
+        refused()
+    assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
     await world.look()
     assert await world.pods() == ["driver"]
     assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
@@ -519,14 +540,37 @@ def _first(world: World) -> Any:
     return app, instances_by_name(app, world.cache)[""]
 
 
+def is_trial(eviction: bytes) -> bool:
+    return json.loads(eviction)["deleteOptions"].get("dryRun") == ["All"]
+
+
+def _evictions(world: World) -> list[bytes]:
+    """Bodies of the evictions that are sent from now on."""
+    real, sent = world.client.post_raw, []
+
+    async def noted(path: str, body: bytes) -> bytes:
+        assert path.endswith("/eviction")
+        sent.append(body)
+        return await real(path, body)
+
+    world.client.post_raw = noted  # type: ignore[method-assign, assignment]
+    return sent
+
+
 def _refuse_eviction(
-    world: World, status: int = 429, message: str = "Cannot evict pod as it would violate the pod's disruption budget."
+    world: World,
+    status: int = 429,
+    message: str = "Cannot evict pod as it would violate the pod's disruption budget.",
+    *,
+    trials: bool = True,
 ) -> Any:
-    """Until the result is called."""
+    """Until the result is called. Not trials: a dry run is answered as always."""
     real = world.client.post_raw
 
-    async def refuse(path: str, _: bytes) -> bytes:
+    async def refuse(path: str, body: bytes) -> bytes:
         assert path.endswith("/eviction")
+        if is_trial(body) and not trials:
+            return await real(path, body)
         raise world.client.error_of(_Answer(status, message))  # type: ignore[arg-type]
 
     world.client.post_raw = refuse  # type: ignore[method-assign, assignment]
