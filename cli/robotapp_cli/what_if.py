@@ -22,7 +22,7 @@ from robotapp_api.values.duration import format_ms, parse_us
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json
 from robotapp_cli.files import objects
-from robotapp_cli.output import Column, arrow, blank_line, console, print_table, write_structured
+from robotapp_cli.output import Column, arrow, blank_line, console, print_table, printable, write_structured
 from robotapp_cli.scheduler_link import Link, NoAnswerError, connect
 from robotapp_cli.session import Session
 from robotapp_cli.simulate import document
@@ -32,6 +32,8 @@ _PROGRESS_AFTER_S: Final = 2.0
 _TURN_S: Final = 1.0
 _MOST_TURN_S: Final = 20.0
 _USAGE, _NO_SUCH_NODE = 400, 422
+_MOST_REFUSALS: Final = 5
+"""So many mistakes of an app are shown; `lint` shows all."""
 _PAIR: Final = "a pair of nodes and its round-trip time, such as edge-1:amr-07=40ms"
 _EXITS: Final = {_USAGE: Exit.USAGE, _NO_SUCH_NODE: Exit.NOT_FOUND}
 _GONE: Final = "-"
@@ -109,7 +111,24 @@ def _apps(path: Path, namespace: str) -> list[Json]:
         if not isinstance(meta, dict) or not meta.get("name"):
             raise CliError(f"--app {path}: holds a RobotApp without metadata.name", code=Exit.USAGE)
         meta.setdefault("namespace", namespace)
+        _check(path, app)
     return [{key: app[key] for key in ("apiVersion", "kind", "metadata", "spec") if key in app} for app in apps]
+
+
+def _check(path: Path, app: Json) -> None:
+    """Raise CliError for an app that could not be applied: nothing would be placed, whatever the scheduler makes of it."""
+    from robotapp_cli.lint.findings import Severity  # the schema, jsonschema and CEL take half a second to import
+    from robotapp_cli.lint.linter import lint
+
+    wrong = [found for found in lint(json.dumps(app).encode()).findings if found.severity is Severity.ERROR]
+    if not wrong:
+        return
+    lines = [f"  {each.path}: {printable(each.message)}" for each in wrong[:_MOST_REFUSALS]]
+    if len(wrong) > _MOST_REFUSALS:
+        lines.append(f"  and {len(wrong) - _MOST_REFUSALS} more")
+    name = printable(str(app["metadata"]["name"]))
+    where = f"--app {path}: RobotApp {name} would be refused; kubectl robotapp lint {path} shows the places"
+    raise CliError("\n".join([where, *lines]))
 
 
 # --- Asking -----------------------------------------------------------------------------------------------------------

@@ -94,7 +94,12 @@ def _pods(source: Mapping[str, Any], app: RobotApp, robot: str, profiles: Collec
             f"RobotApp {app.metadata.name}: schedulerName {str(scheduler)[:63]!r} is none of this scheduler's: "
             + ", ".join(sorted(profiles))
         )
-    for component in source["spec"]["components"]:
+    components = source["spec"]["components"]
+    if len({component["name"] for component in components}) < len(components):
+        raise QuestionError(f"RobotApp {app.metadata.name}: several components have one name")
+    for component in components:
+        if component.get("replicas", 1) < 0:
+            raise QuestionError(f"RobotApp {app.metadata.name}: {component['name']} has a negative number of replicas")
         for number in range(component.get("replicas", 1)):
             yield _pod(app, component, robot, number=number, scheduler=scheduler)
 

@@ -47,7 +47,8 @@ ANSWER: Json = {
     "notes": ["not tried: time"],
     "decidedMs": 12.5,
 }
-APP = {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "metadata": {"name": "teleop"}, "spec": {}}
+APP = {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "metadata": {"name": "teleop"},
+       "spec": {"ros": {"distro": "jazzy"}, "components": [{"name": "driver", "image": "registry.example/driver:1"}]}}  # fmt: skip
 
 
 @pytest.fixture
@@ -149,6 +150,32 @@ def test_a_file_that_is_no_app_is_named_with_what_it_holds(
     (tmp_path / "app.yaml").write_text(content)
     done = cluster.run("what-if", "--app", str(tmp_path / "app.yaml"), *url(cluster))
     assert (done.exit_code, text in done.stderr) == (2, True), done.stderr
+
+
+def test_an_app_that_could_not_be_applied_is_refused_with_the_words_of_lint(cluster: Stage, tmp_path: Path) -> None:
+    driver = {"name": "driver", "image": "registry.example/driver:1"}
+    app = {**APP, "spec": {**APP["spec"], "components": [{**driver, "replicas": -1, "comand": []}, driver]}}
+    (tmp_path / "app.yaml").write_text(yaml.safe_dump(app))
+    done = cluster.run("what-if", "--app", str(tmp_path / "app.yaml"), *url(cluster))
+    assert done.exit_code == 1
+    first, *lines = done.stderr.splitlines()
+    assert first.startswith(
+        f"error: --app {tmp_path}/app.yaml: RobotApp teleop would be refused; kubectl robotapp lint "
+    )
+    assert [line.partition(":")[0].strip() for line in lines] == [
+        "spec.components[0].comand",
+        "spec.components[0].replicas",
+        "spec.components[1]",
+    ]
+    assert cluster.scheduler.posted == []
+
+
+def test_of_many_mistakes_the_first_are_shown(cluster: Stage, tmp_path: Path) -> None:
+    unnamed = [{"image": "registry.example/driver:1"}] * 9
+    (tmp_path / "app.yaml").write_text(yaml.safe_dump({**APP, "spec": {**APP["spec"], "components": unnamed}}))
+    done = cluster.run("what-if", "--app", str(tmp_path / "app.yaml"), *url(cluster))
+    assert (done.exit_code, len(done.stderr.splitlines())) == (1, 7), done.stderr
+    assert done.stderr.splitlines()[-1].startswith("  and ")
 
 
 def test_a_scheduler_that_is_busy_is_asked_again(cluster: Stage, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -284,6 +284,8 @@ def test_apps_that_cannot_be_read_are_errors_and_those_without_pods_are_explaine
         ({"components": [{"name": 7}]}, "cannot be read"),
         ({"components": "x"}, "cannot be read"),
         ({"components": [{"name": "a"}], "schedulerName": "theirs"}, "'theirs' is none of this scheduler's"),
+        ({"components": [{"name": "a"}, {"name": "b"}, {"name": "a"}]}, "several components have one name"),
+        ({"components": [{"name": "a", "replicas": -1}]}, "a has a negative number of replicas"),
         ({"components": [{"name": "a", "replicas": MOST_PODS + 1}]}, f"more than {MOST_PODS} pods"),
     ):
         with pytest.raises(QuestionError, match=text):
