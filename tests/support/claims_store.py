@@ -98,6 +98,7 @@ class Client:
         label_selector: str = "",
         field_selector: str = "",
         as_type: Any = dict,
+        keep: Callable[[Any], Any] | None = None,
     ) -> Listing[Any]:
         _check_path(namespace)
         await self._before(f"list {resource.plural}")
@@ -111,7 +112,7 @@ class Client:
             and _fields_match(field_selector, obj)
         ]
         await self._after(f"list {resource.plural}")
-        return Listing(items, "0")
+        return Listing(items if keep is None else [keep(item) for item in items], "0")
 
     async def create(self, resource: Resource, obj: Json, *, namespace: str | None = None) -> Json:
         name = obj["metadata"]["name"]

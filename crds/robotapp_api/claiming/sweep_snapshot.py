@@ -6,7 +6,7 @@ concluded from an answer that did not come.
 
 import asyncio
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -16,7 +16,7 @@ from robotapp_api.claims.instances import instances_of, out_of_sight, robot_sele
 from robotapp_api.claims.objects import App, Claim, Deployment, Holder, Meta, Object, Pod, Pool, ReplicaSet
 from robotapp_api.claims.release import is_gone, unseen_nodes, wants_domain
 from robotapp_api.claims.repair import places_of, requested_places
-from robotapp_api.claims.usage import Usage, usage_of
+from robotapp_api.claims.usage import Usage, owner_as_used, pod_as_used, usage_of
 from robotapp_api.client.api.resources import (
     DEPLOYMENTS,
     DOMAINPOOLS,
@@ -191,18 +191,27 @@ async def read_view(client: Api, namespaces: Collection[str] | None) -> View:
 
 async def _workloads(client: Api, namespaces: Collection[str] | None) -> tuple[Usage, list[Pod]]:
     """In the order in which one makes the next, so that none slips through between two listings."""
-    deployments = await _children(client, DEPLOYMENTS, namespaces, Deployment)
-    replica_sets = await _children(client, REPLICASETS, namespaces, ReplicaSet)
-    pods = await _children(client, PODS, namespaces, Pod)
+    deployments = await _children(client, DEPLOYMENTS, namespaces, Deployment, keep=owner_as_used)
+    replica_sets = await _children(client, REPLICASETS, namespaces, ReplicaSet, keep=owner_as_used)
+    pods = await _children(client, PODS, namespaces, Pod, keep=pod_as_used)
     return usage_of(deployments=deployments, replica_sets=replica_sets, pods=pods), pods
 
 
-async def _children(client: Api, resource: Resource, namespaces: Collection[str] | None, as_type: type[T]) -> list[T]:
+async def _children(
+    client: Api,
+    resource: Resource,
+    namespaces: Collection[str] | None,
+    as_type: type[T],
+    *,
+    keep: Callable[[T], T],
+) -> list[T]:
     """Objects of RobotApps: the selector leaves all other pods out of the answer."""
     places: Iterable[str | None] = (None,) if namespaces is None else sorted(namespaces)
     found: list[T] = []
     for namespace in places:
-        listing = await client.list(resource, namespace=namespace, label_selector=Label.APP_UID, as_type=as_type)
+        listing = await client.list(
+            resource, namespace=namespace, label_selector=Label.APP_UID, as_type=as_type, keep=keep
+        )
         found += listing.items
     return found
 

@@ -3,7 +3,7 @@
 `Refused` means that the object changed or vanished since it was read: the caller reads again and decides anew.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Any, Protocol, TypeVar
 
 import msgspec
@@ -31,6 +31,7 @@ class Api(Protocol):
         label_selector: str = "",
         field_selector: str = "",
         as_type: type[T],
+        keep: Callable[[T], T] | None = None,
     ) -> Listing[T]: ...
     async def create(self, resource: Resource, obj: Json, *, namespace: str | None = None) -> Json: ...
     async def replace(

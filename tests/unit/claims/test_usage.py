@@ -1,3 +1,5 @@
+import dataclasses
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,8 +15,8 @@ from tests.support.claims_objects import (
 )
 
 from robotapp_api.claims.membership import AppRef
-from robotapp_api.claims.objects import Deployment, Pod, ReplicaSet
-from robotapp_api.claims.usage import named_ids, usage_of
+from robotapp_api.claims.objects import Container, Deployment, EnvVar, Pod, PodSpec, ReplicaSet
+from robotapp_api.claims.usage import named_ids, owner_as_used, pod_as_used, unclear_domains, usage_of
 
 seven = domain_claim(7)
 
@@ -124,6 +126,43 @@ def test_more_objects_never_mean_less_use(some: list[Deployment | ReplicaSet | P
 @given(st.lists(objects, max_size=8))
 def test_use_does_not_depend_on_the_order_of_objects(found: list[Deployment | ReplicaSet | Pod]) -> None:
     assert _usage(found) == _usage(found[::-1])
+
+
+names = st.sampled_from([seven.name, domain_claim(8).name, ""])
+claiming = st.one_of(
+    st.builds(lambda n, of, claim: deployment(n, 7, of=of, claim=claim), numbers, owners, names),
+    st.builds(
+        lambda n, of, claim: pod(n, 7, of=of, node="edge-1", annotations={"robotics.io/domain-claim": claim}),
+        numbers,
+        owners,
+        names,
+    ),
+)
+
+
+@given(st.lists(objects | claiming, max_size=8))
+def test_what_a_sweep_keeps_of_its_lists_is_all_that_usage_reads(found: list[Deployment | ReplicaSet | Pod]) -> None:
+    def parts(kept: bool) -> dict[str, object]:
+        owned, alone = (owner_as_used, pod_as_used) if kept else (lambda whole: whole, lambda whole: whole)
+        usage = usage_of(
+            deployments=[owned(one) for one in found if isinstance(one, Deployment)],
+            replica_sets=[owned(one) for one in found if isinstance(one, ReplicaSet)],
+            pods=[alone(one) for one in found if isinstance(one, Pod)],
+        )
+        return {field.name: getattr(usage, field.name) for field in dataclasses.fields(usage) if field.name != "owners"}
+
+    assert parts(kept=True) == parts(kept=False)
+
+
+def test_of_an_environment_a_sweep_keeps_what_names_a_domain() -> None:
+    secret = EnvVar(name="ROS_DOMAIN_ID", value_from={"secretKeyRef": {"name": "x", "key": "y"}})
+    environment = (EnvVar(name="PATH", value="/bin"), secret, EnvVar(name="ROS_DOMAIN_ID", value="7"))
+    spec = PodSpec(containers=(Container(env=environment),), init_containers=(Container(env=environment[:1]),))
+    whole = Pod(metadata=pod(7).metadata, spec=spec)
+    kept = pod_as_used(whole)
+    assert kept.metadata == whole.metadata
+    assert [len(container.env) for container in (*kept.spec.containers, *kept.spec.init_containers)] == [2, 0]
+    assert (named_ids(kept.spec), unclear_domains(kept.spec)) == (frozenset({7}), frozenset({"valueFrom"}))
 
 
 @pytest.mark.parametrize("written", ["9" * 5000, "0x7", "\u0667", "07", "7\n"])

@@ -144,6 +144,7 @@ class ApiClient:
         field_selector: str = "",
         page: int = 500,
         as_type: type[T],
+        keep: Callable[[T], T] | None = None,
     ) -> Listing[T]: ...
     async def list(
         self,
@@ -154,22 +155,25 @@ class ApiClient:
         field_selector: str = "",
         page: int = 500,
         as_type: Any = dict,
+        keep: Callable[[Any], Any] | None = None,
     ) -> Listing[Any]:
         """All objects at one point in time, read with a quorum, `page` at a time.
 
-        A continue token that expires under a slow reader (410) starts the list again, then without pages.
+        keep: what is kept of each object; the rest of it dies with its page. A continue token that expires under a slow reader (410) starts the list again, then without pages.
         """
         path = with_query(resource.path(namespace), {"labelSelector": label_selector, "fieldSelector": field_selector})
-        return await self.list_with(path, decoder(Page[as_type]).decode, page=page)
+        return await self.list_with(path, decoder(Page[as_type]).decode, page=page, keep=keep)
 
-    async def list_with(self, path: str, decode: Callable[[bytes], Page[T]], *, page: int) -> Listing[T]:
+    async def list_with(
+        self, path: str, decode: Callable[[bytes], Page[T]], *, page: int, keep: Callable[[T], T] | None = None
+    ) -> Listing[T]:
         """`list` with a decoder of one's own; `path` may carry selectors. Each page's bytes die with its decoding."""
         items: list[T] = []
         version = ""
         async for part, again in self.pages(path, decode, page=page):
             if again:
                 items = []
-            items += part.items or ()
+            items += map(keep, part.items or ()) if keep is not None else part.items or ()
             version = part.metadata.resource_version
         return Listing(items, version)
 

@@ -76,6 +76,22 @@ async def test_an_expired_continue_token_starts_the_list_again_and_then_without_
     assert server.seen[-1].query == {}
 
 
+async def test_of_each_object_is_kept_what_the_caller_wants() -> None:
+    script = [
+        listing(9, item("a", 1), token="t"),
+        refusal(410, "Expired"),
+        listing(10, item("b", 1), token="u"),
+        listing(10, item("c", 2)),
+    ]
+
+    def without_version(pod: Slim) -> Slim:
+        return Slim(Meta(pod.metadata.name, ""))
+
+    async with ScriptedServer(*script) as server, client_for(server.endpoint) as client:
+        found = await client.list(PODS, page=1, as_type=Slim, keep=without_version)
+    assert found.items == [Slim(Meta("b", "")), Slim(Meta("c", ""))]
+
+
 async def test_a_list_that_is_gone_even_without_pages_is_an_error() -> None:
     script = [refusal(410, "Expired")] * 3
     async with ScriptedServer(*script) as server, client_for(server.endpoint) as client:
