@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from robotapp_api.model.names import ROBOT_END
+from robotapp_api.values.better_node import TOPIC, edge_to, topic_of
 from robotapp_cli.apps import MEDIAN
 from robotapp_cli.fields import Json, milliseconds, short_ms
 
@@ -90,13 +91,12 @@ def _ms(value: float | None) -> str:
 
 def _now(edge: Json, records: Mapping[str, Json]) -> Json:
     """What the scheduler knows of the nodes of an edge; empty when its records name others."""
-    kind = str(edge.get("kind", "Topic"))
-    topic = edge["topic"] if kind == "Topic" else f"{kind.lower()} {edge['topic']}"
+    topic = topic_of(str(edge.get("kind", TOPIC)), edge["topic"])
     for own, peer in ((edge["from"], edge["to"]), (edge["to"], edge["from"])):
         record = records.get(own) or {}
         for found in record.get("edges") or []:
             here = {record.get("node"), found.get("peerNode")} == set(edge.get("nodes") or [])
-            if here and found.get("what") == f"{topic} to {peer}":
+            if here and found.get("what") == edge_to(topic, peer):
                 now: Json = found.get("now") or found  # a scheduler of the version before has that of the decision only
                 return now | {"percentile": found.get("percentile")}
     return {}

@@ -1,8 +1,8 @@
 """The annotation `robotics.io/better-node` of a pod: where the scheduler would place it now, because a budget is exceeded.
 
-The scheduler alone can plan, so it writes the annotation; the operator alone may evict, so it reads it. A node, the round-trip
-time of the edge that uses most of its budget, here and there, and until when this holds:
-`{"node": "edge-2", "before": "61ms", "after": "8ms", "expires": "2026-01-02T03:04:05Z"}`.
+The scheduler alone can plan, so it writes the annotation; the operator alone may evict, so it reads it. A node, the edge for
+whose sake it is proposed, as the pod's component sees it, the edge's round-trip time here and there when it was proposed, and until when this holds:
+`{"node": "edge-2", "edge": "/odom to driver", "before": "61ms", "after": "8ms", "expires": "2026-01-02T03:04:05Z"}`.
 """
 
 import json
@@ -13,6 +13,8 @@ from typing import Any, Final, NamedTuple
 from robotapp_api.model.scalars import SUBDOMAIN_PATTERN
 from robotapp_api.values.duration import format_us, parse_us
 
+TOPIC: Final = "Topic"
+"""The kind of an edge that is named by its topic alone."""
 MAX_BYTES: Final = 1024
 MAX_NODE: Final = 253
 _NODE: Final = re.compile(SUBDOMAIN_PATTERN)
@@ -20,13 +22,16 @@ MOST_USE: Final = 0.9
 """Share of its budget that an edge may use at its new place."""
 LEAST_GAIN: Final = 0.2
 """By how much its time must fall."""
-_FORM: Final = '{"node": "edge-2", "before": "61ms", "after": "8ms", "expires": "2026-01-02T03:04:05Z"}'
+_FORM: Final = (
+    '{"node": "edge-2", "edge": "/odom to driver", "before": "61ms", "after": "8ms", "expires": "2026-01-02T03:04:05Z"}'
+)
 
 
 class BetterNode(NamedTuple):
-    """`expires` has a time zone."""
+    """`edge` as by `edge_to`. `expires` has a time zone."""
 
     node: str
+    edge: str
     before_us: float
     after_us: float
     expires: datetime
@@ -35,11 +40,22 @@ class BetterNode(NamedTuple):
         """As the annotation's value."""
         value = {
             "node": self.node,
+            "edge": self.edge,
             "before": format_us(self.before_us),
             "after": format_us(self.after_us),
             "expires": self.expires.isoformat().replace("+00:00", "Z"),
         }
         return json.dumps(value)
+
+
+def topic_of(kind: str, topic: str) -> str:
+    """For people: the topic, or a service or action by its kind and name."""
+    return topic if kind == TOPIC else f"{kind.lower()} {topic}"
+
+
+def edge_to(topic: str, peer: str) -> str:
+    """An edge as one of its ends sees it; `topic` by `topic_of`, `peer` is the other end."""
+    return f"{topic} to {peer}"
 
 
 def is_gain(*, before_us: float, after_us: float, budget_us: float) -> bool:
@@ -52,10 +68,11 @@ def parse_better_node(text: str) -> BetterNode:
     try:
         value: Any = json.loads(text) if len(text) <= MAX_BYTES else None
         expires = datetime.fromisoformat(value["expires"])
-        found = BetterNode(value["node"], float(parse_us(value["before"])), float(parse_us(value["after"])), expires)
+        before_us, after_us = float(parse_us(value["before"])), float(parse_us(value["after"]))
+        found = BetterNode(value["node"], value["edge"], before_us, after_us, expires)
     except (ValueError, KeyError, TypeError, RecursionError):
         raise ValueError(f"is not of the form {_FORM}") from None
-    if not _is_node(found.node) or expires.tzinfo is None:
+    if not _is_node(found.node) or not isinstance(found.edge, str) or expires.tzinfo is None:
         raise ValueError(f"is not of the form {_FORM}")
     return found
 

@@ -293,7 +293,7 @@ class _Decider:
 def _why_better(link: Link, found: Proposal) -> str:
     """`/cmd_vel to driver: 90ms of 30ms, 15ms there`."""
     times = f"{format_us(found.before_us)} of {format_us(link.budget_us or 0)}, {format_us(found.after_us)} there"
-    return f"{link.what} to {link.peer}: {times}"
+    return f"{link.edge}: {times}"
 
 
 def _with_evictions(decision: ScheduleResult) -> str:

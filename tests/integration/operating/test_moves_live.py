@@ -60,7 +60,7 @@ def node_of(user: Tenant, component: str) -> str:
 
 def propose(user: Tenant, component: str, node: str) -> None:
     """As a scheduler does that plans anew."""
-    better = BetterNode(node, 60_000, 2_000, utc_now() + timedelta(minutes=10))
+    better = BetterNode(node, "/cmd_vel to driver", 60_000, 2_000, utc_now() + timedelta(minutes=10))
     name = pod_of(user, component)["metadata"]["name"]
     patch = {"metadata": {"annotations": {Annotation.BETTER_NODE.value: better.text()}}}
     user.cp.api.patch(f"/api/v1/namespaces/{user.namespace}/pods/{name}", patch)

@@ -8,14 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.values.better_node import BetterNode, is_gain, parse_better_node
+from robotapp_api.values.better_node import BetterNode, edge_to, is_gain, parse_better_node, topic_of
 from robotapp_api.values.duration import LONGEST_US
 
-GOOD = BetterNode("edge-2", 61_000.0, 8_000.0, datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))
+GOOD = BetterNode("edge-2", "/odom to driver", 61_000.0, 8_000.0, datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))
 
 
 def test_what_is_written_is_read_again() -> None:
-    assert GOOD.text() == '{"node": "edge-2", "before": "61ms", "after": "8ms", "expires": "2026-01-02T03:04:05Z"}'
+    assert (
+        GOOD.text()
+        == '{"node": "edge-2", "edge": "/odom to driver", "before": "61ms", "after": "8ms", "expires": "2026-01-02T03:04:05Z"}'
+    )
     assert parse_better_node(GOOD.text()) == GOOD
 
 
@@ -28,6 +31,7 @@ def test_what_is_written_is_read_again() -> None:
         ("node", "edge-2\n"),
         ("node", "edge 2, but it is forbidden"),
         ("node", "a" * 254),
+        ("edge", None),
         ("before", "soon"),
         ("after", None),
         ("expires", "2026-01-02T03:04:05"),
@@ -51,6 +55,11 @@ def test_a_move_is_worth_it_with_a_tenth_of_the_budget_left_and_a_fifth_gained(
     before_us: float, after_us: float, expected: bool
 ) -> None:
     assert is_gain(before_us=before_us, after_us=after_us, budget_us=20.0) is expected
+
+
+def test_an_edge_is_named_as_one_of_its_ends_sees_it() -> None:
+    assert edge_to(topic_of("Topic", "/odom"), "driver") == "/odom to driver"
+    assert edge_to(topic_of("Service", "/plan"), "@robot") == "service /plan to @robot"
 
 
 @given(st.one_of(st.text(), st.sampled_from(["[" * 1000, "[" * 5000, "null", "1", "{}"])))

@@ -11,7 +11,7 @@ from datetime import datetime
 from typing import NamedTuple
 
 from robotapp_api.model.component import Component
-from robotapp_api.values.better_node import MOST_USE, BetterNode, is_gain
+from robotapp_api.values.better_node import MOST_USE, BetterNode, edge_to, is_gain, topic_of
 from robotapp_api.values.round_trips import Figures
 from robotapp_api.values.tiers import ROBOT
 from robotapp_operator.plan.moves.move_record import Limits, MoveRecord
@@ -105,7 +105,12 @@ def _of_component(
     better = pod.better
     if better is None or better.expires <= now or better.node == pod.node:
         return Stays(name, "")
-    place = f"{name} would have {shown_ms(better.after_us)} on {better.node}"
+    about = _is_about(better, edge, name)
+    place = (
+        f"{name} would have {shown_ms(better.after_us)} on {better.node}"
+        if about
+        else f"{better.node} is proposed for {name}"
+    )
     if app.spec.placement.reschedule.when == NEVER:
         return Stays(name, f"{place}, but placement.reschedule.when is Never")
     if problem := unusable(better.node):
@@ -116,7 +121,8 @@ def _of_component(
         return Stays(name, f"{place}, but annotation robotics.io/moves of its Deployment cannot be read: remove it")
     if problem := pod.record.why_not(pod.pod, limits_of(app), now):
         return Stays(name, f"{place}, but {problem}")
-    why = f"{edge_name(edge)} {_time(edge)} of {shown_ms(edge.budget_us or 0)} before, {shown_ms(better.after_us)} expected"
+    after = shown_ms(_after_us(edge, name, better, between) or 0)
+    why = f"{edge_name(edge)} {_time(edge)} of {shown_ms(edge.budget_us or 0)} before, {after} expected"
     return Move(name, pod.pod, pod.node, better.node, why, pod.record.counts(pod.pod, now))
 
 
@@ -148,14 +154,12 @@ def _time(edge: EdgeView) -> str:
 def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, better: BetterNode, between: Between) -> str:
     """Why the move gains too little, or makes another edge of the app worse; "" when it is worth it.
 
-    Where no agent has measured the edge from the proposed node, the time in the scheduler's proposal is used, but only for the
-    edge that the proposal is about. No measured time is in the sentence: a status that followed each measurement would be
-    written for ever, and two operators would overwrite each other's.
+    No measured time is in the sentence: a status that followed each measurement would be written for ever, and two operators
+    would overwrite each other's.
     """
-    after_us = _judged_there(edge, component, better.node, between)
-    if after_us is None and edge.key != _worst(edges, component).key:
-        return f"the time of {edge_name(edge)} there is not measured"  # the proposal is about another edge
-    after_us = better.after_us if after_us is None else max(after_us, better.after_us)
+    after_us = _after_us(edge, component, better, between)
+    if after_us is None:
+        return f"the time of {edge_name(edge)} there is not measured"
     if not is_gain(before_us=edge.judged_us or 0, after_us=after_us, budget_us=edge.budget_us or 0):
         most_us = MOST_USE * (edge.budget_us or 0)
         return (
@@ -170,10 +174,18 @@ def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, bette
     return ""
 
 
-def _worst(edges: Sequence[EdgeView], component: str) -> EdgeView:
-    """The edge of the component that uses most of its budget: that which a proposal is about."""
-    own = [edge for edge in edges if component in (edge.edge.from_, edge.edge.to) and _required(edge)]
-    return max(own, key=lambda one: one.use)
+def _after_us(edge: EdgeView, component: str, better: BetterNode, between: Between) -> float | None:
+    """The time of an edge on the proposed node: as measured now, else that of the proposal if it is about this edge."""
+    measured_us = _judged_there(edge, component, better.node, between)
+    if measured_us is None and _is_about(better, edge, component):
+        return better.after_us
+    return measured_us
+
+
+def _is_about(better: BetterNode, edge: EdgeView, component: str) -> bool:
+    """Is the proposal for the component made for the sake of this edge?"""
+    peer = edge.edge.to if edge.edge.from_ == component else edge.edge.from_
+    return better.edge == edge_to(topic_of(edge.edge.kind, edge.edge.topic), peer)
 
 
 def _judged_there(edge: EdgeView, component: str, node: str, between: Between) -> float | None:

@@ -15,7 +15,7 @@ is written while nothing changes, and a new leader goes on where the last one en
 import dataclasses
 import itertools
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime, timedelta
 from functools import partial
@@ -387,19 +387,19 @@ class BudgetWatch:
         if part.member.component not in movable(part.app):
             return self._write(part.pod, None)
         over, lasting = over_budget(part, cluster, cluster.rtt.measured_us), watched.lasting(now_s)
-        late = worst_of({link: us for link, us in over.items() if link in lasting})
+        standing = _standing(part.pod)
+        late = _to_be_helped({link: us for link, us in over.items() if link in lasting}, standing)
         if late is None or not settled(self._core, part):
             return None
-        standing = _standing(part.pod)
         with places_taken(cluster, self._others(uid)):
             found = better_node(self._core, part, late, standing=standing.node if standing else "")
         if found is not None or standing is not None:
             watched.search_s = now_s + SEARCH_S
-        write = self._write(part.pod, found)
+        write = self._write(part.pod, (late.link, found) if found is not None else None)
         watched.neighbours = self._neighbours(uid)
         return write
 
-    def _write(self, pod: Pod, found: Proposal | None) -> AnnotationWrite | None:
+    def _write(self, pod: Pod, found: tuple[Link, Proposal] | None) -> AnnotationWrite | None:
         """The write that makes the annotation what it should be; None when it is so, or a write was a moment ago."""
         watched, now_s, now = self._watched[pod.metadata.uid], self._clock(), self._now()
         since_s = now_s - watched.written_s
@@ -409,14 +409,21 @@ class BudgetWatch:
             watched.written_s = now_s
             self._places.pop(pod.metadata.uid, None)
             return AnnotationWrite(pod, None)
+        link, proposal = found
         standing = _standing(pod)
-        holds = standing is not None and standing.node == found.node and standing.expires - now >= RENEW
+        holds = (
+            standing is not None
+            and (standing.node, standing.edge) == (proposal.node, link.edge)
+            and standing.expires - now >= RENEW
+        )
         if holds or since_s < REST_S:
             return None
         watched.written_s = now_s
-        self._places[pod.metadata.uid] = Place(pod, found.node)
+        self._places[pod.metadata.uid] = Place(pod, proposal.node)
         expires = (now + VALID).replace(microsecond=0)
-        return AnnotationWrite(pod, BetterNode(found.node, found.before_us, found.after_us, expires))
+        return AnnotationWrite(
+            pod, BetterNode(proposal.node, link.edge, proposal.before_us, proposal.after_us, expires)
+        )
 
 
 def _shielded(instance: InstanceKey, decide: Callable[[], list[AnnotationWrite]]) -> list[AnnotationWrite]:
@@ -430,6 +437,15 @@ def _shielded(instance: InstanceKey, decide: Callable[[], list[AnnotationWrite]]
 
 def _has_node(cluster: Cache, member: Member) -> bool:
     return any(replica.node for replica in cluster.apps.replicas(member, member.component))
+
+
+def _to_be_helped(late: Mapping[Link, float], standing: BetterNode | None) -> Late | None:
+    """For which of these connections a node is searched: that of the standing proposal, else the one that uses most of its budget.
+
+    So two that are late do not take turns.
+    """
+    about = {link: us for link, us in late.items() if standing is not None and link.edge == standing.edge}
+    return worst_of(about or late)
 
 
 def _annotated(pod: Pod) -> bool:

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 from robotapp_api.model.names import ROBOT_END, Label
 from robotapp_api.values.bandwidth import bandwidth_bps
+from robotapp_api.values.better_node import edge_to, topic_of
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neighbours
 from robotapp_api.values.tiers import ROBOT
@@ -18,7 +19,6 @@ from robotapp_scheduler.core.api.robotics_v1alpha1 import Component, Edge, Resch
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
 from robotapp_scheduler.core.pods.pod_signature import controller_of
 
-TOPIC: Final = "Topic"
 ON_BOARD: Final = (ROBOT,)
 """`runsOn` of a component that never leaves its robot."""
 
@@ -33,6 +33,11 @@ class Link(NamedTuple):
     budget_us: int | None
     percentile: int
     required: bool
+
+    @property
+    def edge(self) -> str:
+        """As the annotation of a proposal and the records of decisions name it."""
+        return edge_to(self.what, self.peer)
 
 
 class Flow(NamedTuple):
@@ -162,7 +167,7 @@ def on_one_node(app: App, component: str) -> bool:
 def _link(edge: Edge, peer: str, budget_us: int | None) -> Link:
     latency = edge.latency
     return Link(
-        what=edge.topic if edge.kind == TOPIC else f"{edge.kind.lower()} {edge.topic}",
+        what=topic_of(edge.kind, edge.topic),
         peer=peer,
         budget_us=budget_us,
         percentile=latency.percentile if latency else 95,

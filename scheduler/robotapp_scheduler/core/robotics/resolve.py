@@ -158,7 +158,7 @@ def _lacks_end(member: Member, app: App, component: Component, around: Surroundi
 
 
 def _end(link: Link, nodes: tuple[str, ...], budget_us: int | None, *, required: bool) -> Endpoint:
-    what = f"{link.what} to {link.peer}"
+    what = link.edge
     return Endpoint(what, nodes, budget_us, link.percentile, required, not link.required)
 
 

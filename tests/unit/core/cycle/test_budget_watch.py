@@ -83,7 +83,9 @@ def test_a_budget_that_was_exceeded_for_as_long_as_the_app_waits_gets_one_propos
     assert cluster.run(FOR_S) == []
     assert cluster.run(2) == [(FOR_S + 1, "e2")]
     expires = (START + timedelta(seconds=FOR_S + 1) + VALID).isoformat().replace("+00:00", "Z")
-    assert cluster.annotation == f'{{"node": "e2", "before": "60ms", "after": "8ms", "expires": "{expires}"}}'
+    assert cluster.annotation == (
+        f'{{"node": "e2", "edge": "/planner to driver", "before": "60ms", "after": "8ms", "expires": "{expires}"}}'
+    )
 
 
 def test_a_node_that_is_measured_only_after_the_first_search_is_proposed_within_seconds() -> None:
@@ -111,7 +113,7 @@ def test_a_link_that_is_cut_must_be_so_for_as_long() -> None:
         found += [(cluster.clock(), write.better.text() if write.better else "") for write in cluster.watch.tick()]
     ((at_s, text),) = found
     assert at_s == FOR_S + 1
-    assert '"node": "e2", "before": "999999s"' in text
+    assert '"node": "e2", "edge": "/planner to driver", "before": "999999s"' in text
 
 
 def test_slow_rounds_that_do_not_last_write_nothing() -> None:
@@ -137,7 +139,7 @@ def two_edges(*, driver_ms: float, map_ms: float) -> Cluster:
 def report(cluster: Cluster, *, driver_ms: float, map_ms: float) -> None:
     """The round trips of the planner's two connections from now on."""
     cluster.rtt_ms = {"e1": driver_ms}
-    cluster.core.cluster.apply_telemetry(telemetry("e3", rtt_ms={"e1": map_ms, "e2": 9.0}))
+    cluster.core.cluster.apply_telemetry(telemetry("e3", rtt_ms={"e1": map_ms, "e2": 9.0}, seq=round(cluster.clock())))
 
 
 def test_each_connection_must_be_over_its_budget_for_as_long_on_its_own() -> None:
@@ -157,6 +159,23 @@ def test_one_slow_report_of_another_connection_is_not_what_a_proposal_tells() ->
     assert [node for _, node in cluster.run(2)] == ["e2"]
     assert cluster.annotation is not None
     assert '"before": "60ms", "after": "8ms"' in cluster.annotation
+
+
+def test_when_its_connection_is_met_again_a_proposal_is_written_anew_for_the_one_that_is_late_now() -> None:
+    cluster = two_edges(driver_ms=60.0, map_ms=10.0)
+    assert [node for _, node in cluster.run(FOR_S + 2)] == ["e2"]
+    report(cluster, driver_ms=10.0, map_ms=90.0)
+    assert [node for _, node in cluster.run(REST_S + SEARCH_S + 2)] == ["e2"]
+    assert cluster.annotation is not None
+    assert '"edge": "/planner to map", "before": "90ms", "after": "9ms"' in cluster.annotation
+
+
+def test_two_connections_that_are_late_do_not_take_turns() -> None:
+    cluster = two_edges(driver_ms=60.0, map_ms=100.0)
+    assert [node for _, node in cluster.run(FOR_S + 2)] == ["e2"]
+    for driver_ms, map_ms in ((90.0, 50.0), (30.0, 100.0)) * 10:
+        report(cluster, driver_ms=driver_ms, map_ms=map_ms)
+        assert cluster.run(SEARCH_S) == []
 
 
 def test_a_measurement_that_stays_away_ends_what_was_counted() -> None:

@@ -117,7 +117,7 @@ class World:
         self.cache.touch(UID, "")
 
     async def propose(self, node: str = "near") -> None:
-        better = BetterNode(node, 60_000, 8_000, START + timedelta(days=30))
+        better = BetterNode(node, "/t to driver", 60_000, 8_000, START + timedelta(days=30))
         patch = {"metadata": {"annotations": {Annotation.BETTER_NODE.value: better.text()}}}
         await self.client.patch(PODS, "planner", patch, namespace="default")
 

@@ -19,7 +19,7 @@ EDGE = {"topic": "/t", "from": "planner", "to": "driver", "latency": {"budget": 
 PARTS = (component("planner"), component("driver", runsOn=["Robot"]), component("map"))
 PLACES = {"planner": "far", "driver": "amr"}
 TIMES = {"far": telemetry("far", amr=60, near=5), "near": telemetry("near", amr=8)}
-GOOD = BetterNode("near", 60_000, 8_000, NOW + timedelta(minutes=1))
+GOOD = BetterNode("near", "/t to driver", 60_000, 8_000, NOW + timedelta(minutes=1))
 
 
 def decide(
@@ -98,13 +98,41 @@ def test_what_runs_on_its_robot_alone_or_in_several_copies_stays() -> None:
 def test_the_time_that_another_edge_would_have_there_moves_nobody() -> None:
     other = {"topic": "/m", "from": "planner", "to": "map", "latency": {"budget": "30ms"}}
     times = {"far": telemetry("far", amr=31, cloud=90), "near": telemetry("near", cloud=5)}
-    found = why(edges=(EDGE, other), times=times, map_on="cloud", better=GOOD._replace(after_us=5_000), lasting="/t")
-    assert found == "planner would have 5ms on near, but the time of /t planner -> driver there is not measured"
+    about_map = GOOD._replace(edge="/m to map", after_us=5_000)
+    found = why(edges=(EDGE, other), times=times, map_on="cloud", better=about_map, lasting="/t")
+    assert found == "near is proposed for planner, but the time of /t planner -> driver there is not measured"
     near = {**times, "near": telemetry("near", cloud=5, amr=8)}
+    found = decide(edges=(EDGE, other), times=near, map_on="cloud", better=about_map, lasting="/t")
+    assert isinstance(found, Move)
+    assert found.why == "/t planner -> driver 31ms of 30ms before, 8ms expected"
+
+
+def test_a_proposal_for_the_sake_of_one_edge_moves_for_it_whatever_another_does() -> None:
+    brief = {"topic": "/brief", "from": "planner", "to": "map", "latency": {"budget": "10ms"}}
+    times = {"far": telemetry("far", amr=60, cloud=90)}
+    found = decide(edges=(EDGE, brief), times=times, map_on="cloud", lasting="/t")
+    assert isinstance(found, Move)
+    assert found.why == "/t planner -> driver 60ms of 30ms before, 8ms expected"
+
+
+def test_a_time_that_was_proposed_for_another_edge_forbids_no_move() -> None:
+    big = {"topic": "/big", "from": "planner", "to": "map", "latency": {"budget": "100ms"}}
+    times = {"far": telemetry("far", amr=60, cloud=50), "near": telemetry("near", amr=5, cloud=60)}
+    found = decide(
+        edges=(EDGE, big), times=times, map_on="cloud", better=GOOD._replace(edge="/big to map", after_us=60_000)
+    )
+    assert isinstance(found, Move)
+
+
+def test_services_and_the_other_end_have_their_proposals_too() -> None:
+    service = {"kind": "Service", "topic": "/s", "from": "driver", "to": "planner", "latency": {"budget": "30ms"}}
     assert isinstance(
-        decide(edges=(EDGE, other), times=near, map_on="cloud", better=GOOD._replace(after_us=5_000), lasting="/t"),
+        decide(
+            edges=(service,), better=GOOD._replace(edge="service /s to driver"), times={"far": telemetry("far", amr=60)}
+        ),
         Move,
     )
+    assert "is not measured" in why(edges=(service,), times={"far": telemetry("far", amr=60)})
 
 
 def test_a_gain_that_is_too_small_is_none() -> None:
@@ -112,7 +140,9 @@ def test_a_gain_that_is_too_small_is_none() -> None:
     no_gain = "that is no gain as measured now: 27ms or less, and a fifth less than where it is, would be"
     too_near, too_long = GOOD._replace(after_us=27_000), GOOD._replace(after_us=27_500)
     assert why(times=slow, better=too_near) == f"planner would have 27ms on near, but {no_gain}"
-    assert why(better=too_long) == f"planner would have 27.5ms on near, but {no_gain}"
+    unknown = {"far": telemetry("far", amr=60)}
+    assert why(times=unknown, better=too_long) == f"planner would have 27.5ms on near, but {no_gain}"
+    assert isinstance(decide(better=too_long), Move), "8 ms are measured now"
     measured = TIMES | {"near": telemetry("near", amr=29)}
     assert no_gain in why(times=measured), "what is measured now counts more than the proposal"
 

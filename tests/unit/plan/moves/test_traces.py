@@ -77,7 +77,7 @@ def run(
         outcome.over_s += LOOK_S * (view.met is False)
         now, other = START + timedelta(seconds=second), "b" if zone == "a" else "a"
         there_us = network(other, second) * 1000
-        better = BetterNode(other, here_us, there_us, now + timedelta(seconds=10)) if there_us < here_us else None
+        better = _proposal(other, here_us, there_us, now) if there_us < here_us else None
         planner = Running(
             component=app.spec.components[0],
             pod=f"pod-{born}",
@@ -105,6 +105,10 @@ def run(
         zone, born, ready_s = other, born + 1, second + START_S
     outcome.evictions = annotation.count("Z")
     return outcome
+
+
+def _proposal(node: str, here_us: float, there_us: float, now: datetime) -> BetterNode:
+    return BetterNode(node, "/t to driver", here_us, there_us, now + timedelta(seconds=10))
 
 
 def alternating(period_s: int) -> Network:

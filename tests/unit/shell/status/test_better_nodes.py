@@ -15,7 +15,7 @@ from robotapp_scheduler.core.cycle.better_node import TICK_S, AnnotationWrite
 from robotapp_scheduler.shell.status.better_nodes import BetterNodes
 
 POD = Pod(metadata=Metadata(name="planner-0", namespace="team-a", uid="u1", resource_version="7"))
-BETTER = BetterNode("edge-2", 61_000.0, 8_000.0, datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))
+BETTER = BetterNode("edge-2", "/odom to driver", 61_000.0, 8_000.0, datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))
 
 
 class Ticks:
