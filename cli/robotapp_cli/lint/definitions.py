@@ -16,6 +16,7 @@ from robotapp_api.model.pool import DomainPool
 from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.model.scalars import LABEL_PATTERN, SUBDOMAIN_PATTERN
 from robotapp_api.schema.crd import schema_of
+from robotapp_cli.lint.cel_rules import RULES
 
 Schema = dict[str, Any]
 
@@ -24,7 +25,7 @@ KINDS: Final[dict[str, type[Model]]] = {"RobotApp": RobotApp, "DomainPool": Doma
 _RANGES: Final = {"int32": 2**31, "int64": 2**63}
 _KEPT: Final[tuple[str, ...]] = (
     "type", "description", "enum", "minimum", "maximum", "exclusiveMinimum", "minLength", "maxLength", "minItems", "maxItems",
-    "minProperties", "maxProperties", "required", "pattern",
+    "minProperties", "maxProperties", "required", "pattern", RULES,
 )  # fmt: skip
 
 _LABEL_VALUE: Final = r"^(([A-Za-z0-9][-A-Za-z0-9_.]*)?[A-Za-z0-9])?$"

@@ -2,12 +2,14 @@
 
 import difflib
 import json
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model import scalars
 from robotapp_api.model.robots import LABEL_KEY
 from robotapp_cli.lint import old_names
+from robotapp_cli.lint.cel_rules import RULES
 from robotapp_cli.lint.findings import Path
 
 Schema = dict[str, Any]
@@ -97,17 +99,15 @@ def _wrong_type(error: Misfit) -> str:
     value, wanted = error.value, error.limit
     kinds = [wanted] if isinstance(wanted, str) else list(wanted)
     what = " or ".join(_TYPES[kind] for kind in kinds)
-    cure = old_names.of_value(error.path, value) or _type_cure(value, kinds, error.schema)
+    cure = old_names.of_value(error.path, value) or _type_cure(error, kinds)
     return f"must be {what}, but is {_described(value)}" + (f"; {cure}" if cure else "")
 
 
-def _type_cure(value: Any, kinds: list[str], schema: Schema) -> str:
-    if "string" in kinds and isinstance(value, bool):
-        return "put it in quotes (YAML reads yes, no, on and off as true and false)"
-    if "string" in kinds and isinstance(value, int | float):
-        if schema.get("pattern") == scalars.DURATION_PATTERN:
-            return f"write its unit, such as {value}ms"
-        return "put it in quotes, as it is written"
+def _type_cure(error: Misfit, kinds: list[str]) -> str:
+    """What to write in place of a value of another type, so that it is not refused again; "" where nothing is known."""
+    value, schema = error.value, error.schema
+    if "string" in kinds:
+        return _text_cure(error)
     if isinstance(value, str) and ("integer" in kinds or "boolean" in kinds):
         plain = value.isascii() and value.isdigit() if "integer" in kinds else value in ("true", "false")
         return "remove the quotes" if plain else ""
@@ -116,6 +116,27 @@ def _type_cure(value: Any, kinds: list[str], schema: Schema) -> str:
     if "object" in kinds and schema.get("properties"):
         return f"its fields are {_listed(schema['properties'])}"
     return ""
+
+
+def _text_cure(error: Misfit) -> str:
+    """For a field of text. Quotes are a cure only where the schema takes the same characters as text."""
+    value, schema = error.value, error.schema
+    if _is_duration(schema):
+        text = f"{json.dumps(value)}ms"
+        example = text if value and re.fullmatch(scalars.DURATION_PATTERN, text) else "30ms"
+        return f"write a number and its unit (us, ms, s, m or h), such as {example}"
+    if not isinstance(value, bool | int | float):
+        return ""
+    if "pattern" in schema and not re.search(schema["pattern"], json.dumps(value)):
+        return f"write {_words(error.path, schema['pattern'])}"
+    if isinstance(value, bool):
+        return "put it in quotes (YAML reads yes, no, on and off as true and false)"
+    return "put it in quotes, as it is written"
+
+
+def _is_duration(schema: Schema) -> bool:
+    """A duration has a rule in place of a pattern, see `scalars.Duration`."""
+    return any(rule["rule"] == scalars.is_duration("self") for rule in schema.get(RULES, ()))
 
 
 def _missing(error: Misfit) -> str:
@@ -164,8 +185,12 @@ def _not_listed(error: Misfit) -> str:
 
 
 def _not_matched(error: Misfit) -> str:
-    words = _BY_PATTERN.get(error.limit) or _BY_FIELD.get(field_of(error.path))
-    return f"{quoted(error.value)} is not possible; write {words or f'what matches {error.limit}'}"
+    return f"{quoted(error.value)} is not possible; write {_words(error.path, error.limit)}"
+
+
+def _words(path: Path, pattern: str) -> str:
+    """What the pattern of the field at `path` means."""
+    return _BY_PATTERN.get(pattern) or _BY_FIELD.get(field_of(path)) or f"what matches {pattern}"
 
 
 def field_of(path: Path) -> str:

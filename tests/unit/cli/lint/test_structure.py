@@ -18,6 +18,19 @@ from robotapp_cli.lint.definitions import KINDS, definition
 from robotapp_cli.lint.findings import Located, Path, Severity
 from robotapp_cli.lint.linter import MOST_FINDINGS, lint
 
+DURATIONS = (
+    "spec.components[].policies.latencyBudget",
+    "spec.components[].policies.deadline",
+    "spec.edges[].qos.deadline",
+    "spec.edges[].qos.lease",
+    "spec.edges[].requestedQos.deadline",
+    "spec.edges[].requestedQos.lease",
+    "spec.edges[].latency.budget",
+    "spec.placement.fallback.after",
+    "spec.placement.reschedule.for",
+    "spec.placement.reschedule.cooldown",
+    "spec.connectivity.grace",
+)
 GONE = {path: value for path, value in GONE_FIELDS["RobotApp"].items() if not path.startswith("status.")}
 
 
@@ -66,6 +79,16 @@ def patterns(schema: dict[str, Any], path: Path) -> Iterator[tuple[Path, str]]:
     for key, step in (("items", 0), ("additionalProperties", "any")):
         if key in schema:
             yield from patterns(schema[key], (*path, step))
+
+
+def durations(schema: dict[str, Any], path: str) -> Iterator[str]:
+    """Paths of fields whose rule names units of time."""
+    if any("(us, ms, s, m or h)" in rule["message"] for rule in schema.get("x-kubernetes-validations", ())):
+        yield path
+    for key, member in schema.get("properties", {}).items():
+        yield from durations(member, f"{path}.{key}")
+    if "items" in schema:
+        yield from durations(schema["items"], f"{path}[]")
 
 
 class TestOldNames:
@@ -156,6 +179,34 @@ class TestValues:
         where, said = of_component(**fields)
         assert where == path
         assert message in said
+
+    @pytest.mark.parametrize("field", DURATIONS)
+    def test_a_duration_without_unit_is_told_to_have_one(self, field: str) -> None:
+        parent, _, name = field.rpartition(".")
+        for value, example in ((30, "30ms"), (1.5, "1.5ms"), (0, "30ms"), (-1, "30ms"), (True, "30ms")):
+            findings = found(with_field("RobotApp", parent, {name: value}))
+            (finding,) = [each for each in findings if each.severity is Severity.ERROR]
+            assert finding.path == field.replace("[]", "[0]")
+            assert finding.message.endswith(
+                f"; write a number and its unit (us, ms, s, m or h), such as {example}"
+            ), finding.message
+
+    def test_every_duration_of_an_app_is_in_the_list_above(self) -> None:
+        named = {field.replace("requestedQos", "qos") for field in DURATIONS}
+        spec = definition("RobotApp").schema["properties"]["spec"]
+        assert {field.replace("requestedQos", "qos") for field in durations(spec, "spec")} == named
+
+    @pytest.mark.parametrize(
+        ("spec", "cure"),
+        [
+            ({"ros": {"distro": 7}}, "write a ROS distribution in lower case, such as jazzy"),
+            ({"edges": [edge(topic=7)]}, "write letters, digits, _ and /, such as /cmd_vel"),
+            ({"edges": [edge(type=True)]}, "write a ROS interface, such as geometry_msgs/msg/Twist"),
+            ({"edges": [edge(bandwidth=True)]}, "write a quantity, such as 20, 500m, 40M or 512Mi"),
+        ],
+    )
+    def test_quotes_are_no_cure_where_the_same_as_text_is_refused_too(self, spec: dict[str, Any], cure: str) -> None:
+        assert only(app(**spec))[1].endswith(f"; {cure}")
 
     def test_quantities_are_numbers_or_text_as_the_api_server_takes_them(self) -> None:
         resources = {"limits": {"cpu": 2, "memory": "1Gi", "nvidia.com/gpu": 1}}
