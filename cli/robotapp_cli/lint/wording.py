@@ -3,6 +3,7 @@
 import difflib
 import json
 import re
+import shlex
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, NamedTuple
 
@@ -11,6 +12,7 @@ from robotapp_api.model.robots import LABEL_KEY
 from robotapp_cli.lint import old_names
 from robotapp_cli.lint.cel_rules import RULES
 from robotapp_cli.lint.findings import Path
+from robotapp_cli.lint.scalars import resolved
 
 Schema = dict[str, Any]
 
@@ -46,6 +48,13 @@ _BY_FIELD: Final = {
     "sharedIds": "ascending ranges, such as 90-101",
 }
 """What a pattern means, by the field it belongs to."""
+_COMMANDS: Final = frozenset({"command", "args"})
+"""Fields with the words of a command line."""
+_LONGEST_COMMAND: Final = 1000
+_OPERATORS: Final = ";|&<>"
+"""What separates the commands of a shell, or sends their output elsewhere."""
+_BARE: Final = re.compile(r"-{0,2}[A-Za-z_/][-A-Za-z0-9_./=]*")
+_WHOLE: Final = re.compile(r"[0-9]{1,18}")
 _SIZES: Final = {"Length": "characters", "Items": "entries", "Properties": "entries"}
 
 
@@ -106,13 +115,15 @@ def _wrong_type(error: Misfit) -> str:
 def _type_cure(error: Misfit, kinds: list[str]) -> str:
     """What to write in place of a value of another type, so that it is not refused again; "" where nothing is known."""
     value, schema = error.value, error.schema
+    if allowed := [str(each) for each in schema.get("enum", ())]:
+        return "remove the quotes" if value in allowed else f"write {' or '.join(allowed)}"
     if "string" in kinds:
         return _text_cure(error)
     if isinstance(value, str) and ("integer" in kinds or "boolean" in kinds):
         plain = value.isascii() and value.isdigit() if "integer" in kinds else value in ("true", "false")
         return "remove the quotes" if plain else ""
     if "array" in kinds:
-        return "begin each entry with -" if isinstance(value, dict) else f"write [{quoted(value)}]" if value else ""
+        return "begin each entry with -" if isinstance(value, dict) else _list_cure(error)
     if "object" in kinds and schema.get("properties"):
         return f"its fields are {_listed(schema['properties'])}"
     return ""
@@ -127,11 +138,62 @@ def _text_cure(error: Misfit) -> str:
         return f"write a number and its unit (us, ms, s, m or h), such as {example}"
     if not isinstance(value, bool | int | float):
         return ""
-    if "pattern" in schema and not re.search(schema["pattern"], json.dumps(value)):
+    if not _takes(schema, json.dumps(value)):
         return f"write {_words(error.path, schema['pattern'])}"
     if isinstance(value, bool):
         return "put it in quotes (YAML reads yes, no, on and off as true and false)"
     return "put it in quotes, as it is written"
+
+
+def _takes(schema: Schema, text: str) -> bool:
+    """Whether a field of text allows these characters."""
+    return text in schema.get("enum", (text,)) and bool(re.search(schema.get("pattern", ""), text))
+
+
+def _list_cure(error: Misfit) -> str:
+    """The list that was meant by a scalar, with entries that the list takes."""
+    value, items = error.value, error.schema["items"]
+    text = value.strip() if isinstance(value, str) else "" if value is None else json.dumps(value)
+    if not text:
+        return ""
+    if items["type"] == "object":
+        return f"write {_skeleton(error.schema)}"
+    parts = [part for part in re.split(r"[,\s]+", text.strip("[]")) if part]
+    if items["type"] == "integer":
+        whole = all(_WHOLE.fullmatch(part) for part in parts)
+        return f"write {_flow(str(int(part)) for part in parts)}" if whole else "write whole numbers, such as [1, 2]"
+    if isinstance(value, str) and field_of(error.path) in _COMMANDS:
+        return f"write {_command(text)}"
+    if _takes(items, text):
+        return f"write {_flow([_plain(text)])}"
+    if all(_takes(items, part) for part in parts):
+        return f"write {_flow(map(_plain, parts))}"
+    return f"write a list of {' or '.join(items['enum']) if 'enum' in items else _words(error.path, items['pattern'])}"
+
+
+def _command(text: str) -> str:
+    """The words of a command as a list; what only a shell understands is given to one."""
+    if len(text) > _LONGEST_COMMAND:
+        return "every word as an entry of its own, as in [ros2, run, nav2_amcl, amcl]"
+    lexer = shlex.shlex(text, posix=True, punctuation_chars=_OPERATORS)
+    lexer.whitespace_split, lexer.commenters = True, ""
+    try:
+        words = list(lexer)
+    except ValueError:  # a quote without its other one
+        words = text.split()
+    if "\n" in text or any(word.strip(_OPERATORS) == "" != word for word in words):
+        return f"[bash, -c, {json.dumps(text, ensure_ascii=False)}]"
+    return _flow(map(_plain, words))
+
+
+def _flow(entries: Iterable[str]) -> str:
+    """A list in one line."""
+    return f"[{', '.join(entries)}]"
+
+
+def _plain(text: str) -> str:
+    """The text as an entry of such a list: in quotes unless it is text without them."""
+    return text if _BARE.fullmatch(text) and isinstance(resolved(text), str) else json.dumps(text, ensure_ascii=False)
 
 
 def _is_duration(schema: Schema) -> bool:

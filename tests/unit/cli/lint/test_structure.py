@@ -160,7 +160,7 @@ class TestValues:
                 "must be text, but is true; put it in quotes (YAML reads yes, no, on and off as true and false)",
             ),
             ({"replicas": "2"}, ".replicas", 'must be a whole number, but is the text "2"; remove the quotes'),
-            ({"args": "ros2"}, ".args", 'must be a list, but is the text "ros2"; write ["ros2"]'),
+            ({"args": "ros2"}, ".args", 'must be a list, but is the text "ros2"; write [ros2]'),
             ({"devices": {"name": "a"}}, ".devices", "must be a list, but is a mapping; begin each entry with -"),
             ({"policies": "fast"}, ".policies", "must be a mapping of fields, but is the text"),
             ({"args": [None]}, ".args[0]", "must be text, but is empty"),
@@ -208,6 +208,20 @@ class TestValues:
     def test_quotes_are_no_cure_where_the_same_as_text_is_refused_too(self, spec: dict[str, Any], cure: str) -> None:
         assert only(app(**spec))[1].endswith(f"; {cure}")
 
+    @pytest.mark.parametrize(
+        ("spec", "cure"),
+        [
+            ({"components": [component(ready={"lifecycle": True})]}, "write Active"),
+            ({"components": [component(imagePullPolicy=False)]}, "write Always or IfNotPresent or Never"),
+            ({"placement": {"gang": True}}, "write All or None"),
+            ({"edges": [edge(latency={"budget": "30ms", "percentile": "p95"})]}, "write 50 or 95"),
+            ({"edges": [edge(latency={"budget": "30ms", "percentile": 99.9})]}, "write 50 or 95"),
+            ({"edges": [edge(latency={"budget": "30ms", "percentile": "95"})]}, "remove the quotes"),
+        ],
+    )
+    def test_values_that_are_listed_are_named_at_once(self, spec: dict[str, Any], cure: str) -> None:
+        assert only(app(**spec))[1].rpartition("; ")[2] == cure
+
     def test_quantities_are_numbers_or_text_as_the_api_server_takes_them(self) -> None:
         resources = {"limits": {"cpu": 2, "memory": "1Gi", "nvidia.com/gpu": 1}}
         assert found(app(components=[component(resources=resources)])) == []
@@ -220,6 +234,71 @@ class TestValues:
 
     def test_a_line_end_is_not_overlooked_at_the_end_of_a_name(self) -> None:
         assert of_component(name="driver\n")[0] == ".name"
+
+
+class TestListsThatAreNone:
+    """The cure for a scalar where a list is wanted is not refused in turn."""
+
+    @pytest.mark.parametrize("field", ["command", "args"])
+    @pytest.mark.parametrize(
+        ("text", "cure"),
+        [
+            ("ros2 run nav2_amcl amcl", "[ros2, run, nav2_amcl, amcl]"),
+            ("  sleep 5 ", '[sleep, "5"]'),
+            ('bash -c "ros2 launch a b"', '[bash, -c, "ros2 launch a b"]'),
+            ("ros2 run a b --ros-args -r __ns:=/$(ROBOTAPP_ROBOT)", '[ros2, run, a, b, --ros-args, -r, "__ns:=/$(ROBOTAPP_ROBOT)"]'),
+            ("don't", '["don\'t"]'),
+            ("source /opt/x.sh && ros2 run a b", '[bash, -c, "source /opt/x.sh && ros2 run a b"]'),
+            ("source x\nros2 run a b\n", '[bash, -c, "source x\\nros2 run a b"]'),
+            ("a # b", '[a, "#", b]'),
+            ("a " * 1000, "every word as an entry of its own, as in [ros2, run, nav2_amcl, amcl]"),
+        ],
+    )  # fmt: skip
+    def test_a_command_becomes_the_list_of_its_words(self, field: str, text: str, cure: str) -> None:
+        assert of_component(**{field: text})[1].endswith(f"; write {cure}")
+
+    def test_commands_of_probes_and_of_other_containers_are_commands_too(self) -> None:
+        for fields in (
+            {"livenessProbe": {"exec": {"command": "ros2 node list"}}},
+            {"template": {"spec": {"initContainers": [{"name": "x", "image": "i", "command": "ros2 node list"}]}}},
+        ):
+            assert of_component(**fields)[1].endswith("write [ros2, node, list]")
+
+    @pytest.mark.parametrize(
+        ("value", "cure"),
+        [
+            ("17,18", "write [17, 18]"),
+            (" [17, 018] ", "write [17, 18]"),
+            ("17 18", "write [17, 18]"),
+            ("17", "write [17]"),
+            (17, "write [17]"),
+            (0, "write [0]"),
+            ("17-19", "write whole numbers, such as [1, 2]"),
+            (1.5, "write whole numbers, such as [1, 2]"),
+            ("9" * 5000, "write whole numbers, such as [1, 2]"),
+        ],
+    )
+    def test_numbers_in_a_text_become_a_list_of_numbers(self, value: object, cure: str) -> None:
+        path, message = only(pool(reserved=value))
+        assert (path, message.rpartition("; ")[2]) == ("spec.reserved", cure)
+
+    @pytest.mark.parametrize(
+        ("fields", "cure"),
+        [
+            ({"runsOn": "Robot, Edge"}, "write [Robot, Edge]"),
+            ({"runsOn": "robot"}, "write a list of Robot or Edge or Cloud"),
+            ({"runsOn": True}, "write a list of Robot or Edge or Cloud"),
+            ({"colocateWith": "b"}, "write [b]"),
+            ({"colocateWith": "b,c"}, "write [b, c]"),
+            ({"colocateWith": 7}, 'write ["7"]'),
+            ({"colocateWith": "B"}, "write a list of lower-case letters, digits and -, such as camera-driver"),
+            ({"args": 7}, 'write ["7"]'),
+            ({"args": True}, 'write ["true"]'),
+            ({"devices": "cam"}, "write [{name: …, type: …}]"),
+        ],
+    )
+    def test_names_in_a_text_become_a_list_of_names(self, fields: dict[str, Any], cure: str) -> None:
+        assert of_component(**fields)[1].rpartition("; ")[2] == cure
 
 
 class TestLists:
