@@ -28,6 +28,9 @@ _KEPT: Final[tuple[str, ...]] = (
     "minProperties", "maxProperties", "required", "pattern", RULES,
 )  # fmt: skip
 
+_NEVER_MEANT: Final = frozenset({"initContainers"})
+"""Fields below which nobody means to write what stands elsewhere: they have the component's own fields and rare ones."""
+
 _LABEL_VALUE: Final = r"^(([A-Za-z0-9][-A-Za-z0-9_.]*)?[A-Za-z0-9])?$"
 _MAP: Final = {"type": "object", "additionalProperties": {"type": "string"}}
 _METADATA: Final[Schema] = {
@@ -136,7 +139,7 @@ def _places(schema: Schema) -> dict[str, str]:
             inner, here = (node["items"], f"{path}[]") if "items" in node else (node, path)
             for name, member in inner.get("properties", {}).items():
                 where = f"{here}.{name}" if here else name
-                below.append((where, member))
+                below.append((where, member if name not in _NEVER_MEANT else {}))
         new: dict[str, list[str]] = {}
         for where, _ in below:
             new.setdefault(where.rpartition(".")[2], []).append(where)

@@ -1,4 +1,6 @@
-"""Names that fields had before v1alpha1 was reshaped, and what to write now. Only for messages: nothing accepts them."""
+"""Names that fields had before v1alpha1 was reshaped or that ROS gives them, and what to write. Only for messages: nothing
+accepts them.
+"""
 
 from typing import Final
 
@@ -16,6 +18,10 @@ _POD_FIELDS: Final = (
     "terminationGracePeriodSeconds",
 )
 _COMPONENT: Final = "spec.components"
+
+_EDGE: Final = "spec.edges"
+_KINDS: Final = {"service": "Service", "action": "Action"}
+"""Field that is often written in place of `topic` → the kind of edge that is meant."""
 
 FIELDS: Final[dict[str, str]] = {
     "spec.dds": "write ros2",
@@ -36,6 +42,9 @@ FIELDS: Final[dict[str, str]] = {
     f"{_COMPONENT}.devices.match": "write usbID",
     f"{_COMPONENT}.devices.exclusive": "write sharing: Exclusive in place of true, sharing: Cluster in place of false",
     f"{_COMPONENT}.sharedData.claims": "write claimNames",
+    f"{_EDGE}.name": "write topic",
+    **{f"{_EDGE}.{name}": "write from" for name in ("publisher", "server")},
+    **{f"{_EDGE}.{name}": "write to" for name in ("subscriber", "subscription", "client")},
 }
 """Path without positions → what to write instead."""
 
@@ -55,6 +64,11 @@ VALUES: Final[dict[tuple[str, object], str]] = {
 def of_field(path: Path) -> str:
     """What to write in place of a field that is gone; "" when there was none of that name."""
     return FIELDS.get(fields_only(path), "")
+
+
+def of_edge(path: Path) -> str:
+    """The kind of an edge that is named by a field of its own: Service for `service: /x`; "" for other fields."""
+    return _KINDS.get(str(path[-1]), "") if fields_only(path[:-1]) == _EDGE else ""
 
 
 def of_value(path: Path, value: object) -> str:

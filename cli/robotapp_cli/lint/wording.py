@@ -217,7 +217,7 @@ def _skeleton(schema: Schema) -> str:
 
 def meant(error: Misfit) -> str:
     """The field beside an unknown one that was meant by it, if there is one."""
-    new = old_names.of_field(error.path).removeprefix("write ")
+    new = "topic" if old_names.of_edge(error.path) else old_names.of_field(error.path).removeprefix("write ")
     allowed = _properties(error)
     return new if new in allowed else nearest(str(error.path[-1]), allowed)
 
@@ -229,6 +229,10 @@ def _properties(error: Misfit) -> Schema:
 
 def _unknown(error: Misfit, elsewhere: Mapping[str, str]) -> str:
     name, allowed = str(error.path[-1]), _properties(error)
+    if kind := old_names.of_edge(error.path):
+        topic = error.value[name]
+        shown = topic if isinstance(topic, str) and len(topic) <= _LONGEST else "…"
+        return f"unknown field; write topic: {shown}, kind: {kind}"
     if cure := old_names.of_field(error.path):
         return f"unknown field; {cure}"
     if near := meant(error):

@@ -123,6 +123,31 @@ class TestFields:
             "unknown field; a field of this name is spec.ros2.isolation",
         )
 
+    def test_a_place_that_nobody_means_is_not_named(self) -> None:
+        assert "initContainers" not in of_component(restartPolicyRules=[])[1]
+
+    @pytest.mark.parametrize(
+        ("fields", "cure"),
+        [
+            ({"action": "/execute_trajectory"}, "write topic: /execute_trajectory, kind: Action"),
+            ({"service": "/plan"}, "write topic: /plan, kind: Service"),
+            ({"service": ["/plan"]}, "write topic: …, kind: Service"),
+            ({"name": "/cmd_vel"}, "write topic"),
+        ],
+    )
+    def test_an_edge_named_by_its_kind_is_told_topic_and_kind(self, fields: dict[str, Any], cure: str) -> None:
+        ends = {"from": "operator", "to": "driver"}
+        (name,) = fields
+        assert only(app(edges=[{**ends, **fields}])) == (f"spec.edges[0].{name}", f"unknown field; {cure}")
+
+    def test_ends_of_an_edge_that_are_named_as_in_ros_are_from_and_to(self) -> None:
+        for publisher, subscriber in (("publisher", "subscriber"), ("server", "client")):
+            wrong = app(edges=[{"topic": "/x", publisher: "operator", subscriber: "driver"}])
+            assert [(each.path, each.message) for each in found(wrong)] == [
+                (f"spec.edges[0].{publisher}", "unknown field; write from"),
+                (f"spec.edges[0].{subscriber}", "unknown field; write to"),
+            ]
+
     def test_for_any_other_field_the_possible_ones_are_listed(self) -> None:
         assert only(app(ros={"distro": "jazzy", "zzz": 1})) == (
             "spec.ros.zzz",
