@@ -1,6 +1,6 @@
 """Which ROS an app speaks and how its processes find each other: ros, ros2, ros1."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, StringConstraints
 
@@ -77,13 +77,17 @@ class Ros2(Model):
     """RobotApps whose domain this app joins on purpose; its own `domain` counts only when it leads apps that name each other."""
 
 
+_NO_ADDRESS: Final = "an External master needs its address; write uri, for example http://master.default.svc:11311"
+
+
 class Ros1(Model):
     """ROS 1 master."""
 
     RULES = (
         Rule(
             rule="self.master != 'External' || self.uri.startsWith('http://')",
-            message="an External master needs its address; write uri, for example http://master.default.svc:11311",
+            message=_NO_ADDRESS,
+            expression=f"self.uri == '' ? '{_NO_ADDRESS}' : 'uri %s does not begin with http://; write for example http://master.default.svc:11311'.format([self.uri])",
             path=".uri",
         ),
         Rule(

@@ -164,6 +164,12 @@ APP = [
         "an External master needs its address; write uri, for example http://master.default.svc:11311",
     ),
     RuleCase(
+        "the address of an external master begins with http://",
+        app(ros1={"master": "External", "uri": "http://master.example:11311"}),
+        app(ros1={"master": "External", "uri": "master.example:11311"}),
+        "uri master.example:11311 does not begin with http://; write for example http://master.default.svc:11311",
+    ),
+    RuleCase(
         "a managed master has none",
         app(ros1={"master": "Managed"}),
         app(ros1={"uri": "http://master.default.svc:11311"}),
