@@ -48,6 +48,12 @@ _BY_FIELD: Final = {
     "sharedIds": "ascending ranges, such as 90-101",
 }
 """What a pattern means, by the field it belongs to."""
+_RATES: Final = frozenset({"rateHz", "minRate"})
+_HERTZ: Final = re.compile(r"\s*([0-9]{1,15}(?:\.[0-9]{1,9})?)\s*(?:Hz|/s|per second)\s*", re.IGNORECASE)
+_QUANTITIES: Final = dict.fromkeys(_RATES, 'messages per second, such as 20 or "0.5"') | {
+    "bandwidth": "bits per second, such as 40M"
+}
+"""What a quantity counts, for fields that say it."""
 _COMMANDS: Final = frozenset({"command", "args"})
 """Fields with the words of a command line."""
 _LONGEST_COMMAND: Final = 1000
@@ -251,12 +257,20 @@ def _not_listed(error: Misfit) -> str:
 
 
 def _not_matched(error: Misfit) -> str:
-    return f"{quoted(error.value)} is not possible; write {_words(error.path, error.limit)}"
+    number = _HERTZ.fullmatch(error.value) if field_of(error.path) in _RATES else None
+    cure = f"{_as_quantity(number[1])} (per second)" if number else _words(error.path, error.limit)
+    return f"{quoted(error.value)} is not possible; write {cure}"
+
+
+def _as_quantity(number: str) -> str:
+    """A quantity is a whole number or text."""
+    return number if number.isdigit() else f'"{number}"'
 
 
 def _words(path: Path, pattern: str) -> str:
     """What the pattern of the field at `path` means."""
-    return _BY_PATTERN.get(pattern) or _BY_FIELD.get(field_of(path)) or f"what matches {pattern}"
+    field = field_of(path)
+    return _QUANTITIES.get(field) or _BY_PATTERN.get(pattern) or _BY_FIELD.get(field) or f"what matches {pattern}"
 
 
 def field_of(path: Path) -> str:

@@ -227,7 +227,7 @@ class TestValues:
             ({"ros": {"distro": 7}}, "write a ROS distribution in lower case, such as jazzy"),
             ({"edges": [edge(topic=7)]}, "write letters, digits, _ and /, such as /cmd_vel"),
             ({"edges": [edge(type=True)]}, "write a ROS interface, such as geometry_msgs/msg/Twist"),
-            ({"edges": [edge(bandwidth=True)]}, "write a quantity, such as 20, 500m, 40M or 512Mi"),
+            ({"edges": [edge(bandwidth=True)]}, "write bits per second, such as 40M"),
         ],
     )
     def test_quotes_are_no_cure_where_the_same_as_text_is_refused_too(self, spec: dict[str, Any], cure: str) -> None:
@@ -246,6 +246,24 @@ class TestValues:
     )
     def test_values_that_are_listed_are_named_at_once(self, spec: dict[str, Any], cure: str) -> None:
         assert only(app(**spec))[1].rpartition("; ")[2] == cure
+
+    @pytest.mark.parametrize(
+        ("text", "cure"),
+        [
+            ("20Hz", "write 20 (per second)"),
+            ("20 hz", "write 20 (per second)"),
+            ("20/s", "write 20 (per second)"),
+            ("12.5Hz", 'write "12.5" (per second)'),
+            ("fast", 'write messages per second, such as 20 or "0.5"'),
+        ],
+    )
+    def test_a_rate_with_its_unit_is_told_to_go_without(self, text: str, cure: str) -> None:
+        rate = {"topic": {"name": "/x", "minRate": text}}
+        assert of_component(ready=rate) == (".ready.topic.minRate", f'"{text}" is not possible; {cure}')
+        assert only(app(edges=[edge(rateHz=text)]))[1] == f'"{text}" is not possible; {cure}'
+
+    def test_a_bandwidth_is_in_bits_per_second(self) -> None:
+        assert only(app(edges=[edge(bandwidth="5MB/s")]))[1].endswith("write bits per second, such as 40M")
 
     def test_quantities_are_numbers_or_text_as_the_api_server_takes_them(self) -> None:
         resources = {"limits": {"cpu": 2, "memory": "1Gi", "nvidia.com/gpu": 1}}
