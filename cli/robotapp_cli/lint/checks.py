@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from robotapp_api.checks.spec import spec_notes, spec_problems
 from robotapp_api.model.robotapp import RobotAppSpec
+from robotapp_api.values.label_key import key_problem
 from robotapp_cli.lint.cel_rules import broken_rules
 from robotapp_cli.lint.findings import Finding, Path, Severity, Why, steps
 from robotapp_cli.lint.structure import empty_fields, list_keys, structure
@@ -23,6 +24,17 @@ def written_status(subject: Subject) -> Iterator[Finding]:
     if "status" in subject.written:
         text = "status is what the operator observes, and the API server ignores it in a file; remove it"
         yield Finding(("status",), text, Severity.WARNING, Why.IGNORED_FIELD, at_key=True)
+
+
+def metadata_keys(subject: Subject) -> Iterator[Finding]:
+    """Keys of labels and annotations that the API server refuses; of a template's, the rules and the operator's checks."""
+    metadata = subject.stored.get("metadata")
+    for field in ("labels", "annotations") if isinstance(metadata, dict) else ():
+        entries = metadata.get(field)
+        for key in entries if isinstance(entries, dict) else ():
+            # the API server ignores the case of an annotation's key
+            if problem := key_problem(key.lower() if field == "annotations" else key):
+                yield Finding(("metadata", field, key), problem, reason=Why.WRONG_VALUE, at_key=True)
 
 
 def rules(subject: Subject) -> Iterator[Finding]:
@@ -54,6 +66,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     structure,
     empty_fields,
     list_keys,
+    metadata_keys,
     rules,
     operator_problems,
     operator_notes,

@@ -388,6 +388,34 @@ class TestObjects:
         assert where == path
         assert message in said
 
+    @pytest.mark.parametrize("field", ["labels", "annotations"])
+    @pytest.mark.parametrize("key", ["my team", "x/y/z", "b c", "/x", "x/", "-a", "a..b/c", "", "k" * 64, "p" * 254 + "/k"])
+    def test_keys_that_kubernetes_refuses_are_found_where_they_stand(self, field: str, key: str) -> None:
+        data = json.dumps({**app(), "metadata": {"name": "a", field: {"ok.io/team": "x", key: "x"}}}, indent=1)
+        (finding,) = lint(data.encode()).findings
+        assert finding.path.startswith(f"metadata.{field}")
+        assert finding.place.line == data[: data.index(f'"{key}": "x"')].count("\n") + 1
+        assert "; write " in finding.message
+
+    def test_the_case_of_the_key_of_an_annotation_does_not_count_but_that_of_a_label(self) -> None:
+        key = {"Example.com/team": "x"}
+        assert found({**app(), "metadata": {"name": "a", "annotations": key}}) == []
+        assert only({**app(), "metadata": {"name": "a", "labels": key}})[0] == 'metadata.labels["Example.com/team"]'
+
+    @pytest.mark.parametrize(
+        "template",
+        [
+            {"metadata": {"labels": {"my team": "x"}}},
+            {"metadata": {"labels": {"k" * 64: "x"}}},
+            {"metadata": {"annotations": {"a..b/c": "x"}}},
+            {"spec": {"nodeSelector": {"my node": "x"}}},
+        ],
+    )
+    def test_keys_of_the_pods_are_checked_once_as_well(self, template: dict[str, Any]) -> None:
+        (part,) = template
+        (field,) = template[part]
+        assert of_component(template=template)[0] == f".template.{part}.{field}"
+
     def test_a_generated_name_is_a_name(self) -> None:
         assert found({**app(), "metadata": {"generateName": "teleop-"}}) == []
 

@@ -289,6 +289,13 @@ def test_a_script_that_looks_at_its_files_is_accepted(script: str) -> None:
     assert problems_of(app, {}) == ()
 
 
+def test_a_key_for_which_the_api_server_would_refuse_the_deployment_is_refused() -> None:
+    template = {"metadata": {"labels": {"k" * 64: "x", "example.com/team": "x"}}}
+    _, field, message = only_problem(make_app(component("a", template=template)))
+    assert field == "spec.components[0].template.metadata.labels"
+    assert message.endswith("has 64 characters; write at most 63")
+
+
 def test_annotations_of_the_template_take_room_from_inline_files() -> None:
     file = {"inline": f"/**: {{ros__parameters: {{v: {'x' * 60_000}}}}}"}
     template = {"metadata": {"annotations": {f"example.com/{number}": "x" * 4000 for number in range(8)}}}
