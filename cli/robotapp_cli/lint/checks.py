@@ -8,6 +8,8 @@ from typing import Final
 
 from pydantic import ValidationError
 
+from robotapp_api.checks.pool import pool_notes
+from robotapp_api.checks.problem import Note
 from robotapp_api.checks.spec import spec_notes, spec_problems
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_api.values.label_key import key_problem
@@ -56,9 +58,18 @@ def operator_problems(subject: Subject) -> Iterator[Finding]:
 
 def operator_notes(subject: Subject) -> Iterator[Finding]:
     """What the operator accepts but cannot do yet."""
-    spec = _spec(subject)
-    for note in spec_notes(spec) if spec else ():
+    for note in _notes(subject):
         yield Finding(steps(note.field), note.message, Severity.WARNING, Why.NOTE)
+
+
+def names_itself(subject: Subject) -> Iterator[Finding]:
+    """An app that shares its domain with itself. The operator takes it for an app that leads, so nothing else would tell."""
+    spec, metadata = _spec(subject), subject.stored.get("metadata")
+    for index, other in enumerate(spec.ros2.share_with if spec and spec.ros2 else ()):
+        own = isinstance(metadata, dict) and other.name == metadata.get("name")
+        if own and other.namespace in ("", metadata.get("namespace")):
+            text = f"{other.name} is this app itself, so no domain is shared; write the name of the other app"
+            yield Finding(("spec", "ros2", "shareWith", index), text, Severity.WARNING, Why.NOTE)
 
 
 CHECKS: Final[tuple[Check, ...]] = (
@@ -70,7 +81,15 @@ CHECKS: Final[tuple[Check, ...]] = (
     rules,
     operator_problems,
     operator_notes,
+    names_itself,
 )
+
+
+def _notes(subject: Subject) -> Iterator[Note]:
+    if spec := _spec(subject):
+        yield from spec_notes(spec)
+    if subject.definition.kind == "DomainPool" and not subject.unsound and not _refused(subject):
+        yield from pool_notes(max_participants_per_host=subject.stored["spec"]["maxParticipantsPerHost"])
 
 
 def _refused(subject: Subject) -> set[Path]:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 
 from robotapp_api.checks.edges import bandwidth_field
+from robotapp_api.checks.pool import pool_notes
 from robotapp_api.checks.problem import Problem
 from robotapp_api.checks.spec import spec_notes, spec_problems
 from robotapp_api.claims.domain import DomainRequest, withheld
@@ -10,7 +11,6 @@ from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.instances import robot_of
 from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import Annotation, Label, Reason
-from robotapp_api.model.pool import DEFAULT_PARTICIPANTS
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.instances import allowed_robots, matching_robots, open_robots
 from robotapp_operator.plan.spec.objects import Node
@@ -90,10 +90,8 @@ def _of_other_schedulers(app: App) -> Iterator[str]:
 
 def limit_note(pool: Pool) -> str:
     """That a pool's own limit of participants does nothing yet; "" for a pool that has the default."""
-    limit = pool.spec.max_participants_per_host
-    if limit == DEFAULT_PARTICIPANTS:
-        return ""
-    return f"DomainPool {pool.metadata.name}: spec.maxParticipantsPerHost {limit} has no effect yet; no pod is refused because of it"
+    notes = pool_notes(max_participants_per_host=pool.spec.max_participants_per_host)
+    return "; ".join(f"DomainPool {pool.metadata.name}: {note.field} {note.message}" for note in notes)
 
 
 def _placement_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem]:

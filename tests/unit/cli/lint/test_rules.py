@@ -2,14 +2,17 @@
 
 from typing import Any
 
+import msgspec
 import pytest
 import yaml
-from tests.support.apiobjects import app, component, edge
+from tests.support.apiobjects import app, component, edge, pool
 from tests.support.rule_cases import CASES, RuleCase
 
+from robotapp_api.claims.objects import Pool
 from robotapp_api.model.names import Reason
 from robotapp_cli.lint.findings import Located, Severity
 from robotapp_cli.lint.linter import lint
+from robotapp_operator.plan.spec.validate import limit_note
 
 KINDS = ("RobotApp", "DomainPool")
 PARAMETERS = [pytest.param(case, id=f"{kind}: {case}") for kind in KINDS for case in CASES[kind] if case.before is None]
@@ -93,6 +96,26 @@ def test_what_has_no_effect_yet_is_a_warning() -> None:
     (note,) = found(app(ros2={"transport": "SHM"}))
     assert (note.severity, note.path) == (Severity.WARNING, "spec.ros2.transport")
     assert "has no effect yet" in note.message
+
+
+def test_a_limit_of_a_pool_without_effect_is_a_warning_in_the_operators_words() -> None:
+    (note,) = found(pool(maxParticipantsPerHost=20))
+    assert (note.severity, note.path) == (Severity.WARNING, "spec.maxParticipantsPerHost")
+    assert note.message == "20 has no effect yet; no pod is refused because of it"
+    operators = limit_note(msgspec.convert({"metadata": {"name": "p"}, "spec": {"maxParticipantsPerHost": 20}}, Pool))
+    assert operators == f"DomainPool p: {note.path} {note.message}"
+    assert found(pool(maxParticipantsPerHost=50)) == found(pool()) == []
+
+
+@pytest.mark.parametrize("shared", [{"name": "teleop"}, {"name": "teleop", "namespace": "default"}])
+def test_an_app_that_shares_its_domain_with_itself_is_warned(shared: dict[str, str]) -> None:
+    (note,) = found(app("teleop", ros2={"shareWith": [{"name": "other"}, shared]}))
+    assert (note.severity, note.path) == (Severity.WARNING, "spec.ros2.shareWith[1]")
+    assert note.message == "teleop is this app itself, so no domain is shared; write the name of the other app"
+
+
+def test_an_app_of_the_same_name_in_another_namespace_is_another_app() -> None:
+    assert found(app("teleop", ros2={"shareWith": [{"name": "teleop", "namespace": "other"}]})) == []
 
 
 def test_contradicting_edges_are_found_at_the_edge() -> None:
