@@ -34,7 +34,17 @@ _CURES: Final = {
     "could not find expected ':'": "write a colon and a space after the name of the field",
 }
 """What to do about a complaint of the parser."""
-
+_OUTSIDE: Final = (
+    "did not find expected key",
+    "did not find expected '-' indicator",
+    "did not find expected node content",
+    "did not find expected <document start>",
+)
+"""Complaints about a bracket or brace that is met where none is open."""
+_OPENERS: Final = {"}": "{", "]": "["}
+OPENING: Final = "{{"
+"""Of what Helm replaces."""
+HELM: Final = "a Helm template is checked as it is rendered: helm template … | kubectl robotapp lint -"
 
 _PAIR: Final = re.compile(r"(?<!\\)((?:\\\\)*)\\u([dD][89abAB][0-9a-fA-F]{2})\\u([dD][c-fC-F][0-9a-fA-F]{2})")
 """A high surrogate and its low one; not behind a backslash that stands for itself."""
@@ -123,7 +133,9 @@ def read(text: str) -> Iterator[Document]:
                 builder = _Builder()
     except yaml.MarkedYAMLError as error:
         place = _place(error.problem_mark or error.context_mark)
-        raise UnreadableError(_sentence(error, _line(text, place)), place) from error
+        above, here = _lines(text, place)
+        template = OPENING in above + here
+        raise UnreadableError(_sentence(error, here[place.column - 1 :], template=template), place) from error
     except (yaml.YAMLError, RecursionError, MemoryError) as error:
         raise UnreadableError(f"this cannot be read as YAML: {' '.join(str(error).split())}", Place(1, 1)) from error
 
@@ -144,19 +156,26 @@ def _place(mark: Any) -> Place:
     return Place(mark.line + 1, mark.column + 1) if mark else Place(1, 1)
 
 
-def _line(text: str, place: Place) -> str:
-    """The line of the text from the place on."""
-    lines = text.split("\n", place.line)
-    return lines[place.line - 1][place.column - 1 :] if place.line <= len(lines) else ""
+def _lines(text: str, place: Place) -> tuple[str, str]:
+    """The line above the place, and its own; "" for what the text does not have, because YAML counts other line ends as well."""
+    lines = ["", *text.split("\n", place.line)]
+    above, here = (lines[at] if at < len(lines) else "" for at in (place.line - 1, place.line))
+    return above, here
 
 
-def _sentence(error: yaml.MarkedYAMLError, rest: str) -> str:
-    """The parser's complaint with what to do; `rest` is the line from its place on."""
+def _sentence(error: yaml.MarkedYAMLError, rest: str, *, template: bool) -> str:
+    """The parser's complaint with what to do; `rest` is the line from its place on. template: Helm has not rendered it."""
     problem = " ".join(str(error.problem or error.context or error).split())
     if problem == "found character that cannot start any token":
         if rest.startswith("\t"):
             return "a tab stands where YAML wants spaces; indent with spaces"
         return f"{rest[:1]!r} cannot begin a value; put the value in quotes"
+    if template:
+        return f"this is no YAML: {problem}; {HELM}"
+    if rest[:1] in _OPENERS and any(part in problem for part in _OUTSIDE):
+        return (
+            f"this is no YAML: the {rest[0]} closes nothing; remove it, or write the {_OPENERS[rest[0]]} that it closes"
+        )
     cure = next((cure for part, cure in _CURES.items() if part in problem), "")
     return f"this is no YAML: {problem}" + (f"; {cure}" if cure else "")
 
@@ -274,7 +293,8 @@ class _Builder:
             return "true" if key.value else "false"
         if isinstance(key.value, str | int | float):
             return str(key.value)
-        self.problems.append((key.place, "the name of a field must be text"))
+        helm = f"; {HELM}" if isinstance(key.value, dict) else ""  # {{ .Values.name }} is a mapping as a name
+        self.problems.append((key.place, f"the name of a field must be text{helm}"))
         return None
 
     def _merge(self, node: Node, source: Node) -> None:

@@ -12,6 +12,7 @@ from robotapp_api.model.robots import LABEL_KEY
 from robotapp_cli.lint import old_names
 from robotapp_cli.lint.cel_rules import RULES
 from robotapp_cli.lint.findings import Path
+from robotapp_cli.lint.reading import HELM, OPENING
 from robotapp_cli.lint.scalars import resolved
 
 Schema = dict[str, Any]
@@ -78,6 +79,8 @@ class Misfit(NamedTuple):
 
 def message(error: Misfit, elsewhere: Mapping[str, str]) -> str:
     """The sentence about it. `elsewhere`: where the whole object has a field of a name."""
+    if isinstance(error.value, str) and OPENING in error.value:
+        return f"{quoted(error.value)} is not possible; {HELM}"
     match error.keyword:
         case "type":
             return _wrong_type(error)

@@ -114,9 +114,10 @@ class TestProblems:
             ("a: !!binary aGk=", (1, 4), "!!binary is nothing JSON has; remove the tag"),
             ("a: !!set {b}", (1, 4), "!!set is nothing JSON has; remove the tag"),
             ("? [a]\n: b", (1, 3), "the name of a field must be text"),
+            ("a: {b: {{ .Values.b }}}", (1, 9), "the name of a field must be text; a Helm template is checked as it is rendered"),
             ("a: {<<: 3}", (1, 9), "<< takes a mapping or a list of mappings"),
         ],
-    )
+    )  # fmt: skip
     def test_single_places_are_named_and_the_rest_is_read(self, text: str, place: Place, message: str) -> None:
         ((found, said),) = only(text).problems
         assert found == place
@@ -151,6 +152,20 @@ class TestUnreadable:
             (b"a: 1\n  b: 2\n", (2, 4), "indent the line like its neighbours"),
             (b"a: 1\nb: \xff\n", (2, 4), "this is no UTF-8 text"),
             (b"a: 1\nb: \x01", (2, 4), "the control character '\\x01' is not allowed in YAML"),
+            (b"a: 1\n}\n", (2, 1), "the } closes nothing; remove it, or write the { that it closes"),
+            (b"a: {b: c}}\nd: e\n", (1, 10), "the } closes nothing"),
+            (b"- a\n]\n", (2, 1), "the ] closes nothing; remove it, or write the [ that it closes"),
+            (b"}\n", (1, 1), "the } closes nothing"),
+            (b'{"a": 1}}', (1, 9), "the } closes nothing"),
+            (b"a: [1, 2}\n", (1, 9), "close the bracket or brace"),
+            (
+                b"a: b\n{{- if .Values.c }}\nc: d\n{{- end }}\n",
+                (3, 1),
+                "; a Helm template is checked as it is rendered: helm template",
+            ),
+            (b"a:\n  b: {{ .Values.b }}-x\nc: d\n", (2, 21), "; a Helm template is checked as it is rendered"),
+            (b'a:\n  {{- include "b" . | nindent 2 }}\n', (2, 5), "; a Helm template is checked as it is rendered"),
+            (b"a: 1\xc2\x85\xc2\x85}", (3, 1), "indent the line like its neighbours"),
             (b'{"a": "\\ud83d"}', (1, 10), "write the character itself"),
             (b'a: "\\ud83d\\ude00"', (1, 7), "write the character itself"),
             (b"a: *b", (1, 4), "*b names nothing that is complete here"),

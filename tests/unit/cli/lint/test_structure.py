@@ -212,9 +212,9 @@ class TestValues:
             findings = found(with_field("RobotApp", parent, {name: value}))
             (finding,) = [each for each in findings if each.severity is Severity.ERROR]
             assert finding.path == field.replace("[]", "[0]")
-            assert finding.message.endswith(
-                f"; write a number and its unit (us, ms, s, m or h), such as {example}"
-            ), finding.message
+            assert finding.message.endswith(f"; write a number and its unit (us, ms, s, m or h), such as {example}"), (
+                finding.message
+            )
 
     def test_every_duration_of_an_app_is_in_the_list_above(self) -> None:
         named = {field.replace("requestedQos", "qos") for field in DURATIONS}
@@ -264,6 +264,12 @@ class TestValues:
 
     def test_a_bandwidth_is_in_bits_per_second(self) -> None:
         assert only(app(edges=[edge(bandwidth="5MB/s")]))[1].endswith("write bits per second, such as 40M")
+
+    def test_what_helm_has_not_rendered_is_told_to_be_rendered(self) -> None:
+        helm = "a Helm template is checked as it is rendered: helm template … | kubectl robotapp lint -"
+        template = "{{ .Values.x }}"
+        for fields in ({"image": template}, {"replicas": template}, {"onDisconnect": template}):
+            assert of_component(**fields)[1] == f'"{template}" is not possible; {helm}'
 
     def test_quantities_are_numbers_or_text_as_the_api_server_takes_them(self) -> None:
         resources = {"limits": {"cpu": 2, "memory": "1Gi", "nvidia.com/gpu": 1}}
@@ -389,7 +395,9 @@ class TestObjects:
         assert message in said
 
     @pytest.mark.parametrize("field", ["labels", "annotations"])
-    @pytest.mark.parametrize("key", ["my team", "x/y/z", "b c", "/x", "x/", "-a", "a..b/c", "", "k" * 64, "p" * 254 + "/k"])
+    @pytest.mark.parametrize(
+        "key", ["my team", "x/y/z", "b c", "/x", "x/", "-a", "a..b/c", "", "k" * 64, "p" * 254 + "/k"]
+    )
     def test_keys_that_kubernetes_refuses_are_found_where_they_stand(self, field: str, key: str) -> None:
         data = json.dumps({**app(), "metadata": {"name": "a", field: {"ok.io/team": "x", key: "x"}}}, indent=1)
         (finding,) = lint(data.encode()).findings
