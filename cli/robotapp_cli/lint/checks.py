@@ -4,7 +4,7 @@ A check takes a subject and yields findings by path. It runs after those before 
 """
 
 from collections.abc import Callable, Iterator
-from typing import Final
+from typing import Any, Final
 
 from pydantic import ValidationError
 
@@ -30,9 +30,8 @@ def written_status(subject: Subject) -> Iterator[Finding]:
 
 def metadata_keys(subject: Subject) -> Iterator[Finding]:
     """Keys of labels and annotations that the API server refuses; of a template's, the rules and the operator's checks."""
-    metadata = subject.stored.get("metadata")
-    for field in ("labels", "annotations") if isinstance(metadata, dict) else ():
-        entries = metadata.get(field)
+    for field in ("labels", "annotations"):
+        entries = _metadata(subject).get(field)
         for key in entries if isinstance(entries, dict) else ():
             # the API server ignores the case of an annotation's key
             if problem := key_problem(key.lower() if field == "annotations" else key):
@@ -63,11 +62,10 @@ def operator_notes(subject: Subject) -> Iterator[Finding]:
 
 
 def names_itself(subject: Subject) -> Iterator[Finding]:
-    """An app that shares its domain with itself. The operator takes it for an app that leads, so nothing else would tell."""
-    spec, metadata = _spec(subject), subject.stored.get("metadata")
+    """An app that shares its domain with itself: to the operator it leads a ring of one. A spec alone does not have the name."""
+    spec, metadata = _spec(subject), _metadata(subject)
     for index, other in enumerate(spec.ros2.share_with if spec and spec.ros2 else ()):
-        own = isinstance(metadata, dict) and other.name == metadata.get("name")
-        if own and other.namespace in ("", metadata.get("namespace")):
+        if other.name == metadata.get("name") and other.namespace in ("", metadata.get("namespace")):
             text = f"{other.name} is this app itself, so no domain is shared; write the name of the other app"
             yield Finding(("spec", "ros2", "shareWith", index), text, Severity.WARNING, Why.NOTE)
 
@@ -83,6 +81,12 @@ CHECKS: Final[tuple[Check, ...]] = (
     operator_notes,
     names_itself,
 )
+
+
+def _metadata(subject: Subject) -> dict[str, Any]:
+    """As written; without anything where it is no mapping."""
+    metadata = subject.stored.get("metadata")
+    return metadata if isinstance(metadata, dict) else {}
 
 
 def _notes(subject: Subject) -> Iterator[Note]:
