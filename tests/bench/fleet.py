@@ -63,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         flags = {"sweep_seconds": SWEEP_S}
         with World(
             cp,
-            _nodes(arguments.robots, arguments.nodes),
+            _nodes(arguments.robots, arguments.nodes, arguments.components),
             operator_flags={**flags, **(_sampled(samples) if arguments.profile else {})},
             scheduler_flags=flags,
             tidy=False,
@@ -268,9 +268,9 @@ def _app(components: int) -> Object:
     return app
 
 
-def _nodes(robots: int, nodes: int | None) -> Wobbling:
+def _nodes(robots: int, nodes: int | None, components: int) -> Wobbling:
     """Robots and edge servers, spread over the halls alike."""
-    servers = robots // PODS_PER_EDGE + 1 if nodes is None else max(1, nodes - robots)
+    servers = robots * (components - 1) // PODS_PER_EDGE + 1 if nodes is None else max(1, nodes - robots)
     halls = min(servers, HALLS)
     made = [robot(f"amr-{number:04}", zone=f"hall-{number % halls + 1}") for number in range(robots)]
     made += [edge(f"edge-{number:04}", zone=f"hall-{number % halls + 1}") for number in range(servers)]

@@ -11,6 +11,8 @@ INT64_MAX: Final = 2**63 - 1
 MAX_LENGTH: Final = 24
 LONGEST_US: Final = 999_999_000_000
 """The longest time that `format_us` writes."""
+UNREACHABLE: Final = "unreachable"
+"""Stands for an infinite round trip in a text."""
 
 _WHOLE: Final = re.compile(DURATION_PATTERN)
 _PART: Final = re.compile(r"([0-9]+)(?:\.([0-9]+))?(us|ms|s|m|h)")
@@ -68,6 +70,11 @@ def format_ms(ms: float) -> str:
     digits = 0 if value >= 100 else 1 if value >= 10 else 3
     text = f"{value:.{digits}f}" if digits else f"{min(value, 999_999):.0f}"
     return (text.rstrip("0").rstrip(".") if "." in text else text) + unit
+
+
+def time_text(time_us: float) -> str:
+    """A round trip: `42ms`, or `unreachable` for an infinite one."""
+    return UNREACHABLE if math.isinf(time_us) else format_us(time_us)
 
 
 def format_us(us: float) -> str:

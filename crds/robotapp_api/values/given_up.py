@@ -10,13 +10,11 @@ import json
 from math import inf
 from typing import Any, Final, NamedTuple
 
-from robotapp_api.values.duration import format_us, parse_us
-from robotapp_api.values.round_trips import is_unreachable
+from robotapp_api.values.duration import UNREACHABLE, format_us, parse_us, time_text
 
 MAX_BYTES: Final = 16_384
 MAX_EDGES: Final = 8
 MAX_TEXT: Final = 512
-UNREACHABLE: Final = "unreachable"
 
 
 class GivenUpEdge(NamedTuple):
@@ -46,11 +44,6 @@ class GivenUp(NamedTuple):
         if self.tier:
             value |= {"tier": self.tier, "insteadOf": list(self.instead_of)}
         return json.dumps(value)
-
-
-def time_text(time_us: float) -> str:
-    """`42ms`, or `unreachable`."""
-    return UNREACHABLE if is_unreachable(time_us) else format_us(time_us)
 
 
 def parse_given_up(text: str) -> GivenUp:

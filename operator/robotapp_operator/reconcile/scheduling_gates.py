@@ -60,9 +60,8 @@ class Gates:
         pods = list(self._cache.pods.of_instance(uid, robot).values())
         done, result = True, GatesResult()
         for pod in pods:
-            gates = [gate.name for gate in pod.spec.scheduling_gates]
-            if SCHEDULING_GATE in gates:
-                done = await self._try(pod, gates, result) and done
+            if any(gate.name == SCHEDULING_GATE for gate in pod.spec.scheduling_gates):
+                done = await self._try(pod, result) and done
         if uid in self._cache.apps:
             memory = self._memory.of(uid)
             memory.barred.pop(robot, None)
@@ -73,16 +72,16 @@ class Gates:
             done = await self._replace_outdated(uid, robot, memory.judged[robot]) and done
         return done
 
-    async def _try(self, pod: Pod, gates: list[str], result: GatesResult) -> bool:
+    async def _try(self, pod: Pod, result: GatesResult) -> bool:
         """The pod's own status is written while we look: that is no reason to make it wait a second."""
         for _ in range(CONFLICTS):
             try:
-                return await self._open(pod, gates, result)
+                return await self._open(pod, result)
             except Conflict:
                 continue
         return False
 
-    async def _open(self, pod: Pod, gates: list[str], result: GatesResult) -> bool:
+    async def _open(self, pod: Pod, result: GatesResult) -> bool:
         meta = pod.metadata
         try:
             found = await self._client.get(PODS, meta.name, namespace=meta.namespace)
@@ -97,7 +96,8 @@ class Gates:
             if not admitted.allowed:
                 result.barred.add(meta.uid)
                 return True
-            left = [{"name": name} for name in gates if name != SCHEDULING_GATE]
+            # As they are now: one that its controller has taken away meanwhile may not be added again.
+            left = [gate for gate in found["spec"]["schedulingGates"] if gate["name"] != SCHEDULING_GATE]
             about: dict[str, Any] = {"uid": meta.uid, "resourceVersion": seen.metadata.resource_version}
             if admitted.mark:
                 about["annotations"] = {Annotation.ADMITTED_NODES.value: admitted.mark}

@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from robotapp_api.claims.instances import Instance, RobotSelection, instances_of
+from robotapp_api.claims.instances import Instance, RobotSelection, instances_of, out_of_sight
 from robotapp_api.claims.objects import Meta
 from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SCHEDULER_NAME, Label
 from robotapp_api.values.component_nodes import may_be_on_robot, required_nodes, robot_tolerations, tier_terms
@@ -28,14 +28,22 @@ class TriedApp(NamedTuple):
     app: RobotApp
     pods: tuple[Pod, ...]
     notes: tuple[str, ...]
+    kept: frozenset[str] = frozenset()
+    """Robots that no node shows: what runs there goes on."""
 
 
 def tried_app(
-    source: Mapping[str, Any], nodes: Iterable[Node], *, profiles: Collection[str], running: App | None = None
+    source: Mapping[str, Any],
+    nodes: Iterable[Node],
+    *,
+    profiles: Collection[str],
+    running: App | None = None,
+    robots: Collection[str] = (),
 ) -> TriedApp:
     """The app and its pods among these nodes. Raises QuestionError.
 
-    profiles: names that this scheduler serves. running: the app that has this name, whose devices it goes on using.
+    profiles: names that this scheduler serves. running: the app that has this name, whose devices it goes on using; robots:
+    where it has pods.
     """
     meta, where = source["metadata"], f"RobotApp {source['metadata']['namespace']}/{source['metadata']['name']}"
     uid = running.uid if running is not None else f"{TRIED}/{meta['namespace']}/{meta['name']}"
@@ -46,7 +54,9 @@ def tried_app(
         app.status = ObservedStatus(observed_generation=generation)
         if app.spec.suspend:
             return TriedApp(app, (), (f"{where} is suspended: it has no pods",))
-        instances, notes = _instances(source, uid, nodes, where)
+        instances, notes = _instances(source, uid, nodes, where, robots)
+        kept = frozenset(instance.robot for instance in instances if instance.missing)
+        instances = [instance for instance in instances if not instance.missing]
         made = (each for instance in instances for each in _pods(source, app, instance.robot, profiles))
         pods = [msgspec.convert(each, Pod) for each in islice(made, MOST_PODS + 1)]
     except (msgspec.ValidationError, KeyError, TypeError, ValueError, AttributeError) as error:
@@ -57,11 +67,11 @@ def tried_app(
         raise QuestionError(
             f"{where} has more than {MOST_PODS} pods on {len(instances)} robots; try it on fewer robots"
         )
-    return TriedApp(app, tuple(pods), tuple(notes))
+    return TriedApp(app, tuple(pods), tuple(notes), kept)
 
 
 def _instances(
-    source: Mapping[str, Any], uid: str, nodes: Iterable[Node], where: str
+    source: Mapping[str, Any], uid: str, nodes: Iterable[Node], where: str, running: Collection[str]
 ) -> tuple[list[Instance], list[str]]:
     robots = source["spec"].get("robots")
     if robots is None:
@@ -69,7 +79,9 @@ def _instances(
     selection = RobotSelection(
         uid, source["metadata"]["namespace"], robots["nodeSelector"], robots.get("assignment", "Each")
     )
-    found = instances_of(selection, [_meta(node) for node in nodes], running=(), claimed=())
+    metas = [_meta(node) for node in nodes]
+    kept = out_of_sight(selection, metas, running=running)
+    found = instances_of(selection, metas, running=running, claimed=(), kept=kept)
     # Its own text names the robot's nodes, which not every user may see.
     label = f"{Label.ROBOT_PRIMARY}=true"
     notes = [

@@ -4,7 +4,7 @@ Lost nodes are marked as the node controller marks them, their pods end and get 
 with the pods that the operator would make, profiles are swapped. Then the scheduler's own core places what has no node.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Final, NamedTuple
 
 import msgspec
@@ -74,8 +74,10 @@ class _Decider:
         self._notes: list[str] = []
         self._was: dict[str, str] = {}
         """Where a pod that is placed anew was, by uid."""
-        self._tried: set[str] = set()
-        self._lost = frozenset(question.node_loss)
+        self._told: set[str] = set()
+        """Uids of pods that need no other answer."""
+        self._lost = tuple(dict.fromkeys(question.node_loss))
+        self._running = sum(self._ours(placed.pod) for placed in core.cluster.placed.values())
 
     def answer(self) -> Answer:
         running = running_apps(self._question.names, self._cluster)
@@ -86,12 +88,12 @@ class _Decider:
         for pair in self._question.rtt:
             self._cluster.suppose_round_trip(pair.one, pair.other, float(pair.us))
         former = take_away(running.values(), self._cluster)
-        successors = [pod for node in self._question.node_loss for pod in self._lose(node)]
-        made = self._apps(running, former)
+        successors = [pod for node in self._lost for pod in self._lose(node)]
+        made = self._apps(running, former, replaced)
         self._queue(successors, made)
         self._place()
         new = [(member.app_uid, member.instance) for pod in made if (member := member_of(pod.metadata.labels or {}))]
-        after = edge_times(dict.fromkeys([*concerned, *new]), self._cluster, lost=self._lost)
+        after = edge_times(dict.fromkeys([*concerned, *new]), self._cluster, lost=frozenset(self._lost))
         self._better([each for each in concerned if each not in replaced], late)
         if self._question.config is not None:
             self._replay()
@@ -124,6 +126,7 @@ class _Decider:
                 continue
             change = fate(pod, node, cluster)
             if change is not None:
+                self._told.add(pod.metadata.uid)
                 self._pods.append(change)
                 continue
             successor = successor_of(pod)
@@ -135,13 +138,26 @@ class _Decider:
             )
         return found
 
-    def _apps(self, running: Mapping[tuple[str, str], App], former: dict[Member, list[Replica]]) -> list[Pod]:
+    def _apps(
+        self,
+        running: Mapping[tuple[str, str], App],
+        former: dict[Member, list[Replica]],
+        replaced: Collection[InstanceKey],
+    ) -> list[Pod]:
         """Add the apps in place of those that run under their names; their pods."""
         found: list[Pod] = []
         for source, name in zip(self._question.apps, self._question.names, strict=True):
             nodes = [node for node in self._cluster.nodes.objects if node is not None]
-            tried = tried_app(source, nodes, profiles=self._core.scheduler_names, running=running.get(name))
+            uid = running[name].uid if name in running else ""
+            tried = tried_app(
+                source,
+                nodes,
+                profiles=self._core.scheduler_names,
+                running=running.get(name),
+                robots={robot for app_uid, robot in replaced if app_uid == uid},
+            )
             self._cluster.apply_app(tried.app)
+            self._give_back(former, uid, tried.kept)
             self._notes += tried.notes
             for pod in tried.pods:
                 member = member_of(pod.metadata.labels or {})
@@ -155,6 +171,12 @@ class _Decider:
         for namespace, app in running:
             self._notes.append(f"RobotApp {namespace}/{app} runs: its pods are compared with where they are now")
         return found
+
+    def _give_back(self, former: dict[Member, list[Replica]], uid: str, robots: Collection[str]) -> None:
+        """Pods on robots that no node shows are as they were."""
+        for member in [each for each in former if each.app_uid == uid and each.instance in robots]:
+            for replica in former.pop(member):
+                self._cluster.apply_pod(replica.pod)
 
     # --- Deciding ------------------------------------------------------------------------------------------------
 
@@ -174,10 +196,10 @@ class _Decider:
             before = cluster.placed.get(pod.metadata.uid.removeprefix(SUCCESSOR))
             if before is not None:
                 cluster.remove_pod(before.pod)
-            self._tried.add(pod.metadata.uid)
+            self._told.add(pod.metadata.uid)
             self._core.queue.add(pod)
         for pod in made:
-            self._tried.add(pod.metadata.uid)
+            self._told.add(pod.metadata.uid)
             self._core.queue.add(pod)
 
     def _place(self) -> None:
@@ -240,6 +262,7 @@ class _Decider:
                 "" if moves else "; placement.reschedule.when is not BudgetExceeded"
             )
             outcome = Outcome.MOVES if moves else Outcome.MAY_MOVE
+            self._told.add(part.pod.metadata.uid)
             self._pods.append(change_of(part.pod, cluster, outcome, from_=part.node, to=found.node, reason=reason))
             if moves:
                 spec = msgspec.structs.replace(part.pod.spec, node_name=found.node)
@@ -253,16 +276,15 @@ class _Decider:
         pods = latest_bound(
             (placed.pod for placed in self._cluster.placed.values()), self._before.scheduler_names, MOST_REPLAYED
         )
-        pods = [pod for pod in pods if pod.metadata.uid not in self._tried and not pod.metadata.deletion_timestamp]
+        pods = [pod for pod in pods if pod.metadata.uid not in self._told and not pod.metadata.deletion_timestamp]
         looked = 0
         for pod in reversed(pods):
             if self._clock() - self._began_s > REPLAY_S:
                 break
             looked += 1
             self._compare(pod)
-        total = sum(1 for placed in self._cluster.placed.values() if self._ours(placed.pod))
         self._notes.append(
-            f"{looked} of {total} running pods were placed again with the configuration, the latest first"
+            f"{looked} of {self._running} running pods were placed again with the configuration, the latest first"
         )
 
     def _compare(self, pod: Pod) -> None:

@@ -51,17 +51,15 @@ class PodChange(msgspec.Struct, frozen=True, kw_only=True, rename={"from_": "fro
 
 
 class EdgeKey(NamedTuple):
-    """An edge of an instance of an app. `number`: its place in spec.edges."""
+    """An edge of an instance of an app. `number`: of edges that are alike in all this, which one."""
 
     namespace: str
     app: str
     instance: str
-    number: int
     what: str
     from_: str
     to: str
-    budget_us: int
-    percentile: int
+    number: int = 0
 
 
 class EdgeTime(NamedTuple):
@@ -69,6 +67,8 @@ class EdgeTime(NamedTuple):
 
     us: float | None
     source: str
+    budget_us: int
+    percentile: int
 
 
 class EdgeState(msgspec.Struct, frozen=True, rename="camel"):
@@ -112,20 +112,24 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
     decided_ms: float = 0.0
 
 
-def verdict_of(time: EdgeTime, budget_us: int) -> EdgeVerdict:
+def verdict_of(time: EdgeTime) -> EdgeVerdict:
     """Is the edge within its budget?"""
     if time.us is None:
         return EdgeVerdict.UNKNOWN
-    return EdgeVerdict.MET if time.us <= budget_us else EdgeVerdict.EXCEEDED
+    return EdgeVerdict.MET if time.us <= time.budget_us else EdgeVerdict.EXCEEDED
 
 
 def edge_changes(
     before: Mapping[EdgeKey, EdgeTime], after: Mapping[EdgeKey, EdgeTime]
 ) -> tuple[tuple[EdgeChange, ...], int]:
-    """The edges whose verdict differs, those of new apps included, in the order of `after`; and how many are as before."""
+    """The edges whose verdict differs, those of new apps included, in the order of `after`; and how many are as before.
+
+    The budget is that of `after`, where the edge is there.
+    """
     found, same = [], 0
     for key in [*after, *(key for key in before if key not in after)]:
-        old, new = _state(before.get(key), key.budget_us), _state(after.get(key), key.budget_us)
+        old, new = _state(before.get(key)), _state(after.get(key))
+        latest = after.get(key) or before[key]
         if old is not None and new is not None and old.verdict == new.verdict:
             same += 1
             continue
@@ -137,8 +141,8 @@ def edge_changes(
                 edge=key.what,
                 from_=key.from_,
                 to=key.to,
-                budget_ms=key.budget_us / 1000,
-                percentile=key.percentile,
+                budget_ms=latest.budget_us / 1000,
+                percentile=latest.percentile,
                 before=old,
                 after=new,
             )
@@ -162,11 +166,11 @@ def in_order(pods: Iterable[PodChange]) -> tuple[PodChange, ...]:
     return tuple(sorted(pods, key=lambda change: (change.namespace, change.app, change.instance, change.pod)))
 
 
-def _state(time: EdgeTime | None, budget_us: int) -> EdgeState | None:
+def _state(time: EdgeTime | None) -> EdgeState | None:
     if time is None:
         return None
     shown = None if time.us is None or is_unreachable(time.us) else time.us / 1000
-    return EdgeState(shown, time.source, verdict_of(time, budget_us))
+    return EdgeState(shown, time.source, verdict_of(time))
 
 
 def _nameless(change: PodChange, nodes: Collection[str]) -> PodChange:

@@ -1,5 +1,6 @@
 """The round trips of the edges of app instances as the cache knows them now."""
 
+from collections import Counter
 from collections.abc import Iterable
 
 from robotapp_api.values.round_trips import UNREACHABLE_US
@@ -33,20 +34,23 @@ def edge_times(
     found: dict[EdgeKey, EdgeTime] = {}
     for app_uid, instance in instances:
         app = cluster.apps.app(app_uid)
-        for number, connection in enumerate(connections(app) if app is not None else ()):
+        alike: Counter[EdgeKey] = Counter()
+        for connection in connections(app) if app is not None else ():
             if app is not None and (budget_us := connection.link.budget_us) is not None:
-                key = _key(app, instance, number, connection, budget_us)
-                found[key] = _time(connection, Member(app_uid, instance, connection.here), cluster, lost)
+                key = _key(app, instance, connection)
+                numbered = key._replace(number=alike[key])
+                alike[key] += 1
+                member = Member(app_uid, instance, connection.here)
+                found[numbered] = _time(connection, member, budget_us, cluster, lost)
     return found
 
 
-def _key(app: App, instance: str, number: int, connection: Connection, budget_us: int) -> EdgeKey:
-    meta, link = app.source.metadata, connection.link
-    ends = (connection.from_, connection.to)
-    return EdgeKey(meta.namespace, meta.name, instance, number, link.what, *ends, budget_us, link.percentile)
+def _key(app: App, instance: str, connection: Connection) -> EdgeKey:
+    meta = app.source.metadata
+    return EdgeKey(meta.namespace, meta.name, instance, connection.link.what, connection.from_, connection.to)
 
 
-def _time(connection: Connection, member: Member, cluster: Cache, lost: frozenset[str]) -> EdgeTime:
+def _time(connection: Connection, member: Member, budget_us: int, cluster: Cache, lost: frozenset[str]) -> EdgeTime:
     """The slowest round trip of an edge; of the pairs of nodes that are compared, the least known names its source."""
     sources: list[str] = []
 
@@ -57,5 +61,6 @@ def _time(connection: Connection, member: Member, cluster: Cache, lost: frozense
         return us
 
     us = slowest_us(connection, member, cluster, between)
-    worst = min(sources, key=SOURCE_NAMES.index, default="measured")  # without a pair both ends are on one node
-    return EdgeTime(us, "unknown" if us is None else worst)
+    # Without a pair both ends are on one node, which nobody measures.
+    worst = min(sources, key=SOURCE_NAMES.index, default="estimated")
+    return EdgeTime(us, "unknown" if us is None else worst, budget_us, connection.link.percentile)

@@ -59,7 +59,7 @@ class Question(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="
 
 
 def parse(body: bytes) -> Question:
-    """The question of a body of at most MOST_BYTES. Raises QuestionError."""
+    """The question of a body of at most MOST_BODY bytes. Raises QuestionError."""
     if len(body) > MOST_BODY:
         raise QuestionError(f"the body has more than {MOST_BODY >> 20} MiB")
     try:

@@ -18,7 +18,6 @@ from tests.support.scheduling import (
 
 from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, Label
 from robotapp_scheduler.config import load as configuration
-from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.what_if import decide
@@ -27,8 +26,8 @@ from robotapp_scheduler.what_if.difference import Answer, EdgeChange, EdgeState,
 from robotapp_scheduler.what_if.question import Question, QuestionError, RoundTrip, UnknownNodeError
 
 
-def answer(core: SchedulerCore, *, config: SchedulerConfig | None = None, **asked: Any) -> Answer:
-    return decide.answer(core, Question(**asked), config, clock=lambda: 0.0)
+def answer(core: SchedulerCore, **asked: Any) -> Answer:
+    return decide.answer(core, Question(**asked), None, clock=lambda: 0.0)
 
 
 def lost(core: SchedulerCore, *nodes: str) -> Answer:
@@ -328,3 +327,80 @@ def test_another_configuration_shows_which_pods_would_go_elsewhere_if_placed_aga
     found = decide.answer(core, Question(config={"kind": "x"}), config, clock=lambda: 0.0)
     assert (only(found).pod, only(found).outcome, only(found).to) == ("web", Outcome.MAY_MOVE, "full")
     assert any(note.startswith("1 of 1 running pods") for note in found.notes)
+
+
+# --- Apps that run --------------------------------------------------------------------------------------------------------
+
+ANY_ROBOT = {"nodeSelector": {"matchExpressions": [{"key": str(Label.ROBOT), "operator": "Exists"}]}}
+DRIVER = {"name": "driver", "runsOn": ["Robot"]}
+
+
+def on_robots(*robots: str, running: str) -> SchedulerCore:
+    """The app `teleop` runs on one of these robots."""
+    core = make_core(*(make_node(name, labels={str(Label.ROBOT): name}) for name in robots))
+    core.cluster.apply_app(app_object(DRIVER))
+    for owned in chain("driver"):
+        core.cluster.apply_owner(owned)
+    core.cluster.apply_pod(member_pod("driver", instance=running, node=running, uid="d"))
+    return core
+
+
+@pytest.mark.parametrize("running", ["amr-0", "amr-1", "amr-2", "amr-3"])
+def test_an_app_for_any_robot_stays_on_the_one_where_it_runs(running: str) -> None:
+    core = on_robots("amr-0", "amr-1", "amr-2", "amr-3", running=running)
+    tried = app(DRIVER, name="teleop", robots={**ANY_ROBOT, "assignment": "Any"})
+    assert answer(core, apps=(tried,)).pods == ()
+
+
+def test_what_runs_on_a_robot_that_no_node_shows_goes_on() -> None:
+    core = on_robots("amr-0", "amr-1", running="amr-1")
+    core.cluster.apply_node(make_node("amr-1"))  # a tool took its labels off
+    found = answer(core, apps=(app(DRIVER, name="teleop", robots=ANY_ROBOT),))
+    assert [(each.instance, each.outcome) for each in found.pods] == [("amr-0", Outcome.PLACED)]
+    assert core.cluster.placed["d"].node == "amr-1"
+
+
+def test_an_edge_that_is_written_before_another_changes_nothing_about_that_one() -> None:
+    core = robot_and_servers()
+    measure(core, {"e1": 12.0})
+    parts = ({"name": "driver", "runsOn": ["Robot"]}, {"name": "planner"})
+    robots = {"nodeSelector": {"matchLabels": {str(Label.ROBOT): "amr"}}}
+    first = {"topic": "/new", "from": "driver", "to": "planner", "latency": {"budget": "20ms"}}
+    found = answer(core, apps=(app(*parts, name="teleop", robots=robots, edges=[first, edge("planner", "driver")]),))
+    assert [(each.edge, each.before) for each in found.edges] == [("/new", None)]
+    assert found.edges_unchanged == 1
+
+
+def test_what_no_probe_measures_is_estimated_two_ends_on_one_node_too() -> None:
+    core = robot_and_servers()
+    near = {"nodeSelector": {"kubernetes.io/hostname": "amr"}}
+    parts = (
+        {"name": "driver", "runsOn": ["Robot"]},
+        {"name": "planner", "template": {"spec": near}, "runsOn": ["Robot"]},
+    )
+    robots = {"nodeSelector": {"matchLabels": {str(Label.ROBOT): "amr"}}}
+    found = answer(core, apps=(app(*parts, name="other", robots=robots, edges=[edge("planner", "driver")]),))
+    (change,) = found.edges
+    assert change.after is not None
+    assert (change.after.rtt_ms, change.after.source) == (0.05, "estimated")
+
+
+def test_a_node_that_is_lost_twice_is_lost_once() -> None:
+    core = make_core(make_node("n1"), make_node("n2"))
+    core.cluster.apply_pod(make_pod("bare", node="n1"))
+    core.cluster.apply_pod(replica("foreign", "n1", scheduler="default-scheduler"))
+    once, twice = lost(core, "n1"), lost(core, "n1", "n1")
+    assert [each.pod for each in twice.pods] == [each.pod for each in once.pods] == ["bare"]
+    assert len(twice.notes) == len(once.notes)
+
+
+def test_a_pod_has_one_answer_and_supposed_ones_do_not_count_as_running() -> None:
+    core = make_core(make_node("n1"), make_node("n2"))
+    core.cluster.apply_pod(make_pod("bare", node="n1"))
+    core.cluster.apply_pod(replica("web", "n2"))
+    empty = {"apiVersion": "kubescheduler.config.k8s.io/v1", "kind": "KubeSchedulerConfiguration"}
+    config = configuration.parse(empty, catalogue=catalogue())
+    question = Question(config=empty, node_loss=("n1",), apps=(app({"name": "a", "replicas": 3}),))
+    found = decide.answer(core, question, config, clock=lambda: 0.0)
+    assert [each.pod for each in found.pods].count("bare") == 1
+    assert "1 of 2 running pods were placed again with the configuration, the latest first" in found.notes

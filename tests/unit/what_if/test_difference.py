@@ -25,14 +25,20 @@ times = st.builds(
     EdgeTime,
     st.none() | st.just(math.inf) | st.floats(0, 100_000),
     st.sampled_from(["measured", "estimated", "unknown"]),
+    st.just(20_000),
+    st.just(95),
 )
-keys = st.builds(EdgeKey, st.sampled_from(["a", "b"]), st.just("app"), st.just(""), st.integers(0, 3), st.just("/t"),
-                 st.just("x"), st.just("y"), st.just(20_000), st.just(95))  # fmt: skip
+keys = st.builds(EdgeKey, st.sampled_from(["a", "b"]), st.just("app"), st.just(""), st.just("/t"), st.just("x"),
+                 st.just("y"), st.integers(0, 3))  # fmt: skip
 states = st.dictionaries(keys, times, max_size=8)
 
 
 def key(namespace: str = "team", number: int = 0) -> EdgeKey:
-    return EdgeKey(namespace, "teleop", "amr", number, "/cmd", "ui", "driver", 20_000, 95)
+    return EdgeKey(namespace, "teleop", "amr", "/cmd", "ui", "driver", number)
+
+
+def time(us: float, budget_us: int = 20_000) -> EdgeTime:
+    return EdgeTime(us, "measured", budget_us, 95)
 
 
 def change(namespace: str, pod: str, **fields: str) -> PodChange:
@@ -40,7 +46,7 @@ def change(namespace: str, pod: str, **fields: str) -> PodChange:
 
 
 def test_an_edge_that_leaves_its_budget_is_shown_with_both_times() -> None:
-    (found,), same = edge_changes({key(): EdgeTime(8_000.0, "measured")}, {key(): EdgeTime(40_000.0, "measured")})
+    (found,), same = edge_changes({key(): time(8_000.0)}, {key(): time(40_000.0)})
     assert (found.before, found.after) != (None, None)
     assert found.before is not None
     assert found.after is not None
@@ -49,8 +55,16 @@ def test_an_edge_that_leaves_its_budget_is_shown_with_both_times() -> None:
     assert (found.budget_ms, same) == (20.0, 0)
 
 
+def test_another_budget_of_an_edge_is_one_change_with_the_new_budget() -> None:
+    (found,), _ = edge_changes({key(): time(8_000.0)}, {key(): time(8_000.0, 5_000)})
+    assert found.before is not None
+    assert found.after is not None
+    assert (found.before.verdict, found.after.verdict) == (EdgeVerdict.MET, EdgeVerdict.EXCEEDED)
+    assert found.budget_ms == 5.0
+
+
 def test_no_answer_to_probes_exceeds_and_shows_no_time() -> None:
-    (found,), _ = edge_changes({}, {key(): EdgeTime(math.inf, "measured")})
+    (found,), _ = edge_changes({}, {key(): time(math.inf)})
     assert found.before is None
     assert found.after is not None
     assert (found.after.rtt_ms, found.after.verdict) == (None, EdgeVerdict.EXCEEDED)
@@ -73,11 +87,11 @@ def test_nothing_changes_from_a_state_to_itself(state: dict[EdgeKey, EdgeTime]) 
 
 @given(st.floats(0, 1e6), st.integers(0, 1_000_000))
 def test_a_verdict_is_a_comparison(us: float, budget_us: int) -> None:
-    assert (verdict_of(EdgeTime(us, "measured"), budget_us) == EdgeVerdict.MET) == (us <= budget_us)
+    assert (verdict_of(time(us, budget_us)) == EdgeVerdict.MET) == (us <= budget_us)
 
 
 def test_who_may_see_one_namespace_sees_its_pods_and_how_many_others_there_are() -> None:
-    edges, _ = edge_changes({}, {key("team"): EdgeTime(1.0, "measured"), key("other", 1): EdgeTime(1.0, "measured")})
+    edges, _ = edge_changes({}, {key("team"): time(1.0), key("other", 1): time(1.0)})
     answer = Answer(pods=(change("team", "a"), change("other", "b"), change("other", "c")), edges=edges)
     seen = visible(answer, namespace="team", with_nodes=True, nodes=())
     assert [each.pod for each in seen.pods] == ["a"]

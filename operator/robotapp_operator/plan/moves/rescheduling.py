@@ -12,11 +12,12 @@ from typing import NamedTuple
 
 from robotapp_api.model.component import Component
 from robotapp_api.values.better_node import MOST_USE, BetterNode, edge_to, is_gain, topic_of
+from robotapp_api.values.duration import time_text
 from robotapp_api.values.round_trips import Figures
 from robotapp_api.values.tiers import ROBOT
 from robotapp_operator.plan.moves.move_record import Limits, MoveRecord
 from robotapp_operator.plan.spec.desired import NEVER, App
-from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, shown_ms
+from robotapp_operator.plan.status.latency import EdgeKey, EdgeView
 from robotapp_operator.plan.status.troubled import edge_name
 
 Between = Callable[[str, str], Figures | None]
@@ -107,7 +108,7 @@ def _of_component(
         return Stays(name, "")
     about = _is_about(better, edge, name)
     place = (
-        f"{name} would have {shown_ms(better.after_us)} on {better.node}"
+        f"{name} would have {time_text(better.after_us)} on {better.node}"
         if about
         else f"{better.node} is proposed for {name}"
     )
@@ -121,8 +122,8 @@ def _of_component(
         return Stays(name, f"{place}, but annotation robotics.io/moves of its Deployment cannot be read: remove it")
     if problem := pod.record.why_not(pod.pod, limits_of(app), now):
         return Stays(name, f"{place}, but {problem}")
-    after = shown_ms(_after_us(edge, name, better, between) or 0)
-    why = f"{edge_name(edge)} {_time(edge)} of {shown_ms(edge.budget_us or 0)} before, {after} expected"
+    after = time_text(_after_us(edge, name, better, between) or 0)
+    why = f"{edge_name(edge)} {_time(edge)} of {time_text(edge.budget_us or 0)} before, {after} expected"
     return Move(name, pod.pod, pod.node, better.node, why, pod.record.counts(pod.pod, now))
 
 
@@ -148,7 +149,7 @@ def _required(edge: EdgeView) -> bool:
 
 
 def _time(edge: EdgeView) -> str:
-    return "?" if edge.judged_us is None else shown_ms(edge.judged_us)
+    return "?" if edge.judged_us is None else time_text(edge.judged_us)
 
 
 def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, better: BetterNode, between: Between) -> str:
@@ -162,15 +163,13 @@ def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, bette
         return f"the time of {edge_name(edge)} there is not measured"
     if not is_gain(before_us=edge.judged_us or 0, after_us=after_us, budget_us=edge.budget_us or 0):
         most_us = MOST_USE * (edge.budget_us or 0)
-        return (
-            f"that is no gain as measured now: {shown_ms(most_us)} or less, and a fifth less than where it is, would be"
-        )
+        return f"that is no gain as measured now: {time_text(most_us)} or less, and a fifth less than where it is, would be"
     for other in edges:
         there_us = _judged_there(other, component, better.node, between)
         if other.budget_us is None or there_us is None or there_us <= other.budget_us:
             continue
         if other.met is not False or there_us > (other.judged_us or 0):
-            return f"{edge_name(other)} would be over its budget of {shown_ms(other.budget_us)} there"
+            return f"{edge_name(other)} would be over its budget of {time_text(other.budget_us)} there"
     return ""
 
 

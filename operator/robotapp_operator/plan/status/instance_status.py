@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
+from robotapp_api.values.duration import time_text
 from robotapp_api.values.round_trips import is_unreachable
 from robotapp_operator.plan.spec.text import clip, stored_bytes
 from robotapp_operator.plan.status.conditions import MAX_BRIEF_BYTES, conditions, ready
 from robotapp_operator.plan.status.facts import AppFacts
-from robotapp_operator.plan.status.latency import EdgeView, shown_ms
+from robotapp_operator.plan.status.latency import EdgeView
 from robotapp_operator.plan.status.status import (
     MAX_STATUS_BYTES,
     budget_text,
@@ -87,7 +88,7 @@ def _edge(edge: EdgeView) -> dict[str, Any]:
         **written(
             nodes=[node for node in edge.nodes if node],
             budget=edge.edge.latency.budget if edge.edge.latency else None,
-            p95=None if edge.p95_us is None or is_unreachable(edge.p95_us) else shown_ms(edge.p95_us),
+            p95=None if edge.p95_us is None or is_unreachable(edge.p95_us) else time_text(edge.p95_us),
             met=edge.met,
         ),
     }

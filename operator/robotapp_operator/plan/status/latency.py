@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 from robotapp_api.model.edge import Edge
 from robotapp_api.model.names import ROBOT_END
-from robotapp_api.values.duration import format_us, parse_us
+from robotapp_api.values.duration import parse_us
 from robotapp_api.values.round_trips import SAME_NODE, Figures, RoundTrips, is_unreachable
 
 REST_S: Final = 60.0
@@ -91,11 +91,6 @@ def edge_views(
 ) -> list[EdgeView]:
     """The edges as measured now, in the order of the spec. `placed`: component -> node of its pod."""
     return [_view(edge, {ROBOT_END: robot_node, **placed}, round_trips) for edge in edges]
-
-
-def shown_ms(time_us: float) -> str:
-    """`18ms`, or `unreachable`."""
-    return "unreachable" if is_unreachable(time_us) else format_us(time_us)
 
 
 def worst_first(views: Iterable[EdgeView]) -> tuple[EdgeView, ...]:

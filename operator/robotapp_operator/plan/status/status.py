@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import Condition, Phase, Reason
+from robotapp_api.values.duration import time_text
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.spec.text import clip
 from robotapp_operator.plan.status.conditions import (
@@ -19,7 +20,7 @@ from robotapp_operator.plan.status.conditions import (
     ready,
 )
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
-from robotapp_operator.plan.status.latency import EdgeView, shown_ms
+from robotapp_operator.plan.status.latency import EdgeView
 from robotapp_operator.plan.status.troubled import troubled
 
 MAX_STATUS_BYTES: Final = 64 * 1024
@@ -157,8 +158,8 @@ def budget_text(edges: Iterable[EdgeView]) -> str:
     worst = max((edge for edge in edges if edge.budget_us is not None), key=lambda edge: edge.use, default=None)
     if worst is None:
         return ""
-    time = "?" if worst.judged_us is None else shown_ms(worst.judged_us).removesuffix("ms")
-    return f"{time}/{shown_ms(worst.budget_us or 0)}"[:32]
+    time = "?" if worst.judged_us is None else time_text(worst.judged_us).removesuffix("ms")
+    return f"{time}/{time_text(worst.budget_us or 0)}"[:32]
 
 
 def domains_text(ids: Collection[int], limit: int = 63) -> str:

@@ -7,12 +7,12 @@ from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.names import ROBOT_END, Label, Reason
-from robotapp_api.values.duration import format_us
-from robotapp_api.values.given_up import GivenUpEdge, time_text
+from robotapp_api.values.duration import format_us, time_text
+from robotapp_api.values.given_up import GivenUpEdge
 from robotapp_api.values.round_trips import is_unreachable
 from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.status.facts import AppFacts, Grace, InstanceFacts
-from robotapp_operator.plan.status.latency import EdgeView, shown_ms
+from robotapp_operator.plan.status.latency import EdgeView
 
 MAX_TROUBLED: Final = 10
 MAX_TROUBLED_BYTES: Final = 1024
@@ -162,8 +162,8 @@ def edge_name(edge: EdgeView) -> str:
 
 def edge_text(edge: EdgeView) -> str:
     """`/cmd_vel operator -> driver 18ms of 30ms`."""
-    time = "unknown" if edge.judged_us is None else shown_ms(edge.judged_us)
-    return f"{edge_name(edge)} {time} of {shown_ms(edge.budget_us or 0)}"
+    time = "unknown" if edge.judged_us is None else time_text(edge.judged_us)
+    return f"{edge_name(edge)} {time} of {time_text(edge.budget_us or 0)}"
 
 
 def _not_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:

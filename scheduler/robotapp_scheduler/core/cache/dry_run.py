@@ -2,7 +2,8 @@
 
 The live rows and indexes are changed and changed back, so every rule reads them through the same code as always. A copy
 of them would cost more than 10 % of the CPU of a preempting pod (docs/design/012-what-if.md). This is the only place
-that changes the cache for a question: preemption, the evictions for a group and `/explain` use it.
+that changes the live cache for a question: preemption, the evictions for a group, `/explain` and the search of better nodes
+(the last two through `re_evaluate.as_waiting`) use it. `what_if` changes the cache of a copy of the process, for good.
 """
 
 from types import TracebackType

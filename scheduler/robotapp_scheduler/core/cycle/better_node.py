@@ -6,7 +6,8 @@ finds a place. Whether anything is moved is the operator's decision (`robotapp_a
 proposed to other pods count as if these pods were there already: else the operator would evict two pods for one free place.
 
 `BudgetWatch` decides what a pod's annotation `robotics.io/better-node` should be. It looks at instances when a time, a pod or the
-app has changed, a bounded number per tick, by what is measured; while nothing changes there is nothing to do. A node is searched
+app has changed, a bounded number per tick, by what is measured, and at those that are late or have a proposal every tick; while
+none is and nothing changes there is nothing to do. A node is searched
 only for the sake of a connection that has been over its budget for `placement.reschedule.for`: one slow report of another moves
 nothing. A bounded number of pods is searched for per tick, the one that waited longest first. The annotation on the pod is the record: what it should be is compared with what the watch shows. So nothing
 is written while nothing changes, and a new leader goes on where the last one ended.

@@ -1,4 +1,5 @@
-"""Evaluates a known pod again on request: its record and the table over all nodes as they would be now.
+"""Evaluates a known pod again: its record and the table over all nodes as they would be now, for `/explain`; `as_waiting` also
+for better nodes and what-if.
 
 Nothing of it is kept: neither the ring, nor the caches, nor the counters notice. A bound pod is taken off its node while
 it is looked at, so that it does not stand in its own way.

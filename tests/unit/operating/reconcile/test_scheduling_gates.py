@@ -188,3 +188,10 @@ async def test_a_gate_that_is_off_already_is_not_taken_off_again(world: World) -
     before = world.requests()
     assert await world.look()
     assert [method for method, _ in list(world.api.requests)[before:]] == ["GET"]
+
+
+async def test_a_gate_that_its_controller_took_away_meanwhile_is_not_added_again(world: World) -> None:
+    await world.create(schedulingGates=[{"name": SCHEDULING_GATE}, {"name": "example.org/quota"}])
+    await world.client.patch(PODS, "p", {"spec": {"schedulingGates": [{"name": SCHEDULING_GATE}]}}, namespace="default")
+    assert await world.look()
+    assert not (await world.see())["spec"].get("schedulingGates")

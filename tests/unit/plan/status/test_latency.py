@@ -6,14 +6,13 @@ from itertools import pairwise
 
 from tests.support.factories import make_app, round_trips, telemetry
 
-from robotapp_api.values.duration import LONGEST_US
+from robotapp_api.values.duration import LONGEST_US, time_text
 from robotapp_operator.plan.status.latency import (
     EdgeKey,
     EdgeView,
     Rest,
     edge_views,
     publish,
-    shown_ms,
     worst_first,
 )
 
@@ -42,7 +41,7 @@ def test_an_unmeasured_pair_is_unknown_not_zero() -> None:
 def test_a_pair_of_which_no_probe_came_back_exceeds_every_budget() -> None:
     lost = seen(None, lost=True, budget="999999h")
     assert (lost.p95_us, lost.met, lost.measured) == (math.inf, False, True)
-    assert shown_ms(lost.p95_us or 0) == "unreachable"
+    assert time_text(lost.p95_us or 0) == "unreachable"
     assert worst_first([seen(21), lost, seen(None)])[0] is lost
 
 
@@ -193,5 +192,5 @@ def test_noise_within_the_budget_is_shown_exactly_once_a_minute() -> None:
 
 
 def test_times_beyond_all_bounds_are_shown_as_the_longest() -> None:
-    assert shown_ms(18_000) == "18ms"
-    assert shown_ms(2**62) == shown_ms(LONGEST_US)
+    assert time_text(18_000) == "18ms"
+    assert time_text(2**62) == time_text(LONGEST_US)
