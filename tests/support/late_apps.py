@@ -10,7 +10,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import Member
-from robotapp_scheduler.core.robotics.edge_times import Part, part_of
+from robotapp_scheduler.core.robotics.edge_times import PlacedComponent, part_of
 
 COMPONENTS = ({"name": "driver", "runsOn": ["Robot"]}, {"name": "planner"})
 MEMBER = Member("app-1", "amr", "planner")
@@ -52,7 +52,7 @@ def measure(core: SchedulerCore, rtt_ms: Mapping[str, float] | None = None, *, s
     core.cluster.apply_telemetry(telemetry("amr", rtt_ms={**RTT_MS, **(rtt_ms or {})}, seq=seq))
 
 
-def planner(core: SchedulerCore) -> Part:
+def planner(core: SchedulerCore) -> PlacedComponent:
     app = core.cluster.apps.app(MEMBER.app_uid)
     assert app is not None
     found = part_of(app, MEMBER, core.cluster.apps)

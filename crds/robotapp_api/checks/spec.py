@@ -11,7 +11,7 @@ from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
 from robotapp_api.model.distros import DISTROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
 from robotapp_api.model.robotapp import RobotAppSpec
-from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neighbours
+from robotapp_api.values.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
 from robotapp_api.values.tiers import ROBOT
 
 
@@ -163,7 +163,7 @@ def _contradictions(spec: RobotAppSpec) -> Iterator[Problem]:
 def neighbours_of(spec: RobotAppSpec) -> Mapping[str, Neighbours]:
     """Which components share a node, and which must not."""
     return neighbours(
-        Part(
+        NeighbourRules(
             each.name, (*each.colocate_with, *(each.shared_data.with_ if each.shared_data else ())), each.separate_from
         )
         for each in spec.components

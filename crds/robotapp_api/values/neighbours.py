@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 
-class Part(NamedTuple):
+class NeighbourRules(NamedTuple):
     """One component as it is written. `together`: colocateWith and sharedData.with."""
 
     name: str
@@ -26,7 +26,7 @@ class Neighbours(NamedTuple):
 NO_NEIGHBOURS = Neighbours()
 
 
-def neighbours(parts: Iterable[Part]) -> Mapping[str, Neighbours]:
+def neighbours(parts: Iterable[NeighbourRules]) -> Mapping[str, Neighbours]:
     """By component; those without any are left out. Names of no component are ignored."""
     parts = tuple(parts)
     if not any(part.together or part.apart for part in parts):
@@ -52,7 +52,7 @@ def neighbours(parts: Iterable[Part]) -> Mapping[str, Neighbours]:
     return found
 
 
-def _groups(parts: tuple[Part, ...]) -> dict[str, str]:
+def _groups(parts: tuple[NeighbourRules, ...]) -> dict[str, str]:
     """The first component of the group each is in."""
     head = {part.name: part.name for part in parts}
 

@@ -57,7 +57,7 @@ REFUSED_S: Final = 30.0
 ACTION: Final = "Move"
 
 
-class Part(NamedTuple):
+class DeployedPod(NamedTuple):
     """A component that has one settled pod."""
 
     deployment: Deployment
@@ -126,7 +126,7 @@ class Mover:
         return app.wants_devices and any(Annotation.LOST_DEVICES in item.metadata.annotations for item in mine)
 
     def _decide(
-        self, app: App, instance: Instance, facts: InstanceFacts, own: InstanceMemory, parts: Mapping[str, Part]
+        self, app: App, instance: Instance, facts: InstanceFacts, own: InstanceMemory, parts: Mapping[str, DeployedPod]
     ) -> tuple[Move | Stays | None, Move | Stays | None, Again]:
         """What to do about lost devices and about budgets, one move at most, and when another answer is due although nothing happens."""
         # What is out of reach is never evicted, and nothing moves while something else is moving.
@@ -167,7 +167,7 @@ class Mover:
 
     # What there is
 
-    def _components(self, app: App, instance: str) -> dict[str, Part]:
+    def _components(self, app: App, instance: str) -> dict[str, DeployedPod]:
         """Components with exactly one pod, bound to a node that is Ready, and not ending."""
         pods, found = self._cache.pods_by_deployment(app.uid, instance), {}
         names = {component.name for component in app.spec.components}
@@ -175,14 +175,14 @@ class Mover:
             mine = [pod for pod in pods.get(deployment.metadata.uid, ()) if not pod.terminal]
             name = deployment.metadata.labels.get(Label.COMPONENT, "")
             if name in names and len(mine) == 1 and self._settled(mine[0]):
-                found[name] = Part(deployment, mine[0])
+                found[name] = DeployedPod(deployment, mine[0])
         return found
 
     def _settled(self, pod: Pod) -> bool:
         node = self._cache.nodes.get(pod.spec.node_name)
         return pod.metadata.deletion_timestamp is None and node is not None and node.ready
 
-    def _running(self, app: App, name: str, part: Part) -> Running:
+    def _running(self, app: App, name: str, part: DeployedPod) -> Running:
         component = next(one for one in app.spec.components if one.name == name)
         text = part.pod.metadata.annotations.get(Annotation.BETTER_NODE, "")
         better: BetterNode | None = None
@@ -238,7 +238,9 @@ class Mover:
 
     # Devices
 
-    async def _devices(self, app: App, facts: InstanceFacts, own: InstanceMemory, parts: Mapping[str, Part]) -> Again:
+    async def _devices(
+        self, app: App, facts: InstanceFacts, own: InstanceMemory, parts: Mapping[str, DeployedPod]
+    ) -> Again:
         """Bring the records of lost devices up to date, and restart the pods whose devices are back."""
         now_s = self._clock()
         waiting: list[float] = []
@@ -270,7 +272,7 @@ class Mover:
         waiting += [LOST_S - (now_s - since_s) for since_s in own.lost_s.values() if now_s - since_s < LOST_S]
         return min(waiting, default=None)
 
-    def _is_mass_restart(self, component: Component, part: Part) -> bool:
+    def _is_mass_restart(self, component: Component, part: DeployedPod) -> bool:
         """Whether so many pods lost devices that none of them is to restart when the devices are back."""
         node = part.pod.spec.node_name
         return on_loss_of(component) == RESTART and self._all_losses().too_many_to_restart(node)
@@ -292,7 +294,7 @@ class Mover:
 
     # Writes
 
-    async def _settle(self, parts: Mapping[str, Part]) -> bool:
+    async def _settle(self, parts: Mapping[str, DeployedPod]) -> bool:
         """Write records anew that have times ahead of our clock; whether there were any."""
         now, found = self._now(), False
         for part in parts.values():
@@ -303,7 +305,7 @@ class Mover:
                 found = True
         return found
 
-    async def _move(self, app: App, own: InstanceMemory, part: Part, move: Move) -> str:
+    async def _move(self, app: App, own: InstanceMemory, part: DeployedPod, move: Move) -> str:
         """Why the pod could not be evicted, "" when it was, or when it is gone already."""
         if own.evicted == move.pod:
             return ""
@@ -324,7 +326,7 @@ class Mover:
         own.moving = move
         return ""
 
-    def _tell(self, app: App, own: InstanceMemory, parts: Mapping[str, Part]) -> None:
+    def _tell(self, app: App, own: InstanceMemory, parts: Mapping[str, DeployedPod]) -> None:
         """Write the event of a move when the successor is on a node, about the node that the scheduler has chosen."""
         move = own.moving
         part = parts.get(move.component) if move else None

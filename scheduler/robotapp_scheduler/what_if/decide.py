@@ -20,7 +20,7 @@ from robotapp_scheduler.core.cycle.schedule_result import FAULTS, ScheduleResult
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
 from robotapp_scheduler.core.robotics.app_index import App, InstanceKey, Link, Replica
-from robotapp_scheduler.core.robotics.edge_times import Part, movable, part_of, worst_late
+from robotapp_scheduler.core.robotics.edge_times import PlacedComponent, movable, part_of, worst_late
 from robotapp_scheduler.simulation.rounds import Rounds
 from robotapp_scheduler.simulation.run import chosen_text, latest_bound
 from robotapp_scheduler.what_if.app_pods import instances_with_pods, running_apps, take_away, tried_app
@@ -228,7 +228,7 @@ class _Decider:
 
     # --- Running pods --------------------------------------------------------------------------------------------
 
-    def _components(self, instances: list[InstanceKey]) -> Iterator[Part]:
+    def _components(self, instances: list[InstanceKey]) -> Iterator[PlacedComponent]:
         apps = self._cluster.apps
         for app_uid, instance in instances:
             app = apps.app(app_uid)

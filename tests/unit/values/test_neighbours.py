@@ -6,15 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neighbours
+from robotapp_api.values.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
 
 NAMES = "abcdef"
 PAIRS = st.lists(st.tuples(st.sampled_from(NAMES), st.sampled_from(NAMES)), max_size=6)
 
 
-def parts(together: list[tuple[str, str]], apart: list[tuple[str, str]]) -> list[Part]:
+def parts(together: list[tuple[str, str]], apart: list[tuple[str, str]]) -> list[NeighbourRules]:
     return [
-        Part(
+        NeighbourRules(
             name,
             tuple(b for a, b in together if a == name and b != name),
             tuple(b for a, b in apart if a == name and b != name),
@@ -37,7 +37,7 @@ def test_who_shares_a_node_shares_its_enemies() -> None:
 
 
 def test_names_of_no_component_are_ignored() -> None:
-    assert neighbours([Part("a", ("ghost",), ("ghost",))]) == {}
+    assert neighbours([NeighbourRules("a", ("ghost",), ("ghost",))]) == {}
 
 
 @given(PAIRS, PAIRS)

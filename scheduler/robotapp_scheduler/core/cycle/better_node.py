@@ -36,7 +36,7 @@ from robotapp_scheduler.core.pods.pod_info import Member, member_of
 from robotapp_scheduler.core.robotics.app_index import InstanceKey, Link, budget_for_s
 from robotapp_scheduler.core.robotics.edge_times import (
     Late,
-    Part,
+    PlacedComponent,
     Times,
     movable,
     over_budget,
@@ -82,7 +82,7 @@ class Proposal(NamedTuple):
     after_us: float
 
 
-def better_node(core: SchedulerCore, part: Part, late: Late, *, standing: str = "") -> Proposal | None:
+def better_node(core: SchedulerCore, part: PlacedComponent, late: Late, *, standing: str = "") -> Proposal | None:
     """The proposal for a component of an instance that is `settled`; None when it has to stay where it is.
 
     late: the connection for whose sake it may move. standing: the node that was proposed before. It is proposed again as long as it is feasible and better, so that equal
@@ -95,7 +95,7 @@ def better_node(core: SchedulerCore, part: Part, late: Late, *, standing: str = 
     return _judged(core.cluster, part, late, standing) or found
 
 
-def settled(core: SchedulerCore, part: Part) -> bool:
+def settled(core: SchedulerCore, part: PlacedComponent) -> bool:
     """Is the instance at rest and in reach? All pods of it are bound and stay, and no node at issue is lost."""
     app, cluster = part.app, core.cluster
     if not app.observed or app.problems or part.pod.spec.scheduler_name not in core.scheduler_names:
@@ -113,7 +113,7 @@ def settled(core: SchedulerCore, part: Part) -> bool:
     return not any(core.groups.lost(node) for node in (part.node, *others))
 
 
-def _choice(core: SchedulerCore, part: Part, standing: str) -> tuple[str, bool]:
+def _choice(core: SchedulerCore, part: PlacedComponent, standing: str) -> tuple[str, bool]:
     """The node that the scheduler would take ("" = none), and whether the node that was proposed before is still feasible."""
     cluster = core.cluster
     with as_waiting(cluster, part.pod, anew=True) as pod:
@@ -129,7 +129,7 @@ def _choice(core: SchedulerCore, part: Part, standing: str) -> tuple[str, bool]:
     return node, bool(evaluation.reason[position] == 0)
 
 
-def _judged(cluster: Cache, part: Part, late: Late, node: str) -> Proposal | None:
+def _judged(cluster: Cache, part: PlacedComponent, late: Late, node: str) -> Proposal | None:
     """The proposal of a node; None when it is no gain, or another connection would be over its budget there."""
     if node == part.node:
         return None
@@ -305,7 +305,7 @@ class BudgetWatch:
             if other != uid and place.node in nodes and (other not in placed or placed[other].node != place.node)
         ]
 
-    def _components(self, app_uid: str, instance: str) -> Iterator[Part]:
+    def _components(self, app_uid: str, instance: str) -> Iterator[PlacedComponent]:
         apps = self._core.cluster.apps
         app = apps.app(app_uid)
         if app is None:
@@ -342,7 +342,7 @@ class BudgetWatch:
         write = self._search(uid)
         return [] if write is None else [write]
 
-    def _look(self, part: Part) -> AnnotationWrite | None:
+    def _look(self, part: PlacedComponent) -> AnnotationWrite | None:
         """Note whether the pod is over budget. Its proposal is withdrawn when all budgets have been met for long enough."""
         uid, now_s = part.pod.metadata.uid, self._clock()
         late = over_budget(part, self._core.cluster, self._core.cluster.rtt.measured_us)

@@ -12,7 +12,7 @@ from robotapp_api.model.names import ROBOT_END, Label
 from robotapp_api.values.bandwidth import bandwidth_bps
 from robotapp_api.values.better_node import edge_to, topic_of
 from robotapp_api.values.duration import parse_us
-from robotapp_api.values.neighbours import NO_NEIGHBOURS, Neighbours, Part, neighbours
+from robotapp_api.values.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
 from robotapp_api.values.tiers import ROBOT
 from robotapp_scheduler.core.api.core_v1 import Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component, Edge, Reschedule, RobotApp
@@ -120,7 +120,7 @@ def read_app(source: RobotApp) -> App:
         components={component.name: component for component in source.spec.components},
         links={name: tuple(found) for name, found in links.items()},
         neighbours=neighbours(
-            Part(each.name, (*each.colocate_with, *each.shared_data.with_), each.separate_from)
+            NeighbourRules(each.name, (*each.colocate_with, *each.shared_data.with_), each.separate_from)
             for each in source.spec.components
         ),
         flows=flows,

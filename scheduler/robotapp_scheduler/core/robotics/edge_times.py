@@ -22,7 +22,7 @@ class Around(Protocol):
         """The robot's primary node; all of its nodes while that is not known."""
 
 
-class Part(NamedTuple):
+class PlacedComponent(NamedTuple):
     """The only pod of a component of an instance, on its node."""
 
     app: App
@@ -54,12 +54,12 @@ def movable(app: App) -> Iterator[str]:
             yield name
 
 
-def part_of(app: App, member: Member, apps: AppIndex) -> Part | None:
+def part_of(app: App, member: Member, apps: AppIndex) -> PlacedComponent | None:
     """The component's pod; None when it has none, several, or one that waits or ends."""
     found = apps.replicas(member, member.component)
     if len(found) != 1 or not found[0].node or found[0].pod.metadata.deletion_timestamp is not None:
         return None
-    return Part(app, member, found[0].pod, found[0].node)
+    return PlacedComponent(app, member, found[0].pod, found[0].node)
 
 
 def peer_nodes(link: Link, member: Member, around: Around) -> tuple[str, ...]:
@@ -98,7 +98,7 @@ class Times:
     An app may have 256 topics between two components, and each of these 32 pods.
     """
 
-    def __init__(self, part: Part, around: Around, between: Between) -> None:
+    def __init__(self, part: PlacedComponent, around: Around, between: Between) -> None:
         self._part = part
         self._around = around
         self._between = between
@@ -115,7 +115,7 @@ class Times:
         return self._known[key]
 
 
-def over_budget(part: Part, around: Around, between: Between) -> dict[Link, float]:
+def over_budget(part: PlacedComponent, around: Around, between: Between) -> dict[Link, float]:
     """The required connections that are over their budgets, each with its round trip (`Late.us`)."""
     times = Times(part, around, between)
     found = ((link, times.at(link, part.node)) for link in part.budgeted if link.required)
@@ -129,6 +129,6 @@ def worst_of(late: Mapping[Link, float]) -> Late | None:
     return Late(*max(late.items(), key=lambda item: item[1] / max(item[0].budget_us or 0, 1)))
 
 
-def worst_late(part: Part, around: Around, between: Between) -> Late | None:
+def worst_late(part: PlacedComponent, around: Around, between: Between) -> Late | None:
     """The required connection that uses most of its budget, if it is over it."""
     return worst_of(over_budget(part, around, between))
