@@ -19,7 +19,7 @@ PARTS: Final[Mapping[str, Sequence[str]]] = {
     "fleet view": (f"{_CONTROLLER}._fleet_view",),
     "pairs to measure": (f"{_CONTROLLER}._probe",),
     "pools": (f"{_CONTROLLER}._pool", f"{_CONTROLLER}._waiting"),
-    "sweep of claims": ("robotapp_api.claiming.sweeper:",),
+    "sweep of claims": ("robotapp_api.claiming.sweeper:", "robotapp_api.claiming.domain_users:"),
     "ageing of round trips": ("robotapp_operator.watch.informers:Informers.expire",),
     "events that are written": ("robotapp_api.client.tools.event_recorder:",),
     "queue and metrics": ("robotapp_operator.queue.workqueue:", "robotapp_operator.reconcile.controller:"),

@@ -2,11 +2,6 @@
 
 Level-triggered: a pass reads the state and never the content of an event. Events only make the next pass come sooner.
 Time is this process's monotonic clock since it first saw a claim Draining; a restart begins the rest anew.
-
-The users of a domain claim, read from the API server where the listings alone cannot prove them.
-
-In the usual case a live pod answers and nothing is read. Only for a claim without one is its app read, to see whether
-the Deployments that name its id belong to an app that exists, and the apps whose specs share it.
 """
 
 import asyncio
@@ -20,68 +15,18 @@ from typing import Final
 import msgspec
 
 from robotapp_api.claiming.claim_nodes import Whereabouts
-from robotapp_api.claiming.domains import resolve_owner
+from robotapp_api.claiming.domain_users import used, used_elsewhere
 from robotapp_api.claiming.errors import Troubles
 from robotapp_api.claiming.release import give_back
 from robotapp_api.claiming.repair import repair
-from robotapp_api.claiming.sweep_snapshot import View, find, read_view, used_on_node
+from robotapp_api.claiming.sweep_snapshot import View, read_view, used_on_node
 from robotapp_api.claiming.writes import Api, Refused, delete_claim, drain, park, touch
 from robotapp_api.claims.device import PodUse, pod_use, release_device, wants_devices
-from robotapp_api.claims.membership import AppRef
-from robotapp_api.claims.objects import App, Claim, Pod
-from robotapp_api.claims.release import Release, is_gone, pod_lost, release_domain
+from robotapp_api.claims.objects import Claim, Pod
+from robotapp_api.claims.release import Release, pod_lost, release_domain
 from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.claims.usage import Usage
 from robotapp_api.client.api.parallelize import at_once
-from robotapp_api.client.api.resources import ROBOTAPPS
 from robotapp_api.client.transport.errors import ClientError, describe
-
-
-async def used(view: View, claim: Claim) -> bool:
-    """Whether the workloads of the view still use a domain claim."""
-    return await _used(view, view.usage, claim)
-
-
-async def used_elsewhere(view: View, claim: Claim) -> bool | None:
-    """Whether apps of other namespaces, which share it, use a domain. None: unknown, because we may not read them.
-
-    Asked only before something is given back, and read after the claim like everything else.
-    """
-    if view.everywhere:
-        return False
-    usage = await view.usage_everywhere()
-    return None if usage is None else await _used(view, usage, claim)
-
-
-async def _used(view: View, usage: Usage, claim: Claim) -> bool:
-    if usage.uses(claim, app_exists=False):
-        return True
-    if usage.uses(claim, app_exists=True) and await view.app(claim.holder) is not None:
-        return True
-    for sharer in sorted(usage.sharers(claim)):
-        if await _shares(view, sharer, claim):
-            return True
-    return False
-
-
-async def _shares(view: View, sharer: AppRef, claim: Claim) -> bool:
-    """Whether the app exists and may use the claim: of the holder's namespace, or joined to its app by both."""
-    app = await existing_app(view, sharer)
-    holder = claim.holder
-    if app is None:
-        return False
-    if sharer.namespace == holder.namespace:
-        return True
-    if await view.app(holder) is None:
-        return False
-    return (await resolve_owner(view.client, app)).owner == (holder.namespace, holder.name)
-
-
-async def existing_app(view: View, ref: AppRef) -> App | None:
-    """The RobotApp that owner references name, None when there is none of this uid."""
-    app = await find(view.client, ROBOTAPPS, ref.name, ref.namespace, App)
-    return None if is_gone(app, ref.uid) else app
-
 
 log = logging.getLogger(__name__)
 
