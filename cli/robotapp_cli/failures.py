@@ -1,7 +1,9 @@
 """Exit codes, and how an error becomes one or two lines for a person."""
 
+import re
 import sys
 from enum import IntEnum
+from typing import Final
 
 import typer
 
@@ -14,6 +16,11 @@ from robotapp_api.client.transport.errors import (
     Unauthorized,
     Unreachable,
 )
+
+_DENIED: Final = re.compile(r'cannot (\w+) resource "([a-z]+)')
+_READING: Final = frozenset({"get", "list", "watch"})
+_OF_THE_FLEET: Final = frozenset({"nodes", "robotclaims", "domainpools", "nodetelemetries"})
+"""Resources of the chart's ClusterRole robotapp-cluster-viewer."""
 
 
 class Exit(IntEnum):
@@ -46,9 +53,7 @@ def explained(error: ClientError) -> CliError:
     if isinstance(error, NotFound):
         return CliError(f"{error.message}{_crds(error)}", code=Exit.NOT_FOUND)
     if isinstance(error, Forbidden):
-        return CliError(
-            f"you may not do this: {error.message}\nAsk for the ClusterRole robotapp-cluster-viewer (claims, pools, telemetry) or for view in the namespace."
-        )
+        return CliError(f"you may not do this: {error.message}\n{_rights(error.message)}")
     if isinstance(error, Unauthorized):
         return CliError(
             f"the API server does not know you: {error.message}\nSign in again, or choose another --context.",
@@ -62,6 +67,22 @@ def explained(error: ClientError) -> CliError:
             code=Exit.UNREACHABLE,
         )
     return CliError(error.message if isinstance(error, ApiError) else str(error))
+
+
+def _rights(message: str) -> str:
+    """The binding that would help. `message` is the API server's, which names verb, resource and namespace."""
+    found = _DENIED.search(message)
+    verb, plural = found.groups() if found else ("", "")
+    role = "view" if verb in _READING else "edit"
+    if plural in _OF_THE_FLEET:
+        return "Ask for a ClusterRoleBinding of robotapp-cluster-viewer (nodes, claims, pools, telemetry)."
+    if plural and " at the cluster scope" in message:
+        return f"Ask for a ClusterRoleBinding of {role}: a RoleBinding of it counts in its own namespace only."
+    if plural:
+        return f"Ask for a RoleBinding of ClusterRole {role} in that namespace."
+    return (
+        "Ask for ClusterRole view in the namespace, or robotapp-cluster-viewer for nodes, claims, pools and telemetry."
+    )
 
 
 def _crds(error: NotFound) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from robotapp_api.client.api.resources import Resource
-from robotapp_api.client.transport.errors import NotFound
+from robotapp_api.client.transport.errors import Forbidden, NotFound
 from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json
@@ -76,6 +76,11 @@ async def _cluster(session: Session, link: Link) -> list[Json]:
             listing = await session.client.list(resource)
         except NotFound:
             continue  # not installed here
+        except Forbidden as error:
+            raise CliError(
+                f"you may not do this: {error.message}\nsimulate reads {len(wanted['resources'])} kinds of the whole cluster "
+                "with your rights. Ask for a ClusterRoleBinding of the role in docs/simulate.md, section Rights."
+            ) from error
         found += [{"kind": resource.kind, **thinned(item)} for item in listing.items]
     return found
 

@@ -150,6 +150,14 @@ def test_a_refusal_is_quoted_and_ends_with_1(cluster: Stage, status: int, error:
     assert said in result.stderr
 
 
+def test_a_user_who_may_not_read_all_of_it_is_told_of_the_role_that_may(cluster: Stage) -> None:
+    cluster.api.failing.append(403)
+    result = cluster.run("simulate", *url(cluster))
+    assert (result.exit_code, cluster.scheduler.posted) == (1, [])
+    assert "simulate reads 2 kinds of the whole cluster" in result.stderr
+    assert "docs/simulate.md, section Rights" in result.stderr
+
+
 @pytest.mark.parametrize("text", ["a: [", "- 1", "kind: Pod", "kind: List\nitems: [3]"])
 def test_a_file_that_holds_no_objects_is_wrong_usage(cluster: Stage, tmp_path: Path, text: str) -> None:
     (tmp_path / "bad.yaml").write_text(text)

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import typer
+import yaml
 
 from robotapp_cli.lint.findings import Severity
 from robotapp_cli.lint.linter import lint
 from robotapp_cli.main import app
+from robotapp_scheduler.watch.routes import resources
 from robotapp_testbed import cli as testbed
 
 ROOT: Final = Path(__file__).resolve().parents[3]
@@ -99,6 +101,17 @@ def test_the_page_of_the_command_line_lists_every_command() -> None:
     assert set(group.commands) == set(
         re.findall(r"`([a-z-]+)(?: [^`]*)?`", "".join(re.findall(r"^\| (.*?) \|", table, re.MULTILINE)))
     )
+
+
+def test_the_role_for_simulate_lists_what_simulate_reads_and_nothing_else() -> None:
+    (block,) = [each for each in blocks(ROOT / "docs/simulate.md") if "kind: ClusterRole" in each]
+    *rules, page = yaml.safe_load(block)["rules"]
+    assert {verb for rule in rules for verb in rule["verbs"]} == {"list"}
+    assert {(group, plural) for rule in rules for group in rule["apiGroups"] for plural in rule["resources"]} == {
+        (resource.group, resource.plural) for resource in resources()
+    }
+    assert page == {"nonResourceURLs": ["/simulate"], "verbs": ["get", "post"]}
+    assert f"reads {len(resources())} kinds" in (ROOT / "docs/simulate.md").read_text(encoding="utf-8")
 
 
 def test_every_metric_to_watch_is_one_of_operator_or_scheduler() -> None:
