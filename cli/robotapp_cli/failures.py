@@ -87,5 +87,5 @@ def _rights(message: str) -> str:
 
 def _crds(error: NotFound) -> str:
     if "could not find the requested resource" in error.message:
-        return "\nRobotApp is not installed in this cluster: helm install robotapp helm/robotapp -n robotapp-system --create-namespace"
+        return "\nRobotApp is not installed in this cluster: docs/installation.md has the steps."
     return "\nkubectl robotapp list -A shows what there is."

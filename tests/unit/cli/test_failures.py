@@ -2,7 +2,7 @@
 
 import pytest
 
-from robotapp_api.client.transport.errors import Forbidden
+from robotapp_api.client.transport.errors import Forbidden, NotFound
 from robotapp_cli.failures import explained
 
 TENANT = 'is forbidden: User "tenant" cannot'
@@ -31,3 +31,8 @@ EVERYWHERE, IN_ONE = "at the cluster scope", 'in the namespace "fleet"'
 def test_the_binding_that_would_help_is_named(denied: str, cure: str) -> None:
     text = str(explained(Forbidden(denied, status=403)))
     assert text.startswith(f"you may not do this: {denied}\nAsk for {cure}")
+
+
+def test_a_cluster_without_our_kinds_leads_to_the_installation() -> None:
+    text = str(explained(NotFound("the server could not find the requested resource", status=404)))
+    assert text.endswith("RobotApp is not installed in this cluster: docs/installation.md has the steps.")
