@@ -130,7 +130,10 @@ def simulate_command(
     ] = None,
     replay: Annotated[int, typer.Option("--replay", min=0, help="Place the latest N bound pods again, too.")] = 0,
     offline: Annotated[
-        bool, typer.Option("--offline", help="The files are the whole cluster: read nothing else.")
+        bool,
+        typer.Option(
+            "--offline", help="The files are the whole cluster: read nothing else. The running scheduler still decides."
+        ),
     ] = False,
     scheduler_url: SchedulerUrl = None,
     scheduler_namespace: SchedulerNamespace = SYSTEM_NAMESPACE,
