@@ -15,6 +15,7 @@ from robotapp_api.client import (
     AlreadyExists,
     ApiClient,
     ApiError,
+    BadRequest,
     Conflict,
     Forbidden,
     Invalid,
@@ -23,7 +24,7 @@ from robotapp_api.client import (
     TooManyRequests,
 )
 from robotapp_api.client.api.bodies import JSON_PATCH, encode
-from robotapp_api.client.api.client import JsonPatch
+from robotapp_api.client.api.client import JsonPatch, with_query
 from robotapp_api.client.api.resources import DEPLOYMENTS, PODS, SERVICES, Resource
 from robotapp_api.model.names import OPERATOR_MANAGER, Annotation, Reason
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, ref_of
@@ -92,7 +93,8 @@ async def evict(client: ApiClient, pod: Pod, *, version: str = "", dry_run: bool
     """Evict the pod. Returns why the API server refused, "" when the pod is being deleted, None when it was gone before.
 
     By the eviction API, so that disruption budgets hold: the operator may delete no pod in another way.
-    version: the pod must still have this resourceVersion, else None; "" for any. dry_run: only find out what the answer would be.
+    version: the pod must still have this resourceVersion, else None; "" for any. dry_run: only find out what the answer would
+    be; also "" where a webhook of the cluster cannot be tried.
     """
     meta = pod.metadata
     preconditions = {"uid": meta.uid} | ({"resourceVersion": version} if version else {})
@@ -102,8 +104,15 @@ async def evict(client: ApiClient, pod: Pod, *, version: str = "", dry_run: bool
         "metadata": {"name": meta.name, "namespace": meta.namespace},
         "deleteOptions": {"preconditions": preconditions} | ({"dryRun": ["All"]} if dry_run else {}),
     }
+    # Webhooks look at the parameter, disruption budgets at the body.
+    path = with_query(PODS.path(meta.namespace, meta.name, "eviction"), {"dryRun": "All" if dry_run else ""})
     try:
-        await client.post_raw(PODS.path(meta.namespace, meta.name, "eviction"), encode(body))
+        await client.post_raw(path, encode(body))
+    except BadRequest as refusal:  # "admission webhook … does not support dry run"
+        if not dry_run:
+            raise
+        log.info("the eviction of pod %s/%s cannot be tried: %s", meta.namespace, meta.name, refusal)
+        return ""
     except (TooManyRequests, Forbidden) as refusal:  # a disruption budget, or rights of an older chart
         return refusal.message
     except ServerError as refusal:

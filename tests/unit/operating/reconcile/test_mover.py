@@ -346,6 +346,19 @@ async def test_a_disruption_budget_that_comes_in_between_has_the_move_counted_on
     assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
 
 
+async def test_where_a_webhook_cannot_be_tried_the_pod_is_evicted_all_the_same(world: World) -> None:
+    await world.app()
+    await world.propose()
+    await world.look()
+    world.now_s += FOR_S
+    await world.mirror()
+    refused = _refuse_eviction(world, 400, 'admission webhook "w.example.org" does not support dry run', trials=True)
+    await world.mover.look(UID, "")
+    refused()
+    assert await world.pods() == ["driver"]
+    assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
+
+
 async def test_a_pod_that_several_disruption_budgets_cover_stays_and_its_user_is_told_so(world: World) -> None:
     """The API server answers 500 then: not a server in trouble, which is tried again without a word."""
     await world.app()
@@ -549,7 +562,7 @@ def _evictions(world: World) -> list[bytes]:
     real, sent = world.client.post_raw, []
 
     async def noted(path: str, body: bytes) -> bytes:
-        assert path.endswith("/eviction")
+        assert path.partition("?")[0].endswith("/eviction")
         sent.append(body)
         return await real(path, body)
 
@@ -562,14 +575,14 @@ def _refuse_eviction(
     status: int = 429,
     message: str = "Cannot evict pod as it would violate the pod's disruption budget.",
     *,
-    trials: bool = True,
+    trials: bool | None = None,
 ) -> Any:
-    """Until the result is called. Not trials: a dry run is answered as always."""
+    """Until the result is called. trials: refuse dry runs alone (True) or all but dry runs (False)."""
     real = world.client.post_raw
 
     async def refuse(path: str, body: bytes) -> bytes:
-        assert path.endswith("/eviction")
-        if is_trial(body) and not trials:
+        assert path.partition("?")[0].endswith("/eviction")
+        if trials is not None and is_trial(body) is not trials:
             return await real(path, body)
         raise world.client.error_of(_Answer(status, message))  # type: ignore[arg-type]
 
