@@ -135,6 +135,8 @@ class InstanceObjects:
         self._keep(answer)
         memory.version = answer["metadata"]["resourceVersion"]
         memory.writing.wrote(now_s, urgent=urgent)
+        # The minute of the next figures begins with the answer: where the API server is slow, so is the next write.
+        memory.rest.must_publish(self._clock())
         return again_s
 
     def _facts(self, app: App, instance: str, item: AppInstance) -> AppFacts | None:

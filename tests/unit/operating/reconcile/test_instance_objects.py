@@ -15,6 +15,7 @@ from tests.support.instance_writing import REFUSED, World
 from robotapp_api.client import NotFound
 from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_operator.plan.render.instance_object import object_name, wanted_object
+from robotapp_operator.plan.status.latency import REST_S
 from robotapp_operator.plan.status.pace import SETTLED_S, STILL_S, URGENT_REST_S
 from robotapp_operator.reconcile.instance_objects import SOON_S
 
@@ -306,6 +307,39 @@ async def test_figures_that_another_operator_published_are_taken_over_not_fought
     await measured(world, uid, 20)
     (item,) = await world.stored()
     assert item["status"]["edges"][0]["p95"] == "20ms"
+
+
+async def test_figures_are_written_a_minute_after_the_last_write_was_answered(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "90ms"}}
+    uid = await world.app(edges=[edge])
+    place(world.cache, uid, operator="edge-1", driver="amr")
+    world.memory.of(uid).outcomes[""] = REFUSED
+    await measured(world, uid, 40)
+    apply = world.client.apply
+
+    async def slow(*args: Any, **fields: Any) -> Any:
+        world.now_s += 5.0
+        return await apply(*args, **fields)
+
+    async def report(ms: float) -> float | None:
+        world.cache.put_telemetry(telemetry("edge-1", amr=ms), now_s=0.0)
+        world.cache.touch(uid, "")
+        await world.mirror()
+        return await world.objects.publish(uid, "")
+
+    monkeypatch.setattr(world.client, "apply", slow)
+    world.now_s += QUIET_S
+    before = world.writes()
+    await report(20)
+    assert world.writes() == before + 1
+    world.now_s += REST_S - 1.0
+    assert await report(60) == 1.0, "a minute has passed since the figures were taken, and not since they were written"
+    assert world.writes() == before + 1
+    world.now_s += 1.0
+    await report(60)
+    assert world.writes() == before + 2
 
 
 async def test_a_dead_link_is_stored_so_that_a_restart_alone_writes_nothing(world: World) -> None:
