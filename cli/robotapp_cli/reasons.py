@@ -77,12 +77,10 @@ def _known(edge: Json, records: Mapping[str, Json]) -> Json:
 
 def _newer(edge: Json, now: Json) -> Json:
     """The newest measurement, where the figure of the status is about an older one: that follows once a minute at most."""
-    time_text, newest_ms = milliseconds(edge.get("p95")), now.get("rttMs")
+    shown_ms, newest_ms = milliseconds(edge.get("p95")), now.get("rttMs")
     if now.get("percentile") == MEDIAN:
         return {"newest": f"median {_ms(newest_ms)}"}
-    if time_text == newest_ms or (
-        time_text and newest_ms is not None and abs(newest_ms - time_text) < MOVED * time_text
-    ):
+    if shown_ms == newest_ms or (shown_ms and newest_ms is not None and abs(newest_ms - shown_ms) < MOVED * shown_ms):
         return {}
     return {"newest": _ms(newest_ms)}
 

@@ -29,7 +29,7 @@ _KEPT: Final[tuple[str, ...]] = (
 )  # fmt: skip
 
 _NEVER_MEANT: Final = frozenset({"initContainers"})
-"""Fields below which nobody means to write what stands elsewhere: they have the component's own fields and rare ones."""
+"""Fields whose members lint never names as the place that an unknown field was meant for: they repeat the component's own fields and have rare ones."""
 
 _LABEL_VALUE: Final = r"^(([A-Za-z0-9][-A-Za-z0-9_.]*)?[A-Za-z0-9])?$"
 _MAP: Final = {"type": "object", "additionalProperties": {"type": "string"}}

@@ -21,7 +21,7 @@ async def used(view: View, claim: Claim) -> bool:
 async def used_elsewhere(view: View, claim: Claim) -> bool | None:
     """Whether apps of other namespaces, which share it, use a domain. None: unknown, because we may not read them.
 
-    Asked only before something is given back, and read after the claim like everything else.
+    The sweep calls this only before it gives a claim back. Usage is read after the claim, like everything else.
     """
     if view.everywhere:
         return False

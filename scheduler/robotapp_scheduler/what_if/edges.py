@@ -61,6 +61,6 @@ def _time(connection: Connection, member: Member, budget_us: int, cluster: Cache
         return us
 
     us = slowest_us(connection, member, cluster, between)
-    # Without a pair both ends are on one node, which nobody measures.
+    # Without a pair both ends are on one node: no agent measures a round trip to its own node.
     worst = min(sources, key=SOURCE_NAMES.index, default="estimated")
     return EdgeTime(us, "unknown" if us is None else worst, budget_us, connection.link.percentile)
