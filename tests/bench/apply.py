@@ -1,4 +1,4 @@
-"""Apply to Ready: one app, between bad ones, 200 at once beside bare Deployments, more apps than domains, 50 robots; memory.
+"""Apply to Ready: one app, between bad ones, 200 at once beside their Deployments applied by hand, more apps than domains, 50 robots; memory.
 
 Ready is what the watch shows: condition Ready=True with the observedGeneration of the stored object. Seconds run from
 the API create call. All phases share one control plane with simulated kubelets; sweep and quarantine are one second.
@@ -42,8 +42,8 @@ BETWEEN_TARGET_S = 2.0
 MALFORMED, BATCH = 90, 15
 RSS_LIMIT_BYTES = 300_000_000
 COMPONENTS = 3
-TIMES_BARE = 1.5
-"""Apps may take so many times as long as the Deployments of their components alone."""
+TIMES_BY_HAND = 1.5
+"""Apps may take so many times as long as their Deployments applied by hand."""
 QUIET_LIMIT = 1.0
 """Writes per app and minute while nothing changes."""
 
@@ -59,7 +59,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--overflow", type=int, default=130, help=f"apps on one pool of {POOL_SIZE} ids")
     parser.add_argument("--quiet-seconds", type=float, default=60.0)
     parser.add_argument(
-        "--only", choices=sorted({*PHASES, *BESIDE_BARE}), action="append", help="this phase only (may be repeated)"
+        "--only",
+        choices=sorted({*PHASES, *BESIDE_DEPLOYMENTS}),
+        action="append",
+        help="this phase only (may be repeated)",
     )
     options = parser.parse_args(argv)
     with ControlPlane(audit=True) as cp:
@@ -75,7 +78,7 @@ def run(cp: ControlPlane, options: argparse.Namespace) -> Figures:
     """Every phase in turn, then what the operator used for all of them."""
     result: Figures = {"machine": {"python": platform.python_version(), "machine": platform.machine()}}
     problems: list[str] = []
-    for sweep_s, phases in ((1.0, PHASES), (PERIOD_S, BESIDE_BARE)):
+    for sweep_s, phases in ((1.0, PHASES), (PERIOD_S, BESIDE_DEPLOYMENTS)):
         wanted = {name: phase for name, phase in phases.items() if not options.only or name in options.only}
         if not wanted:
             continue
@@ -91,7 +94,8 @@ def run(cp: ControlPlane, options: argparse.Namespace) -> Figures:
         result[f"sweep every {sweep_s:g} s"] = used
         if used["operator"]["peak_rss_bytes"] > RSS_LIMIT_BYTES:
             problems.append(f"operator: peak RSS {used['operator']['peak_rss_bytes'] / 1e6:.0f} MB")
-    return {**result, "problems": problems + beside_bare(result)}
+    problems += beside_deployments(result)
+    return {**result, "problems": problems}
 
 
 def teleop(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
@@ -122,7 +126,10 @@ def bad_input(world: World, _: argparse.Namespace) -> tuple[Figures, list[str]]:
 
 
 def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
-    """Many apps over two pools, then a quiet minute with all of them running, then as many bare Deployments as they had."""
+    """Many apps over two pools, then a quiet minute with all of them running, then the same Deployments applied by hand.
+
+    Each app has two discovery servers, so five Deployments.
+    """
     began, before_s = datetime.now(UTC), world.operator.cpu_seconds()
     found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S)
     operator_s = world.operator.cpu_seconds() - before_s
@@ -138,14 +145,25 @@ def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]
         "most": counts.most_common(5),
     }
     busy = busy_in_quiet(counts, per_app_minute=rest["writes_per_app_minute"])
-    world.clear()
-    as_many_s = journeys.bare(world, count=found.deployments, within_s=WITHIN_S)
     cost = {
-        "as_many_bare_s": as_many_s,
+        "by_hand_s": _by_hand(world),
         "operator_ms_per_app": operator_s * 1000 / options.apps,
         "operator_requests": dict(asked.most_common()),
     }
     return {**asdict(found), **cost, "quiet": rest}, [*found.problems, *busy]
+
+
+def peers(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
+    """As many apps without discovery servers, so with as many Deployments as components, and these applied by hand."""
+    found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S, rmw="rmw_cyclonedds_cpp")
+    return {**asdict(found), "by_hand_s": _by_hand(world)}, list(found.problems)
+
+
+def _by_hand(world: World) -> float:
+    """Delete the apps and apply their Deployments alone. Seconds until all are available."""
+    made = journeys.as_if_by_hand(world)
+    world.clear()
+    return journeys.by_hand(world, made, within_s=WITHIN_S)
 
 
 def bare(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
@@ -154,16 +172,24 @@ def bare(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]
     return {"deployments": count, "seconds": journeys.bare(world, count=count, within_s=WITHIN_S)}, []
 
 
-def beside_bare(result: Figures) -> list[str]:
-    """Compare the storm with Deployments of its components alone, and with as many as the operator made of it; what is too
-    slow, in words.
+def beside_deployments(result: Figures) -> list[str]:
+    """Compare apps with the same Deployments applied by hand; what is too slow, in words.
+
+    Besides, with bare Deployments of their components: one container, no discovery servers.
     """
-    if not {"bare", "storm"} <= result.keys():
-        return []
-    apps, alone = result["storm"], result["bare"]
-    times = apps["seconds"] / alone["seconds"]
-    result["times_bare"] = {"components": times, "as_many": apps["seconds"] / apps["as_many_bare_s"]}
-    return [f"apps take {times:.2f} times as long as bare Deployments"] if times > TIMES_BARE else []
+    result["times"] = times = {}
+    slow = []
+    for name in ("storm", "peers"):
+        if name not in result:
+            continue
+        took_s = result[name]["seconds"]
+        beside = {"by_hand": took_s / result[name]["by_hand_s"]}
+        if "bare" in result:
+            beside["bare"] = took_s / result["bare"]["seconds"]
+        times[name] = beside
+        if beside["by_hand"] > TIMES_BY_HAND:
+            slow.append(f"{name}: apps take {beside['by_hand']:.2f} times as long as their Deployments applied by hand")
+    return slow
 
 
 def busy_in_quiet(counts: Mapping[str, int], *, per_app_minute: float) -> list[str]:
@@ -192,7 +218,7 @@ PHASES: Mapping[str, Phase] = {
     "overflow": overflow,
     "robots": robots,
 }
-BESIDE_BARE: Mapping[str, Phase] = {"bare": bare, "storm": storm}
+BESIDE_DEPLOYMENTS: Mapping[str, Phase] = {"bare": bare, "peers": peers, "storm": storm}
 
 
 def _nodes() -> Topology:

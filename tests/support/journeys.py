@@ -1,6 +1,7 @@
 """What users do with many apps at once, and what must hold then. Small in tests/integration/journeys, large in tests/bench."""
 
 import contextlib
+import json
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -82,9 +83,14 @@ def _give(world: World, pods: str, obj: Object) -> None:
             world.cp.api.create(pods, obj)
 
 
-def storm(world: World, pools: Sequence[str], *, apps: int, within_s: float) -> Storm:
-    """Apply `apps` apps of three components at once, spread over `pools`; all get Ready, no id twice in a pool."""
-    made = [plain_app(f"storm-{number:03}", ros2={"pool": pools[number % len(pools)]}) for number in range(apps)]
+def storm(world: World, pools: Sequence[str], *, apps: int, within_s: float, rmw: str = "rmw_fastrtps_cpp") -> Storm:
+    """Apply `apps` apps of three components at once, spread over `pools`; all get Ready, no id twice in a pool.
+
+    With Fast DDS each app has two discovery servers besides, with Cyclone DDS its participants find each other by name.
+    """
+    made = [
+        plain_app(f"storm-{number:03}", ros2={"pool": pools[number % len(pools)], "rmw": rmw}) for number in range(apps)
+    ]
     sent_s = world.create_all(made)
     ready_s = world.watch.until_ready(*(app["metadata"]["name"] for app in made), within_s=within_s)
     ids = {pool: [claim["spec"]["domain"]["id"] for claim in world.claims(pool)] for pool in pools}
@@ -101,20 +107,36 @@ def storm(world: World, pools: Sequence[str], *, apps: int, within_s: float) -> 
 
 
 def bare(world: World, *, count: int, within_s: float) -> float:
-    """Seconds from the first create until `count` Deployments of one pod each, all applied at once, are available.
+    """Seconds from the first create until `count` Deployments of one container each, all applied at once, are available."""
+    return by_hand(world, [_bare_deployment(f"bare-{number:04}") for number in range(count)], within_s=within_s)
 
-    Our scheduler places them; no RobotApp is involved. They are deleted afterwards.
+
+def by_hand(world: World, made: Sequence[Object], *, within_s: float) -> float:
+    """Seconds from the first create until these Deployments, all applied at once, are available.
+
+    Our scheduler places their pods; no RobotApp is involved. They are deleted afterwards.
     """
     path = _deployments(world)
-    made = [_bare_deployment(f"bare-{number:04}") for number in range(count)]
     with AppWatch(world.cp.kubeconfig(), world.namespace, resource=DEPLOYMENTS, ready=is_available) as watch:
         sent_s = time.monotonic()
         world.cp.api.each(lambda obj: world.cp.api.create(path, obj), made)
         ready_s = watch.until_ready(*(obj["metadata"]["name"] for obj in made), within_s=within_s)
     world.cp.api.delete(path)
     if not wait_until(lambda: not world.pods(), timeout_s=within_s, poll_s=0.5):
-        raise AssertionError(f"{len(world.pods())} pods are left of the bare Deployments")
+        raise AssertionError(f"{len(world.pods())} pods are left of the Deployments")
     return ready_s - sent_s
+
+
+def as_if_by_hand(world: World) -> list[Object]:
+    """The Deployments that the operator made of the apps, as a user would have written them: without owners, and with labels and
+    annotations of another name and the same length, so that they are nobody's.
+    """
+    made = []
+    for found in world.cp.api.get(_deployments(world))["items"]:
+        named = json.loads(json.dumps(found).replace("robotics.io/", "handmade.io/"))
+        meta = {key: named["metadata"][key] for key in ("name", "labels", "annotations")}
+        made.append({"apiVersion": "apps/v1", "kind": "Deployment", "metadata": meta, "spec": named["spec"]})
+    return made
 
 
 def _deployments(world: World) -> str:

@@ -114,7 +114,11 @@ class InstanceObjects:
         now_s = self._clock()
         urgent = is_urgent(item.status, status)
         due_s = memory.writing.due_s(
-            now_s, moved=memory.pending_status != status, urgent=urgent, ready=facts.instances[0].ready
+            now_s,
+            moved=memory.pending_status != status,
+            urgent=urgent,
+            ready=facts.instances[0].ready,
+            starting=self._memory.crowd.size(now_s),
         )
         memory.pending_status = status
         if due_s > now_s:

@@ -14,7 +14,7 @@ from robotapp_operator.plan.spec.objects import ChildRef
 from robotapp_operator.plan.spec.validate import Problem
 from robotapp_operator.plan.status.facts import InstanceFacts
 from robotapp_operator.plan.status.latency import BudgetTimes, EdgeKey, EdgeView, Rest
-from robotapp_operator.plan.status.pace import Bucket, Writing
+from robotapp_operator.plan.status.pace import Bucket, Crowd, Writing
 
 Again = float | None
 """Seconds after which to look again although nothing has happened; None: not before something does."""
@@ -125,6 +125,7 @@ class ReconcileState:
 
     def __init__(self) -> None:
         self._apps: defaultdict[str, AppMemory] = defaultdict(AppMemory)
+        self.crowd = Crowd()
 
     def __len__(self) -> int:
         return len(self._apps)
@@ -148,6 +149,7 @@ class ReconcileState:
 
     def forget(self, uid: str) -> None:
         self._apps.pop(uid, None)
+        self.crowd.leave(uid)
 
     def forget_instances(self, uid: str, kept: set[str]) -> None:
         """Drop what is about instances the app no longer has."""

@@ -15,7 +15,7 @@ from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.status.app_figures import adopt, steady
 from robotapp_operator.plan.status.events import PendingEvent, end_of_life, events_between
 from robotapp_operator.plan.status.facts import AppFacts
-from robotapp_operator.plan.status.pace import is_progress
+from robotapp_operator.plan.status.pace import is_progress, is_start
 from robotapp_operator.plan.status.status import render_status, same_status, unreadable_status
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import Again, AppMemory, ReconcileState
@@ -88,7 +88,9 @@ class Reporter:
             return None
         edges = len(facts.app.spec.edges)
         progress = is_progress(record.status, status)
-        if observed and (wait_s := memory.bucket.wait_s(now_s, edges=edges, progress=progress)) > 0:
+        starting = self._memory.crowd.note(uid, starts=is_start(status), begins=not observed, now_s=now_s)
+        wait_s = memory.bucket.wait_s(now_s, edges=edges, progress=progress, starting=starting)
+        if observed and wait_s > 0:
             return wait_s if again_s is None else min(wait_s, again_s)
         memory.bucket.take(now_s, edges=edges, progress=progress and observed)
         present = [device for instance in facts.instances for device in instance.present]
@@ -101,14 +103,11 @@ class Reporter:
         # Not by uid: a status of our kinds is written whatever uid is named, and the name may be another app's by now.
         meta = {"name": record.name, "namespace": record.namespace, "resourceVersion": record.resource_version}
         body = {"metadata": meta, "status": status}
-        began_s = self._clock()
         try:
             answer = await self._client.apply(ROBOTAPPS, body, subresource="status")
         except (NotFound, Conflict) as gone:
             log.info("status of %s/%s not written: %s", record.namespace, record.name, gone)
             return
-        finally:
-            memory.bucket.took_s = self._clock() - began_s
         self._announce(record, status, memory, present=present)
         self._cache.update_app(answer)
 

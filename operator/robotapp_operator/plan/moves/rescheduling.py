@@ -116,14 +116,16 @@ def _of_component(
         return Stays(name, f"{place}, but placement.reschedule.when is Never")
     if problem := unusable(better.node):
         return Stays(name, f"{place}, but that node {problem}")
-    if problem := _no_gain(edge, edges, component=name, better=better, between=between):
+    after_us = _after_us(edge, name, better, between)
+    if after_us is None:
+        return Stays(name, f"{place}, but the time of {edge_name(edge)} there is not measured")
+    if problem := _no_gain(edge, edges, component=name, node=better.node, after_us=after_us, between=between):
         return Stays(name, f"{place}, but {problem}")
     if pod.record is None:
         return Stays(name, f"{place}, but annotation robotics.io/moves of its Deployment cannot be read: remove it")
     if problem := pod.record.why_not(pod.pod, limits_of(app), now):
         return Stays(name, f"{place}, but {problem}")
-    after = time_text(_after_us(edge, name, better, between) or 0)
-    why = f"{edge_name(edge)} {_time(edge)} of {time_text(edge.budget_us or 0)} before, {after} expected"
+    why = f"{edge_name(edge)} {_time(edge)} of {time_text(edge.budget_us or 0)} before, {time_text(after_us)} expected"
     return Move(name, pod.pod, pod.node, better.node, why, pod.record.counts(pod.pod, now))
 
 
@@ -152,20 +154,19 @@ def _time(edge: EdgeView) -> str:
     return "?" if edge.judged_us is None else time_text(edge.judged_us)
 
 
-def _no_gain(edge: EdgeView, edges: Sequence[EdgeView], *, component: str, better: BetterNode, between: Between) -> str:
+def _no_gain(
+    edge: EdgeView, edges: Sequence[EdgeView], *, component: str, node: str, after_us: float, between: Between
+) -> str:
     """Why the move gains too little, or makes another edge of the app worse; "" when it is worth it.
 
     No measured time is in the sentence: a status that followed each measurement would be written for ever, and two operators
     would overwrite each other's.
     """
-    after_us = _after_us(edge, component, better, between)
-    if after_us is None:
-        return f"the time of {edge_name(edge)} there is not measured"
     if not is_gain(before_us=edge.judged_us or 0, after_us=after_us, budget_us=edge.budget_us or 0):
         most_us = MOST_USE * (edge.budget_us or 0)
         return f"that is no gain as measured now: {time_text(most_us)} or less, and a fifth less than where it is, would be"
     for other in edges:
-        there_us = _judged_there(other, component, better.node, between)
+        there_us = _judged_there(other, component, node, between)
         if other.budget_us is None or there_us is None or there_us <= other.budget_us:
             continue
         if other.met is not False or there_us > (other.judged_us or 0):

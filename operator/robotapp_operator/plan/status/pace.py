@@ -13,16 +13,18 @@ EDGES_PER_S: Final = 64
 """The server checks the whole spec again with each status write; that takes longer the more edges there are."""
 START_REST_S: Final = (1.0, 5.0, 15.0)
 """Pauses before writes of an app's status that only show how far its start has come: the first, the second, every further one."""
-BUSY_TIMES: Final = 50.0
-"""A write that took t seconds is followed by 50 t without such a write: where the API server is slow, others wait for it."""
+CROWD_REST_S: Final = 0.5
+"""Such a pause has so many seconds per app that starts: together they show their progress twice per second."""
 MOST_START_REST_S: Final = 30.0
+START_S: Final = 60.0
+"""An app that is not Ready after so long does not count as one that starts: it may be stuck, and for ever."""
 SETTLED_S: Final = 0.5
 """An urgent change is written when it has lasted this long: a starting pod passes through states that end at once."""
 URGENT_REST_S: Final = 1.0
 PROGRESS_REST_S: Final = (15.0, 60.0)
 """Pauses between writes that only show how far a start has come: the first, and every further one."""
 STILL_S: Final = 10.0
-"""A difference that has not changed for so long is written although the pause is not over."""
+"""A difference that has not changed for so long is written although the pause is not over; later where many apps start."""
 _ARRIVED = frozenset({Phase.RUNNING, Phase.DEGRADED, Phase.OFFLINE, Phase.SUSPENDED, Phase.FAILED})
 _ON_THE_WAY = frozenset({Reason.PENDING, Reason.COMPONENTS_NOT_READY, Reason.UNSCHEDULABLE})
 """Reasons of a normal start, which are not urgent: a new pod is often refused once, until the others of its group are there."""
@@ -49,23 +51,52 @@ _STEPS = frozenset(
 """Reasons that conditions have while an app starts as it should."""
 
 
+class Crowd:
+    """The apps that start now: their first status was written within `START_S`, and all that came since was progress."""
+
+    def __init__(self) -> None:
+        self._until_s: dict[str, float] = {}
+        """By uid, the earliest first."""
+
+    def __repr__(self) -> str:
+        return f"Crowd({len(self._until_s)})"
+
+    def note(self, uid: str, *, starts: bool, begins: bool, now_s: float) -> int:
+        """How many apps start, now that this app does or does not. begins: it has no status yet, or one of an older generation."""
+        if begins or not starts:
+            self.leave(uid)
+        if begins and starts:
+            self._until_s[uid] = now_s + START_S
+        return self.size(now_s)
+
+    def leave(self, uid: str) -> None:
+        self._until_s.pop(uid, None)
+
+    def size(self, now_s: float) -> int:
+        while self._until_s:
+            uid, until_s = next(iter(self._until_s.items()))
+            if until_s > now_s:
+                break
+            del self._until_s[uid]
+        return len(self._until_s)
+
+
 @dataclasses.dataclass(slots=True)
 class Bucket:
     """Writes of one app's status: `BURST` at once, and one per period in the long run. Times are monotonic seconds.
 
     Unlike `values.buckets` its period depends on the app's edges, and a write that cannot wait runs it into debt.
-    `steps`: writes in a row that only showed progress (`is_progress`). `took_s`: how long the last write took.
+    `steps`: writes in a row that only showed progress (`is_progress`).
     """
 
     tokens: float = BURST
     at_s: float = float("-inf")
     steps: int = 0
-    took_s: float = 0.0
 
-    def wait_s(self, now_s: float, *, edges: int, progress: bool = False) -> float:
-        """0 when one may be written now."""
+    def wait_s(self, now_s: float, *, edges: int, progress: bool = False, starting: int = 1) -> float:
+        """0 when one may be written now. starting: how many apps start."""
         missing = 1.0 - self._filled(now_s, edges)
-        rest_s = self._start_rest_s() if progress else 0.0
+        rest_s = self._start_rest_s(starting) if progress else 0.0
         return max(0.0, missing * _period_s(edges), self.at_s + rest_s - now_s)
 
     def take(self, now_s: float, *, edges: int, progress: bool = False) -> None:
@@ -73,12 +104,17 @@ class Bucket:
         self.at_s = now_s
         self.steps = self.steps + 1 if progress else 0
 
-    def _start_rest_s(self) -> float:
+    def _start_rest_s(self, starting: int) -> float:
         least_s = START_REST_S[min(self.steps, len(START_REST_S) - 1)]
-        return max(least_s, min(BUSY_TIMES * self.took_s, MOST_START_REST_S))
+        return max(least_s, crowd_rest_s(starting))
 
     def _filled(self, now_s: float, edges: int) -> float:
         return min(float(BURST), self.tokens + (now_s - self.at_s) / _period_s(edges))
+
+
+def crowd_rest_s(starting: int) -> float:
+    """The least pause between writes that only show progress, where so many apps start."""
+    return min(CROWD_REST_S * starting, MOST_START_REST_S)
 
 
 def _period_s(edges: int) -> float:
@@ -98,16 +134,18 @@ class Writing:
     moved_s: float = float("-inf")
     steps: int = 0
 
-    def due_s(self, now_s: float, *, moved: bool, urgent: bool, ready: bool) -> float:
-        """The second at which the status, which differs from the stored one, is to be written. moved: it has changed."""
+    def due_s(self, now_s: float, *, moved: bool, urgent: bool, ready: bool, starting: int = 1) -> float:
+        """The second at which the status, which differs from the stored one, is to be written. moved: it has changed.
+        starting: how many apps start.
+        """
         if self.differs_s is None:
             self.differs_s = now_s
         if moved:
             self.moved_s = now_s
         if urgent:
             return max(self.differs_s + (0.0 if ready else SETTLED_S), self.written_s + URGENT_REST_S)
-        rest_s = PROGRESS_REST_S[min(self.steps, len(PROGRESS_REST_S) - 1)]
-        return min(self.written_s + rest_s, self.moved_s + STILL_S)
+        rest_s, least_s = PROGRESS_REST_S[min(self.steps, len(PROGRESS_REST_S) - 1)], crowd_rest_s(starting)
+        return min(self.written_s + max(rest_s, least_s), self.moved_s + max(STILL_S, least_s))
 
     def wrote(self, now_s: float, *, urgent: bool) -> None:
         quiet = now_s - self.written_s > PROGRESS_REST_S[-1]
@@ -134,9 +172,12 @@ def is_progress(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
 
     Anything that the user may have to act on, or waits for, is no progress: a refusal, a failure, an app that is Ready.
     """
-    if not {before.get("phase"), after.get("phase")} <= _STARTING:
-        return False
-    return {reason for status in (before, after) for _, reason in _all_verdicts(status).values()} <= _STEPS
+    return is_start(before) and is_start(after)
+
+
+def is_start(status: Mapping[str, Any]) -> bool:
+    """Is it the status of an app that starts as it should?"""
+    return status.get("phase") in _STARTING and {reason for _, reason in _all_verdicts(status).values()} <= _STEPS
 
 
 def _verdicts(status: Mapping[str, Any]) -> dict[str, tuple[str, str]]:

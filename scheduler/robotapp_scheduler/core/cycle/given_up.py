@@ -53,7 +53,11 @@ def _rank(cluster: Cache, tiers: tuple[str, ...], node: str) -> int:
 
 
 def _exceeded(cluster: Cache, member: Member, link: Link, node: str) -> Iterator[GivenUpEdge]:
-    """The connection if it is over its Preferred budget: to the nearest of a robot's nodes, or to the farthest replica."""
+    """The connection if it is over its Preferred budget: to the nearest of a robot's nodes, or to the farthest replica.
+
+    Ends whose time is unknown are left out, because one late replica is enough to give a budget up. A pod is moved only where
+    all are known (`edge_times.time_us`).
+    """
     if link.required or link.budget_us is None or link.peer == member.component:
         return
     times: list[tuple[float, str, str]] = []

@@ -17,7 +17,7 @@ from robotapp_api.client.api.resources import ROBOTAPPS
 from robotapp_api.model.names import Reason
 from robotapp_api.model.status import RobotAppStatus
 from robotapp_operator.plan.spec.record import parse_record
-from robotapp_operator.plan.status.pace import BURST, BUSY_TIMES, START_REST_S
+from robotapp_operator.plan.status.pace import BURST, CROWD_REST_S, START_REST_S
 from robotapp_operator.reconcile import observer, status_reporter
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
@@ -126,22 +126,26 @@ async def test_a_change_is_written_once_more(world: World) -> None:
     assert world.memory.of(uid).new_domains == {}
 
 
-async def test_progress_is_written_more_seldom_where_a_write_takes_long(
-    world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_progress_is_written_more_seldom_where_many_apps_start(world: World) -> None:
     uid = await world.app()
-    apply = world.client.apply
-
-    async def slow(*args: Any, **more: Any) -> Any:
-        world.now_s += 0.2
-        return await apply(*args, **more)
-
-    monkeypatch.setattr(world.client, "apply", slow)
     await world.reporter.report(uid)
+    for number in range(19):
+        world.memory.crowd.note(f"other-{number}", starts=True, begins=True, now_s=world.now_s)
     world.cache.claims.put(uid, "c", domain_claim(7, uid=uid))
     world.now_s += START_REST_S[0]
-    assert 0.2 * BUSY_TIMES - 2 <= (await world.reporter.report(uid) or 0) <= 0.2 * BUSY_TIMES
+    assert await world.reporter.report(uid) == pytest.approx(20 * CROWD_REST_S - START_REST_S[0])
     assert world.patches() == 1
+    world.now_s += 20 * CROWD_REST_S - START_REST_S[0]
+    await world.reporter.report(uid)
+    assert world.patches() == 2
+
+
+async def test_an_app_that_starts_is_in_the_crowd_until_it_is_gone(world: World) -> None:
+    uid = await world.app()
+    await world.reporter.report(uid)
+    assert world.memory.crowd.size(world.now_s) == 1
+    world.memory.forget(uid)
+    assert world.memory.crowd.size(world.now_s) == 0
 
 
 async def test_a_fleet_is_told_of_as_its_domains_come_and_not_only_when_all_are_there(world: World) -> None:

@@ -6,14 +6,16 @@ import pytest
 
 from robotapp_operator.plan.status.pace import (
     BURST,
-    BUSY_TIMES,
+    CROWD_REST_S,
     MOST_START_REST_S,
     PROGRESS_REST_S,
     SETTLED_S,
     START_REST_S,
+    START_S,
     STILL_S,
     URGENT_REST_S,
     Bucket,
+    Crowd,
     Writing,
     is_progress,
     is_urgent,
@@ -62,13 +64,39 @@ def test_writes_that_only_show_progress_come_ever_more_seldom_and_an_urgent_one_
     assert bucket.wait_s(1036.1, edges=0, progress=True) == pytest.approx(START_REST_S[0])
 
 
-def test_where_a_write_takes_long_mere_progress_waits_longer_but_never_for_ever() -> None:
+def test_the_more_apps_start_the_longer_mere_progress_waits_but_never_for_ever() -> None:
     bucket = Bucket()
     bucket.take(1000, edges=0)
-    for took_s, rest_s in ((0.01, START_REST_S[0]), (0.1, BUSY_TIMES * 0.1), (30.0, MOST_START_REST_S)):
-        bucket.took_s = took_s
-        assert bucket.wait_s(1000, edges=0, progress=True) == pytest.approx(rest_s)
-        assert bucket.wait_s(1000, edges=0) == 0
+    for starting, rest_s in ((1, START_REST_S[0]), (20, CROWD_REST_S * 20), (1000, MOST_START_REST_S)):
+        assert bucket.wait_s(1000, edges=0, progress=True, starting=starting) == pytest.approx(rest_s)
+        assert bucket.wait_s(1000, edges=0, starting=starting) == 0
+
+
+def test_an_instance_in_a_crowd_shows_its_progress_later_and_what_is_urgent_as_soon_as_ever() -> None:
+    due = {"moved": True, "urgent": False, "ready": False}
+    assert Writing(written_s=1000).due_s(1000, **due, starting=1) == 1000 + STILL_S
+    assert Writing(written_s=1000).due_s(1000, **due, starting=1000) == 1000 + MOST_START_REST_S
+    assert Writing(written_s=990).due_s(1000, moved=True, urgent=True, ready=True, starting=1000) == 1000
+
+
+def test_apps_start_together_until_each_has_arrived_is_gone_or_takes_too_long() -> None:
+    crowd = Crowd()
+    for number in range(4):
+        assert crowd.note(f"uid-{number}", starts=True, begins=True, now_s=1000 + number) == number + 1
+    assert crowd.note("uid-0", starts=True, begins=False, now_s=1004) == 4
+    assert crowd.note("uid-0", starts=False, begins=False, now_s=1005) == 3
+    crowd.leave("uid-1")
+    crowd.leave("uid-1")
+    assert crowd.size(1005) == 2
+    assert crowd.note("uid-2", starts=True, begins=True, now_s=1050) == 2  # edited: it begins anew
+    assert crowd.size(1003 + START_S) == 1
+    assert crowd.size(1050 + START_S) == 0
+
+
+def test_neither_an_app_that_is_refused_nor_one_whose_start_was_not_seen_counts_as_starting() -> None:
+    crowd = Crowd()
+    assert crowd.note("uid-1", starts=False, begins=True, now_s=1000) == 0
+    assert crowd.note("uid-2", starts=True, begins=False, now_s=1000) == 0
 
 
 def status(phase: str = "Pending", **conditions: tuple[str, str]) -> dict[str, Any]:
