@@ -169,7 +169,7 @@ async def _scheduler_pod(session: Session, namespace: str) -> tuple[str, int]:
     try:
         pods = (await session.client.list(PODS, namespace=namespace, label_selector=_SELECTOR)).items
     except ApiError as error:
-        raise NoAnswerError(error.message) from error
+        raise NoAnswerError(f"{error.message}{_way(error.message)}") from error
     running = [pod for pod in pods if status(pod).get("phase") == "Running"]
     if not running:
         raise NoAnswerError(f"no scheduler pod runs in namespace {namespace}")
@@ -232,4 +232,11 @@ async def _forward(session: Session, namespace: str, *, pod: str, port: int) -> 
         process.terminate()
     _, complaint = await process.communicate()
     text = complaint.decode(errors="replace").strip().rpartition("\n")[2]
-    raise NoAnswerError(f"kubectl port-forward to {pod} failed: {text or 'no answer'}")
+    raise NoAnswerError(f"kubectl port-forward to {pod} failed: {text or 'no answer'}{_way(text)}")
+
+
+def _way(refusal: str) -> str:
+    """What to ask for where the API server refuses a way to the scheduler."""
+    if " is forbidden" not in refusal:
+        return ""
+    return "; ask for Role robotapp-ask-scheduler of docs/cli.md in that namespace, or name the scheduler with --scheduler-url"

@@ -21,6 +21,11 @@ class Command:
     shown: tuple[str, ...] = ()
 
 
+def blocks(page: str) -> list[str]:
+    """What stands in fences, of whatever language."""
+    return re.findall(r"```[^\n]*\n(.*?)```", page, re.DOTALL)
+
+
 def steps(page: str) -> Iterator[File | Command]:
     """In the order of the page. A block `console` has commands after `$ `, a block without a language nothing but commands."""
     for name, language, text in _STEP.findall(page):

@@ -1,11 +1,19 @@
 """Our programs as pods on real nodes, with the chart's ServiceAccounts; operator and scheduler under restricted Pod Security."""
 
+import json
+import subprocess
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import pytest
-from tests.support import real_pods, teleop
+import yaml
+from tests.support import real_pods, teleop, walkthrough
 
-from robotapp_api.model.names import SYSTEM_NAMESPACE
+from robotapp_api.model.names import SCHEDULER_NAME, SYSTEM_NAMESPACE
+from robotapp_api.serving.access import REMEMBER_S
 from robotapp_testbed import components_as_pods, wait_until
 from robotapp_testbed.namespaces import created
 from robotapp_testbed.nodes import edge, robot
@@ -13,6 +21,8 @@ from robotapp_testbed.real import RealNodes
 
 pytestmark = pytest.mark.live
 
+DOCS = Path(__file__).resolve().parents[3] / "docs"
+PLUGIN = Path(sys.executable).parent / "kubectl-robotapp"
 APP = {
     "apiVersion": "robotics.io/v1alpha1",
     "kind": "RobotApp",
@@ -95,3 +105,74 @@ def test_the_kubelet_tells_what_they_use(cluster: RealNodes) -> None:
         assert used.node in ("robot-1", "edge-1")
         assert 20e6 < used.memory_bytes < 256e6
         assert used.cpu_s > 0
+
+
+def robotapp(cp: RealNodes, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """kubectl robotapp as a tenant, who has no right at first. Its way to the scheduler is a port-forward."""
+    environment = {
+        "KUBECONFIG": str(cp.kubeconfig("tenant-b")),
+        "PATH": f"{cp.run_dir / 'bin'}:/usr/bin:/bin",
+        "COLUMNS": "200",
+        "PYTHONIOENCODING": "utf-8",
+    }
+    return subprocess.run([PLUGIN, *arguments], env=environment, capture_output=True, text=True, check=False)
+
+
+def role(page: str, name: str) -> dict[str, Any]:
+    """A role that a page of the documentation shows."""
+    found = [
+        yaml.safe_load(block) for block in walkthrough.blocks((DOCS / page).read_text()) if f"name: {name}" in block
+    ]
+    (only,) = (each for each in found if isinstance(each, dict) and each["kind"].endswith("Role"))
+    return dict(only)
+
+
+@contextmanager
+def granted(cp: RealNodes, role: str, *, namespace: str = "") -> Iterator[None]:
+    """The tenants have a ClusterRole, or a Role of the namespace, as the pages bind it."""
+    kind = (
+        ("rolebinding", f"--role={role}", "-n", namespace)
+        if namespace
+        else ("clusterrolebinding", f"--clusterrole={role}")
+    )
+    cp.kubectl("create", kind[0], role, *kind[1:], "--group=tenants")
+    try:
+        yield
+    finally:
+        cp.kubectl("delete", kind[0], role, *kind[2:])
+
+
+def test_the_roles_of_the_pages_are_enough_to_ask_the_scheduler_and_without_them_the_missing_right_is_named(
+    cluster: RealNodes, tmp_path: Path
+) -> None:
+    for page, name in (("cli.md", "robotapp-ask-scheduler"), ("simulate.md", "robotapp-simulate")):
+        cluster.kubectl("apply", "-f", "-", stdin=role(page, name))
+    spec = {"schedulerName": SCHEDULER_NAME, "containers": [{"name": "main", "image": "registry.example/part:1"}]}
+    waits = {"apiVersion": "v1", "kind": "Pod", "metadata": {"name": "waits"}, "spec": spec}
+    (tmp_path / "pod.yaml").write_text(yaml.safe_dump(waits))
+    with created(cluster, "rights") as namespace:
+        simulate = ("simulate", str(tmp_path / "pod.yaml"), "-n", namespace, "-o", "json")
+        what_if = ("what-if", "--node-loss", "edge-1")
+
+        def ends(command: tuple[str, ...], code: int, shows: str = "") -> str:
+            """Until it ends like this: the scheduler remembers for a while what a caller may."""
+            runs: list[subprocess.CompletedProcess[str]] = []
+
+            def as_wished() -> bool:
+                runs.append(robotapp(cluster, *command))
+                return (runs[-1].returncode, shows in runs[-1].stderr) == (code, True)
+
+            assert wait_until(as_wished, timeout_s=3 * REMEMBER_S, poll_s=1.0), runs[-1].stderr
+            return runs[-1].stdout
+
+        ends(simulate, 1, "robotapp-ask-scheduler of docs/cli.md")
+        with granted(cluster, "robotapp-ask-scheduler", namespace=SYSTEM_NAMESPACE):
+            ends(simulate, 1, "robotapp-cluster-viewer may")
+            with granted(cluster, "robotapp-cluster-viewer"):
+                ends(simulate, 1, "docs/simulate.md, section Rights")
+                ends(what_if, 1, "you may not get pods")
+                with granted(cluster, "view"):
+                    ends(what_if, 0)
+            with granted(cluster, "robotapp-simulate"):
+                placed = json.loads(ends(simulate, 0))["placements"]
+        assert {each["name"]: each["node"] in {"robot-1", "edge-1"} for each in placed} == {"waits": True}

@@ -384,7 +384,8 @@ class TestPortForward:
         metadata = {"name": "ours", "namespace": "robotapp-system", "labels": labels}
         placed.add("/pods", {"metadata": metadata, "spec": {"containers": []}, "status": {"phase": "Running"}})
         path = self.kubectl(tmp_path / "bin", "echo 'error: pods is forbidden' >&2; exit 1")
-        assert "port-forward to ours failed: error: pods is forbidden" in placed.text("explain", "teleop", PATH=path)
+        text = placed.text("explain", "teleop", PATH=path)
+        assert "port-forward to ours failed: error: pods is forbidden; ask for Role robotapp-ask-scheduler" in text
 
     def test_a_failing_kubectl_is_quoted(self, with_scheduler_pod: Stage, tmp_path: Path) -> None:
         path = self.kubectl(tmp_path / "bin", "echo 'error: pods is forbidden' >&2; exit 1")

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import typer
 import yaml
+from tests.support import walkthrough
 
 from robotapp_cli.lint.findings import Severity
 from robotapp_cli.lint.linter import lint
@@ -57,7 +58,7 @@ def test_the_readme_leads_to_the_index_and_the_tutorial() -> None:
 
 
 def blocks(page: Path) -> list[str]:
-    return re.findall(r"```[^\n]*\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    return walkthrough.blocks(page.read_text(encoding="utf-8"))
 
 
 def commands(page: Path, program: str) -> Iterator[list[str]]:
