@@ -11,7 +11,7 @@ from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.instances import robot_of
 from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import Annotation, Label, Reason
-from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.desired import NEVER, App
 from robotapp_operator.plan.spec.instances import allowed_robots, matching_robots, open_robots
 from robotapp_operator.plan.spec.objects import Node
 from robotapp_operator.plan.spec.text import shown
@@ -58,7 +58,7 @@ def notes_of(app: App, pool: Pool | None = None) -> tuple[str, ...]:
 
 def _of_other_schedulers(app: App) -> Iterator[str]:
     """Wishes that our scheduler alone carries out."""
-    if not app.our_scheduler and app.spec.placement.reschedule.when != "Never":
+    if not app.our_scheduler and app.spec.placement.reschedule.when != NEVER:
         yield (
             f"spec.placement.reschedule.when: {app.spec.placement.reschedule.when} has no effect with scheduler "
             f"{app.scheduler_name}, which proposes no better node"

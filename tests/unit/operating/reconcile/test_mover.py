@@ -126,6 +126,13 @@ class World:
         await self.mirror()
         return await self.mover.look(UID, "")
 
+    async def late_with_proposal(self, **app: Any) -> None:
+        """The app's edge has been over its budget for `for`, and its planner is proposed node near: it is moved if it may be."""
+        await self.app(**app)
+        await self.propose()
+        await self.look()
+        await self.look(later_s=FOR_S)
+
     async def pods(self) -> list[str]:
         """Those that are not on their way out."""
         metas = [item["metadata"] for item in (await self.client.list(PODS)).items]
@@ -213,10 +220,7 @@ async def test_a_move_is_recorded_first_then_the_pod_is_evicted_and_its_user_is_
     ],
 )
 async def test_the_event_names_the_node_that_the_successor_is_on(world: World, node: str, text: str) -> None:
-    await world.app()
-    await world.propose()
-    await world.look()
-    await world.look(later_s=FOR_S)
+    await world.late_with_proposal()
     await world.pod("planner", node)
     await world.look()
     ((reason, note),) = world.events
@@ -241,10 +245,7 @@ async def test_what_a_proposal_may_name_tells_nothing_about_nodes_that_do_not_ad
 
 
 async def test_who_did_not_opt_in_stays_and_is_told_so(world: World) -> None:
-    await world.app(reschedule={"when": "Never"})
-    await world.propose()
-    await world.look()
-    await world.look(later_s=FOR_S)
+    await world.late_with_proposal(reschedule={"when": "Never"})
     assert await world.pods() == ["driver", "planner"]
     assert "placement.reschedule.when is Never" in world.stays()
     facts = world.observer.instance(*_first(world))
@@ -278,10 +279,7 @@ async def test_an_operator_that_ended_after_the_record_evicts_the_same_pod_and_c
 
 
 async def test_a_new_operator_keeps_the_cooldown_of_its_predecessor(world: World) -> None:
-    await world.app()
-    await world.propose()
-    await world.look()
-    await world.look(later_s=FOR_S)
+    await world.late_with_proposal()
     await world.pod("planner", "far")  # the scheduler chose the same node again
     await world.propose()
     world.start()
