@@ -4,11 +4,11 @@ The API server's own pod proxy would do, were it not that it drops the Authoriza
 """
 
 import asyncio
+import contextlib
 import ipaddress
 import re
 import ssl
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Final
 from urllib.parse import urlsplit
@@ -69,7 +69,7 @@ class Link:
 
     @property
     def _hint(self) -> str:
-        return "; a scheduler speaks https://" if self.base.startswith("http:") else ""
+        return "; a scheduler speaks https://" if urlsplit(self.base).scheme == "http" else ""
 
     def _needed(self, path: str, found: Json | None) -> Json:
         if found is None:
@@ -108,17 +108,12 @@ def _why(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-@asynccontextmanager
+@contextlib.asynccontextmanager
 async def connect(session: Session, *, url: str | None, namespace: str) -> AsyncIterator[Link]:
     """A link to the scheduler at `url`, or to its pod in `namespace`. Never fails: see `Link.problem`."""
     headers, tls = await _identity(session)
     if url:
-        if not _local(url):
-            _verify(tls)
-            if url.startswith("http:"):
-                yield Link(problem=f"{url} is not encrypted: your token is sent to https:// and to this machine only")
-                return
-        yield Link(url.rstrip("/"), headers, tls=tls)
+        yield _given(url.strip(), headers, tls)
         return
     try:
         pod, port = await _scheduler_pod(session, namespace)
@@ -129,8 +124,19 @@ async def connect(session: Session, *, url: str | None, namespace: str) -> Async
     try:
         yield Link(f"https://127.0.0.1:{local}", headers, tls=tls)
     finally:
-        process.terminate()
+        with contextlib.suppress(ProcessLookupError):  # the tunnel ends by itself when the pod does
+            process.terminate()
         await process.wait()
+
+
+def _given(url: str, headers: dict[str, str], tls: ssl.SSLContext) -> Link:
+    """A link to the address that the user names. The token goes to this machine, or encrypted to a server that proves its name."""
+    parts = urlsplit(url)
+    if not _local(parts.hostname or ""):
+        _verify(tls)
+        if parts.scheme != "https":
+            return Link(problem=f"{url} is not encrypted: your token is sent to https:// and to this machine only")
+    return Link(url.rstrip("/"), headers, tls=tls)
 
 
 async def _identity(session: Session) -> tuple[dict[str, str], ssl.SSLContext]:
@@ -155,9 +161,8 @@ def _verify(tls: ssl.SSLContext) -> None:
     tls.check_hostname = True
 
 
-def _local(url: str) -> bool:
+def _local(host: str) -> bool:
     """Whether the address is on this machine: a port-forward of the user's own. A name that begins with 127. is any name."""
-    host = urlsplit(url).hostname or ""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:

@@ -23,6 +23,24 @@ from robotapp_cli.session import Session
 _MOST_BYTES: Final = 64 << 20
 _PRIVATE: Final = ("env", "envFrom", "command", "args", "volumeMounts", "lifecycle")
 """What no rule reads of a container, and may be secret."""
+_CONTAINERS: Final = ("containers", "initContainers", "ephemeralContainers")
+_OF_A_COMPONENT: Final = frozenset(
+    {
+        "name",
+        "runsOn",
+        "qosClass",
+        "policies",
+        "devices",
+        "requires",
+        "sharedData",
+        "colocateWith",
+        "separateFrom",
+        "replicas",
+        "onDisconnect",
+    }
+)
+"""What rules read of a RobotApp's component."""
+_APPLIED: Final = "kubectl.kubernetes.io/last-applied-configuration"
 _OWNERS: Final = frozenset(
     {"RobotApp", "Deployment", "ReplicaSet", "StatefulSet", "DaemonSet", "ReplicationController", "Job", "CronJob"}
 )
@@ -86,15 +104,26 @@ async def _cluster(session: Session, link: Link) -> list[Json]:
 
 
 def thinned(obj: Json) -> Json:
-    """Without what no rule reads: a third of the size, and no secrets from environments."""
-    obj.get("metadata", {}).pop("managedFields", None)
-    spec = obj.get("spec")
+    """Without what no rule reads: a third of the size, and no secrets from environments, of templates or of what was applied."""
+    metadata, spec = obj.get("metadata"), obj.get("spec")
+    if isinstance(metadata, dict):
+        metadata.pop("managedFields", None)
+        if isinstance(annotations := metadata.get("annotations"), dict):
+            annotations.pop(_APPLIED, None)
     if isinstance(spec, dict):
-        for key in ("containers", "initContainers"):
-            for container in spec.get(key) or ():
-                for name in _PRIVATE:
-                    container.pop(name, None)
+        spec.pop("template", None)
+        for container in (item for key in _CONTAINERS for item in _objects(spec.get(key))):
+            for name in _PRIVATE:
+                container.pop(name, None)
+        for component in _objects(spec.get("components")):
+            for name in component.keys() - _OF_A_COMPONENT:
+                del component[name]
     return obj
+
+
+def _objects(items: object) -> list[Json]:
+    """Those of a list that are objects: files hold anything."""
+    return [item for item in items if isinstance(item, dict)] if isinstance(items, list) else []
 
 
 def objects_of(path: Path, *, namespace: str) -> Iterator[Json]:
@@ -104,7 +133,7 @@ def objects_of(path: Path, *, namespace: str) -> Iterator[Json]:
             raise CliError(f"{path}: holds something that is no Kubernetes object", code=Exit.USAGE)
         if obj.get("kind") == "Pod":
             obj["metadata"].setdefault("namespace", namespace)
-        yield obj
+        yield thinned(obj)
 
 
 def document(path: Path) -> Any:

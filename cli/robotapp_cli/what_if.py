@@ -18,7 +18,7 @@ from urllib.parse import quote
 
 from robotapp_api.model.names import API_VERSION, SYSTEM_NAMESPACE
 from robotapp_api.values.arguments import is_name
-from robotapp_api.values.duration import format_ms, parse_us
+from robotapp_api.values.duration import format_us, parse_us
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json
 from robotapp_cli.files import objects
@@ -139,9 +139,11 @@ async def _answer(link: Link, path: str, content: bytes) -> Json:
         async with _progress():
             return await _in_turn(link, path, content)
     except NoAnswerError as error:
+        if not error.status:
+            raise CliError(f"the scheduler did not answer: {error}") from error
         if code := _EXITS.get(error.status):
-            raise CliError(error.why, code=code) from error
-        raise CliError(f"the scheduler did not answer: {error}") from error
+            raise CliError(error.why or str(error), code=code) from error
+        raise CliError(f"the scheduler refuses: {error.why or error} ({error.status})") from error
 
 
 async def _in_turn(link: Link, path: str, content: bytes) -> Json:
@@ -221,7 +223,7 @@ def _print_edges(edges: Sequence[Json]) -> None:
             each["app"],
             each["instance"] or _GONE,
             f"{each['from']} {arrow()} {each['to']} {each['edge']}",
-            f"{format_ms(each['budgetMs'])} p{each['percentile']}",
+            f"{format_us(1000 * each['budgetMs'])} p{each['percentile']}",
             _state(each["before"]),
             _state(each["after"]),
         ]
@@ -236,7 +238,7 @@ def _state(state: Json | None) -> str:
         return _GONE
     if state["rttMs"] is not None:
         estimated = ", estimated" if state["source"] == "estimated" else ""
-        return f"{state['verdict']} ({format_ms(state['rttMs'])}{estimated})"
+        return f"{state['verdict']} ({format_us(1000 * state['rttMs'])}{estimated})"
     return f"{state['verdict']} (no answer)" if state["verdict"] == "Exceeded" else str(state["verdict"])
 
 

@@ -1,6 +1,6 @@
 """An API server in memory and the part of an operator that writes RobotAppInstances."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import msgspec
@@ -39,7 +39,7 @@ class World:
             observer,
             conflict_of=lambda uid, instance: self.conflicts.get((uid, instance), ""),
             clock=lambda: self.now_s,
-            now=lambda: datetime(2026, 1, 1, tzinfo=UTC),
+            now=lambda: datetime(2026, 1, 1, tzinfo=UTC) + timedelta(seconds=self.now_s),
         )
 
     async def app(self, name: str = "teleop", **spec: Any) -> str:

@@ -15,7 +15,7 @@ from robotapp_operator.reconcile.fleet_view import FleetView
 from robotapp_operator.reconcile.instance_objects import InstanceObjects
 from robotapp_operator.reconcile.instance_reconciler import Children
 from robotapp_operator.reconcile.metrics import Metrics
-from robotapp_operator.reconcile.mover import Mover, may_move
+from robotapp_operator.reconcile.mover import Mover, concerns
 from robotapp_operator.reconcile.probe_targets import Probes
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates
@@ -276,7 +276,8 @@ class Controller:
 
     async def _instance_object(self, key: Key) -> float:
         record = self._cache.apps.get(key.group)
-        if record is not None and record.app is not None and may_move(record.app):
+        own = self._memory.of(key.group).instances.get(key.instance) if record is not None else None
+        if record is not None and record.app is not None and concerns(record.app, own):
             self._queue.add(Key(Work.MOVES, key.group, key.instance))
         again_s = await self._objects.publish(key.group, key.instance)
         if again_s is not None:

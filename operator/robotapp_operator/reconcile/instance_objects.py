@@ -18,8 +18,8 @@ from robotapp_api.client.transport.errors import means_gone
 from robotapp_operator.plan.render.instance_object import AppInstance, is_as_wanted, object_name, wanted_object
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.status.facts import AppFacts, of_instance
-from robotapp_operator.plan.status.instance_status import render_instance, same_instance_status
-from robotapp_operator.plan.status.pace import is_urgent
+from robotapp_operator.plan.status.instance_status import render_instance, same_instance_status, without_times
+from robotapp_operator.plan.status.pace import has_arrived, is_urgent
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import Again, InstanceMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache
@@ -111,16 +111,16 @@ class InstanceObjects:
             memory.writing.same()
             memory.written_facts = seen
             return again_s
-        now_s = self._clock()
+        now_s, undated = self._clock(), without_times(status)
         urgent = is_urgent(item.status, status)
         due_s = memory.writing.due_s(
             now_s,
-            moved=memory.pending_status != status,
+            moved=memory.pending_status != undated,
             urgent=urgent,
             ready=facts.instances[0].ready,
-            starting=self._memory.crowd.size(now_s),
+            starting=1 if has_arrived(item.status) else self._memory.crowd.size(now_s),
         )
-        memory.pending_status = status
+        memory.pending_status = undated
         if due_s > now_s:
             return due_s - now_s
         meta = item.metadata

@@ -94,10 +94,14 @@ class Mover:
         """Record lost devices of one instance, and move or restart pods where the plan decides so."""
         record = self._cache.apps.get(uid)
         app = record.app if record is not None and not record.deleting else None
-        if app is None or app.spec.suspend or not may_move(app) or problems_now(app, self._cache):
+        if app is None:
             return None
-        instance = instances_by_name(app, self._cache).get(name)
+        idle = app.spec.suspend or not _may_move(app) or problems_now(app, self._cache)
+        instance = None if idle else instances_by_name(app, self._cache).get(name)
         if instance is None or instance.missing or instance.problem:
+            if (left := self._memory.of(uid).instances.get(name)) is not None:
+                left.moving = None
+                self._show(app, name, left)
             return None
         facts = self._observer.instance(app, instance)
         own = self._memory.of(uid).instance(name)
@@ -386,6 +390,11 @@ def _why(decision: Move | Stays | None, move: Move | None, refused: str) -> str:
     return refused if decision is not None and decision is move else ""
 
 
-def may_move(app: App) -> bool:
+def concerns(app: App, own: InstanceMemory | None) -> bool:
+    """Whether `Mover.look` has anything to do for an instance: components may be moved, or why one was not is still shown."""
+    return _may_move(app) or (own is not None and bool(own.stays or own.device_stays))
+
+
+def _may_move(app: App) -> bool:
     """Whether components of the app can be moved at all: other schedulers propose no nodes and claim no devices."""
     return app.our_scheduler and (app.wants_devices or any(edge.latency for edge in app.spec.edges))

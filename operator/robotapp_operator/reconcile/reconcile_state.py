@@ -54,7 +54,7 @@ class InstanceMemory:
     created: bool = False
     """There has been an object."""
     pending_status: dict[str, Any] = dataclasses.field(default_factory=dict)
-    """The latest status that differed from the stored one."""
+    """The latest status that differed from the stored one, without its times."""
 
     def found(self, version: str) -> None:
         """The object has this resourceVersion now. After a write by another operator, the figures in the object count as published:

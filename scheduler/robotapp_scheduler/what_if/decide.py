@@ -13,6 +13,7 @@ from robotapp_api.model.names import PodReason
 from robotapp_api.values.duration import format_us
 from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.api.robotics_v1alpha1 import Reschedule
 from robotapp_scheduler.core.cycle.better_node import Proposal, better_node, settled
 from robotapp_scheduler.core.cycle.re_evaluate import as_waiting
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
@@ -257,10 +258,9 @@ class _Decider:
             found = better_node(self._core, part, worst)
             if found is None:
                 continue
-            moves = part.app.source.spec.placement.reschedule.when == MOVES_WHEN
-            reason = _why_better(worst.link, found) + (
-                "" if moves else "; placement.reschedule.when is not BudgetExceeded"
-            )
+            kept = _why_kept(part.app.source.spec.placement.reschedule)
+            moves = not kept
+            reason = _why_better(worst.link, found) + (f"; {kept}" if kept else "")
             outcome = Outcome.MOVES if moves else Outcome.MAY_MOVE
             self._told.add(part.pod.metadata.uid)
             self._pods.append(change_of(part.pod, cluster, outcome, from_=part.node, to=found.node, reason=reason))
@@ -310,6 +310,13 @@ class _Decider:
             except FAULTS as error:
                 return _Chosen("", str(error), PodReason.SCHEDULER_ERROR.value)
         return _Chosen(record.node or "", record.message, "" if record.node else PodReason.UNSCHEDULABLE.value)
+
+
+def _why_kept(reschedule: Reschedule) -> str:
+    """Why the operator would move no component of such an app; "" where it would."""
+    if reschedule.when != MOVES_WHEN:
+        return f"placement.reschedule.when is not {MOVES_WHEN}"
+    return "" if reschedule.max_per_day else "placement.reschedule.maxPerDay is 0"
 
 
 def _why_better(link: Link, found: Proposal) -> str:

@@ -4,6 +4,7 @@ from typing import Final
 
 import msgspec
 
+from robotapp_api.values.toleration import tolerates
 from robotapp_scheduler.core.api.core_v1 import Node, Pod, Taint
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.group_gates import fails_over
@@ -13,8 +14,7 @@ from robotapp_scheduler.what_if.difference import Outcome, PodChange
 
 TAINT_KEY: Final = "node.kubernetes.io/unreachable"
 TAINTS: Final = tuple(Taint(key=TAINT_KEY, effect=effect) for effect in ("NoSchedule", "NoExecute"))
-_EVERY: Final = ("", "NoExecute")
-"""Effects of a toleration of all taints that evict."""
+EVICTING: Final = TAINTS[1]
 _UNTIL_DELETED: Final = "StatefulSet"
 SUCCESSOR: Final = "what-if/successor/"
 
@@ -32,13 +32,22 @@ def fate(pod: Pod, node: str, cluster: Cache) -> PodChange | None:
         return change_of(pod, cluster, Outcome.ENDS, from_=node, reason="it has no controller that makes it anew")
     if owner.kind == "DaemonSet":
         return change_of(pod, cluster, Outcome.STAYS, from_=node, reason="its DaemonSet needs it on this node alone")
-    if any(each.operator == "Exists" and not each.key and each.effect in _EVERY for each in pod.spec.tolerations):
-        reason = "it tolerates every taint, so nothing evicts it"
+    if _stays_for_good(pod):
+        reason = f"it tolerates {TAINT_KEY} for good, so nothing evicts it"
         return change_of(pod, cluster, Outcome.STAYS, from_=node, reason=reason)
     if owner.kind == _UNTIL_DELETED:
         reason = "its StatefulSet waits until the pod or the node is deleted"
         return change_of(pod, cluster, Outcome.PENDING, from_=node, reason=reason)
     return _kept(pod, node, cluster)
+
+
+def _stays_for_good(pod: Pod) -> bool:
+    """Does the pod tolerate that its node is silent, without an end? Of several tolerations the first that matches counts, as for
+    Kubernetes' eviction by taints; a pod without any has one of 300 s from the API server.
+    """
+    matching = (each for each in pod.spec.tolerations if tolerates(each, EVICTING))
+    first = next(matching, None)
+    return first is not None and first.toleration_seconds is None
 
 
 def successor_of(pod: Pod) -> Pod:

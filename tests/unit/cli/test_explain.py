@@ -158,6 +158,13 @@ def test_a_token_is_not_sent_without_encryption_to_another_machine(placed: Stage
     assert placed.scheduler.authorizations == []
 
 
+@pytest.mark.parametrize("spelling", ["HTTP://", " http://", "Http://"])
+def test_no_spelling_of_http_sends_a_token_without_encryption(placed: Stage, spelling: str) -> None:
+    elsewhere = placed.scheduler.url.replace("127.0.0.1", "0.0.0.0").replace("http://", spelling)  # noqa: S104 - see below
+    assert "is not encrypted" in placed.text("explain", "teleop", "--scheduler-url", elsewhere)
+    assert placed.scheduler.authorizations == []
+
+
 def test_another_machines_certificate_must_be_signed_by_somebody_known(placed: Stage) -> None:
     elsewhere = placed.scheduler.tls_url.replace("127.0.0.1", "0.0.0.0")  # noqa: S104 - an address that is not loopback's
     assert "does not answer: [SSL: CERTIFICATE_VERIFY_FAILED]" in placed.text(
@@ -386,6 +393,10 @@ class TestPortForward:
         path = self.kubectl(tmp_path / "bin", "echo 'error: pods is forbidden' >&2; exit 1")
         text = placed.text("explain", "teleop", PATH=path)
         assert "port-forward to ours failed: error: pods is forbidden; ask for Role robotapp-ask-scheduler" in text
+
+    def test_a_tunnel_that_ended_by_itself_hides_no_answer(self, with_scheduler_pod: Stage, tmp_path: Path) -> None:
+        path = self.kubectl(tmp_path / "bin", 'echo "Forwarding from 127.0.0.1:1 -> 10259"')
+        assert "does not answer" in with_scheduler_pod.text("explain", "teleop", PATH=path)
 
     def test_a_failing_kubectl_is_quoted(self, with_scheduler_pod: Stage, tmp_path: Path) -> None:
         path = self.kubectl(tmp_path / "bin", "echo 'error: pods is forbidden' >&2; exit 1")

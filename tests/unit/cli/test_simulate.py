@@ -1,11 +1,16 @@
 """simulate: the cluster as the user may see it, thinned out, and the answer as a table."""
 
+import copy
 import json
 from pathlib import Path
 
+import msgspec
 import pytest
 import yaml
 from tests.support.cli import Json, Stage
+
+from robotapp_cli.simulate import thinned
+from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
 
 WANTED = {
     "resources": [
@@ -100,6 +105,49 @@ def test_the_cluster_is_sent_without_what_no_rule_reads(cluster: Stage) -> None:
     assert "secret" not in json.dumps(body)
     assert "kubelet" not in json.dumps(body)
     assert "config" not in body
+
+
+SECRET_ENV = [{"name": "PASSWORD", "value": "hunter2"}]
+SECRETIVE = [
+    {
+        "kind": "Pod",
+        "metadata": {"annotations": {"kubectl.kubernetes.io/last-applied-configuration": "hunter2"}},
+        "spec": {"ephemeralContainers": [{"name": "debug", "env": SECRET_ENV}]},
+    },
+    {"kind": "Deployment", "metadata": {}, "spec": {"template": {"spec": {"containers": [{"env": SECRET_ENV}]}}}},
+    {
+        "kind": "RobotApp",
+        "metadata": {},
+        "spec": {
+            "components": [
+                {"name": "a", "env": SECRET_ENV, "args": ["hunter2"], "template": {"spec": {"volumes": ["hunter2"]}}}
+            ]
+        },
+    },
+]
+
+
+@pytest.mark.parametrize("obj", SECRETIVE, ids=lambda obj: obj["kind"])
+def test_no_kind_is_sent_with_an_environment_a_command_or_what_was_applied(obj: Json) -> None:
+    found = thinned(copy.deepcopy(obj))
+    assert "hunter2" not in json.dumps(found)
+    assert found["kind"] == obj["kind"]
+
+
+def test_of_a_component_is_sent_what_the_scheduler_decodes() -> None:
+    fields = [field.encode_name for field in msgspec.structs.fields(Component)]
+    component = dict.fromkeys(fields, "kept") | {"image": "not"}
+    found = thinned({"kind": "RobotApp", "metadata": {}, "spec": {"components": [component]}})
+    assert found["spec"]["components"] == [dict.fromkeys(fields, "kept")]
+
+
+@pytest.mark.parametrize(
+    "spec", [None, 7, {"containers": 7}, {"containers": ["x", {"env": 1}]}, {"components": {"name": "a"}}]
+)
+def test_a_file_of_another_shape_is_sent_to_be_refused(cluster: Stage, tmp_path: Path, spec: object) -> None:
+    (tmp_path / "odd.yaml").write_text(yaml.safe_dump({"kind": "Pod", "metadata": {"name": "odd"}, "spec": spec}))
+    cluster.text("simulate", "--offline", str(tmp_path / "odd.yaml"), *url(cluster))
+    assert [item["metadata"]["name"] for item in sent(cluster)["items"]] == ["odd"]
 
 
 def test_a_date_in_a_file_stays_text_as_kubectl_reads_it(cluster: Stage, tmp_path: Path) -> None:

@@ -189,7 +189,7 @@ def test_a_scheduler_that_stays_busy_is_left_alone_in_the_end(cluster: Stage, mo
     monkeypatch.setattr(what_if, "_MOST_TURN_S", 0.0)
     cluster.scheduler.busy = 9
     done = cluster.run("what-if", "--node-loss", "edge-1", *url(cluster))
-    assert (done.exit_code, "429 who are you" in done.stderr) == (1, True), done.stderr
+    assert (done.exit_code, "the scheduler refuses: who are you (429)" in done.stderr) == (1, True), done.stderr
 
 
 @pytest.mark.parametrize(("status", "code"), [(400, 2), (422, 4), (403, 1), (500, 1)])
@@ -198,6 +198,20 @@ def test_a_refusal_of_the_scheduler_ends_with_the_code_of_its_kind(cluster: Stag
     cluster.scheduler.refusal = {"error": "there is no node 'e9'", "problems": ["really"]}
     done = cluster.run("what-if", "--node-loss", "e9", *url(cluster))
     assert (done.exit_code, "there is no node 'e9'; really" in done.stderr) == (code, True), done.stderr
+
+
+def test_a_refusal_without_a_reason_still_is_a_sentence(cluster: Stage) -> None:
+    cluster.scheduler.status, cluster.scheduler.refusal = 400, {"detail": "?"}
+    done = cluster.run("what-if", "--node-loss", "e9", *url(cluster))
+    assert (done.exit_code, "answers 400" in done.stderr) == (2, True), done.stderr
+
+
+def test_times_of_any_length_are_shown(cluster: Stage) -> None:
+    long = {**EDGE, "budgetMs": 1.08e9, "after": {**EXCEEDED, "rttMs": 1.08e9}}
+    cluster.scheduler.outcome = {**ANSWER, "edges": [long]}
+    text = cluster.text("what-if", "--rtt", "edge-1:amr-07=300h", *url(cluster), COLUMNS="250")
+    assert "999999s p95" in text
+    assert "Exceeded (999999s, estimated)" in text
 
 
 def test_help_has_examples(stage: Stage) -> None:

@@ -130,6 +130,29 @@ def test_pods_of_replica_sets_move_others_end_wait_or_stay() -> None:
     assert any("1 pods of other schedulers" in note for note in found.notes)
 
 
+SILENT = {"key": "node.kubernetes.io/unreachable", "operator": "Exists", "effect": "NoExecute"}
+
+
+@pytest.mark.parametrize(
+    ("tolerations", "outcome"),
+    [
+        ([SILENT], Outcome.STAYS),
+        ([{"operator": "Exists", "effect": "NoExecute"}], Outcome.STAYS),
+        ([SILENT | {"tolerationSeconds": 300}], Outcome.MOVES),
+        ([{"operator": "Exists", "tolerationSeconds": 30}], Outcome.MOVES),
+        ([{"operator": "Exists", "effect": "NoSchedule"}], Outcome.MOVES),
+        ([SILENT | {"tolerationSeconds": 30}, {"operator": "Exists"}], Outcome.MOVES),
+        ([{"operator": "Exists"}, SILENT | {"tolerationSeconds": 30}], Outcome.STAYS),
+    ],
+)
+def test_a_pod_stays_if_the_first_toleration_of_a_silent_node_has_no_end(
+    tolerations: list[dict[str, Any]], outcome: Outcome
+) -> None:
+    core = make_core(make_node("n1"), make_node("n2"))
+    core.cluster.apply_pod(replica("web", "n1", tolerations=tolerations))
+    assert only(lost(core, "n1")).outcome == outcome
+
+
 def test_when_both_nodes_are_lost_nothing_fits() -> None:
     core = make_core(make_node("n1"), make_node("n2"))
     core.cluster.apply_pod(replica("web", "n1"))
@@ -180,12 +203,19 @@ def test_two_components_that_would_move_to_the_only_free_place_do_not_both_get_i
     assert [states(each)[1].rtt_ms for each in found.edges] == [90.0, 90.0], "before they move"
 
 
-def test_an_app_that_has_not_opted_in_may_move_and_does_not() -> None:
-    core = robot_and_servers()
+@pytest.mark.parametrize(
+    ("reschedule", "why"),
+    [
+        ({}, "placement.reschedule.when is not BudgetExceeded"),
+        ({"when": "BudgetExceeded", "maxPerDay": 0}, "placement.reschedule.maxPerDay is 0"),
+    ],
+)
+def test_an_app_that_has_not_opted_in_may_move_and_does_not(reschedule: dict[str, Any], why: str) -> None:
+    core = robot_and_servers(placement={"reschedule": reschedule})
     measure(core, {"e1": 12.0})
     found = only(answer(core, rtt=slow("amr", "e1", "40ms")))
     assert (found.outcome, found.to) == (Outcome.MAY_MOVE, "e2")
-    assert "placement.reschedule.when is not BudgetExceeded" in found.reason
+    assert found.reason.endswith(why)
 
 
 def test_a_pair_that_stays_within_the_budget_changes_nothing_and_so_does_one_of_others() -> None:

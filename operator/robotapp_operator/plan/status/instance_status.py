@@ -70,6 +70,12 @@ def same_instance_status(wanted: Mapping[str, Any], have: Mapping[str, Any]) -> 
     return all(wanted.get(field) == have.get(field) for field in fields)
 
 
+def without_times(status: Mapping[str, Any]) -> dict[str, Any]:
+    """The status as it would be at any other time: a condition that is about to change has the present one each time it is rendered."""
+    undated = [{key: item[key] for key in item if key != "lastTransitionTime"} for item in status["conditions"]]
+    return {**status, "conditions": undated}
+
+
 def _fitting(edges: list[dict[str, Any]], room: int) -> list[dict[str, Any]]:
     for index, edge in enumerate(edges):
         room -= stored_bytes(edge) + len(",")

@@ -157,14 +157,20 @@ class Writing:
 
 
 def is_urgent(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
-    """Does the instance run now, fail for a new reason, or no longer fail?"""
-    if after.get("phase") != before.get("phase") and after.get("phase") in _ARRIVED:
+    """Does the instance run now, or no longer, fail for a new reason, or no longer fail?"""
+    if after.get("phase") != before.get("phase") and has_arrived(after):
         return True
     old, new = _verdicts(before), _verdicts(after)
     turned = [kind for kind in new if old.get(kind) != new[kind]]
     fails = any(new[kind][0] == "False" and new[kind][1] not in _ON_THE_WAY for kind in turned)
+    ended = old.get(Condition.READY, ("",))[0] == "True" and Condition.READY in turned
     mended = any(old.get(kind, ("",))[0] == "False" for kind in turned if kind != Condition.READY)
-    return fails or mended
+    return fails or ended or mended
+
+
+def has_arrived(status: Mapping[str, Any]) -> bool:
+    """Is the start over that this status is of, in whatever way?"""
+    return status.get("phase") in _ARRIVED
 
 
 def is_progress(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:

@@ -102,6 +102,8 @@ class Toleration(SlimValue, frozen=True):
     operator: str = ""
     value: str = ""
     effect: str = ""
+    toleration_seconds: int | None = None
+    """How long a running pod stays on a node with such a NoExecute taint; None = for good. No rule of placing reads it."""
 
 
 class Requirement(SlimValue, frozen=True):

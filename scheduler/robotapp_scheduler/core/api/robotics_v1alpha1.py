@@ -74,6 +74,8 @@ class Reschedule(Slim):
 
     when: str = "Never"
     for_: str = msgspec.field(name="for", default="15s")
+    max_per_day: int = 3
+    """Read for what-if alone: with 0 nothing moves."""
 
 
 class Fallback(Slim):

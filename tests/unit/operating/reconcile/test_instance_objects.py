@@ -16,7 +16,7 @@ from robotapp_api.client import NotFound
 from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_operator.plan.render.instance_object import object_name, wanted_object
 from robotapp_operator.plan.status.latency import REST_S
-from robotapp_operator.plan.status.pace import SETTLED_S, STILL_S, URGENT_REST_S
+from robotapp_operator.plan.status.pace import MOST_START_REST_S, SETTLED_S, STILL_S, URGENT_REST_S
 from robotapp_operator.reconcile.instance_objects import SOON_S
 
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
@@ -46,6 +46,14 @@ async def test_an_instance_gets_its_object_and_then_what_is_observed(world: Worl
     (item,) = await world.stored()
     assert item["status"]["summary"]["ready"] == "0/2"
     assert world.writes() == 3, "the app, the object, its status"
+
+
+async def test_where_many_apps_start_an_instance_shows_later_how_far_it_has_come(world: World) -> None:
+    uid = await world.app()
+    for number in range(200):
+        world.memory.crowd.note(f"other-{number}", starts=True, begins=True, now_s=world.now_s)
+    await world.objects.publish(uid, "")
+    assert await world.objects.publish(uid, "") == MOST_START_REST_S
 
 
 async def test_at_rest_nothing_is_written(world: World) -> None:

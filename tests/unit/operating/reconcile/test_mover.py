@@ -20,7 +20,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.better_node import BetterNode
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet, Taint
 from robotapp_operator.queue.work import StartOver
-from robotapp_operator.reconcile.mover import LOST_S, MASS_LOSS_S, REFUSED_S, SETTLED_S, STAYS_S, Mover
+from robotapp_operator.reconcile.mover import LOST_S, MASS_LOSS_S, REFUSED_S, SETTLED_S, STAYS_S, Mover, concerns
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
@@ -126,11 +126,15 @@ class World:
         await self.mirror()
         return await self.mover.look(UID, "")
 
-    async def late_with_proposal(self, **app: Any) -> None:
-        """The app's edge has been over its budget for `for`, and its planner is proposed node near: it is moved if it may be."""
+    async def with_proposal(self, **app: Any) -> None:
+        """The app's edge is over its budget, and its planner is proposed node near."""
         await self.app(**app)
         await self.propose()
         await self.look()
+
+    async def late_with_proposal(self, **app: Any) -> None:
+        """The same, and `for` is over: the planner is moved if it may be."""
+        await self.with_proposal(**app)
         await self.look(later_s=FOR_S)
 
     async def pods(self) -> list[str]:
@@ -252,10 +256,20 @@ async def test_who_did_not_opt_in_stays_and_is_told_so(world: World) -> None:
     assert facts.stays == world.stays()
 
 
+async def test_an_app_that_goes_to_another_scheduler_is_no_longer_told_why_it_stays(world: World) -> None:
+    await world.late_with_proposal(reschedule={"when": "Never"})
+    assert world.stays()
+    world.body["spec"] |= {"schedulerName": "default-scheduler", "placement": {}}
+    world.body["metadata"]["generation"] = 2
+    await world.mirror()
+    app, own = world.cache.apps[UID].app, world.memory.of(UID).instance("")
+    assert concerns(app, own) if app is not None else False
+    assert await world.look() is None
+    assert (world.stays(), concerns(app, own)) == ("", False)
+
+
 async def test_an_operator_that_ended_after_the_record_evicts_the_same_pod_and_counts_once(world: World) -> None:
-    await world.app()
-    await world.propose()
-    await world.look()
+    await world.with_proposal()
     world.now_s += FOR_S
     await world.mirror()
     post = world.client.post_raw
@@ -311,9 +325,7 @@ async def test_a_record_ahead_of_our_clock_is_written_with_the_present_and_ends_
 
 
 async def test_a_pod_that_a_disruption_budget_keeps_is_not_counted_and_tried_again(world: World) -> None:
-    await world.app()
-    await world.propose()
-    await world.look()
+    await world.with_proposal()
     world.now_s += FOR_S
     for _ in range(3):
         await world.mirror()
@@ -329,9 +341,7 @@ async def test_a_pod_that_a_disruption_budget_keeps_is_not_counted_and_tried_aga
 
 
 async def test_a_disruption_budget_that_comes_in_between_has_the_move_counted_once(world: World) -> None:
-    await world.app()
-    await world.propose()
-    await world.look()
+    await world.with_proposal()
     world.now_s += FOR_S
     for _ in range(3):
         await world.mirror()
@@ -345,9 +355,7 @@ async def test_a_disruption_budget_that_comes_in_between_has_the_move_counted_on
 
 
 async def test_where_a_webhook_cannot_be_tried_the_pod_is_evicted_all_the_same(world: World) -> None:
-    await world.app()
-    await world.propose()
-    await world.look()
+    await world.with_proposal()
     world.now_s += FOR_S
     await world.mirror()
     refused = _refuse_eviction(world, 400, 'admission webhook "w.example.org" does not support dry run', trials=True)
@@ -359,9 +367,7 @@ async def test_where_a_webhook_cannot_be_tried_the_pod_is_evicted_all_the_same(w
 
 async def test_a_pod_that_several_disruption_budgets_cover_stays_and_its_user_is_told_so(world: World) -> None:
     """The API server answers 500 then: not a server in trouble, which is tried again without a word."""
-    await world.app()
-    await world.propose()
-    await world.look()
+    await world.with_proposal()
     world.now_s += FOR_S
     await world.mirror()
     text = "This pod has more than one PodDisruptionBudget, which the eviction subresource does not support."
@@ -376,9 +382,7 @@ async def test_a_pod_that_several_disruption_budgets_cover_stays_and_its_user_is
 
 
 async def test_of_a_pod_that_was_replaced_meanwhile_nobody_is_told_that_it_moved(world: World) -> None:
-    await world.app()
-    await world.propose()
-    await world.look()
+    await world.with_proposal()
     world.now_s += FOR_S
     await world.mirror()
     await world.pod("planner", "far")
@@ -388,9 +392,7 @@ async def test_of_a_pod_that_was_replaced_meanwhile_nobody_is_told_that_it_moved
 
 
 async def test_on_a_robot_that_is_out_of_reach_nothing_is_evicted(world: World) -> None:
-    await world.app()
-    await world.propose()
-    await world.look()
+    await world.with_proposal()
     world.cache.nodes["far"] = make_node("far", ready=False)
     await world.look(later_s=FOR_S)
     assert await world.pods() == ["driver", "planner"]

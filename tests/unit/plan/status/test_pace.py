@@ -120,6 +120,11 @@ NEW = status(Ready=("Unknown", "Pending"), Accepted=("Unknown", "Pending"), Budg
         (status("Running"), status("Offline"), True),
         (status("Degraded"), status("Placing"), False),
         (
+            status("Running", Ready=("True", "AllComponentsReady")),
+            status("Placing", Ready=("False", "ComponentsNotReady")),
+            True,
+        ),
+        (
             status("Running", BudgetMet=("True", "WithinBudget")),
             status("Running", BudgetMet=("False", "BudgetExceeded")),
             True,
