@@ -7,7 +7,7 @@ from robotapp_api.client.api.resources import EVENTS, ROBOTAPPS
 from robotapp_api.model.names import Condition, Phase
 from robotapp_cli.fields import Json, age, elapsed, meta, milliseconds, plain, short_ms, status
 from robotapp_cli.instances import Instance, chosen, in_full, instances_of
-from robotapp_cli.output import Column, Output, arrow, bar, blank_line, console, print_table, write_structured
+from robotapp_cli.output import Column, Output, arrow, bar, blank_line, print_line, print_table, write_structured
 from robotapp_cli.session import Session
 
 _EVENTS_SHOWN = 8
@@ -27,9 +27,7 @@ async def show_list(session: Session) -> None:
         return
     if not apps:
         where = f"namespace {session.namespace}" if session.namespace else "any namespace"
-        console().print(
-            f"No RobotApp in {where}. The smallest one: kubectl apply -f examples/minimal.yaml", soft_wrap=True
-        )
+        print_line(f"No RobotApp in {where}. The smallest one: kubectl apply -f examples/minimal.yaml")
         return
     everywhere, wide = session.namespace is None, output is Output.WIDE
     columns = (["NAMESPACE"] if everywhere else []) + [
@@ -80,9 +78,9 @@ def _print_head(app: Json) -> None:
     parts += [f"ready {summary['ready']}"] if summary.get("ready") else []
     parts += [_counted(counts)] if counts.get("desired", 0) > 1 else []
     parts += [f"{key} {summary[key]}" for key in ("rmw", "discovery") if summary.get(key)]
-    console().print("  ".join(parts), style="bold", soft_wrap=True)
+    print_line("  ".join(parts), style="bold")
     if status(app).get("observedGeneration") != meta(app).get("generation"):
-        console().print("The operator has not seen the latest change yet.", style="yellow", soft_wrap=True)
+        print_line("The operator has not seen the latest change yet.", style="yellow")
 
 
 def _counted(counts: Json) -> str:
@@ -122,12 +120,12 @@ def _print_instances(app: Json, instances: list[Instance], *, wide: bool, all_of
         print_table(["ROBOT", "READY", "PHASE", "DOMAIN", "BUDGET", "DEVICES", "NODES"], map(_line, others))
         name = meta(app)["name"]
         hint = f"One of them in full: kubectl robotapp info {name} --robot {others[0].name}; all of them: -o wide"
-        console().print(hint, soft_wrap=True)
+        print_line(hint)
     missing = (status(app).get("instanceCounts") or {}).get("desired", 0) - len(instances)
     if all_of_them and missing > 0:
         blank_line()
         text = f"{missing} of the app's instances have no RobotAppInstance yet; the operator writes it."
-        console().print(text, style="yellow", soft_wrap=True)
+        print_line(text, style="yellow")
 
 
 def _line(instance: Instance) -> list[str]:
@@ -142,10 +140,10 @@ def _print_instance(app: Json, instance: Instance, *, wide: bool) -> None:
     domain = "" if instance.domain is None else f", domain {instance.domain}"
     blank_line()
     phase = instance.observed.get("phase", Phase.PENDING.value)
-    console().print(f"{where}{domain}, {phase}", style="bold", soft_wrap=True)
+    print_line(f"{where}{domain}, {phase}", style="bold")
     wrong = _wrong(app, instance)
     if wrong:
-        console().print(f"  {wrong}", style="yellow", soft_wrap=True)
+        print_line(f"  {wrong}", style="yellow")
     rows = [
         [
             c["name"],
@@ -161,9 +159,9 @@ def _print_instance(app: Json, instance: Instance, *, wide: bool) -> None:
     for each in instance.observed.get("moves") or ():
         if times := each.get("times"):
             counted = f", {len(times)} moves recorded" if len(times) > 1 else ""
-            console().print(f"  {each['component']} was moved {age(max(times))} ago{counted}", soft_wrap=True)
+            print_line(f"  {each['component']} was moved {age(max(times))} ago{counted}")
     if wide and (claims := instance.observed.get("claims")):
-        console().print(f"  claims {', '.join(claims)}", soft_wrap=True)
+        print_line(f"  claims {', '.join(claims)}")
     print_edges(with_percentiles(app, instance.edges), omitted=instance.observed.get("edgesOmitted", 0))
 
 
@@ -192,7 +190,7 @@ def print_edges(edges: list[Json], *, omitted: int = 0) -> None:
         blank_line()
         print_table(["EDGE", f"FROM {arrow()} TO", "RTT/BUDGET", "USE", "RTT IS"], rows, indent=2)
     if omitted:
-        console().print(f"  and {omitted} more edges", soft_wrap=True)
+        print_line(f"  and {omitted} more edges")
 
 
 def edge_rows(edges: list[Json]) -> Iterator[list[str]]:

@@ -7,7 +7,7 @@ from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.client.api.resources import DOMAINPOOLS, ROBOTCLAIMS
 from robotapp_cli.devices import holder_of
 from robotapp_cli.fields import Json, age, meta, plain, status
-from robotapp_cli.output import Output, blank_line, console, print_table, write_structured
+from robotapp_cli.output import Output, blank_line, print_line, print_table, write_structured
 from robotapp_cli.session import Session
 
 
@@ -28,7 +28,7 @@ async def show_domains(session: Session) -> None:
         columns = ["DOMAIN", "POOL", "HOLDER", "INSTANCE", "PHASE", "AGE", *(["CLAIM"] if wide else [])]
         print_table(columns, [_domain_row(claim, wide=wide) for claim in shown])
     elif session.options.namespace:
-        console().print(f"Namespace {session.options.namespace} holds no domain.", soft_wrap=True)
+        print_line(f"Namespace {session.options.namespace} holds no domain.")
 
 
 def _of_namespace(claim: Json, namespace: str | None) -> bool:

@@ -13,7 +13,7 @@ from robotapp_api.claims.objects import DeviceThing
 from robotapp_api.client.api.resources import NODES, NODETELEMETRIES, ROBOTCLAIMS
 from robotapp_api.model.names import GPU
 from robotapp_cli.fields import Json, meta, status
-from robotapp_cli.output import Column, Output, console, print_table, write_structured
+from robotapp_cli.output import Column, Output, print_line, print_table, write_structured
 from robotapp_cli.session import Session
 
 _NO_CLAIM: Final = ("holder", "instance", "component", "phase", "claim")
@@ -58,9 +58,8 @@ async def show_devices(session: Session) -> None:
         write_structured({"devices": rows}, session.options.output)
         return
     if not rows:
-        console().print(
+        print_line(
             "No node has a device. They are reported by the node agents (kubectl get nodetelemetries) or named by labels hardware.robotics.io/<type>[-<interface>].",
-            soft_wrap=True,
         )
         return
     keys = ["node", "device", "type", "model", "interface", "present", "holder", "instance", "component", "phase"]

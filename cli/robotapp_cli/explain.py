@@ -13,7 +13,7 @@ from robotapp_cli.apps import print_edges, with_percentiles
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json, condition, label, meta, status
 from robotapp_cli.instances import Instance, chosen, in_full, instances_of
-from robotapp_cli.output import Column, Output, blank_line, console, print_table, write_structured
+from robotapp_cli.output import Column, Output, blank_line, print_line, print_table, write_structured
 from robotapp_cli.reasons import budgets, hardware, refusals, with_what_is_known
 from robotapp_cli.scheduler_link import Link, connect
 from robotapp_cli.session import Session
@@ -84,7 +84,7 @@ async def show_explain(session: Session, question: Question) -> None:
         _print(app, view, wide=session.options.output is Output.WIDE)
     if note:
         blank_line()
-        console().print(note, style="yellow", soft_wrap=True)
+        print_line(note, style="yellow")
 
 
 def _everything(session: Session, question: Question) -> bool:
@@ -220,7 +220,7 @@ def _print(app: Json, view: InstanceView, *, wide: bool) -> None:
     title = [f"{meta(app)['namespace']}/{meta(app)['name']}"]
     title += [f"robot {view.robot}"] if view.robot else []
     title += [f"domain {view.domain}"] if view.domain is not None else []
-    console().print(", ".join(title), style="bold", soft_wrap=True)
+    print_line(", ".join(title), style="bold")
     shown = [row for row in view.components if wide or not row.component.startswith("(")]
     columns = [Column("COMPONENT"), Column("NODE"), Column("RUNNER-UP"), Column("NODES REFUSED", wraps=True)]
     rows = [[row.component, row.node or "waiting", row.runner_up, "\n".join(row.reasons)] for row in shown]
@@ -233,7 +233,7 @@ def _print(app: Json, view: InstanceView, *, wide: bool) -> None:
     print_table(columns, rows, indent=2)
     for row in shown:
         if row.tier:
-            console().print(f"  {row.component}: {row.tier}", soft_wrap=True)
+            print_line(f"  {row.component}: {row.tier}")
     for text in dict.fromkeys(row.planned for row in shown if row.planned):
-        console().print(f"  {text}", soft_wrap=True)
+        print_line(f"  {text}")
     print_edges(view.edges)

@@ -16,6 +16,7 @@ from robotapp_api.client.transport.errors import (
     Unauthorized,
     Unreachable,
 )
+from robotapp_api.values.printable import printable
 
 _DENIED: Final = re.compile(r'cannot (\w+) resource "([a-z]+)')
 _READING: Final = frozenset({"get", "list", "watch"})
@@ -44,7 +45,7 @@ class CliError(Exception):
 
 def ended_by(failure: CliError) -> typer.Exit:
     """Print the failure; the caller raises what is returned, which ends the process with its exit code."""
-    sys.stderr.write(f"error: {failure}\n")
+    sys.stderr.write(f"error: {printable(str(failure))}\n")
     return typer.Exit(failure.code)
 
 

@@ -19,7 +19,7 @@ from robotapp_api.values.bandwidth import parse_link_bandwidth
 from robotapp_api.values.round_trips import RoundTrips, Rtt
 from robotapp_cli.devices import NodeDevice, devices_of
 from robotapp_cli.fields import Json, age, condition, label, meta, short_ms, status
-from robotapp_cli.output import Column, Output, console, print_table, printable, write_structured
+from robotapp_cli.output import Column, Output, print_line, print_table, write_structured
 from robotapp_cli.session import Session
 
 _LOAD: Final = ("cpuPercent", "memoryPercent", "diskPercent", "gpuPercent", "networkBps")
@@ -88,7 +88,7 @@ async def show_nodes(session: Session) -> None:
     if session.options.output.structured:
         write_structured({"nodes": msgspec.to_builtins(found)}, session.options.output)
     elif not found:
-        console().print("The cluster has no nodes.", soft_wrap=True)
+        print_line("The cluster has no nodes.")
     else:
         first = [Column("NODE", wraps=True, narrowest=15), Column("TIER")]
         _print(first, [([each.node, each.tier], each) for each in found], wide=_is_wide(session))
@@ -102,7 +102,7 @@ async def show_robots(session: Session) -> None:
         write_structured({"robots": msgspec.to_builtins(robots)}, session.options.output)
     elif not robots:
         text = f"No node belongs to a robot: kubectl label node NODE {Label.ROBOT}=NAME {Label.TIER}=robot"
-        console().print(text, soft_wrap=True)
+        print_line(text)
     else:
         first = [Column("ROBOT", wraps=True, narrowest=10), Column("NODE", wraps=True, narrowest=10)]
         rows = [([each.robot, _computers(each)], each.primary) for each in robots]
@@ -116,11 +116,11 @@ def _print_problems(nodes: Iterable[NodeView]) -> None:
         if node.problem:
             _warn(node.problem)
         if node.device_problem:
-            _warn(f"node {node.node}: {printable(node.device_problem)}")
+            _warn(f"node {node.node}: {node.device_problem}")
 
 
 def _warn(text: str) -> None:
-    console().print(text, style="yellow", soft_wrap=True, markup=False)
+    print_line(text, style="yellow")
 
 
 def _is_wide(session: Session) -> bool:

@@ -14,6 +14,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from robotapp_api.values.printable import printable
+
 _UNLIMITED: Final = 400
 _BAR: Final = 12
 _GAP: Final = 3
@@ -86,10 +88,9 @@ def print_table(
         target.file.write(" " * indent + line.rstrip() + "\n")
 
 
-def printable(text: str) -> str:
-    """What others wrote, without what a terminal would obey: devices' names come from agents, messages from anywhere."""
-    kept = (each if each.isprintable() or each == "\n" else each.encode("unicode_escape").decode() for each in text)
-    return "".join(kept)
+def print_line(text: str, *, style: str = "") -> None:
+    """A sentence as it is, however long. Whatever stands in brackets is text, not Rich's markup."""
+    console().print(Text(printable(text), style=style), soft_wrap=True)
 
 
 def _least_width(specs: Sequence[Column], rows: Sequence[Sequence[str]], gap: int) -> int:

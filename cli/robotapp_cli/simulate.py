@@ -16,7 +16,7 @@ from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json
 from robotapp_cli.files import documents, objects
-from robotapp_cli.output import Column, blank_line, console, print_table, write_structured
+from robotapp_cli.output import Column, blank_line, print_line, print_table, write_structured
 from robotapp_cli.scheduler_link import Link, NoAnswerError, connect
 from robotapp_cli.session import Session
 
@@ -151,7 +151,7 @@ def _print(found: Json, extra: Sequence[Json]) -> None:
     if found["placements"]:
         _print_placements(found["placements"], again=again)
     else:
-        console().print("No pod waits for this scheduler.", soft_wrap=True)
+        print_line("No pod waits for this scheduler.")
     blank_line()
     total = found["placed"] + found["refused"]
     lines = [f"{found['placed']} of {total} pods placed on {found['nodes']} nodes, configuration {found['config']}"]
@@ -159,7 +159,7 @@ def _print(found: Json, extra: Sequence[Json]) -> None:
         lines.append(f"{found['moved']} pods placed again would be elsewhere")
     lines += [f"{count} pods wait for scheduler {name}" for name, count in found["otherSchedulers"].items()]
     for line in [*lines, *_left_out(extra), *found["problems"], found["note"]]:
-        console().print(line, soft_wrap=True)
+        print_line(line)
 
 
 def _left_out(extra: Sequence[Json]) -> Iterator[str]:

@@ -19,10 +19,11 @@ from urllib.parse import quote
 from robotapp_api.model.names import API_VERSION, SYSTEM_NAMESPACE
 from robotapp_api.values.arguments import is_name
 from robotapp_api.values.duration import format_us, parse_us
+from robotapp_api.values.printable import printable
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.fields import Json
 from robotapp_cli.files import objects
-from robotapp_cli.output import Column, arrow, blank_line, console, print_table, printable, write_structured
+from robotapp_cli.output import Column, arrow, blank_line, print_line, print_table, write_structured
 from robotapp_cli.scheduler_link import Link, NoAnswerError, connect
 from robotapp_cli.session import Session
 from robotapp_cli.simulate import document
@@ -185,15 +186,15 @@ def _print(found: Json) -> None:
     if pods:
         _print_pods(pods)
     else:
-        console().print("No pod would move.", soft_wrap=True)
+        print_line("No pod would move.")
     blank_line()
     if edges:
         _print_edges(edges)
     else:
-        console().print("No edge would get another verdict.", soft_wrap=True)
+        print_line("No edge would get another verdict.")
     blank_line()
     for line in _summary(found):
-        console().print(line, soft_wrap=True)
+        print_line(line)
 
 
 def _print_pods(pods: Sequence[Json]) -> None:

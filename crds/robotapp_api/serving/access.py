@@ -74,8 +74,8 @@ class Caller:
     def key(self) -> str:
         """A key of the identity. Tokens are hashed, so that none is kept."""
         if self.user is not None:
-            return f"user {self.user.name} {' '.join(self.user.groups)}"
-        return hashlib.sha256(self.token.encode()).hexdigest()
+            return f"user {(self.user.name, self.user.groups)!r}"  # joined, a name with a blank could be another's name and group
+        return hashlib.sha256(self.token.encode(errors="surrogateescape")).hexdigest()
 
 
 @dataclass(frozen=True, slots=True)

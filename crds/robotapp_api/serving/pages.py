@@ -65,7 +65,8 @@ def caller(request: web.Request) -> Caller:
     if user is not None:
         return Caller(user=user, address=request.remote or "")
     scheme, _, token = request.headers.get("Authorization", "").partition(" ")
-    return Caller(token=token.strip() if scheme.lower() == "bearer" else "", address=request.remote or "")
+    is_token = scheme.lower() == "bearer" and token.isascii()  # else the API server would be sent what is no text
+    return Caller(token=token.strip() if is_token else "", address=request.remote or "")
 
 
 def as_json(value: Any, status: int = 200) -> web.Response:

@@ -13,7 +13,8 @@ _FIND: Final = re.compile(r"\$\(find ([\w-]+)\)/?(.*)")
 _DIRNAME: Final = re.compile(r"\$\(dirname\)/?(.*)")
 _TRUE: Final = frozenset({"true", "1", "1.0", "yes", "on"})
 _FALSE: Final = frozenset({"false", "0", "0.0", "no", "off"})
-_COMPARISON: Final = re.compile(r"""^\(*\s*["']?([^"'=!<>]*?)["']?\s*(==|!=)\s*["']?([^"'=!<>]*?)["']?\s*\)*$""")
+_SIGNS: Final = frozenset("\"'=!<>")
+"""What stands in no text that is compared."""
 _MARK: Final = "\x01"
 
 
@@ -87,15 +88,27 @@ def truth(text: str) -> bool | None:
     if text.startswith("not "):
         inner = truth(text[4:])
         return None if inner is None else not inner
-    if found := _COMPARISON.match(text):
-        left, right = found[1].strip(), found[3].strip()
-        same = (
-            left == right
-            or (left.lower() in _TRUE and right.lower() in _TRUE)
-            or (left.lower() in _FALSE and right.lower() in _FALSE)
-        )
-        return same == (found[2] == "==")
-    return None
+    return _compared(text)
+
+
+def _compared(text: str) -> bool | None:
+    """Of a comparison of two texts, in brackets or not; None for anything else."""
+    operator = "==" if "==" in text else "!="
+    one, found, other = text.partition(operator)
+    left, right = _operand(one.lstrip("(")), _operand(other.rstrip(")"))
+    if not found or not _SIGNS.isdisjoint(left + right):
+        return None
+    same = (
+        left == right
+        or (left.lower() in _TRUE and right.lower() in _TRUE)
+        or (left.lower() in _FALSE and right.lower() in _FALSE)
+    )
+    return same == (operator == "==")
+
+
+def _operand(text: str) -> str:
+    """Without blanks and one quote at each end."""
+    return text.strip().removeprefix('"').removeprefix("'").removesuffix('"').removesuffix("'").strip()
 
 
 def condition_value(condition: str, values: Mapping[str, str]) -> bool | None:

@@ -50,6 +50,8 @@ class Simulator:
             try:
                 async with asyncio.timeout(self._timeout_s):
                     return await self._work(chunks, replay)
+            except ConnectionResetError:
+                return self._error(400, "the upload ended early")
             except TimeoutError:
                 return self._error(504, f"not finished within {self._timeout_s:g} s, upload included")
 
@@ -64,17 +66,17 @@ class Simulator:
             await end(process)
 
     async def _send(self, process: asyncio.subprocess.Process, chunks: AsyncIterator[bytes], replay: int) -> bool:
-        """False when the body is too long."""
+        """False when the body is too long. Raises ConnectionResetError where the client ends its upload early."""
         given = {**await self._order(), "replay": replay}
-        left = self._most
-        with suppress(BrokenPipeError, ConnectionResetError):  # a worker that ended early has written the reason
-            stdin_of(process).write(msgspec.json.encode(given) + b"\n")
-            async for chunk in chunks:
-                left -= len(chunk)
-                if left < 0:
-                    return False
-                stdin_of(process).write(chunk)
-                await stdin_of(process).drain()
+        left, reads = self._most, await _fed(process, msgspec.json.encode(given) + b"\n")
+        async for chunk in chunks:
+            left -= len(chunk)
+            if left < 0:
+                return False
+            reads = reads and await _fed(process, chunk)
+            if not reads:
+                break
+        with suppress(BrokenPipeError, ConnectionResetError):
             stdin_of(process).close()
         return True
 
@@ -90,6 +92,16 @@ class Simulator:
     @staticmethod
     def _error(status: int, text: str) -> tuple[int, bytes]:
         return status, msgspec.json.encode({"error": text})
+
+
+async def _fed(process: asyncio.subprocess.Process, content: bytes) -> bool:
+    """False for a worker that ended early: it has written the reason."""
+    try:
+        stdin_of(process).write(content)
+        await stdin_of(process).drain()
+    except (BrokenPipeError, ConnectionResetError):
+        return False
+    return True
 
 
 async def _read(stream: asyncio.StreamReader | None, most: int) -> bytes:

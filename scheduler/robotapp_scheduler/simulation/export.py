@@ -1,6 +1,6 @@
 """`python -m robotapp_scheduler export`: what the scheduler reads of a cluster, as a file for `simulate`.
 
-Only the fields the rules look at are written: no environment, no commands, no status of containers, so such a file can
+Only what the rules of this scheduler look at is written: no environment, no commands, no annotations of others, so such a file can
 be handed on more easily than `kubectl get -o json`, and is a fraction of its size.
 """
 
@@ -9,13 +9,20 @@ import asyncio
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+import msgspec
 
 from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.transport.errors import ClientError, NotFound
 from robotapp_api.client.transport.kubeconfig import default_kubeconfigs, load
+from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.api.storage_v1 import BETA_CLASS, BIND_COMPLETED, MIGRATED_PLUGINS, SELECTED_NODE
 from robotapp_scheduler.simulation.dump import encode
 from robotapp_scheduler.watch.routes import resources
+
+_OURS: Final = "robotics.io"
+_OF_VOLUMES: Final = frozenset({BETA_CLASS, BIND_COMPLETED, MIGRATED_PLUGINS, SELECTED_NODE})
 
 
 def main(argv: Sequence[str]) -> int:
@@ -48,8 +55,26 @@ async def export(client: ApiClient) -> bytes:
             listing = await client.list(resource, as_type=as_type)
         except NotFound:
             continue
-        objects += ((resource.api_version, resource.kind, item) for item in listing.items)
+        objects += ((resource.api_version, resource.kind, shareable(item)) for item in listing.items)
     return encode(objects)
+
+
+def shareable(item: Any) -> Any:
+    """The object with the annotations that rules read: others may hold anything, as the manifest that `kubectl apply` noted. Without
+    the text of a pod's status, which kubelets write.
+    """
+    found: dict[str, str] = getattr(item.metadata, "annotations", None) or {}
+    kept = {key: value for key, value in found.items() if _is_read(key)}
+    if len(kept) != len(found):
+        item = msgspec.structs.replace(item, metadata=msgspec.structs.replace(item.metadata, annotations=kept))
+    if isinstance(item, Pod) and item.status.message:
+        item = msgspec.structs.replace(item, status=msgspec.structs.replace(item.status, message=""))
+    return item
+
+
+def _is_read(key: str) -> bool:
+    domain = key.partition("/")[0]
+    return domain == _OURS or domain.endswith(f".{_OURS}") or key in _OF_VOLUMES
 
 
 def _parser() -> argparse.ArgumentParser:

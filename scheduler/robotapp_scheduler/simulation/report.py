@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any, Final, TextIO
 
+from robotapp_api.values.printable import printable
 from robotapp_scheduler.simulation.run import Outcome, Placement, chosen_text
 
 EVERY_S: Final = 0.5
@@ -75,6 +76,7 @@ def as_table(outcome: Outcome) -> str:
     rows: list[tuple[str, ...]] = [heading, *(_row(placement) for placement in outcome.placements)]
     if not any(placement.was for placement in outcome.placements):
         rows = [(*row[:3], row[4]) for row in rows]
+    rows = [tuple(map(_line, row)) for row in rows]
     widths = [max(len(row[at]) for row in rows) for at in range(len(rows[0]) - 1)]
     lines = [
         "   ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=False)), row[-1]]) for row in rows
@@ -98,4 +100,9 @@ def _summary(outcome: Outcome) -> list[str]:
     if outcome.ignored:
         found = ", ".join(f"{count} {kind}" for kind, count in sorted(outcome.ignored.items()))
         lines.append(f"ignored, no rule reads them: {found}")
-    return [*lines, *outcome.problems, LEFT_OUT]
+    return [_line(line) for line in (*lines, *outcome.problems, LEFT_OUT)]
+
+
+def _line(text: str) -> str:
+    """As one line: dumps come from others."""
+    return printable(text, keep="")

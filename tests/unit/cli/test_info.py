@@ -54,6 +54,14 @@ class TestInfo:
         assert "█" * 12 + "!" in edge
         assert "unreachable, no budget" in next(line for line in lines if "/log" in line)
 
+    def test_brackets_in_a_message_are_text_and_control_characters_are_not_obeyed(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        message = "slam: open [/dev/video0] of [amr-07] failed \x1b]0;mine\x07"
+        stage.add(
+            INSTANCES, instance(**SEEN | {"summary": {**SEEN["summary"], "message": message}, "phase": "Degraded"})
+        )
+        assert r"slam: open [/dev/video0] of [amr-07] failed \x1b]0;mine\x07" in stage.text("info", "teleop")
+
     def test_an_instance_without_a_robot_is_shown(self, stage: Stage) -> None:
         stage.add(ROBOTAPPS, robotapp(status=STATUS))
         stage.add(INSTANCES, instance("", **SEEN))

@@ -63,6 +63,17 @@ async def test_too_much_is_refused_while_it_is_sent() -> None:
     assert "more than 1 MiB" in error(body)
 
 
+async def test_a_client_that_ends_its_upload_early_holds_nobody_up() -> None:
+    async def ends() -> AsyncIterator[bytes]:
+        yield b"{"
+        raise ConnectionResetError("Connection lost")
+
+    subject = simulator(worker=SLEEPS, timeout_s=60.0)
+    status, body = await asyncio.wait_for(subject.simulate(ends()), 10)
+    assert (status, error(body)) == (400, "the upload ended early")
+    assert repr(subject) == "<Simulator idle>"
+
+
 async def test_a_worker_that_breaks_or_floods_is_an_error_of_ours() -> None:
     assert (await simulator(worker=BREAKS).simulate(chunks(b"x" * (1 << 20))))[0] == 500
     assert (await simulator(worker=FLOODS).simulate(chunks(b"{}")))[0] == 500

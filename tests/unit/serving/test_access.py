@@ -1,3 +1,4 @@
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -5,6 +6,7 @@ from tests.support.scripted_client import ScriptedClient
 
 from robotapp_api.client.transport.errors import Unreachable
 from robotapp_api.serving.access import REMEMBER_S, Access, Caller, Gatekeeper, User, certified
+from robotapp_api.serving.pages import caller
 
 USER = {"username": "eve", "uid": "1", "groups": ["devs"], "extra": {"k": ["v"]}}
 KNOWN = {"status": {"authenticated": True, "user": USER}}
@@ -42,6 +44,20 @@ async def test_the_review_asks_for_this_user_this_namespace_and_nothing_more() -
     assert (pods["user"], pods["groups"], pods["extra"]) == ("eve", ["devs"], {"k": ["v"]})
     assert pods["resourceAttributes"] == {"verb": "get", "resource": "pods", "namespace": "team-a"}
     assert client.calls[2][2]["spec"]["resourceAttributes"] == {"verb": "get", "resource": "nodes"}
+
+
+@pytest.mark.parametrize(("header", "token"), [("Bearer abc ", "abc"), ("Bearer \udcff\udcfe", ""), ("Basic abc", "")])
+def test_what_is_no_token_is_none(header: str, token: str) -> None:
+    """Bytes that are no text come as lone surrogates, which nothing can hash or send on."""
+    request = SimpleNamespace(transport=None, remote="192.0.2.1", headers={"Authorization": header})
+    assert caller(request).token == token  # type: ignore[arg-type]
+    assert Caller(token="\udcff").key
+
+
+def test_a_certificate_is_no_other_ones_because_of_a_blank_in_its_name() -> None:
+    one = certified(((("commonName", "alice"),), (("organizationName", "system:masters"),)))
+    other = certified(((("commonName", "alice system:masters"),),))
+    assert Caller(user=one).key != Caller(user=other).key
 
 
 async def test_no_token_asks_nobody() -> None:

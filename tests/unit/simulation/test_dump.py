@@ -8,6 +8,7 @@ from tests.support.scheduling import node_json, pod_json
 
 from robotapp_scheduler.simulation import dump as dumps
 from robotapp_scheduler.simulation.dump import MOST_PROBLEMS, Dump, DumpError, Reader, encode
+from robotapp_scheduler.simulation.export import shareable
 from robotapp_scheduler.watch.routes import kinds, resources
 
 
@@ -101,6 +102,23 @@ def test_an_export_is_read_back_and_holds_nothing_the_rules_do_not_read() -> Non
     assert again.of("Pod") == first.of("Pod")
     assert again.of("Node") == first.of("Node")
     assert json.loads(text)["items"][0]["apiVersion"] == "v1"
+
+
+def test_an_export_holds_the_annotations_that_rules_read_and_no_others() -> None:
+    theirs = {"kubectl.kubernetes.io/last-applied-configuration": "secret", "robotics.io.evil.example/x": "secret"}
+    read_ = {
+        "robotics.io/allowed-namespaces": "a",
+        "scheduler.robotics.io/dds-domain": "{}",
+        "volume.kubernetes.io/selected-node": "n",
+    }
+    pod = pod_json("p", annotations=theirs | read_) | {"status": {"phase": "Failed", "message": "secret"}}
+    meta = {"name": "x", "annotations": theirs | read_}
+    others = ("Node", "Deployment", "PersistentVolumeClaim", "RobotApp")
+    given = [pod | {"kind": "Pod"}, *({"kind": kind, "metadata": meta, "spec": {}} for kind in others)]
+    for kind, items in read(a_list(*given)).objects.items():
+        (item,) = map(shareable, items)
+        assert item.metadata.annotations == read_, kind
+        assert b"secret" not in encode([("v1", kind, item)])
 
 
 def test_pods_come_last_and_every_watched_kind_is_known() -> None:

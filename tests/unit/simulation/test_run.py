@@ -117,6 +117,11 @@ def test_an_empty_dump_is_an_empty_outcome() -> None:
     assert "0 of 0 pods placed on 0 nodes" in as_table(found)
 
 
+def test_a_terminal_obeys_nothing_that_a_dump_holds() -> None:
+    lines = as_table(outcome(node("a"), pod("p\x1b]0;mine\x07\nq"))).splitlines()
+    assert lines[1].split()[:3] == ["default", r"p\x1b]0;mine\x07\nq", "a"]
+
+
 def test_the_report_has_a_line_per_pod_and_says_what_is_not_simulated() -> None:
     found = outcome(node("a"), node("b"), pod("p"), pod("big", cpu="9"), {"kind": "Secret"})
     lines = as_table(found).splitlines()

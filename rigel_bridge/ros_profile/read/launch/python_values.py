@@ -9,6 +9,9 @@ from ros_profile.model.launch import UNKNOWN_TEXT, Include, LaunchArgument, Star
 MAX_TEXT: Final = 2000
 """Of one value; nothing that names a node, a file or a topic is longer."""
 
+MAX_BITS: Final = 64
+"""Of a number: Python writes no number of more than some thousand digits, and no parameter has one."""
+
 
 class Unknown:
     """What cannot be told without running the file."""
@@ -77,7 +80,7 @@ def as_text(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):
-        return str(value)
+        return str(value) if isinstance(value, float) or value.bit_length() <= MAX_BITS else UNKNOWN_TEXT
     if isinstance(value, list | tuple):
         return _joined(value)
     return "" if value is None else UNKNOWN_TEXT

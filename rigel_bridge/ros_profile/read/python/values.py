@@ -11,6 +11,9 @@ from ros_profile.read.python.syntax import Walked, dotted
 
 MAX_STEPS: Final = 12
 MAX_TEXT: Final = 500
+MAX_EVALUATIONS: Final = 200_000
+MAX_BITS: Final = 64
+"""Of a number: Python writes no number of more than some thousand digits, and no parameter has one."""
 _PARAMETER_CALLS: Final = frozenset({"get_parameter", "declare_parameter", "get_param", "get_parameter_or"})
 _PRESET: Final = "qos_profile_"
 """Before the name of a preset of rmw, as rclpy.qos exports it."""
@@ -23,6 +26,8 @@ class Names:
 
     imports: dict[str, str] = field(default_factory=dict)
     assigned: dict[str, ast.expr] = field(default_factory=dict)
+    left: int = MAX_EVALUATIONS
+    """How many expressions of the file are still evaluated: a few lines can name each other without end."""
 
     @classmethod
     def of(cls, nodes: Iterable[Walked]) -> "Names":
@@ -75,6 +80,12 @@ class Names:
         return self.imports.get(first, first) + dot + rest
 
 
+def _constant(value: object) -> str:
+    if value is None or isinstance(value, bytes) or (isinstance(value, int) and value.bit_length() > MAX_BITS):
+        return ""
+    return str(value)[:MAX_TEXT]
+
+
 @dataclass(frozen=True, slots=True)
 class Scope:
     """Where an expression stands."""
@@ -85,10 +96,11 @@ class Scope:
 
     def text(self, node: ast.AST | None, steps: int = 0) -> str:
         """A text or number as text; `$param:x` for what a parameter gives; empty when it cannot be told."""
-        if node is None or steps > MAX_STEPS:
+        if node is None or steps > MAX_STEPS or self.names.left <= 0:
             return ""
+        self.names.left -= 1
         if isinstance(node, ast.Constant):
-            return "" if node.value is None or isinstance(node.value, bytes) else str(node.value)[:MAX_TEXT]
+            return _constant(node.value)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
             inner = self.text(node.operand, steps + 1)
             return f"-{inner}" if inner else ""
@@ -99,7 +111,7 @@ class Scope:
         if isinstance(node, ast.Call):
             return self._call(node, steps)
         if isinstance(node, ast.List | ast.Tuple):
-            return "[" + ", ".join(self.text(item, steps + 1) for item in node.elts[:50]) + "]"
+            return ("[" + ", ".join(self.text(item, steps + 1) for item in node.elts[:50]) + "]")[:MAX_TEXT]
         if isinstance(node, ast.BoolOp):
             return next((found for value in node.values if (found := self.text(value, steps + 1))), "")
         if isinstance(node, ast.IfExp):

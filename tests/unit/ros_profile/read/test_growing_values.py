@@ -8,10 +8,12 @@ from tests.support.work_unit import is_within
 
 from ros_profile.decide.edges import MAX_EDGES, Ends, _Patterns, edges
 from ros_profile.decide.launching import Launched
+from ros_profile.decide.substitution import truth
 from ros_profile.model.conclusions import GraphName
 from ros_profile.model.endpoints import Role
-from ros_profile.model.launch import LaunchFile, StartedNode
+from ros_profile.model.launch import UNKNOWN_TEXT, LaunchFile, StartedNode
 from ros_profile.read.launch.python import read_launch_python
+from ros_profile.read.python.source import read_python
 
 NODE = "Node(package='demo', executable='x')"
 TEXT = "LaunchConfiguration('x')"
@@ -114,3 +116,48 @@ def test_only_so_many_patterns_are_compared_with_a_node() -> None:
     assert [patterns.mean(f"/{'*' * 2}/x{number}") for number in range(100)] == [False] * 100
     assert not patterns.mean("/*/a")
     assert patterns.mean("/ns/a")
+
+
+def test_lines_of_a_source_that_name_each_other_fifty_times_end_at_a_bound() -> None:
+    lines = [f"x{n} = [{', '.join([f'x{n + 1}'] * 50)}]" for n in range(6)]
+    begun = time.process_time()
+    read_python("\n".join([*lines, "x6 = 1", "self.declare_parameter('p', x0)"]).encode(), "a.py")
+    assert is_within(time.process_time() - begun, 10), "without a bound: half an hour"
+
+
+def test_a_number_that_python_does_not_write_is_unknown_and_the_rest_is_read() -> None:
+    large = f"0x{'f' * 4000}"
+    source = read_python(f"self.declare_parameter('p', {large})\nself.declare_parameter('q', 7)".encode(), "a.py")
+    assert {each.name: each.default for each in source.parameters} == {"p": "", "q": "7"}
+    found = read(
+        f"return LaunchDescription([Node(package='demo', executable='x', parameters=[{{'p': {large}, 'q': 7}}])])"
+    )
+    (node,) = found.nodes
+    assert dict(node.parameters) == {"p": UNKNOWN_TEXT, "q": "7"}
+
+
+def test_a_condition_of_blanks_is_told_at_once() -> None:
+    begun = time.process_time()
+    for _ in range(20):
+        assert truth("(" + " " * 1900 + "a" + " " * 90) is None
+    assert is_within(time.process_time() - begun, 10), "before: twenty seconds each"
+
+
+@pytest.mark.parametrize(
+    ("text", "verdict"),
+    [
+        ("a == a", True),
+        ("( 'a' == \"b\" )", False),
+        ("((x!=y))", True),
+        ("'' == ''", True),
+        ("'true' == 1", True),
+        ("'' != ''", False),
+        ("a", None),
+        ("a < b == c", None),
+        ("a == b == c", None),
+        ("a != '=='", None),
+        ("not 'a' == 'a'", False),
+    ],
+)
+def test_two_texts_are_compared_with_or_without_brackets_and_quotes(text: str, verdict: bool | None) -> None:
+    assert truth(text) is verdict
