@@ -317,9 +317,8 @@ class Controller:
         await self._pools.publish(name_of(key.group))
         return POOL_REST_S
 
-    async def _fleet_view(self, key: Key) -> float:
-        await self._fleet.publish(name_of(key.group))
-        return FLEET_REST_S
+    async def _fleet_view(self, key: Key) -> float | None:
+        return FLEET_REST_S if await self._fleet.publish(name_of(key.group)) else None
 
     async def _probe(self, _: Key) -> float:
         await self._probes.publish()

@@ -28,16 +28,19 @@ class FleetView:
         self._cache = cache
         self._written: dict[str, list[dict[str, str]]] = {}
 
-    async def publish(self, namespace: str) -> None:
-        """Bring the namespace's ConfigMaps up to date. Lost races are settled by the next call."""
+    async def publish(self, namespace: str) -> bool:
+        """Bring the namespace's ConfigMaps up to date. False after a lost race, which the next call settles."""
         pieces = list(shards(fleet_lines(self._assignments(namespace))))
         before = self._written.get(namespace)
         if pieces == before:
-            return
+            return True
         count = max(len(pieces), len(before or ()), 1)
-        for index in range(count):
-            await self._put(namespace, index, pieces[index] if index < len(pieces) else None)
-        self._written[namespace] = pieces
+        done = [
+            await self._put(namespace, index, pieces[index] if index < len(pieces) else None) for index in range(count)
+        ]
+        if all(done):
+            self._written[namespace] = pieces
+        return all(done)
 
     def forget(self) -> None:
         """Compare with the stored ConfigMaps next time: a user may have edited or deleted one."""
@@ -66,7 +69,8 @@ class FleetView:
                 found.append(Assignment("", "", domain, ((pod.metadata.name, pod.spec.node_name),)))
         return found
 
-    async def _put(self, namespace: str, index: int, data: dict[str, str] | None) -> None:
+    async def _put(self, namespace: str, index: int, data: dict[str, str] | None) -> bool:
+        """False after a lost race."""
         name = FLEET_CONFIG_MAP if index == 0 else f"{FLEET_CONFIG_MAP}-{index + 1}"
         try:
             live: dict[str, Any] | None = await self._client.get(CONFIGMAPS, name, namespace=namespace)
@@ -74,13 +78,15 @@ class FleetView:
             live = None
         if live and (live["metadata"].get("labels") or {}).get(Label.MANAGED_BY) != OPERATOR_MANAGER:
             log.warning("ConfigMap %s/%s is not ours, the fleet view is not written", namespace, name)
-            return
+            return True
         if data == (live.get("data") or {} if live else None):
-            return
+            return True
         try:
             await self._write(namespace, name, live, data)
         except (Conflict, AlreadyExists, NotFound) as race:
             log.info("fleet view of %s: %s", namespace, race)
+            return False
+        return True
 
     async def _write(self, namespace: str, name: str, live: dict[str, Any] | None, data: dict[str, str] | None) -> None:
         if data is None:

@@ -139,12 +139,18 @@ class Children:
             return not (record.suspended and still_running(uid, observed))
         if _must_not_start(instance, observed):
             return True
+        memory = self._memory.of(uid)
+        if not needs_domain(app):
+            memory.outcomes.pop(robot, None)  # of a time when it needed one
         domain = cached_domain(app, robot, self._cache, self._memory.outcome(uid, robot))
         if needs_domain(app) and domain is None:
             return False
         result = self._plan(app, self._wanted(app, robot, domain), observed)
-        self._memory.of(uid).held[robot] = result.held
-        return not result and not result.foreign
+        memory.held[robot] = result.held
+        settled = not result and not result.foreign
+        if settled:
+            memory.troubles.pop(robot, None)  # what the server refused is no longer wanted, or is there
+        return settled
 
     def _waits_for_its_pool(self, uid: str, robot: str) -> bool:
         """Whether it has nothing yet, and by the caches every id of its pool is held by others: then no request is made.
@@ -193,6 +199,7 @@ class Children:
                 return False
             return await self._write(app, robot, self._plan(app, [], observed), fences)
         if not needs_domain(app):
+            self._memory.of(uid).outcomes.pop(robot, None)
             return await self._write(app, robot, self._plan(app, self._wanted(app, robot, None), observed), fences)
         outcome = await ensure_domain(
             self._client,

@@ -164,7 +164,7 @@ def _key(edge: Mapping[str, Any]) -> EdgeKey:
 
 
 def _as_stored(view: EdgeView, stored: Mapping[str, Any]) -> EdgeView:
-    """The figures of a stored edge. A judged median is not stored, so today's takes its place."""
+    """The figures of a stored edge, with its verdict. A judged median is not stored, so today's takes its place."""
     try:
         p95_us: float | None = parse_us(stored["p95"]) if "p95" in stored else None
     except (TypeError, ValueError):
@@ -174,10 +174,15 @@ def _as_stored(view: EdgeView, stored: Mapping[str, Any]) -> EdgeView:
         p95_us = UNREACHABLE_US
     nodes = tuple(stored.get("nodes") or ())
     percentile = view.edge.latency.percentile if view.edge.latency else 95
-    return dataclasses.replace(
+    found = dataclasses.replace(
         view,
         nodes=view.nodes if nodes == tuple(node for node in view.nodes if node) else ("", ""),
         p95_us=p95_us,
         judged_us=p95_us if percentile == 95 else view.judged_us,
         measured=measured,
     )
+    met, budget_us = stored.get("met"), view.budget_us
+    if not isinstance(met, bool) or budget_us is None or found.met is met:
+        return found
+    # Today's median, or what is left of a rounded figure, would turn the verdict without the time that a turn must last.
+    return dataclasses.replace(found, judged_us=budget_us if met else budget_us + 1)

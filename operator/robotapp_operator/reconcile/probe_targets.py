@@ -1,5 +1,6 @@
 """What the operator writes of NodeTelemetry: which pairs of nodes matter (those where the two ends of an edge sit), and its owner."""
 
+import itertools
 from collections.abc import Iterator
 
 from robotapp_api.client import ApiClient, NotFound
@@ -41,16 +42,23 @@ class Probes:
             if record.app is None or not record.app.spec.edges:
                 continue
             instances = instances_by_name(record.app, self._cache)
-            placed: dict[str, dict[str, str]] = {}
-            for pod in self._cache.pods.of(uid).values():
-                labels = pod.metadata.labels
-                ends = placed.setdefault(labels.get(Label.INSTANCE, ""), {})
-                ends[labels.get(Label.COMPONENT, "")] = pod.spec.node_name
-            for robot, ends in placed.items():
-                ends[ROBOT_END] = instances[robot].node if robot in instances else ""
+            for robot, nodes in self._placed(uid).items():
+                nodes[ROBOT_END] = {instances[robot].node} if robot in instances else set()
                 for edge in record.app.spec.edges:
                     hard = edge.latency is not None and edge.latency.enforce == "Required"
-                    yield (ends.get(edge.from_, ""), ends.get(edge.to, "")), hard
+                    for pair in itertools.product(nodes.get(edge.from_, ()), nodes.get(edge.to, ())):
+                        yield pair, hard
+
+    def _placed(self, uid: str) -> dict[str, dict[str, set[str]]]:
+        """By instance and component, the nodes of its live pods: one that has ended, or is about to, hears nothing any more."""
+        placed: dict[str, dict[str, set[str]]] = {}
+        for pod in self._cache.pods.of(uid).values():
+            if pod.terminal or pod.metadata.deletion_timestamp is not None or not pod.spec.node_name:
+                continue
+            labels = pod.metadata.labels
+            of_instance = placed.setdefault(labels.get(Label.INSTANCE, ""), {})
+            of_instance.setdefault(labels.get(Label.COMPONENT, ""), set()).add(pod.spec.node_name)
+        return placed
 
 
 def _owners(telemetry: Telemetry, node: Node | None) -> list[dict[str, str]]:

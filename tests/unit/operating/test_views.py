@@ -35,10 +35,11 @@ class World:
         self.client = client
         self.cache = Cache()
 
-    def place(self, component: str, node: str, *, robot: str = "") -> None:
+    def place(self, component: str, node: str, *, robot: str = "", name: str = "", **fields: Any) -> None:
         labels = {Label.COMPONENT.value: component, Label.INSTANCE.value: robot}
+        meta = {"labels": labels, **fields.pop("metadata", {})}
         self.cache.pods.put(
-            "uid-1", f"{component}-{robot}", make_pod(component, node=node, metadata={"labels": labels})
+            "uid-1", f"{component}-{robot}-{name}", make_pod(component, node=node, metadata=meta, **fields)
         )
 
     async def view(self) -> dict[str, str]:
@@ -205,6 +206,47 @@ async def test_agents_are_asked_for_the_pairs_in_use_and_no_longer_when_they_are
     world.cache.forget_app("uid-1")
     await probes.publish()
     assert (await world.client.get(NODETELEMETRIES, "edge-1"))["spec"]["probe"] == []
+
+
+async def test_pairs_are_of_pods_that_live_and_of_all_replicas(world: World) -> None:
+    edges = [{"topic": "/u", "from": "operator", "to": "driver"}]
+    world.cache.update_app(app_body(edges=edges))
+    world.place("driver", "amr")
+    for name, node, fields in (
+        ("live", "edge-2", {}),
+        ("also", "edge-3", {}),
+        ("evicted", "edge-1", {"status": {"phase": "Failed"}}),
+        ("ending", "edge-4", {"metadata": {"deletionTimestamp": "2026-01-01T00:00:00Z"}}),
+        ("waits", "", {}),
+    ):
+        world.place("operator", node, name=name, **fields)
+    stored = await world.client.create(NODETELEMETRIES, {"metadata": {"name": "amr"}})
+    world.cache.telemetry["amr"] = msgspec.convert(stored, Telemetry)
+    await Probes(world.client, world.cache).publish()
+    assert (await world.client.get(NODETELEMETRIES, "amr"))["spec"]["probe"] == ["edge-2", "edge-3"]
+
+
+async def test_a_fleet_view_that_lost_a_race_is_written_by_the_next_call(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fleet = FleetView(world.client, world.cache)
+    world.cache.update_app(app_body())
+    assert await fleet.publish("default")
+    world.place("operator", "edge-1")
+    get = world.client.get
+
+    async def stale(*args: Any, **more: Any) -> Any:
+        found = await get(*args, **more)
+        await world.client.patch(
+            CONFIGMAPS, FLEET_CONFIG_MAP, {"metadata": {"annotations": {"a": "b"}}}, namespace="default"
+        )
+        return found
+
+    with monkeypatch.context() as patched:
+        patched.setattr(world.client, "get", stale)
+        assert not await fleet.publish("default")
+    assert await fleet.publish("default")
+    assert await world.view() == {"app.teleop": "driver@- operator@edge-1"}
 
 
 async def test_a_node_owns_its_telemetry_and_a_node_that_came_back_owns_it_anew(world: World) -> None:

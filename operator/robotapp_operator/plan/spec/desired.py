@@ -113,8 +113,8 @@ class App:
 
     @property
     def grace_s(self) -> float:
-        """`connectivity.grace` in seconds."""
-        return parse_us(self.spec.connectivity.grace) / 1_000_000
+        """`connectivity.grace` in seconds, of which templates are made: at most `LONGEST_S`."""
+        return min(_seconds(self.spec.connectivity.grace), LONGEST_S)
 
     @property
     def budget_for_s(self) -> float:

@@ -262,7 +262,11 @@ def _own(component: Component) -> float | None:
 
 
 def _us(text: str) -> float:
-    return float(parse_us(text))
+    """Infinite for one that is longer than int64 nanoseconds, which the schema's pattern allows."""
+    try:
+        return float(parse_us(text))
+    except ValueError:
+        return float("inf")
 
 
 def _colocated(app: App, of: Mapping[str, Sequence[int]]) -> list[Edge]:

@@ -14,7 +14,7 @@ from tests.support.factories import app_body, make_node
 from tests.support.factories import robots as robot_nodes
 
 from robotapp_api.claims.objects import Claim
-from robotapp_api.client import ApiClient, NotFound
+from robotapp_api.client import ApiClient, Forbidden, NotFound
 from robotapp_api.client.api.resources import (
     CONFIGMAPS,
     DEPLOYMENTS,
@@ -478,3 +478,42 @@ async def test_an_existing_claim_is_adopted_after_a_crash(world: World) -> None:
     await world.children.reconcile(uid, "")
     assert {domain_of(item) for item in await world.deployments()} == {"42"}
     assert len(await world.claims()) == 1
+
+
+async def test_a_refusal_of_what_is_no_longer_wanted_is_forgotten(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await world.pool()
+    uid = await world.app()
+    await world.children.reconcile(uid, "")
+    await world.mirror()
+    for claim in await world.claims():
+        world.cache.claims.put(uid, claim["metadata"]["name"], msgspec.convert(claim, Claim))
+    (record,) = world.cache.apps.values()
+    assert record.app is not None
+    wanted = [part.model_dump(mode="json", by_alias=True, exclude_defaults=True) for part in record.app.spec.components]
+    create = world.client.create
+
+    async def refused(resource: Any, body: Any, **more: Any) -> Any:
+        if resource is DEPLOYMENTS:
+            raise Forbidden("exceeded quota: q", status=403, reason="Forbidden")
+        return await create(resource, body, **more)
+
+    monkeypatch.setattr(world.client, "create", refused)
+    await world.edit("teleop", components=[*wanted, {"name": "extra", "image": "x"}])
+    assert not await world.children.reconcile(uid, "")
+    assert world.memory.of(uid).troubles[""][0] == Reason.QUOTA_REFUSED
+    await world.edit("teleop", components=wanted)
+    assert await world.children.reconcile(uid, "")
+    assert world.memory.of(uid).troubles == {}
+
+
+async def test_an_app_that_needs_no_domain_any_more_is_not_told_that_it_got_none(world: World) -> None:
+    await world.pool(ids="7")
+    await world.children.reconcile(await world.app("first"), "")
+    uid = await world.app("second")
+    await world.children.reconcile(uid, "")
+    assert world.memory.of(uid).outcomes[""].reason == Reason.DOMAIN_EXHAUSTED
+    await world.edit("second", ros={"distro": "noetic", "version": 1}, ros2=None)
+    assert await world.children.reconcile(uid, "")
+    assert world.memory.of(uid).outcomes == {}

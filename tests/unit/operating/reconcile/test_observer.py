@@ -12,7 +12,7 @@ from robotapp_api.claims.domain import DomainOutcome
 from robotapp_api.claims.objects import Claim, OwnerReference
 from robotapp_api.model.names import Label, Reason
 from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
-from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.desired import LONGEST_S, App
 from robotapp_operator.plan.spec.objects import ConfigMap, Node, ReplicaSet, Telemetry
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
 from robotapp_operator.reconcile import observer as module
@@ -268,6 +268,36 @@ def test_a_restarted_operator_counts_the_grace_from_the_condition(
     facts = world.facts(world.app(robots=ON_A, connectivity={"grace": "30s"}))
     assert facts.offline is (left_s is None)
     assert world.memory.of(UID).instance("a").facts_until_s == (left_s or float("inf"))
+
+
+@pytest.mark.parametrize(
+    ("percentile", "before_ms", "after_ms", "met"),
+    [(50, 20.0, 80.0, True), (50, 80.0, 20.0, False), (95, 30.04, 30.04, False), (95, 20.0, 40.0, True)],
+)
+def test_a_restarted_operator_keeps_the_verdict_until_another_one_has_lasted(
+    world: World, percentile: int, before_ms: float, after_ms: float, met: bool
+) -> None:
+    app = world.app(edges=[EDGE | {"latency": {"budget": "30ms", "percentile": percentile}}])
+    place(world.cache, UID, driver="amr", operator="edge-1")
+    world.measure(before_ms)
+    (edge,) = world.facts(app).edges
+    assert edge.met is met
+    shown = {**dict(zip(("kind", "topic", "from", "to"), edge.key, strict=True)), "nodes": list(edge.nodes)}
+    shown |= {"measured": True, "met": met, "p95": "30ms" if percentile == 95 and not met else f"{before_ms:g}ms"}
+    stored = wanted_object(app, "") | {"status": {"edges": [shown]}}
+    world.cache.put_instance_object(msgspec.convert(stored, AppInstance))
+    world.memory = ReconcileState()
+    world.observer = Observer(world.cache, world.memory, clock=lambda: world.now_s, on_change=lambda *_: None)
+    world.measure(after_ms)
+    (edge,) = world.facts(app).edges
+    assert edge.met is met
+
+
+def test_a_grace_longer_than_any_clock_counts_as_ten_years(world: World) -> None:
+    app = world.app(robots=ON_A, connectivity={"grace": "999999h999999h999999h"})
+    assert app.grace_s == LONGEST_S
+    world.cache.nodes["n"] = make_node("n", robot="a")
+    assert not world.facts(app).offline
 
 
 def test_another_grace_counts_at_once(world: World) -> None:
