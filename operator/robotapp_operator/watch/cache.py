@@ -376,15 +376,18 @@ class Cache:
         return self.deployments.instances(uid)
 
     def robots_with_something(self) -> set[str]:
-        """Robots for which there are Deployments of an app, or claims."""
+        """Robots for which there are claims or RobotAppInstances: those are written by us alone, a Deployment by anybody."""
         found = {claim.holder.instance for claim in self.all_claims()}
-        for uid in self.apps:
-            found |= {item.metadata.instance for item in self.deployments.of(uid).values() if owned_by(item, uid)}
+        found |= {item.spec.instance for item in self.instance_object_named.values()}
         return found - {""}
 
     def owns_something(self, uid: str, instance: str) -> bool:
-        """Whether one instance of an app has a Deployment that the app controls."""
-        return any(owned_by(item, uid) for item in self.deployments.of_instance(uid, instance).values())
+        """Whether one instance of an app runs: it has a Deployment that the app controls, and a claim or RobotAppInstance.
+
+        A tenant could make Deployments for robots that never were, and these would count as robots out of sight.
+        """
+        known = self.claims.of_instance(uid, instance) or self.instance_objects.of_instance(uid, instance)
+        return bool(known) and any(owned_by(item, uid) for item in self.deployments.of_instance(uid, instance).values())
 
     def claimed_instances(self, uid: str) -> set[str]:
         return self.claims.instances(uid)

@@ -180,6 +180,8 @@ def instance_facts(
         views.append(component_view(component, deployment, mine, missing=missing, lost=lost, barred=barred))
     domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
+    # A claim that waits for the next pod is none on a device that has gone: no pod can come to it.
+    held_devices = [claim for claim in devices if claim.standing or is_there(claim, cache.telemetry) is not False]
     wanted = sum(claims_wanted(component.devices) for component in app.spec.components)
     placed = {view.name: view.node for view in views if view.node}
     robot = cache.nodes.get(instance.node)
@@ -191,8 +193,8 @@ def instance_facts(
         needs_domain=needs_domain(app),
         undecided=needs_domain(app) and domain is None and outcome is None and not instance.problem,
         devices_wanted=wanted,
-        devices_held=len(devices),
-        busy=_device_conflict(app, instance, cache) if len(devices) < wanted else "",
+        devices_held=min(len(held_devices), wanted),
+        busy=_device_conflict(app, instance, cache) if len(held_devices) < wanted else "",
         claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
         trouble=trouble,
@@ -225,16 +227,21 @@ def _since(lost: Lost | None) -> str:
 def _lost_devices(
     claims: Iterable[Claim], pods: Mapping[str, list[Pod]], deployments: Iterable[Deployment], cache: Cache
 ) -> tuple[LostDevice, ...]:
-    """Lost devices, except on nodes that are not Ready: their last report may be old, and the status shows the node's state."""
+    """Lost devices. On nodes that are not Ready only those that were lost before: their last report may be old, and the status
+    shows the node's state.
+    """
+    recorded: dict[str, str] = {}
+    for item in deployments:
+        recorded |= parse_record(item.metadata.annotations.get(Annotation.LOST_DEVICES, ""))
+    known = set(recorded.values())
     users = [
         pod.metadata.uid
         for mine in pods.values()
         for pod in mine
-        if not pod.terminal and pod.metadata.deletion_timestamp is None and not cache.nodes.lost(pod.spec.node_name)
+        if not pod.terminal
+        and pod.metadata.deletion_timestamp is None
+        and (pod.metadata.uid in known or not cache.nodes.lost(pod.spec.node_name))
     ]
-    recorded: dict[str, str] = {}
-    for item in deployments:
-        recorded |= parse_record(item.metadata.annotations.get(Annotation.LOST_DEVICES, ""))
     return lost_devices(claims, cache.telemetry, users=users, recorded=recorded)
 
 

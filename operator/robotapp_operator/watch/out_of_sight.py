@@ -6,15 +6,46 @@ node only after `connectivity.grace`, counted anew by every process, and not whi
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping
-from typing import Final
+from collections.abc import Callable, Iterator, Mapping
+from typing import Final, NamedTuple
 
+from robotapp_api.model.names import Label
 from robotapp_api.model.robots import Robots
+from robotapp_api.values.selector import matches_requirement
 from robotapp_operator.plan.spec.desired import App
 
 MANY_MISSING_S: Final = 10.0
 """Interval of checks of an instance whose grace is over while too many robots are missing."""
 _NOTHING: Final = frozenset[str]()
+
+
+class Requirement(NamedTuple):
+    """One requirement on a node's labels."""
+
+    key: str
+    operator: str
+    values: tuple[str, ...]
+
+
+def _selected(robot: str, robots: Robots | None, before: "Missing") -> bool:
+    """Does spec.robots still select a robot that has no node? What it wanted before of other labels than the robot's, its node had."""
+    if before.robots == robots:
+        return robot not in before.ended
+    if before.robots is None or robots is None or before.robots.assignment != robots.assignment:
+        return False
+    had = set(_requirements(before.robots))
+    return all(
+        matches_requirement(wanted, robot) if wanted.key == Label.ROBOT else wanted in had
+        for wanted in _requirements(robots)
+    )
+
+
+def _requirements(robots: Robots) -> Iterator[Requirement]:
+    selector = robots.node_selector
+    for key, value in selector.match_labels.items():
+        yield Requirement(key, "In", (value,))
+    for one in selector.match_expressions:
+        yield Requirement(one.key, one.operator, one.values)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -39,7 +70,7 @@ class OutOfSight:
     def kept(self, app: App, missing: frozenset[str], *, too_many: Callable[[], bool]) -> frozenset[str]:
         """Of the robots that are `missing` now, those whose instances are kept.
 
-        A change of spec.robots by the user ends instances at once. too_many: whether no instance may end because of its
+        A change of spec.robots by the user that no longer selects a robot ends its instance at once. too_many: whether no instance may end because of its
         node now; called only when one is about to.
         """
         robots, before = app.spec.robots, self._apps.get(app.uid)
@@ -48,7 +79,7 @@ class OutOfSight:
                 self._apps[app.uid] = Missing(robots)
             return _NOTHING
         before = before or Missing(robots)
-        ended = missing if before.robots != robots else before.ended & missing
+        ended = frozenset(robot for robot in missing if not _selected(robot, robots, before))
         now = self._clock()
         since = {robot: before.since.get(robot, now) for robot in missing - ended}
         self._apps[app.uid] = Missing(robots, since, ended)

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 from tests.support.controlling import World
-from tests.support.factories import app_body, make_node, robots
+from tests.support.factories import app_body, domain_claim, make_node, robots
 
 from robotapp_api.claims.objects import OwnerReference
 from robotapp_api.model.names import API_VERSION, Label
@@ -63,6 +63,7 @@ async def test_a_robot_out_of_sight_keeps_what_is_remembered_of_it_and_is_looked
     owner = OwnerReference(api_version=API_VERSION, kind="RobotApp", uid="uid-1", controller=True)
     meta = Meta(name="d", labels={Label.INSTANCE.value: "b"}, owner_references=(owner,))
     world.cache.deployments.put("uid-1", "default/d", Deployment(metadata=meta))
+    world.cache.claims.put("uid-1", "c", domain_claim(7, instance="b"))
     world.memory.of("uid-1").held["b"] = ("x",)
     del world.cache.nodes["n-b"]
     robots_key = Key(Work.ROBOTS, "uid-1")

@@ -77,7 +77,9 @@ class World:
         return (await self.client.list(DEPLOYMENTS)).items
 
     async def mirror(self) -> None:
-        """Put the children into the cache, as the informers do."""
+        """Put children and claims into the cache, as the informers do."""
+        for claim in (await self.client.list(ROBOTCLAIMS, as_type=Claim)).items:
+            self.cache.claims.put(claim.holder.uid, claim.name, claim)
         for item in (await self.client.list(DEPLOYMENTS, as_type=Deployment)).items:
             self.cache.deployments.put(item.metadata.labels[Label.APP_UID], item.metadata.name, item)
         for service in (await self.client.list(SERVICES, as_type=Service)).items:
@@ -487,8 +489,6 @@ async def test_a_refusal_of_what_is_no_longer_wanted_is_forgotten(
     uid = await world.app()
     await world.children.reconcile(uid, "")
     await world.mirror()
-    for claim in await world.claims():
-        world.cache.claims.put(uid, claim["metadata"]["name"], msgspec.convert(claim, Claim))
     (record,) = world.cache.apps.values()
     assert record.app is not None
     wanted = [part.model_dump(mode="json", by_alias=True, exclude_defaults=True) for part in record.app.spec.components]

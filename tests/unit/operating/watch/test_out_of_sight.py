@@ -8,6 +8,7 @@ from tests.support.factories import app_body, domain_claim, make_app, make_deplo
 
 from robotapp_api.claims.objects import Holder, OwnerReference
 from robotapp_api.model.names import Label
+from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import problems_now, wanted_instances
@@ -30,6 +31,7 @@ class World:
         self.bring(*self.names)
         for name in self.names:
             self.deploy(self.app, name)
+            self.show(self.app, name)
 
     def restart(self) -> None:
         """The caches of a new process are full before it works; what it remembers is gone."""
@@ -48,6 +50,12 @@ class World:
         labels = {Label.APP_UID.value: app.uid, Label.INSTANCE.value: robot}
         meta = msgspec.structs.replace(found.metadata, labels=labels, owner_references=(owner,) if owned else ())
         self.cache.deployments.put(app.uid, f"default/d-{robot}", msgspec.structs.replace(found, metadata=meta))
+
+    def show(self, app: App, robot: str) -> None:
+        """As the operator does for an instance that it has started."""
+        shown = wanted_object(app, robot)
+        shown["metadata"]["uid"] = f"shown-{app.uid}-{robot}"
+        self.cache.put_instance_object(msgspec.convert(shown, AppInstance))
 
     def instances(self, *, after_s: float = 0.0) -> list[str]:
         self.now_s += after_s
@@ -182,6 +190,43 @@ def test_a_deployment_that_only_wears_labels_makes_no_instance() -> None:
     world = World("a")
     world.deploy(world.app, "ghost", owned=False)
     assert world.instances() == ["a"]
+
+
+def only(*names: str, **labels: str) -> dict[str, Any]:
+    expressions = [{"key": Label.ROBOT.value, "operator": "In", "values": list(names)}]
+    return {"nodeSelector": {"matchExpressions": expressions, "matchLabels": labels}}
+
+
+@pytest.mark.parametrize(
+    ("robots", "kept"),
+    [
+        (only("a", "b", "c", "d"), True),
+        (only("a", "c"), True),
+        (only("a", "b"), False),
+        (only("a", "c", hall="2"), False),
+        (only("a", "c") | {"assignment": "Any"}, False),
+    ],
+)
+def test_an_edit_of_the_selector_ends_no_instance_of_a_robot_out_of_sight_that_it_still_selects(
+    robots: dict[str, Any], kept: bool
+) -> None:
+    world = World("a", "b", "c")
+    world.app = make_app(robots=only("a", "b", "c"), generation=2)
+    assert world.instances() == ["a", "b", "c"]
+    world.take("c")
+    assert world.missing() == ["c"]
+    world.app = make_app(robots=robots, generation=3)
+    assert ("c" in world.instances()) is kept
+
+
+def test_deployments_for_robots_that_never_were_make_no_instances_and_hold_up_no_end() -> None:
+    world = World("a", "b", "c")
+    for number in range(9):
+        world.deploy(world.app, f"ghost-{number}")
+    assert world.instances() == ["a", "b", "c"]
+    world.take("c")
+    assert world.instances() == ["a", "b", "c"]
+    assert world.instances(after_s=300) == ["a", "b"]
 
 
 def test_an_app_all_of_whose_robots_are_out_of_sight_is_still_accepted_so_that_it_follows_its_user() -> None:
