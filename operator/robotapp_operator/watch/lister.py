@@ -180,8 +180,7 @@ def instance_facts(
         views.append(component_view(component, deployment, mine, missing=missing, lost=lost, barred=barred))
     domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
-    # A claim that waits for the next pod is none on a device that has gone: no pod can come to it.
-    held_devices = [claim for claim in devices if claim.standing or is_there(claim, cache.telemetry) is not False]
+    having = _having(devices, cache)
     wanted = sum(claims_wanted(component.devices) for component in app.spec.components)
     placed = {view.name: view.node for view in views if view.node}
     robot = cache.nodes.get(instance.node)
@@ -193,8 +192,8 @@ def instance_facts(
         needs_domain=needs_domain(app),
         undecided=needs_domain(app) and domain is None and outcome is None and not instance.problem,
         devices_wanted=wanted,
-        devices_held=min(len(held_devices), wanted),
-        busy=_device_conflict(app, instance, cache) if len(held_devices) < wanted else "",
+        devices_held=min(having, wanted),
+        busy=_device_conflict(app, instance, cache) if having < wanted else "",
         claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
         trouble=trouble,
@@ -222,6 +221,11 @@ def _grace(app: App, lost: Lost | None, *, now_s: float) -> Grace | None:
 
 def _since(lost: Lost | None) -> str:
     return whole_seconds(lost.since) if lost else ""
+
+
+def _having(claims: Iterable[Claim], cache: Cache) -> int:
+    """How many of the claimed devices the instance has: a claim that waits for the next pod is none on a device that has gone."""
+    return sum(claim.standing or is_there(claim, cache.telemetry) is not False for claim in claims)
 
 
 def _lost_devices(
