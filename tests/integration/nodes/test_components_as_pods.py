@@ -111,6 +111,7 @@ def robotapp(cp: RealNodes, *arguments: str) -> subprocess.CompletedProcess[str]
     """kubectl robotapp as a tenant, who has no right at first. Its way to the scheduler is a port-forward."""
     environment = {
         "KUBECONFIG": str(cp.kubeconfig("tenant-b")),
+        "HOME": str(cp.run_dir),  # kubectl keeps what it discovers there
         "PATH": f"{cp.run_dir / 'bin'}:/usr/bin:/bin",
         "COLUMNS": "200",
         "PYTHONIOENCODING": "utf-8",
