@@ -45,8 +45,7 @@ def _stays_for_good(pod: Pod) -> bool:
     """Does the pod tolerate that its node is silent, without an end? Of several tolerations the first that matches counts, as for
     Kubernetes' eviction by taints; a pod without any has one of 300 s from the API server.
     """
-    matching = (each for each in pod.spec.tolerations if tolerates(each, EVICTING))
-    first = next(matching, None)
+    first = next((each for each in pod.spec.tolerations if tolerates(each, EVICTING)), None)
     return first is not None and first.toleration_seconds is None
 
 

@@ -5,12 +5,10 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from ros_profile.model.launch import UNKNOWN_TEXT, Include, LaunchArgument, StartedNode
+from ros_profile.read.python.syntax import MAX_BITS
 
 MAX_TEXT: Final = 2000
 """Of one value; nothing that names a node, a file or a topic is longer."""
-
-MAX_BITS: Final = 64
-"""Of a number: Python writes no number of more than some thousand digits, and no parameter has one."""
 
 
 class Unknown:

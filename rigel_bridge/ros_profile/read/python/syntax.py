@@ -10,6 +10,8 @@ from ros_profile.model.facts import Problem
 from ros_profile.read.text import MAX_LINE, decode, printable
 
 MAX_NODES: Final = 300_000
+MAX_BITS: Final = 64
+"""Of a number: Python writes no number of more than some thousand digits, and no parameter has one."""
 
 Walked = tuple[ast.AST, str, str]
 """A node with the class and the function it stands in."""

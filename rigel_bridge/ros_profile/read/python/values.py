@@ -7,13 +7,11 @@ from typing import Final
 
 from ros_profile.knowledge.qos_presets import PRESETS, preset, with_depth
 from ros_profile.model.endpoints import PARAMETER_MARK, Qos
-from ros_profile.read.python.syntax import Walked, dotted
+from ros_profile.read.python.syntax import MAX_BITS, Walked, dotted
 
 MAX_STEPS: Final = 12
 MAX_TEXT: Final = 500
 MAX_EVALUATIONS: Final = 200_000
-MAX_BITS: Final = 64
-"""Of a number: Python writes no number of more than some thousand digits, and no parameter has one."""
 _PARAMETER_CALLS: Final = frozenset({"get_parameter", "declare_parameter", "get_param", "get_parameter_or"})
 _PRESET: Final = "qos_profile_"
 """Before the name of a preset of rmw, as rclpy.qos exports it."""
