@@ -25,24 +25,25 @@ async def ensure_domain(
     client: Api,
     request: DomainRequest,
     *,
+    app: App | None = None,
     deployments: Sequence[Deployment] | None = None,
     shared_uses: Mapping[int, int] | None = None,
     known_claims: Callable[[], Iterable[Claim]] = tuple,
 ) -> DomainOutcome:
     """The domain of one app instance: kept, adopted, created, joined, or a value with the reason why there is none.
 
-    deployments: the instance's Deployments when the caller has them (a cache will do: their resourceVersion fences the
-    template write); read here otherwise. shared_uses: users per shared id, for isolation Discovery. known_claims: from a
-    cache, see `create_domain`.
+    app: the holder when the caller has just read it with a quorum; read here otherwise. deployments: the instance's when
+    the caller has them (a cache will do: their resourceVersion fences the template write); read here otherwise.
+    shared_uses: users per shared id, for isolation Discovery. known_claims: from a cache, see `create_domain`.
     Raises ApiError or Unreachable; a claim whose create got no answer is found and adopted by the next call.
     """
     for _ in range(RESTARTS):
         try:
             return await _ensure_once(
-                client, request, deployments=deployments, shared_uses=shared_uses or {}, known_claims=known_claims
+                client, request, app, deployments, shared_uses=shared_uses or {}, known_claims=known_claims
             )
         except Refused:
-            deployments = None
+            app = deployments = None
     return DomainOutcome(Reason.PENDING, "another operator works on this app; trying again")
 
 
@@ -89,13 +90,14 @@ async def _own_at(
 async def _ensure_once(
     client: Api,
     request: DomainRequest,
-    *,
+    app: App | None,
     deployments: Sequence[Deployment] | None,
+    *,
     shared_uses: Mapping[int, int],
     known_claims: Callable[[], Iterable[Claim]],
 ) -> DomainOutcome:
     holder = request.holder
-    app = await find_app(client, (holder.namespace, holder.name))
+    app = app or await find_app(client, (holder.namespace, holder.name))
     if app is None or app.metadata.uid != holder.uid:
         return DomainOutcome(Reason.PENDING, f"RobotApp {holder.namespace}/{holder.name} is gone", gone=True)
     if deployments is None:

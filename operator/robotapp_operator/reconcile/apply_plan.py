@@ -236,6 +236,8 @@ async def _name_taken(client: ApiClient, app: App, change: Change) -> tuple[Reas
         meta = msgspec.convert(live["metadata"], Meta)
         owner = next((owner for owner in meta.owner_references if owner.controller), None)
         if owner is not None and owner.uid == app.uid:
+            if change.child.labels.items() <= meta.labels.items():
+                raise StartOver(f"{ref.kind} {ref.name} was not in the cache yet")
             patch = {"metadata": {"labels": change.child.labels, "resourceVersion": meta.resource_version}}
             await client.patch(resource, ref.name, patch, namespace=app.namespace)
             raise StartOver(f"{ref.kind} {ref.name} had lost its labels")

@@ -7,7 +7,7 @@ carries the Deployment's resourceVersion as it was before the claims were listed
 import logging
 from collections import Counter
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
@@ -16,6 +16,7 @@ from robotapp_api.claiming.domains import ensure_domain
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Fence, check_request, quota_of
 from robotapp_api.claims.identity import holder_of_app
 from robotapp_api.claims.instances import Instance, robot_of
+from robotapp_api.claims.objects import App as ClaimsApp
 from robotapp_api.claims.objects import Deployment as ClaimsDeployment
 from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.api.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SERVICES
@@ -80,7 +81,7 @@ class Children:
             return True
         for turn in range(TURNS):
             try:
-                return await self._turn(uid, robot)
+                return await self._turn(uid, robot, unread=turn == 0 and self._seems_new(uid, robot))
             except StartOver as race:
                 log.info("instance %s of %s: %s", robot, uid, race)
                 if turn == TURNS - 1:
@@ -175,10 +176,19 @@ class Children:
             self._memory.of(uid).outcomes[robot] = full
         return full is not None
 
-    async def _turn(self, uid: str, robot: str) -> bool:
-        record = await self._fresh(uid)
-        if record is None:
+    def _seems_new(self, uid: str, robot: str) -> bool:
+        """Whether this process sees nothing of the instance, and has never taken a domain for it."""
+        return robot not in self._memory.of(uid).outcomes and not self._cache.children(uid, robot)
+
+    async def _turn(self, uid: str, robot: str, *, unread: bool) -> bool:
+        """One pass over rule 5. unread: take it that nothing of the instance is there, without the lists that would show it.
+
+        A Deployment that is there all the same refuses its creation, as one does that another operator creates after the lists.
+        """
+        fresh = await self._fresh(uid)
+        if fresh is None:
             return True
+        record, body = fresh
         app = record.app
         if app is None:
             return await self._stop_if_suspended(record, robot)
@@ -186,7 +196,7 @@ class Children:
         instance = find_instance(wanted_instances(app, self._cache), robot)
         if instance is not None and problems_now(app, self._cache):
             return await self._stop_if_suspended(record, robot)
-        observed = await self._observe(record, robot)
+        observed = {} if unread else await self._observe(record, robot)
         if instance is not None and _must_not_start(instance, observed):
             return True
         fences = {
@@ -204,6 +214,7 @@ class Children:
         outcome = await ensure_domain(
             self._client,
             domain_request(app, instance, scope_value=self._scope_value(app, instance)),
+            app=msgspec.convert(body, ClaimsApp),
             deployments=[protocol_view(item) for item in observed.values() if isinstance(item, Deployment)],
             shared_uses=self._shared_uses(app),
             known_claims=self._cache.all_claims,
@@ -272,8 +283,8 @@ class Children:
     def _chosen(app: App, robot: str, nodes: Mapping[str, Node]) -> bool:
         return any(robot_of(node) == robot for node in allowed_robots(app, nodes))
 
-    async def _fresh(self, uid: str) -> Record | None:
-        """The app as it is now; None when it is gone, going, or replaced by another."""
+    async def _fresh(self, uid: str) -> tuple[Record, dict[str, Any]] | None:
+        """The app as it is now, with what was read; None when it is gone, going, or replaced by another."""
         known = self._cache.apps.get(uid)
         if known is None:
             return None
@@ -290,7 +301,7 @@ class Children:
         record = self._cache.update_app(body)
         if uid not in self._cache.apps:  # its DELETED event was faster than this answer
             return None
-        return None if record.deleting else record
+        return None if record.deleting else (record, body)
 
     def _gone(self, record: Record) -> None:
         self._cache.forget_app(record.uid)

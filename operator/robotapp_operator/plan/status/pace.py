@@ -17,7 +17,9 @@ CROWD_REST_S: Final = 0.5
 """Such a pause has so many seconds per app that starts: together they show their progress twice per second."""
 MOST_START_REST_S: Final = 30.0
 START_S: Final = 60.0
-"""An app that is not Ready after so long does not count as one that starts: it may be stuck, and for ever."""
+"""An app whose start has shown nothing new for so long does not count as one that starts: it may be stuck, and for ever."""
+LONGEST_START_S: Final = 600.0
+"""Nor does one that began longer ago: a few apps that never get ready must not slow what is shown of all others."""
 SETTLED_S: Final = 0.5
 """An urgent change is written when it has lasted this long: a starting pod passes through states that end at once."""
 URGENT_REST_S: Final = 1.0
@@ -52,33 +54,41 @@ _STEPS = frozenset(
 
 
 class Crowd:
-    """The apps that start now: their first status was written within `START_S`, and all that came since was progress."""
+    """The apps that start now: all that was found of them since their first status was progress, the last within `START_S`.
+
+    On a slow machine a crowd takes minutes. Apps that left it after one would then write their progress as often as one alone.
+    """
 
     def __init__(self) -> None:
-        self._until_s: dict[str, float] = {}
-        """By uid, the earliest first."""
+        self._seen: dict[str, tuple[float, float]] = {}
+        """By uid: when the app's start was last seen to go on, the longest ago first, and when it began."""
 
     def __repr__(self) -> str:
-        return f"Crowd({len(self._until_s)})"
+        return f"Crowd({len(self._seen)})"
 
     def note(self, uid: str, *, starts: bool, begins: bool, now_s: float) -> int:
-        """How many apps start, now that this app does or does not. begins: it has no status yet, or one of an older generation."""
-        if begins or not starts:
-            self.leave(uid)
-        if begins and starts:
-            self._until_s[uid] = now_s + START_S
-        return self.size(now_s)
+        """How many apps start, now that this app, whose status has changed, does or does not.
+
+        begins: it has no status yet, or one of an older generation.
+        """
+        self.size(now_s)
+        _, began_s = self._seen.pop(uid, (now_s, float("-inf")))
+        if begins:
+            began_s = now_s
+        if starts and now_s - began_s < LONGEST_START_S:
+            self._seen[uid] = now_s, began_s
+        return len(self._seen)
 
     def leave(self, uid: str) -> None:
-        self._until_s.pop(uid, None)
+        self._seen.pop(uid, None)
 
     def size(self, now_s: float) -> int:
-        while self._until_s:
-            uid, until_s = next(iter(self._until_s.items()))
-            if until_s > now_s:
+        while self._seen:
+            uid, (seen_s, _) = next(iter(self._seen.items()))
+            if now_s - seen_s < START_S:
                 break
-            del self._until_s[uid]
-        return len(self._until_s)
+            del self._seen[uid]
+        return len(self._seen)
 
 
 @dataclasses.dataclass(slots=True)

@@ -115,6 +115,28 @@ async def test_the_claim_exists_before_the_first_deployment(world: World) -> Non
     assert world.memory.of(uid).new_domains == {"": claim["spec"]["domain"]["id"]}
 
 
+async def test_a_new_app_is_read_once_and_children_that_cannot_be_there_are_not_listed(world: World) -> None:
+    await world.pool()
+    uid = await world.app()
+    world.api.requests.clear()
+    assert await world.children.reconcile(uid, "")
+    reads = [path.partition("?")[0].split("/")[-1] for method, path in world.api.requests if method == "GET"]
+    assert reads == ["teleop", "default", "robotclaims"]
+
+
+async def test_children_that_a_late_watch_has_not_shown_are_kept_as_they_are(world: World) -> None:
+    await world.pool()
+    uid = await world.app()
+    await world.children.reconcile(uid, "")
+    before, (claim,) = await world.deployments(), await world.claims()
+    world.memory.forget(uid)  # the next operator, which has seen the app and nothing else
+    world.api.requests.clear()
+    assert await world.children.reconcile(uid, "")
+    assert await world.deployments() == before
+    assert [item["metadata"]["uid"] for item in await world.claims()] == [claim["metadata"]["uid"]]
+    assert [method for method, _ in world.api.requests].count("POST") == 1  # one creation, refused
+
+
 async def test_a_second_run_writes_nothing(world: World) -> None:
     await world.pool()
     uid = await world.app()

@@ -7,6 +7,7 @@ import pytest
 from robotapp_operator.plan.status.pace import (
     BURST,
     CROWD_REST_S,
+    LONGEST_START_S,
     MOST_START_REST_S,
     PROGRESS_REST_S,
     SETTLED_S,
@@ -79,7 +80,7 @@ def test_an_instance_in_a_crowd_shows_its_progress_later_and_what_is_urgent_as_s
     assert Writing(written_s=990).due_s(1000, moved=True, urgent=True, ready=True, starting=1000) == 1000
 
 
-def test_apps_start_together_until_each_has_arrived_is_gone_or_takes_too_long() -> None:
+def test_apps_start_together_until_each_has_arrived_is_gone_or_shows_nothing_new_for_too_long() -> None:
     crowd = Crowd()
     for number in range(4):
         assert crowd.note(f"uid-{number}", starts=True, begins=True, now_s=1000 + number) == number + 1
@@ -91,6 +92,23 @@ def test_apps_start_together_until_each_has_arrived_is_gone_or_takes_too_long() 
     assert crowd.note("uid-2", starts=True, begins=True, now_s=1050) == 2  # edited: it begins anew
     assert crowd.size(1003 + START_S) == 1
     assert crowd.size(1050 + START_S) == 0
+
+
+def test_on_a_slow_machine_a_crowd_stays_one_for_longer_than_a_minute() -> None:
+    crowd = Crowd()
+    for second in range(0, 180, 30):  # each step of a start comes after half a minute
+        for number in range(60):
+            crowd.note(f"uid-{number}", starts=True, begins=second == 0, now_s=1000 + second)
+    assert crowd.size(1179) == 60
+    assert crowd.size(1150 + START_S) == 0
+    assert crowd.note("uid-0", starts=True, begins=False, now_s=1150 + START_S) == 0
+
+
+def test_an_app_whose_start_never_ends_does_not_count_for_ever() -> None:
+    crowd, seconds = Crowd(), range(0, int(2 * LONGEST_START_S), 10)
+    sizes = {second: crowd.note("uid-0", starts=True, begins=second == 0, now_s=1000 + second) for second in seconds}
+    assert sizes == {second: int(second < LONGEST_START_S) for second in seconds}
+    assert crowd.note("uid-0", starts=True, begins=True, now_s=1000 + 2 * LONGEST_START_S) == 1  # edited
 
 
 def test_neither_an_app_that_is_refused_nor_one_whose_start_was_not_seen_counts_as_starting() -> None:
