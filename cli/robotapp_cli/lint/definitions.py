@@ -14,7 +14,7 @@ from robotapp_api.model.base import Model
 from robotapp_api.model.names import API_VERSION
 from robotapp_api.model.pool import DomainPool
 from robotapp_api.model.robotapp import RobotApp
-from robotapp_api.model.scalars import LABEL_PATTERN, SUBDOMAIN_PATTERN
+from robotapp_api.model.scalars import LABEL_PATTERN, LABEL_VALUE_PATTERN, SUBDOMAIN_PATTERN
 from robotapp_api.schema.crd import schema_of
 from robotapp_cli.lint.cel_rules import RULES
 
@@ -31,7 +31,6 @@ _KEPT: Final[tuple[str, ...]] = (
 _NEVER_MEANT: Final = frozenset({"initContainers"})
 """Fields whose members lint never names as the place that an unknown field was meant for: they repeat the component's own fields and have rare ones."""
 
-_LABEL_VALUE: Final = r"^(([A-Za-z0-9][-A-Za-z0-9_.]*)?[A-Za-z0-9])?$"
 _MAP: Final = {"type": "object", "additionalProperties": {"type": "string"}}
 _METADATA: Final[Schema] = {
     "type": "object",
@@ -43,7 +42,7 @@ _METADATA: Final[Schema] = {
         "namespace": {"type": "string", "maxLength": 63, "pattern": LABEL_PATTERN},
         "labels": {
             "type": "object",
-            "additionalProperties": {"type": "string", "maxLength": 63, "pattern": _LABEL_VALUE},
+            "additionalProperties": {"type": "string", "maxLength": 63, "pattern": LABEL_VALUE_PATTERN},
         },
         "annotations": _MAP,
         "finalizers": {"type": "array", "items": {"type": "string"}},

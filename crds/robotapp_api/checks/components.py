@@ -11,7 +11,7 @@ from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.component import Component
 from robotapp_api.model.names import GPU, PARAMETERS_VOLUME, WAITING_STEP
 from robotapp_api.model.robots import LABEL_KEY
-from robotapp_api.values.label_key import key_problem
+from robotapp_api.values.label_key import key_problem, value_problem
 from robotapp_api.values.quantity import parse_milli
 
 SET_FOR_ALL: Final = {
@@ -31,7 +31,7 @@ def component_problems(component: Component, at: str, *, ros_version: int) -> It
     yield from _device_problems(component, at)
     yield from _ready_problems(component, at, ros_version=ros_version)
     yield from _init_container_problems(component, at)
-    yield from _key_problems(component, at)
+    yield from _label_problems(component, at)
     for index, volume in enumerate(component.template.spec.volumes):
         if volume.get("name") == PARAMETERS_VOLUME:
             yield invalid(
@@ -92,15 +92,15 @@ def _init_container_problems(component: Component, at: str) -> Iterator[Problem]
             )
 
 
-def _key_problems(component: Component, at: str) -> Iterator[Problem]:
-    """Keys of the pods that the schema lets through, which leaves out lengths, and for which the API server refuses the Deployment."""
+def _label_problems(component: Component, at: str) -> Iterator[Problem]:
+    """Labels and annotations of the pods that the schema lets through, which leaves out lengths, and for which the API server refuses the Deployment."""
     metadata = component.template.metadata
     for field, keys in (("labels", metadata.labels), ("annotations", metadata.annotations)):
         for key in keys:
             if re.fullmatch(LABEL_KEY, key) and (problem := key_problem(key)):
                 yield invalid(f"{at}.template.metadata.{field}", problem)
-    for key in component.template.spec.node_selector:
-        if problem := key_problem(key):
+    for key, value in component.template.spec.node_selector.items():
+        if problem := key_problem(key) or value_problem(value):
             yield invalid(f"{at}.template.spec.nodeSelector", problem)
 
 

@@ -7,6 +7,7 @@ from pydantic import Field, StringConstraints, WithJsonSchema
 from robotapp_api.model.base import Model
 from robotapp_api.model.markers import Core, Rule
 from robotapp_api.model.robots import LABEL_KEY
+from robotapp_api.model.scalars import LABEL_VALUE_PATTERN
 
 Json = dict[str, Any]
 JsonList = tuple[Json, ...]
@@ -23,7 +24,7 @@ _FREE_KEYS = (
         reason="FieldValueForbidden",
     ),
 )
-LabelValue = Annotated[str, StringConstraints(max_length=63, pattern=r"^(([A-Za-z0-9][-A-Za-z0-9_.]*)?[A-Za-z0-9])?$")]
+LabelValue = Annotated[str, StringConstraints(max_length=63, pattern=LABEL_VALUE_PATTERN)]
 _OBJECTS: dict[str, Any] = {
     "type": "array",
     "maxItems": 16,

@@ -7,7 +7,7 @@ from robotapp_api.claims.identity import granted_domain
 from robotapp_api.client import AlreadyExists, ApiClient, Conflict, NotFound
 from robotapp_api.client.api.resources import CONFIGMAPS
 from robotapp_api.model.names import FLEET_CONFIG_MAP, OPERATOR_MANAGER, Annotation, Label
-from robotapp_operator.plan.status.fleet import Assignment, fleet_lines, shards
+from robotapp_operator.plan.status.fleet import MAX_SHARDS, Assignment, fleet_lines, shards
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import cached_domain, problems_now, wanted_instances
 
@@ -35,6 +35,8 @@ class FleetView:
         if pieces == before:
             return True
         count = max(len(pieces), len(before or ()), 1)
+        while before is None and await self._live(namespace, count):  # an operator before this one needed more
+            count += 1
         done = [
             await self._put(namespace, index, pieces[index] if index < len(pieces) else None) for index in range(count)
         ]
@@ -71,11 +73,7 @@ class FleetView:
 
     async def _put(self, namespace: str, index: int, data: dict[str, str] | None) -> bool:
         """False after a lost race."""
-        name = FLEET_CONFIG_MAP if index == 0 else f"{FLEET_CONFIG_MAP}-{index + 1}"
-        try:
-            live: dict[str, Any] | None = await self._client.get(CONFIGMAPS, name, namespace=namespace)
-        except NotFound:
-            live = None
+        name, live = _name(index), await self._live(namespace, index)
         if live and (live["metadata"].get("labels") or {}).get(Label.MANAGED_BY) != OPERATOR_MANAGER:
             log.warning("ConfigMap %s/%s is not ours, the fleet view is not written", namespace, name)
             return True
@@ -87,6 +85,16 @@ class FleetView:
             log.info("fleet view of %s: %s", namespace, race)
             return False
         return True
+
+    async def _live(self, namespace: str, index: int) -> dict[str, Any] | None:
+        """The stored ConfigMap; None also beyond those that an operator may write."""
+        if index >= MAX_SHARDS:
+            return None
+        try:
+            found: dict[str, Any] = await self._client.get(CONFIGMAPS, _name(index), namespace=namespace)
+        except NotFound:
+            return None
+        return found
 
     async def _write(self, namespace: str, name: str, live: dict[str, Any] | None, data: dict[str, str] | None) -> None:
         if data is None:
@@ -103,3 +111,7 @@ class FleetView:
             await self._client.replace(CONFIGMAPS, {"metadata": metadata, "data": data})
         else:
             await self._client.create(CONFIGMAPS, {"metadata": metadata, "data": data})
+
+
+def _name(index: int) -> str:
+    return FLEET_CONFIG_MAP if index == 0 else f"{FLEET_CONFIG_MAP}-{index + 1}"

@@ -14,7 +14,7 @@ from tests.support.factories import app_body, domain_claim, make_node, make_pod,
 from robotapp_api.claims.objects import Pool
 from robotapp_api.client import ApiClient, NotFound
 from robotapp_api.client.api.resources import CONFIGMAPS, DOMAINPOOLS, NODETELEMETRIES, PODS, ROBOTCLAIMS
-from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULING_GATE, Label
+from robotapp_api.model.names import FLEET_CONFIG_MAP, OPERATOR_MANAGER, SCHEDULING_GATE, Label
 from robotapp_api.serving.access import Access, Caller
 from robotapp_api.serving.tls import TlsPort, loaded
 from robotapp_operator.health import Health
@@ -168,6 +168,18 @@ async def test_the_fleet_view_goes_with_the_last_app_and_comes_back_when_deleted
     world.cache.forget_app("uid-1")
     await fleet.publish("default")
     assert (await world.client.list(CONFIGMAPS)).items == []
+
+
+async def test_config_maps_that_an_operator_before_this_one_needed_are_deleted(world: World) -> None:
+    ours = {Label.MANAGED_BY.value: OPERATOR_MANAGER}
+    for suffix, labels in (("", ours), ("-2", ours), ("-3", ours), ("-4", {})):
+        meta = {"name": f"{FLEET_CONFIG_MAP}{suffix}", "namespace": "default", "labels": labels}
+        await world.client.create(CONFIGMAPS, {"metadata": meta, "data": {"app.old": "domain=3"}})
+    world.cache.update_app(app_body())
+    assert await FleetView(world.client, world.cache).publish("default")
+    left = {item["metadata"]["name"] for item in (await world.client.list(CONFIGMAPS)).items}
+    assert left == {FLEET_CONFIG_MAP, f"{FLEET_CONFIG_MAP}-4"}, "the last one is somebody else's"
+    assert await world.view() == {"app.teleop": "driver@- operator@-"}
 
 
 async def test_bare_annotated_pods_are_shown_others_are_not(world: World) -> None:

@@ -296,6 +296,23 @@ def test_a_key_for_which_the_api_server_would_refuse_the_deployment_is_refused()
     assert message.endswith("has 64 characters; write at most 63")
 
 
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        ("-amr", "begin and end with a letter or digit"),
+        ("a b", '"a b" is no value'),
+        ("v" * 64, "has 64 characters; write at most 63"),
+    ],
+)
+def test_a_value_of_a_node_selector_that_no_label_can_have_is_refused(value: str, says: str) -> None:
+    template = {
+        "spec": {"nodeSelector": {"kubernetes.io/arch": "arm64", "example.com/empty": "", "example.com/kind": value}}
+    }
+    _, field, message = only_problem(make_app(component("a", template=template)))
+    assert field == "spec.components[0].template.spec.nodeSelector"
+    assert says in message
+
+
 def test_annotations_of_the_template_take_room_from_inline_files() -> None:
     file = {"inline": f"/**: {{ros__parameters: {{v: {'x' * 60_000}}}}}"}
     template = {"metadata": {"annotations": {f"example.com/{number}": "x" * 4000 for number in range(8)}}}
