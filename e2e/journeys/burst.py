@@ -6,7 +6,7 @@ from typing import Any
 
 from journeys.stage import Stage, wait_for
 from journeys.world import World, is_ready
-from robotapp_testbed.process import wait_until
+from robotapp_testbed.processes.process import wait_until
 
 _APPS = 50
 _READY_LIMIT_S = 300.0

@@ -8,8 +8,8 @@ import yaml
 
 from journeys.stage import Stage, wait_for
 from journeys.world import NAMESPACE, ROOT, World
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.network import Topology
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.network import Topology
 
 _COPIES = 3
 """As many as fit on the edge servers beside the first one."""

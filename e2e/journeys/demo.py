@@ -19,14 +19,15 @@ from journeys.comparison import compare_with_kube_scheduler
 from journeys.stage import FalseClaimError, Stage
 from journeys.steps import apply_teleop, explain_teleop, render_from_rigel, share_a_can_bus
 from journeys.world import NAMESPACE, NAMESPACES, ROOT, World
-from robotapp_testbed import ControlPlane, TestbedError, guest, product
-from robotapp_testbed.assets import Assets
-from robotapp_testbed.detached import Cluster
-from robotapp_testbed.guest import GuestPlane
-from robotapp_testbed.network import Topology
-from robotapp_testbed.nodes import Device
-from robotapp_testbed.process import wait_until
-from robotapp_testbed.topology import SimulatedTelemetry, apply, fleet
+from robotapp_testbed import ControlPlane, TestbedError
+from robotapp_testbed.binaries.assets import Assets
+from robotapp_testbed.control_plane import guest, product
+from robotapp_testbed.control_plane.guest import GuestPlane
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.nodes import Device
+from robotapp_testbed.machines.topology import SimulatedTelemetry, apply, fleet
+from robotapp_testbed.processes.detached import Cluster
+from robotapp_testbed.processes.process import wait_until
 
 STORY: tuple[Callable[[Stage, World], None], ...] = (
     apply_teleop,

@@ -11,8 +11,8 @@ from typing import Any
 import yaml
 
 from robotapp_testbed import ControlPlane, Process
-from robotapp_testbed.guest import GUEST_LABEL, TOLERATION
-from robotapp_testbed.network import Topology
+from robotapp_testbed.control_plane.guest import GUEST_LABEL, TOLERATION
+from robotapp_testbed.machines.network import Topology
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMESPACE = "demo"

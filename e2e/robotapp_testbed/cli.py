@@ -9,13 +9,16 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from robotapp_testbed import cli_nodes, components_as_pods, fleet_file, pins, product, topology
-from robotapp_testbed.assets import Assets
-from robotapp_testbed.controlplane import ControlPlane
-from robotapp_testbed.detached import Cluster, State
+from robotapp_testbed import cli_nodes
+from robotapp_testbed.binaries import pins
+from robotapp_testbed.binaries.assets import Assets
+from robotapp_testbed.control_plane import components_as_pods, product
+from robotapp_testbed.control_plane.controlplane import ControlPlane
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.process import cpu_seconds, rss_bytes
-from robotapp_testbed.telemetry import SimulatedTelemetry
+from robotapp_testbed.machines import fleet_file, topology
+from robotapp_testbed.machines.telemetry import SimulatedTelemetry
+from robotapp_testbed.processes.detached import Cluster, State
+from robotapp_testbed.processes.process import cpu_seconds, rss_bytes
 
 _EXAMPLES = """examples:
   python -m robotapp_testbed build                       get or compile all binaries, once (safe to interrupt)

@@ -9,12 +9,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
-from robotapp_testbed import components_as_pods, fleet_file, images
-from robotapp_testbed.assets import Assets
-from robotapp_testbed.detached import State
+from robotapp_testbed import images
+from robotapp_testbed.binaries.assets import Assets
+from robotapp_testbed.control_plane import components_as_pods
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.network import Topology
-from robotapp_testbed.nodes import SimulatedNode, cloud, edge, robot
+from robotapp_testbed.machines import fleet_file
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.nodes import SimulatedNode, cloud, edge, robot
+from robotapp_testbed.processes.detached import State
 from robotapp_testbed.real import RealNodes, cluster, parts, prerequisites
 from robotapp_testbed.switch.control import Control
 from robotapp_testbed.switch.links import LIMITS, Link, problem_of

@@ -33,7 +33,7 @@ def control_plane() -> Iterator["ControlPlane"]:
 @pytest.fixture(scope="session")
 def installed_plane(control_plane: "ControlPlane") -> "ControlPlane":
     """The same control plane with our CRDs, default pool, RBAC and policies; the programs are the test's to start."""
-    from robotapp_testbed import product
+    from robotapp_testbed.control_plane import product
 
     product.install(control_plane, values={"agent": {"labeller": {"enabled": True}}})
     return control_plane
@@ -42,7 +42,7 @@ def installed_plane(control_plane: "ControlPlane") -> "ControlPlane":
 @pytest.fixture
 def namespace(control_plane: "ControlPlane") -> Iterator[str]:
     """A fresh namespace that can run pods; deleted afterwards, without waiting for it."""
-    from robotapp_testbed.namespaces import created
+    from robotapp_testbed.control_plane.namespaces import created
 
     with created(control_plane, f"test-{secrets.token_hex(3)}") as name:
         yield name
@@ -62,7 +62,7 @@ def real_machine() -> type["RealNodes"]:
 @pytest.fixture(scope="session")
 def real_nodes(real_machine: type["RealNodes"]) -> Iterator["RealNodes"]:
     """Two real nodes, robot-1 and edge-1, joined by the latency switch; nothing of the product."""
-    from robotapp_testbed.nodes import edge, robot
+    from robotapp_testbed.machines.nodes import edge, robot
 
     with real_machine([robot("robot-1"), edge("edge-1")], delays={}, images=("tools", "agent")) as plane:
         _RUNNING.append(plane)
@@ -73,7 +73,7 @@ def real_nodes(real_machine: type["RealNodes"]) -> Iterator["RealNodes"]:
 @pytest.fixture
 def real_namespace(real_nodes: "RealNodes") -> Iterator[str]:
     """A fresh namespace for pods on the real nodes."""
-    from robotapp_testbed.namespaces import created
+    from robotapp_testbed.control_plane.namespaces import created
 
     with created(real_nodes, f"test-{secrets.token_hex(3)}") as name:
         yield name

@@ -10,9 +10,9 @@ from typing import Any, Final
 
 from tests.bench.options import count, report
 
-from robotapp_testbed import components_as_pods
-from robotapp_testbed.components_as_pods import Usage, agents, usage, wait_measured
-from robotapp_testbed.nodes import edge, robot
+from robotapp_testbed.control_plane import components_as_pods
+from robotapp_testbed.control_plane.components_as_pods import Usage, agents, usage, wait_measured
+from robotapp_testbed.machines.nodes import edge, robot
 from robotapp_testbed.real import RealNodes, UnavailableError, parts, prerequisites
 
 MOST_BYTES: Final = 45_000_000

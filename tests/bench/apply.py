@@ -26,10 +26,11 @@ from tests.support.world import World
 from robotapp_api.claiming.sweeper import PERIOD_S
 from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.schema.crd import schema_of
-from robotapp_testbed import ControlPlane, product
-from robotapp_testbed.identity import OPERATOR_ACCOUNT
-from robotapp_testbed.network import Topology
-from robotapp_testbed.topology import fleet
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.identity import OPERATOR_ACCOUNT
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.topology import fleet
 
 ROOT = Path(__file__).resolve().parents[2]
 IDS = "1-101,215-232"

@@ -33,8 +33,9 @@ from robotapp_scheduler.core.framework.handle import Readiness
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.shell.binding import claim_reserver
 from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver
-from robotapp_testbed import ControlPlane, product
-from robotapp_testbed.namespaces import created
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.namespaces import created
 
 Json = dict[str, Any]
 IDS: Final = "1-101,215-232"

@@ -28,10 +28,11 @@ from tests.support.wobble import Wobbling
 from tests.support.world import APIS, Object, World, plain_app
 
 from robotapp_api.model.names import API_VERSION, Condition, Label
-from robotapp_testbed import ControlPlane, product, wait_until
-from robotapp_testbed.pins import REPOSITORY
-from robotapp_testbed.servers import Program
-from robotapp_testbed.topology import edge, robot
+from robotapp_testbed import ControlPlane, wait_until
+from robotapp_testbed.binaries.pins import REPOSITORY
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.servers import Program
+from robotapp_testbed.machines.topology import edge, robot
 
 PODS_PER_EDGE: Final = 100
 HALLS: Final = 20

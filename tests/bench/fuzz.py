@@ -15,8 +15,9 @@ from tests.bench import options
 from tests.support.fuzz.campaign import Campaign, Report, as_json
 from tests.support.world import World
 
-from robotapp_testbed import ControlPlane, product
-from robotapp_testbed.topology import fleet
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.machines.topology import fleet
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -21,9 +21,10 @@ from tests.bench import options
 from tests.support import teleop
 
 from robotapp_api.model.names import Annotation
-from robotapp_testbed import components_as_pods, wait_until
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.nodes import edge, robot
+from robotapp_testbed import wait_until
+from robotapp_testbed.control_plane import components_as_pods
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.nodes import edge, robot
 from robotapp_testbed.real import RealNodes, UnavailableError, prerequisites
 from ros_nodes.trips import TRIP, parse
 

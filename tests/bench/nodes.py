@@ -17,7 +17,7 @@ from pathlib import Path
 from tests.bench import options, stability
 from tests.support.nodes_campaign import DOWN_S, UP_S, Kill, Life, kill, live
 
-from robotapp_testbed import components_as_pods
+from robotapp_testbed.control_plane import components_as_pods
 from robotapp_testbed.real import RealNodes, UnavailableError, parts, prerequisites
 
 

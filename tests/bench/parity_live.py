@@ -31,8 +31,8 @@ from robotapp_api.client.api.resources import NODETELEMETRIES
 from robotapp_api.client.transport.errors import BadRequest, Forbidden, Invalid
 from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.process import Process
-from robotapp_testbed.product import install, start_scheduler
+from robotapp_testbed.control_plane.product import install, start_scheduler
+from robotapp_testbed.processes.process import Process
 
 Json = dict[str, Any]
 NOT_LIVE: Final[Mapping[str, str]] = {

@@ -12,8 +12,8 @@ import yaml
 from tests.bench.parity_profiles import profiles
 
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.assets import Assets
-from robotapp_testbed.process import Process
+from robotapp_testbed.binaries.assets import Assets
+from robotapp_testbed.processes.process import Process
 
 SCHEDULER_NAME = "oracle"
 _SCORE = re.compile(r'"Plugin scored node for pod" pod="([^"]+)" plugin="([^"]+)" node="([^"]+)" score=(-?\d+)')

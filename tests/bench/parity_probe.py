@@ -22,7 +22,7 @@ from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.informer.reflector import Change, Reflector
 from robotapp_api.client.transport.errors import NotFound
-from robotapp_testbed.process import Process
+from robotapp_testbed.processes.process import Process
 
 Json = dict[str, Any]
 OURS: Final = "ours"

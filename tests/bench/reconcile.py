@@ -29,8 +29,8 @@ from tests.support.world import plain_app
 
 from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_api.model.names import Label
-from robotapp_testbed.pins import REPOSITORY
-from robotapp_testbed.process import Process
+from robotapp_testbed.binaries.pins import REPOSITORY
+from robotapp_testbed.processes.process import Process
 
 IDS: Final = "1-101,215-232"
 POOLS: Final[Mapping[str, Mapping[str, Any]]] = {

@@ -17,8 +17,9 @@ from dataclasses import asdict
 from tests.bench import options
 from tests.support.replacements import FORCES, Replacement, Report, run
 
-from robotapp_testbed import ControlPlane, product
-from robotapp_testbed.namespaces import created
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.namespaces import created
 
 
 def main(argv: Sequence[str] | None = None) -> int:

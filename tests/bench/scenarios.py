@@ -22,7 +22,8 @@ from tests.support.scenarios.campaign import Campaign, Outcome
 from tests.support.scenarios.catalogue import SCENARIOS
 from tests.support.scenarios.report import Report, line, section, table
 
-from robotapp_testbed import ControlPlane, product
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
 
 BEGIN, END = "<!-- scenarios: made by scripts/bench scenarios --page -->", "<!-- scenarios: end -->"
 WIDTH = 180

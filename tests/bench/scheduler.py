@@ -36,7 +36,7 @@ from tests.bench.speed.workloads import WORKLOADS, Workload
 from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.product import install
+from robotapp_testbed.control_plane.product import install
 
 API_SERVER = ("--disable-admission-plugins=TaintNodesByCondition", "--delete-collection-workers=16")
 """New nodes are ready at once, and thousands of pods are gone soon."""

@@ -17,8 +17,10 @@ from tests.bench.speed.console import say
 from tests.support.live import Tenant, part
 from tests.support.out_of_sight import EVERY_ROBOT, Fleet
 
-from robotapp_testbed import ControlPlane, product, topology
-from robotapp_testbed.namespaces import created
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines import topology
 
 MASS_S = 20.0
 """How long all labels are off, with a restart of the operator in the middle. The grace of the app is a tenth of it."""

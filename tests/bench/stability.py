@@ -7,8 +7,8 @@ from typing import Any
 
 from tests.support import teleop
 
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.nodes import cloud, edge, robot
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.nodes import cloud, edge, robot
 from robotapp_testbed.real import RealNodes
 from ros_nodes.trips import summarise
 

@@ -23,7 +23,7 @@ from tests.support.free_api.rig import Rig
 from tests.support.free_api.server import GOOD_TOKEN
 from tests.support.process_use import cpu_seconds
 
-from robotapp_testbed.process import Process
+from robotapp_testbed.processes.process import Process
 
 MOST_RISE: Final = 0.10
 MOST_WAIT_MS: Final = 10.0

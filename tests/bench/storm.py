@@ -15,7 +15,8 @@ from tests.bench import options
 from tests.support.claims_weakened import ALL
 from tests.support.storm.campaign import Plan, Report, Storm
 
-from robotapp_testbed import ControlPlane, product
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
 
 VALUES = {"domainPool": {"ids": "1-101", "quarantineSeconds": 1}}
 EVENT_TTL = {"kube-apiserver": ["--event-ttl=10m"]}

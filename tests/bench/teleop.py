@@ -19,9 +19,9 @@ from tests.bench import options, stability
 from tests.bench.teleop_report import REAL, SIMULATED, Outcome, as_json, line, order, outcome, table
 from tests.support import teleop
 
-from robotapp_testbed import components_as_pods
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.nodes import cloud, edge, robot
+from robotapp_testbed.control_plane import components_as_pods
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.nodes import cloud, edge, robot
 from robotapp_testbed.real import RealNodes, UnavailableError, prerequisites
 from ros_nodes.trips import Row
 

@@ -15,7 +15,8 @@ from tests.support.truth.scene import run
 from tests.support.truth.situations import SITUATIONS
 from tests.support.world import World
 
-from robotapp_testbed import ControlPlane, product
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -17,7 +17,7 @@ from typing import Any, Final
 from tests.bench import options
 from tests.support.summary import Part, read
 
-from robotapp_testbed import pins, versions
+from robotapp_testbed.binaries import pins, versions
 from robotapp_testbed.progress import Progress
 
 SMOKE: Final = (

@@ -9,7 +9,7 @@ import yaml
 from tests.support.chart import CHART, Object
 from tests.support.expressions import COMPILED, RELEASES, compiled, compiler, errors, rendered, with_expressions, write
 
-from robotapp_testbed import pins, versions
+from robotapp_testbed.binaries import pins, versions
 
 pytestmark = pytest.mark.live
 RAN_LIVE = ("1.35", "1.36", "1.37")

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from robotapp_api.model.names import API_VERSION
-from robotapp_testbed import ControlPlane, Process, ports
+from robotapp_testbed import ControlPlane, Process
+from robotapp_testbed.control_plane.servers import answers
 from robotapp_testbed.failures import ApiStatusError
-from robotapp_testbed.servers import answers
+from robotapp_testbed.processes import ports
 
 TELEMETRY = f"/apis/{API_VERSION}/nodetelemetries"
 

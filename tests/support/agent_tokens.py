@@ -1,7 +1,7 @@
 """Tokens of node agents as the kubelet mounts them: bound to a pod of the chart's ServiceAccount on one node."""
 
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.api import Api
+from robotapp_testbed.control_plane.api import Api
 
 NAMESPACE = "robotapp-agent"
 ACCOUNT = "robotapp-agent"

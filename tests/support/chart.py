@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from robotapp_testbed import ControlPlane, product
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
 
 CHART = Path(__file__).resolve().parents[2] / "helm" / "robotapp"
 NAMESPACE = "robotapp-system"

@@ -15,9 +15,10 @@ from tests.support.invariants import claims, violations
 from tests.support.proxy import FaultProxy, Moment
 
 from robotapp_api.model.names import API_VERSION
-from robotapp_testbed import ControlPlane, Process, product, wait_until
-from robotapp_testbed.nodes import Device
-from robotapp_testbed.topology import SimulatedTelemetry, apply, fleet
+from robotapp_testbed import ControlPlane, Process, wait_until
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.machines.nodes import Device
+from robotapp_testbed.machines.topology import SimulatedTelemetry, apply, fleet
 
 NAMESPACE = "crash"
 COMPONENTS = ("operator", "scheduler")

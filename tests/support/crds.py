@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from robotapp_testbed import ControlPlane, product
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "crds").glob("*.yaml"))

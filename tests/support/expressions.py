@@ -8,8 +8,9 @@ from typing import Any
 
 from tests.support.chart import CHART, NAMESPACE, Object
 
-from robotapp_testbed import product, programs
-from robotapp_testbed.assets import Assets
+from robotapp_testbed.binaries import programs
+from robotapp_testbed.binaries.assets import Assets
+from robotapp_testbed.control_plane import product
 from robotapp_testbed.progress import Progress
 
 RELEASES = ("1.32", "1.33", "1.34", "1.35", "1.36", "1.37")

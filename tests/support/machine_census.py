@@ -11,14 +11,14 @@ from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-from robotapp_testbed.process import wait_until
+from robotapp_testbed.processes.process import wait_until
 from robotapp_testbed.real import slots, sweep
 from robotapp_testbed.real.addresses import Addresses
 
 OURS = (
     "/real/hold.py",
     "/real/enter.py",
-    "/robotapp_testbed/guard.py",
+    "/robotapp_testbed/processes/guard.py",
     "/real/sweep.py",
     "containerd",
     "kubelet",

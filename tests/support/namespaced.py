@@ -22,7 +22,7 @@ from typing import ClassVar, Self, TypeVar
 import pytest
 from tests.support import python_switch
 
-from robotapp_testbed.process import Process, spawn, wait_until
+from robotapp_testbed.processes.process import Process, spawn, wait_until
 from robotapp_testbed.switch import LatencySwitch
 
 _T = TypeVar("_T")

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from robotapp_testbed.pins import REPOSITORY
+from robotapp_testbed.binaries.pins import REPOSITORY
 
 LATER = "laterField"
 """What the next version's CRDs add to a component and elsewhere."""

@@ -10,8 +10,9 @@ from tests.support.live import Tenant, eventually
 
 from robotapp_api.client.api.times import utc_now, whole_seconds
 from robotapp_api.model.names import Label
-from robotapp_testbed import ControlPlane, topology
-from robotapp_testbed.components import SIMULATED_BY_KWOK
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane.components import SIMULATED_BY_KWOK
+from robotapp_testbed.machines import topology
 
 NODES: Final = "/api/v1/nodes"
 EVERY_ROBOT: Final = {"nodeSelector": {"matchExpressions": [{"key": Label.ROBOT.value, "operator": "Exists"}]}}

@@ -13,7 +13,7 @@ from collections.abc import Awaitable, Callable
 
 import aiohttp
 
-from robotapp_testbed.servers import unverified
+from robotapp_testbed.control_plane.servers import unverified
 
 CONNECTIONS = 50
 PATIENCE_S = 30.0

@@ -7,7 +7,7 @@ import urllib.request
 import yaml
 
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.servers import unverified
+from robotapp_testbed.control_plane.servers import unverified
 
 
 def token(cp: ControlPlane, identity: str) -> str:

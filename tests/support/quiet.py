@@ -10,8 +10,9 @@ from typing import Any, Final
 from robotapp_operator.plan.status import pace
 from robotapp_operator.reconcile import controller
 from robotapp_operator.watch import informers
-from robotapp_testbed import ControlPlane, audit, wait_until
-from robotapp_testbed.identity import OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT
+from robotapp_testbed import ControlPlane, wait_until
+from robotapp_testbed.control_plane import audit
+from robotapp_testbed.control_plane.identity import OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT
 
 REST_S: Final = (
     max(controller.FLEET_REST_S, controller.POOL_REST_S, controller.PROBES_REST_S, *pace.PROGRESS_REST_S)

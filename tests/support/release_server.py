@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-from robotapp_testbed import pins
+from robotapp_testbed.binaries import pins
 
 
 @dataclass

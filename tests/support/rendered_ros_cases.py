@@ -12,8 +12,8 @@ from tests.support.apiobjects import component
 from tests.support.stage import pod
 
 from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, Label
-from robotapp_testbed.network import Topology
-from robotapp_testbed.nodes import Device, SimulatedNode, edge, robot
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.nodes import Device, SimulatedNode, edge, robot
 
 Json = dict[str, Any]
 

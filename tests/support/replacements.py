@@ -19,8 +19,9 @@ from tests.support.storm.history import Event
 from tests.support.storm.recorder import Recorder
 
 from robotapp_api.model.names import Label
-from robotapp_testbed import ControlPlane, topology
+from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import ApiStatusError
+from robotapp_testbed.machines import topology
 
 COMPONENT: Final = "driver"
 LANE: Final = "test.example/lane"

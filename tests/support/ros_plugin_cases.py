@@ -15,7 +15,7 @@ from tests.support.storage_live import VOLUMES, claim, claims_path, delete_volum
 
 from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, Label
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.nodes import Device, edge, robot
+from robotapp_testbed.machines.nodes import Device, edge, robot
 
 APP, POD = "app", "pod"
 KINDS: Final = (APP, POD)

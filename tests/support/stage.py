@@ -10,8 +10,8 @@ from tests.support.apiobjects import ROS
 
 from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, Label
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.nodes import SimulatedNode
-from robotapp_testbed.topology import apply, remove
+from robotapp_testbed.machines.nodes import SimulatedNode
+from robotapp_testbed.machines.topology import apply, remove
 
 Json = dict[str, Any]
 IMAGE = "registry.invalid/main:1"

@@ -15,7 +15,7 @@ from pathlib import Path
 from tests.support import udp_load
 from tests.support.namespaced import SO_TIMESTAMPNS, Namespace, Wire, round_trips_ms, stamp_ns
 
-from robotapp_testbed.process import wait_until
+from robotapp_testbed.processes.process import wait_until
 
 PORT = 40_001
 HEADERS_BYTES = 42  # Ethernet, IPv4 and UDP

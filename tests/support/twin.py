@@ -8,10 +8,11 @@ from typing import Final
 
 import yaml
 
-from robotapp_testbed import ControlPlane, ports
-from robotapp_testbed.assets import Assets
-from robotapp_testbed.process import Process
-from robotapp_testbed.servers import unverified
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.binaries.assets import Assets
+from robotapp_testbed.control_plane.servers import unverified
+from robotapp_testbed.processes import ports
+from robotapp_testbed.processes.process import Process
 
 THEIRS: Final = "upstream-scheduler"
 

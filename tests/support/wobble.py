@@ -2,7 +2,7 @@
 
 import zlib
 
-from robotapp_testbed.network import Topology
+from robotapp_testbed.machines.network import Topology
 
 
 class Wobbling(Topology):

@@ -11,11 +11,13 @@ from tests.support.apiobjects import ROS
 from tests.support.appwatch import AppWatch
 
 from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SCHEDULER_MANAGER, SYSTEM_NAMESPACE
-from robotapp_testbed import ControlPlane, Process, product, topology, wait_until
+from robotapp_testbed import ControlPlane, Process, wait_until
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.namespaces import created
 from robotapp_testbed.failures import ApiStatusError
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.network import Topology
-from robotapp_testbed.topology import SimulatedTelemetry
+from robotapp_testbed.machines import topology
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.topology import SimulatedTelemetry
 
 Object = dict[str, Any]
 APIS = f"/apis/{API_VERSION}"

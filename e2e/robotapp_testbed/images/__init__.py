@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from robotapp_testbed import cache
+from robotapp_testbed.binaries import cache
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.images import oci
 from robotapp_testbed.images.pythonic import Component, Ros1, Ros2

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from robotapp_testbed import cache
+from robotapp_testbed.binaries import cache
 from robotapp_testbed.failures import TestbedError, last_words
 
 _PROGRAMS: Final = ("apt-get", "dpkg-deb", "tar")

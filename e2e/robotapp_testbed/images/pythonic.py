@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from robotapp_testbed import pins
+from robotapp_testbed.binaries import pins
 from robotapp_testbed.images import bytecode, debian, wheels
 from robotapp_testbed.images.oci import Config
 from robotapp_testbed.images.recipes import PATH, Recipe, skeleton

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from robotapp_testbed import pins, programs
+from robotapp_testbed.binaries import pins, programs
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.images.oci import Config
 

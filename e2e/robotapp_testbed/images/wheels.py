@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from robotapp_testbed import pins
+from robotapp_testbed.binaries import pins
 from robotapp_testbed.failures import TestbedError, last_words
 
 _UV: Final = Path(sys.executable).with_name("uv")

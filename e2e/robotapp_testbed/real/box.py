@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from robotapp_testbed.failures import CommandError, TestbedError
-from robotapp_testbed.process import Process, cpu_seconds, rss_bytes, wait_until
+from robotapp_testbed.processes.process import Process, cpu_seconds, rss_bytes, wait_until
 from robotapp_testbed.real import enter, hold, iproute
 
 _UP_S = 60.0

@@ -16,19 +16,22 @@ from subprocess import Popen
 from typing import Any, Final
 
 from robotapp_api.model.names import Label
-from robotapp_testbed import components, images, ports, programs
-from robotapp_testbed.assets import Assets
-from robotapp_testbed.authority import Authority
-from robotapp_testbed.controlplane import ControlPlane, start_guard
+from robotapp_testbed import images
+from robotapp_testbed.binaries import programs
+from robotapp_testbed.binaries.assets import Assets
+from robotapp_testbed.control_plane import components
+from robotapp_testbed.control_plane.authority import Authority
+from robotapp_testbed.control_plane.controlplane import ControlPlane, start_guard
+from robotapp_testbed.control_plane.identity import Identity
+from robotapp_testbed.control_plane.servers import Program, answers
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.identity import Identity
-from robotapp_testbed.nodes import SimulatedNode
-from robotapp_testbed.process import Process, wait_until
+from robotapp_testbed.machines.nodes import SimulatedNode
+from robotapp_testbed.processes import ports
+from robotapp_testbed.processes.process import Process, wait_until
 from robotapp_testbed.real import iproute, network, prerequisites, services, slots, sweep
 from robotapp_testbed.real.addresses import NODES, POD_BRIDGE, Addresses
 from robotapp_testbed.real.box import Box, Plan
 from robotapp_testbed.real.node import Description, RealNode, Surroundings
-from robotapp_testbed.servers import Program, answers
 from robotapp_testbed.switch import LatencySwitch
 from robotapp_testbed.switch.links import problem_of
 
@@ -45,7 +48,7 @@ _OF_THE_MACHINE = {Label.SIMULATED, Label.HOSTNAME, "kubernetes.io/os", "kuberne
 class RealNodes(ControlPlane):
     """etcd, kube-apiserver, kube-controller-manager, kube-scheduler, CoreDNS, and one real node per entry of `nodes`.
 
-    An entry is a name, or a node of robotapp_testbed.nodes, whose name, labels, taints and devices are taken:
+    An entry is a name, or a node of robotapp_testbed.machines.nodes, whose name, labels, taints and devices are taken:
     the agent on a node with devices finds doubles of those, else what this machine has. `delays` are one-way
     milliseconds by pair of names: with them (an empty mapping will do) the latency switch carries what pods send to other
     nodes, without them a plain bridge does. `images` are names of robotapp_testbed.images, there on every node. Needs root

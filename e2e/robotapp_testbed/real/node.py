@@ -11,11 +11,11 @@ from typing import Any
 
 import yaml
 
-from robotapp_testbed import fake_host
-from robotapp_testbed.doubles import Doubles
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.nodes import Device
-from robotapp_testbed.process import wait_until
+from robotapp_testbed.machines import fake_host
+from robotapp_testbed.machines.doubles import Doubles
+from robotapp_testbed.machines.nodes import Device
+from robotapp_testbed.processes.process import wait_until
 from robotapp_testbed.real import cgroups, containerd, kubelet, network, prerequisites, services, sweep
 from robotapp_testbed.real.addresses import Addresses
 from robotapp_testbed.real.box import Box, Inside, Plan

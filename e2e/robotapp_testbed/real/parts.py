@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from robotapp_testbed import images, programs
+from robotapp_testbed import images
+from robotapp_testbed.binaries import programs
 
 
 def prepare(names: Sequence[str] = ("tools",)) -> None:

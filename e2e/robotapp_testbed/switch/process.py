@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from robotapp_testbed import programs
+from robotapp_testbed.binaries import programs
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.process import Process
+from robotapp_testbed.processes.process import Process
 from robotapp_testbed.switch.control import Control
 
 NAME = "latency-switch"

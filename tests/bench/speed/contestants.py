@@ -15,9 +15,9 @@ from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import LEASES
 from robotapp_api.client.transport.errors import NotFound
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.assets import Assets
-from robotapp_testbed.process import Process
-from robotapp_testbed.product import start_scheduler
+from robotapp_testbed.binaries.assets import Assets
+from robotapp_testbed.control_plane.product import start_scheduler
+from robotapp_testbed.processes.process import Process
 
 RETRY_S = 0.5
 

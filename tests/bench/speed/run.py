@@ -21,7 +21,7 @@ from tests.bench.speed.workloads import Workload, pod
 from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.api.resources import PODS
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.process import Process
+from robotapp_testbed.processes.process import Process
 
 SETTLE_S = 180.0
 REST, REST_STEP_S, REST_STEPS = 0.15, 0.5, 3

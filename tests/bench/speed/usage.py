@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from robotapp_testbed.process import cpu_seconds, rss_bytes
+from robotapp_testbed.processes.process import cpu_seconds, rss_bytes
 
 
 @dataclass(frozen=True, slots=True)

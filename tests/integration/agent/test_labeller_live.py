@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 from tests.support.live import eventually
 
-from robotapp_testbed import ControlPlane, topology
-from robotapp_testbed.nodes import robot
-from robotapp_testbed.process import Process
-from robotapp_testbed.telemetry import PATH, create, node_uids
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.machines import topology
+from robotapp_testbed.machines.nodes import robot
+from robotapp_testbed.machines.telemetry import PATH, create, node_uids
+from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.live
 

@@ -10,8 +10,8 @@ from tests.support.agent_process import TELEMETRY, agent, status_of
 from tests.support.live import eventually
 
 from robotapp_testbed import ControlPlane, Process
-from robotapp_testbed.fake_host import FakeHost
-from robotapp_testbed.servers import answers
+from robotapp_testbed.control_plane.servers import answers
+from robotapp_testbed.machines.fake_host import FakeHost
 
 pytestmark = pytest.mark.live
 

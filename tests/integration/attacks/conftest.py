@@ -16,7 +16,7 @@ from robotapp_api.claims.objects import Holder
 from robotapp_api.client import ApiClient, load
 from robotapp_api.client.api.resources import DEPLOYMENTS, PODS, ROBOTAPPS
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.namespaces import created
+from robotapp_testbed.control_plane.namespaces import created
 
 Json = dict[str, Any]
 

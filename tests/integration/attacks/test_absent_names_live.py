@@ -13,7 +13,7 @@ from robotapp_api.client.api.resources import CONFIGMAPS
 from robotapp_api.client.transport.kubeconfig import load
 from robotapp_api.client.transport.metadata import MetadataTransport
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.pins import REPOSITORY
+from robotapp_testbed.binaries.pins import REPOSITORY
 
 pytestmark = pytest.mark.live
 

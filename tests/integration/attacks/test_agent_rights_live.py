@@ -8,11 +8,12 @@ from tests.support import agent_tokens
 from tests.support.attacks.kinds import CRD, NODE, POD, SECRET, TELEMETRY
 
 from robotapp_api.model.telemetry import node_owner
-from robotapp_testbed import ControlPlane, topology, wait_until
-from robotapp_testbed.api import APPLY, Api
+from robotapp_testbed import ControlPlane, wait_until
+from robotapp_testbed.control_plane.api import APPLY, Api
 from robotapp_testbed.failures import ApiStatusError
-from robotapp_testbed.nodes import robot
-from robotapp_testbed.telemetry import node_uids
+from robotapp_testbed.machines import topology
+from robotapp_testbed.machines.nodes import robot
+from robotapp_testbed.machines.telemetry import node_uids
 
 pytestmark = pytest.mark.live
 

@@ -18,8 +18,8 @@ from tests.support.world import World, plain_app
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import CommandError
-from robotapp_testbed.network import Topology
-from robotapp_testbed.nodes import SimulatedNode, edge, robot
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.nodes import SimulatedNode, edge, robot
 
 pytestmark = pytest.mark.live
 Json = dict[str, Any]

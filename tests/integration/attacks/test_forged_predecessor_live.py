@@ -9,9 +9,9 @@ from tests.support.live import eventually
 from tests.support.world import World, plain_app
 
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.network import Topology
-from robotapp_testbed.topology import edge
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.topology import edge
 
 pytestmark = pytest.mark.live
 MARK = secrets.token_hex(2)

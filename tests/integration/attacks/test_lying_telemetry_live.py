@@ -12,8 +12,8 @@ from tests.support.world import World, plain_app
 
 from robotapp_api.model.names import API_VERSION
 from robotapp_testbed import ApiStatusError, ControlPlane
-from robotapp_testbed.network import Topology
-from robotapp_testbed.topology import edge, robot
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.topology import edge, robot
 
 pytestmark = pytest.mark.live
 TELEMETRY = f"/apis/{API_VERSION}/nodetelemetries"

@@ -6,7 +6,7 @@ from tests.support.seeds import daily_seed
 from tests.support.world import World
 
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.topology import fleet
+from robotapp_testbed.machines.topology import fleet
 
 pytestmark = pytest.mark.live
 OBJECTS = 200

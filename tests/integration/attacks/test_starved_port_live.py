@@ -16,9 +16,9 @@ from tests.support.stage import Stage, nodes, pod
 from tests.support.work_unit import is_in_time, is_within, slowness
 
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.nodes import edge
-from robotapp_testbed.pins import REPOSITORY
-from robotapp_testbed.product import start_scheduler
+from robotapp_testbed.binaries.pins import REPOSITORY
+from robotapp_testbed.control_plane.product import start_scheduler
+from robotapp_testbed.machines.nodes import edge
 
 pytestmark = pytest.mark.live
 

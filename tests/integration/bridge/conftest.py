@@ -11,10 +11,12 @@ import yaml
 from tests.support.live import PATIENCE_S, eventually, pool
 
 from rigel_bridge.main import main
-from robotapp_testbed import ControlPlane, product, topology
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.nodes import Device, cloud, edge, robot
-from robotapp_testbed.telemetry import SimulatedTelemetry
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines import topology
+from robotapp_testbed.machines.nodes import Device, cloud, edge, robot
+from robotapp_testbed.machines.telemetry import SimulatedTelemetry
 
 USER = "tenant"
 _HARDWARE = (

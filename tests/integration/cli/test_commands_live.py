@@ -14,10 +14,11 @@ from typing import Any
 import pytest
 import yaml
 
-from robotapp_testbed import ControlPlane, product, wait_until
-from robotapp_testbed.nodes import Device, edge
-from robotapp_testbed.telemetry import SimulatedTelemetry
-from robotapp_testbed.topology import apply, fleet, remove
+from robotapp_testbed import ControlPlane, wait_until
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.machines.nodes import Device, edge
+from robotapp_testbed.machines.telemetry import SimulatedTelemetry
+from robotapp_testbed.machines.topology import apply, fleet, remove
 
 pytestmark = pytest.mark.live
 

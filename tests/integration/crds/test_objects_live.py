@@ -31,7 +31,7 @@ from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.model.telemetry import NodeTelemetry
 from robotapp_api.schema.crd import schema_of
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.api import APPLY
+from robotapp_testbed.control_plane.api import APPLY
 from robotapp_testbed.failures import ApiStatusError
 
 pytestmark = pytest.mark.live

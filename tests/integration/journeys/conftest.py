@@ -8,7 +8,7 @@ import pytest
 from tests.support.world import World
 
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.topology import fleet
+from robotapp_testbed.machines.topology import fleet
 
 ROBOTS = 10
 

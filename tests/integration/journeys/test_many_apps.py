@@ -7,7 +7,7 @@ from tests.integration.journeys.conftest import ROBOTS, Pools
 from tests.support import journeys, quiet
 from tests.support.world import World, plain_app
 
-from robotapp_testbed.identity import OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT
+from robotapp_testbed.control_plane.identity import OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT
 
 pytestmark = pytest.mark.live
 

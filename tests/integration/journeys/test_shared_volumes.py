@@ -6,7 +6,7 @@ from tests.support.storage_live import VOLUMES, claim, claims_path, delete_volum
 from tests.support.world import World
 
 from robotapp_api.model.names import Label
-from robotapp_testbed.nodes import Tier
+from robotapp_testbed.machines.nodes import Tier
 
 pytestmark = pytest.mark.live
 

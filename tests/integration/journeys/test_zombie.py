@@ -17,8 +17,9 @@ from tests.support.proxy import FaultProxy, Moment, Write, hide
 from tests.support.world import World, plain_app
 
 from robotapp_api.model.names import Label, PodReason
-from robotapp_testbed import ControlPlane, Process, product, wait_until
-from robotapp_testbed.topology import fleet
+from robotapp_testbed import ControlPlane, Process, wait_until
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.machines.topology import fleet
 
 pytestmark = pytest.mark.live
 

@@ -22,13 +22,14 @@ from tests.support.work_unit import slowness
 from robotapp_api.client import Change, Reflector, load
 from robotapp_api.client.api.resources import NODETELEMETRIES
 from robotapp_api.values.duration import format_ms
-from robotapp_testbed import components_as_pods, product, wait_until
-from robotapp_testbed.components_as_pods import round_trip
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.nodes import Device, cloud, edge, robot
-from robotapp_testbed.process import Process
+from robotapp_testbed import wait_until
+from robotapp_testbed.control_plane import components_as_pods, product
+from robotapp_testbed.control_plane.components_as_pods import round_trip
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.control_plane.servers import unverified
+from robotapp_testbed.machines.nodes import Device, cloud, edge, robot
+from robotapp_testbed.processes.process import Process
 from robotapp_testbed.real import RealNodes
-from robotapp_testbed.servers import unverified
 
 pytestmark = pytest.mark.live
 

@@ -12,7 +12,7 @@ import pytest
 from tests.support import machine_census
 
 from robotapp_testbed import wait_until
-from robotapp_testbed.detached import Cluster
+from robotapp_testbed.processes.detached import Cluster
 from robotapp_testbed.real import slots
 
 pytestmark = pytest.mark.live

@@ -14,9 +14,10 @@ from tests.support import real_pods, teleop, walkthrough
 
 from robotapp_api.model.names import SCHEDULER_NAME, SYSTEM_NAMESPACE
 from robotapp_api.serving.access import REMEMBER_S
-from robotapp_testbed import components_as_pods, wait_until
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.nodes import edge, robot
+from robotapp_testbed import wait_until
+from robotapp_testbed.control_plane import components_as_pods
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.nodes import edge, robot
 from robotapp_testbed.real import RealNodes
 
 pytestmark = pytest.mark.live

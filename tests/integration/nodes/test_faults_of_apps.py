@@ -11,8 +11,8 @@ from tests.support.live import Tenant, eventually, pool
 from tests.support.real_pods import component
 
 from robotapp_scheduler.config.model import API_VERSION, KIND
-from robotapp_testbed import components_as_pods, product
-from robotapp_testbed.components_as_pods import round_trip
+from robotapp_testbed.control_plane import components_as_pods, product
+from robotapp_testbed.control_plane.components_as_pods import round_trip
 from robotapp_testbed.real import RealNodes
 
 pytestmark = pytest.mark.live

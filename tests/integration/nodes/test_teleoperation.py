@@ -7,9 +7,10 @@ import pytest
 from tests.support import teleop
 from tests.support.work_unit import slowness
 
-from robotapp_testbed import product, wait_until
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.nodes import cloud, edge, robot
+from robotapp_testbed import wait_until
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.nodes import cloud, edge, robot
 from robotapp_testbed.real import RealNodes
 from ros_nodes.trips import FOREIGN, summarise
 

@@ -6,8 +6,10 @@ from collections.abc import Iterator
 import pytest
 from tests.support.live import HandBinder, Tenant, pool
 
-from robotapp_testbed import ControlPlane, product, topology
-from robotapp_testbed.process import Process
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.machines import topology
+from robotapp_testbed.processes.process import Process
 
 
 @pytest.fixture(scope="module")

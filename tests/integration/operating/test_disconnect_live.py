@@ -11,7 +11,9 @@ from tests.support.out_of_sight import Fleet
 
 from robotapp_api.model.names import Label
 from robotapp_operator.plan.render.node_affinity import DISCONNECTED
-from robotapp_testbed import ControlPlane, product, topology
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.machines import topology
 
 GRACE_S = 2
 

@@ -9,7 +9,9 @@ import pytest
 from tests.support.live import Tenant, eventually, part
 
 from robotapp_api.model.names import Annotation, Label
-from robotapp_testbed import ControlPlane, product, topology
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.machines import topology
 
 ROBOT = "amr-1"
 EDGES = ("edge-1", "edge-2")

@@ -15,7 +15,8 @@ from tests.support.live import INSTANCES, Tenant, eventually, part
 
 from robotapp_api.model.names import API_VERSION
 from robotapp_operator.plan.render.instance_object import object_name
-from robotapp_testbed import ControlPlane, topology
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.machines import topology
 
 pytestmark = pytest.mark.usefixtures("operator")
 FLEET = 12

@@ -9,10 +9,12 @@ from tests.support.live import HandBinder, Tenant, eventually, part, pool
 
 from robotapp_api.model.names import FLEET_CONFIG_MAP, Annotation
 from robotapp_api.serving.tls import AUTHENTICATION
-from robotapp_testbed import ControlPlane, namespaces, product, topology
-from robotapp_testbed.telemetry import PATH as TELEMETRY
-from robotapp_testbed.telemetry import create as create_telemetry
-from robotapp_testbed.telemetry import node_uids
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import namespaces, product
+from robotapp_testbed.machines import topology
+from robotapp_testbed.machines.telemetry import PATH as TELEMETRY
+from robotapp_testbed.machines.telemetry import create as create_telemetry
+from robotapp_testbed.machines.telemetry import node_uids
 
 pytestmark = pytest.mark.usefixtures("operator")
 

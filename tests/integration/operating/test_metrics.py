@@ -3,7 +3,7 @@
 from tests.support.ports import ask, token
 
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.process import Process
+from robotapp_testbed.processes.process import Process
 
 
 def test_metrics_are_for_who_may_get_them_and_health_is_for_everybody(

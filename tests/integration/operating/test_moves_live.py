@@ -12,8 +12,10 @@ from robotapp_api.client.api.times import utc_now
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.better_node import BetterNode
 from robotapp_operator.plan.moves.move_record import MoveRecord
-from robotapp_testbed import ControlPlane, product, topology
-from robotapp_testbed.nodes import Device
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.machines import topology
+from robotapp_testbed.machines.nodes import Device
 
 ROBOT = "amr-1"
 CAMERA = Device(id="usb-cam", type="usb")

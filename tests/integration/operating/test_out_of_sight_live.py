@@ -14,8 +14,10 @@ from tests.support.out_of_sight import EVERY_ROBOT, Fleet
 
 from robotapp_api.client.api.times import utc_now
 from robotapp_api.model.names import Annotation, Label
-from robotapp_testbed import ControlPlane, product, topology
-from robotapp_testbed.process import Process
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.machines import topology
+from robotapp_testbed.processes.process import Process
 
 log = logging.getLogger(__name__)
 GRACE_S = 1

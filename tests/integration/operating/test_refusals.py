@@ -7,9 +7,10 @@ from typing import Any
 import pytest
 from tests.support.live import Tenant, eventually, part, pool
 
-from robotapp_testbed import ControlPlane, topology
-from robotapp_testbed.process import Process
-from robotapp_testbed.telemetry import PATH as TELEMETRY
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.machines import topology
+from robotapp_testbed.machines.telemetry import PATH as TELEMETRY
+from robotapp_testbed.processes.process import Process
 
 ROBOTS = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "nobody"}}}
 OF_NODES = {"master", "robots"}

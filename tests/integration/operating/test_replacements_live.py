@@ -7,7 +7,8 @@ import pytest
 from tests.support import replacements
 from tests.support.seeds import daily_seed
 
-from robotapp_testbed import ControlPlane, product
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
 
 REPLACEMENTS = 12
 """Of 200 in the long run (scripts/bench replacements): two of each force."""

@@ -11,8 +11,9 @@ from tests.support import newer_wheel
 from tests.support.live import Tenant, eventually, part
 
 from robotapp_operator import __version__
-from robotapp_testbed import ControlPlane, product
-from robotapp_testbed.process import Process
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.processes.process import Process
 
 RENDERED_BY = "robotics.io/rendered-by"
 NEWER = newer_wheel.next_version()

@@ -14,8 +14,9 @@ from tests.support.appwatch import condition
 from tests.support.live import Tenant, eventually, instances_of, part, pool
 
 from robotapp_api.model.names import Label
-from robotapp_testbed import ControlPlane, product
-from robotapp_testbed.process import Process
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.usefixtures("nodes")
 

@@ -19,9 +19,10 @@ from tests.support.world import World, plain_app
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_operator import __version__
-from robotapp_testbed import ControlPlane, product
-from robotapp_testbed.network import Topology
-from robotapp_testbed.topology import edge, robot
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.topology import edge, robot
 
 pytestmark = pytest.mark.live
 NEWER = newer_wheel.next_version()

@@ -6,8 +6,8 @@ from tests.support.quiet import refused_since
 from tests.support.stage import Stage
 
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.process import Process
-from robotapp_testbed.product import start_scheduler
+from robotapp_testbed.control_plane.product import start_scheduler
+from robotapp_testbed.processes.process import Process
 from robotapp_testbed.pytest_plugin import running_plane
 
 

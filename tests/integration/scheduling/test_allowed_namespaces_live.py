@@ -8,7 +8,7 @@ from tests.support.stage import CLAIMS, Json, Stage, deployment, nodes, pod
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.nodes import Device, SimulatedNode, robot
+from robotapp_testbed.machines.nodes import Device, SimulatedNode, robot
 
 pytestmark = [pytest.mark.live, pytest.mark.usefixtures("scheduler")]
 

@@ -6,7 +6,7 @@ from tests.support.stage import CLAIMS, Json, Stage, deployment, nodes, pod
 
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.nodes import edge
+from robotapp_testbed.machines.nodes import edge
 
 pytestmark = [pytest.mark.live, pytest.mark.usefixtures("scheduler")]
 

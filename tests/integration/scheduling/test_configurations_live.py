@@ -18,7 +18,7 @@ from tests.support.configurations import ACCEPTED, OURS_ALONE, REFUSED, config
 from robotapp_scheduler.config.load import parse_text
 from robotapp_scheduler.core.framework.profiles import POINTS
 from robotapp_scheduler.plugins.registry import ROS, UPSTREAM_POINTS, catalogue
-from robotapp_testbed.assets import Assets
+from robotapp_testbed.binaries.assets import Assets
 
 pytestmark = pytest.mark.live
 

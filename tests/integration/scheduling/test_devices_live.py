@@ -13,8 +13,8 @@ from tests.support.work_unit import is_in_time, slowness
 
 from robotapp_api.model.names import API_VERSION, Annotation, Label
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.nodes import Device, SimulatedNode, edge
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.nodes import Device, SimulatedNode, edge
 
 pytestmark = [pytest.mark.live, pytest.mark.usefixtures("scheduler")]
 

@@ -7,7 +7,7 @@ from tests.support.stage import CLAIMS, Json, Stage, nodes, pod
 
 from robotapp_api.model.names import API_VERSION, Annotation
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.nodes import edge
+from robotapp_testbed.machines.nodes import edge
 
 pytestmark = [pytest.mark.live, pytest.mark.usefixtures("scheduler", "short_rest")]
 POOL = f"/apis/{API_VERSION}/domainpools/default"

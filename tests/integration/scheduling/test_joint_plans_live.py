@@ -15,8 +15,8 @@ from tests.support.stage import Json, Stage, deployment, nodes
 from robotapp_api.model.names import API_VERSION, Annotation, Label
 from robotapp_scheduler.shell.planner.planner import WORKER
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.nodes import SimulatedNode, edge
-from robotapp_testbed.process import Process
+from robotapp_testbed.machines.nodes import SimulatedNode, edge
+from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.live
 TELEMETRY = f"/apis/{API_VERSION}/nodetelemetries"

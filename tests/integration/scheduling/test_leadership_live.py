@@ -13,9 +13,9 @@ import yaml
 from tests.support.stage import Stage, nodes, pod
 
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.nodes import edge
-from robotapp_testbed.process import Process
-from robotapp_testbed.product import start_scheduler
+from robotapp_testbed.control_plane.product import start_scheduler
+from robotapp_testbed.machines.nodes import edge
+from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.live
 

@@ -12,10 +12,10 @@ from tests.support.stage import Stage, nodes, pod
 
 from robotapp_api.model.names import Annotation
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.network import Topology
-from robotapp_testbed.nodes import edge
-from robotapp_testbed.product import start_scheduler
-from robotapp_testbed.telemetry import SimulatedTelemetry
+from robotapp_testbed.control_plane.product import start_scheduler
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.nodes import edge
+from robotapp_testbed.machines.telemetry import SimulatedTelemetry
 
 pytestmark = pytest.mark.live
 

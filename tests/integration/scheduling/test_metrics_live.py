@@ -13,9 +13,9 @@ from tests.support.twin import THEIRS, kube_scheduler, scraped
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.nodes import edge
-from robotapp_testbed.process import Process
-from robotapp_testbed.topology import apply
+from robotapp_testbed.machines.nodes import edge
+from robotapp_testbed.machines.topology import apply
+from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.live
 

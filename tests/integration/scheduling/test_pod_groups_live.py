@@ -15,11 +15,11 @@ from tests.support.twin import THEIRS, kube_scheduler, scraped
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.pods.pod_group_index import POD_GROUP_LABEL, WORKLOADS
 from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.control_plane.product import install, start_scheduler
 from robotapp_testbed.failures import ApiStatusError
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.nodes import SimulatedNode, edge
-from robotapp_testbed.process import Process
-from robotapp_testbed.product import install, start_scheduler
+from robotapp_testbed.machines.nodes import SimulatedNode, edge
+from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.live
 GROUP = "scheduling.x-k8s.io"

@@ -8,9 +8,9 @@ from tests.support.poison import Poison, poison_pods
 from tests.support.stage import Stage, nodes, pod
 
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.nodes import edge
-from robotapp_testbed.process import Process
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.nodes import edge
+from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.live
 

@@ -14,7 +14,8 @@ from tests.support.world import World
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.plugins.registry import ROS
-from robotapp_testbed import ControlPlane, Process, product
+from robotapp_testbed import ControlPlane, Process
+from robotapp_testbed.control_plane import product
 
 pytestmark = pytest.mark.live
 

@@ -6,7 +6,7 @@ import pytest
 from tests.support.stage import Json, Stage, nodes, pod
 
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.nodes import edge
+from robotapp_testbed.machines.nodes import edge
 
 pytestmark = [pytest.mark.live, pytest.mark.usefixtures("scheduler")]
 

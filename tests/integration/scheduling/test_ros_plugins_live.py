@@ -28,9 +28,9 @@ from tests.support.storage_live import claim, claims_path
 from robotapp_api.model.names import Annotation
 from robotapp_scheduler.plugins.registry import ROS
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.process import Process
-from robotapp_testbed.product import start_scheduler
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.control_plane.product import start_scheduler
+from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.live
 

@@ -10,8 +10,8 @@ from tests.support.stage import Json, Stage, deployment, nodes
 
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.nodes import edge, robot
-from robotapp_testbed.process import Process
+from robotapp_testbed.machines.nodes import edge, robot
+from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.live
 # Every test has edge nodes of its own names: pods of the test before may still be counted on theirs.

@@ -19,9 +19,9 @@ from tests.support.storage_live import (
 
 from robotapp_scheduler.shell.process.loop import IN_FLIGHT
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.nodes import edge
-from robotapp_testbed.process import Process
-from robotapp_testbed.product import start_scheduler
+from robotapp_testbed.control_plane.product import start_scheduler
+from robotapp_testbed.machines.nodes import edge
+from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.live
 Json = dict[str, Any]

@@ -13,8 +13,8 @@ from tests.support.twin import THEIRS, kube_scheduler
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.nodes import edge
-from robotapp_testbed.process import Process
+from robotapp_testbed.machines.nodes import edge
+from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.live
 LONG = [f"{'long-name-' * 20}{number}.example.com/{'x' * 60}{number}" for number in range(5)]

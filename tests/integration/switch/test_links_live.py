@@ -8,7 +8,7 @@ from contextlib import suppress
 import pytest
 from tests.support.namespaced import Namespace, Wire, round_trips_ms, skip_where_impossible
 
-from robotapp_testbed.process import wait_until
+from robotapp_testbed.processes.process import wait_until
 from robotapp_testbed.switch.control import SwitchRefusedError
 
 pytestmark = pytest.mark.live

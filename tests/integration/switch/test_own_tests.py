@@ -5,8 +5,8 @@ import subprocess
 
 import pytest
 
-from robotapp_testbed import pins, programs, toolchain
-from robotapp_testbed.gobuild import build_environment
+from robotapp_testbed.binaries import pins, programs, toolchain
+from robotapp_testbed.binaries.gobuild import build_environment
 
 pytestmark = pytest.mark.live
 

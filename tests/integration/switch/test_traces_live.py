@@ -6,7 +6,7 @@ import pytest
 from tests.support.namespaced import Wire, round_trips_ms, skip_where_impossible
 from tests.support.work_unit import is_in_time
 
-from robotapp_testbed.process import wait_until
+from robotapp_testbed.processes.process import wait_until
 from robotapp_testbed.switch import Replay, Trace
 
 pytestmark = pytest.mark.live

@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 from tests.support.walkthrough import Command, File, not_seen, steps
 
-from robotapp_testbed import guard, wait_until
-from robotapp_testbed.assets import Assets
-from robotapp_testbed.detached import Cluster
+from robotapp_testbed import wait_until
+from robotapp_testbed.binaries.assets import Assets
+from robotapp_testbed.processes import guard
+from robotapp_testbed.processes.detached import Cluster
 
 pytestmark = pytest.mark.live
 

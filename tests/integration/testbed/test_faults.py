@@ -5,8 +5,9 @@ from collections.abc import Iterator
 import pytest
 from tests.support.work_unit import unit_us
 
-from robotapp_testbed import ApiStatusError, ControlPlane, TestbedError, audit, wait_until
-from robotapp_testbed.topology import apply, edge
+from robotapp_testbed import ApiStatusError, ControlPlane, TestbedError, wait_until
+from robotapp_testbed.control_plane import audit
+from robotapp_testbed.machines.topology import apply, edge
 
 pytestmark = pytest.mark.live
 

@@ -12,9 +12,10 @@ import pytest
 
 from journeys import demo, steps
 from journeys.stage import Stage
-from robotapp_testbed import ControlPlane, TestbedError, guest, wait_until
-from robotapp_testbed.guest import GuestPlane
-from robotapp_testbed.servers import Program
+from robotapp_testbed import ControlPlane, TestbedError, wait_until
+from robotapp_testbed.control_plane import guest
+from robotapp_testbed.control_plane.guest import GuestPlane
+from robotapp_testbed.control_plane.servers import Program
 
 pytestmark = pytest.mark.live
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from robotapp_testbed import ControlPlane, TestbedError, guard, wait_until
+from robotapp_testbed import ControlPlane, TestbedError, wait_until
+from robotapp_testbed.processes import guard
 
 pytestmark = pytest.mark.live
 

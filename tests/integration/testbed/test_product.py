@@ -6,8 +6,10 @@ from datetime import UTC, datetime
 import pytest
 from tests.support.quiet import refused_since
 
-from robotapp_testbed import ApiStatusError, ControlPlane, guard, product, wait_until
-from robotapp_testbed.servers import unverified
+from robotapp_testbed import ApiStatusError, ControlPlane, wait_until
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.servers import unverified
+from robotapp_testbed.processes import guard
 
 pytestmark = pytest.mark.live
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from robotapp_testbed.assets import Assets
+from robotapp_testbed.binaries.assets import Assets
 
 pytestmark = pytest.mark.live
 

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from robotapp_testbed import ControlPlane, wait_until
-from robotapp_testbed.network import Topology
-from robotapp_testbed.topology import Device, SimulatedTelemetry, apply, edge, fleet, remove, robot
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.topology import Device, SimulatedTelemetry, apply, edge, fleet, remove, robot
 
 pytestmark = pytest.mark.live
 

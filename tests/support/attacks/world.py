@@ -12,12 +12,13 @@ from tests.support.attacks import kinds
 from tests.support.attacks.attack import Attack, Json, Road, merge_patch
 from tests.support.attacks.stolen_agents import NODE, OTHER
 
-from robotapp_testbed import ControlPlane, topology
-from robotapp_testbed.api import APPLY, MERGE, Api
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane.api import APPLY, MERGE, Api
+from robotapp_testbed.control_plane.namespaces import created
 from robotapp_testbed.failures import ApiStatusError
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.nodes import robot
-from robotapp_testbed.telemetry import create
+from robotapp_testbed.machines import topology
+from robotapp_testbed.machines.nodes import robot
+from robotapp_testbed.machines.telemetry import create
 
 _POLICIES_S = 90.0
 _RIGHTS = {

@@ -20,7 +20,7 @@ from tests.support.free_api.objects import SCHEDULER
 
 from robotapp_api.client.api.client import ApiClient
 from robotapp_api.client.transport.kubeconfig import load as login
-from robotapp_testbed.process import Process, wait_until
+from robotapp_testbed.processes.process import Process, wait_until
 
 ROOT = Path(__file__).resolve().parents[3]
 TOKEN_BYTES = 675

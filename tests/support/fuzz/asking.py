@@ -9,7 +9,7 @@ from typing import Final, Self
 from tests.support.process_use import queued_s, tree
 
 from robotapp_testbed import Process
-from robotapp_testbed.servers import answers
+from robotapp_testbed.control_plane.servers import answers
 
 PULSE_S: Final = 0.05
 

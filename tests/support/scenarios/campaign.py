@@ -16,9 +16,10 @@ from tests.support.scenarios.watch import ClusterWatch
 from tests.support.stage import container
 
 from robotapp_api.client.api.resources import DOMAINPOOLS, PODS
-from robotapp_testbed import ControlPlane, product
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.topology import apply, remove
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.topology import apply, remove
 
 POOL: Final = DOMAINPOOLS.path(None, "default")
 NOT_OVER: Final = "it did not come to an end: "

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from robotapp_testbed.nodes import Device, SimulatedNode, cloud, edge
+from robotapp_testbed.machines.nodes import Device, SimulatedNode, cloud, edge
 
 Json = dict[str, Any]
 LEAST_NODES: Final = 3

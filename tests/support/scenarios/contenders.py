@@ -11,8 +11,8 @@ from tests.bench.speed.workloads import WORKLOADS
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.process import Process
-from robotapp_testbed.product import start_scheduler
+from robotapp_testbed.control_plane.product import start_scheduler
+from robotapp_testbed.processes.process import Process
 
 
 @dataclass(frozen=True, slots=True)

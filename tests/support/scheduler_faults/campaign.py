@@ -25,8 +25,8 @@ from robotapp_api.client.api.resources import NAMESPACES, NODES, PODS
 from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, Unreachable
 from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane
-from robotapp_testbed.process import Process
-from robotapp_testbed.product import install, start_scheduler
+from robotapp_testbed.control_plane.product import install, start_scheduler
+from robotapp_testbed.processes.process import Process
 
 Json = dict[str, Any]
 NAMESPACE = "faults"

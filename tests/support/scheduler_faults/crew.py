@@ -12,8 +12,8 @@ from urllib.request import urlopen
 from prometheus_client.parser import text_string_to_metric_families
 from tests.support.process_use import peak_rss_bytes
 
-from robotapp_testbed.process import Process
-from robotapp_testbed.servers import unverified
+from robotapp_testbed.control_plane.servers import unverified
+from robotapp_testbed.processes.process import Process
 
 LOST_LEADERSHIP = 1
 _WATCH_S = 0.2

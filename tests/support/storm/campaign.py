@@ -22,10 +22,11 @@ from tests.support.storm.wishes import is_pod
 from tests.support.world import Object, World
 
 from robotapp_api.model.names import API_VERSION, SCHEDULER_MANAGER, SYSTEM_NAMESPACE
-from robotapp_testbed import ControlPlane, Process, product, wait_until
-from robotapp_testbed.namespaces import created
-from robotapp_testbed.pins import REPOSITORY
-from robotapp_testbed.topology import Device, fleet
+from robotapp_testbed import ControlPlane, Process, wait_until
+from robotapp_testbed.binaries.pins import REPOSITORY
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.topology import Device, fleet
 
 log = logging.getLogger(__name__)
 

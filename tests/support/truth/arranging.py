@@ -10,9 +10,9 @@ from tests.support.world import APIS, Object, World, plain_app
 
 from robotapp_api.model.names import Label
 from robotapp_testbed import wait_until
-from robotapp_testbed.components import SIMULATED_BY_KWOK
-from robotapp_testbed.network import Topology
-from robotapp_testbed.topology import Device, fleet
+from robotapp_testbed.control_plane.components import SIMULATED_BY_KWOK
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.topology import Device, fleet
 
 SEEN_S = 60.0
 CAN = Device("can0", "can", interface="can0")

@@ -29,7 +29,7 @@ from tests.support.truth.screen import Screen, spoken
 from tests.support.world import APIS, Object
 
 from robotapp_api.model.names import Annotation, Label
-from robotapp_testbed import topology
+from robotapp_testbed.machines import topology
 
 NEAR_MS: Final = 2.0
 

@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from robotapp_agent.process.health import MOST_BYTES, MOST_CALLERS, Health
-from robotapp_testbed import ports
+from robotapp_testbed.processes import ports
 
 
 @asynccontextmanager

@@ -7,7 +7,7 @@ import pytest
 
 from robotapp_agent.main import main
 from robotapp_agent.process import once
-from robotapp_testbed.fake_host import FakeHost
+from robotapp_testbed.machines.fake_host import FakeHost
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from tests.bench.reconcile_parts import EVENTS, costs
 from tests.support.cpu_samples import Profile, Samples
 from tests.support.wobble import Wobbling
 
-from robotapp_testbed.topology import edge, robot
+from robotapp_testbed.machines.topology import edge, robot
 
 CONTROLLER = "robotapp_operator.reconcile.controller:Controller"
 

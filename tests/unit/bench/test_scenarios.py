@@ -13,7 +13,7 @@ from tests.support.scenarios.contenders import KUBE_SCHEDULER, OURS, Contender
 from tests.support.scenarios.place import Verdict, judged
 from tests.support.scenarios.report import Report, line, section
 
-from robotapp_testbed.nodes import edge
+from robotapp_testbed.machines.nodes import edge
 
 SMALL = Room(200, 400)
 

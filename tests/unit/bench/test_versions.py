@@ -7,7 +7,8 @@ import pytest
 from tests.bench.versions import SMOKE, told
 from tests.support.expressions import RELEASES
 
-from robotapp_testbed import TestbedError, pins, versions
+from robotapp_testbed import TestbedError
+from robotapp_testbed.binaries import pins, versions
 
 RESULT: dict[str, Any] = {"version": "v1.35.4", "demo": True, "demo_s": 50.2, "passed": 9, "bad": [], "smoke_s": 99.9}
 

@@ -8,7 +8,7 @@ from tests.support.claims_model.explore import Result
 from tests.support.claims_model.scenarios import ALL as SCENARIOS
 from tests.support.claims_weakened import ALL, FOUND_BY_MODELS
 
-from robotapp_testbed.pins import REPOSITORY
+from robotapp_testbed.binaries.pins import REPOSITORY
 
 ROW = re.compile(r"^\| [^|]+ \| `(\w+)` \| ((?:`\w+`(?:, )?)+) \|", re.MULTILINE)
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from robotapp_testbed import ApiStatusError, api
-from robotapp_testbed.api import Api
+from robotapp_testbed import ApiStatusError
+from robotapp_testbed.control_plane import api
+from robotapp_testbed.control_plane.api import Api
 
 Answer = tuple[int, Any] | Exception
 

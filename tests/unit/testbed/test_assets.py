@@ -11,8 +11,9 @@ import pytest
 from tests.support.release_server import ReleaseServer, serving
 from tests.support.work_unit import is_in_time
 
-from robotapp_testbed import TestbedError, cache, pins
-from robotapp_testbed.assets import Assets
+from robotapp_testbed import TestbedError
+from robotapp_testbed.binaries import cache, pins
+from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.progress import Progress
 
 NOWHERE = dict.fromkeys(pins.BASE_URLS, "")

@@ -4,7 +4,7 @@ from typing import Any
 
 import yaml
 
-from robotapp_testbed import audit
+from robotapp_testbed.control_plane import audit
 
 
 def record(verb: str, *, code: int = 200, user: str = "operator", resource: str = "pods") -> dict[str, Any]:

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_testbed import cache, pins, wait_until
+from robotapp_testbed import wait_until
+from robotapp_testbed.binaries import cache, pins
 
 
 @pytest.fixture
@@ -171,7 +172,7 @@ def test_callers_for_different_binaries_do_not_wait_for_each_other(store: cache.
 
 def test_the_lock_ends_with_a_holder_that_is_killed(store: cache.Store) -> None:
     code = (
-        "import sys, time; from pathlib import Path; from robotapp_testbed.cache import Store\n"
+        "import sys, time; from pathlib import Path; from robotapp_testbed.binaries.cache import Store\n"
         "with Store(Path(sys.argv[1])).adding('etcd') as target:\n"
         "    target.write_text('half'); print('held', flush=True); time.sleep(60)"
     )

@@ -4,10 +4,11 @@ import sys
 
 import pytest
 
-from robotapp_testbed import cli, pins
-from robotapp_testbed.assets import Assets
-from robotapp_testbed.detached import Cluster
+from robotapp_testbed import cli
+from robotapp_testbed.binaries import pins
+from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.processes.detached import Cluster
 
 _PRINTS = """
 import sys

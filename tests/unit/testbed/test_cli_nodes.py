@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from robotapp_testbed import cli, cli_nodes, programs
-from robotapp_testbed.detached import Cluster, State
+from robotapp_testbed import cli, cli_nodes
+from robotapp_testbed.binaries import programs
+from robotapp_testbed.processes.detached import Cluster, State
 from robotapp_testbed.real import UnavailableError, prerequisites
 from robotapp_testbed.switch.control import Control
 from robotapp_testbed.switch.links import Link, LinkChange
@@ -86,7 +87,9 @@ def test_what_cannot_start_is_refused_at_once(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("robotapp_testbed.assets.Assets.resolve", lambda _: pytest.fail("nothing is to be built"))
+    monkeypatch.setattr(
+        "robotapp_testbed.binaries.assets.Assets.resolve", lambda _: pytest.fail("nothing is to be built")
+    )
     assert cli.main(["up", *options, *held]) == 1
     assert capsys.readouterr().err == f"{reason}\n"
 
@@ -111,7 +114,9 @@ def test_a_machine_that_cannot_is_told_before_anything_is_made(
 
     monkeypatch.setattr(prerequisites, "require", refuse)
     monkeypatch.setattr(programs, "build", lambda _: pytest.fail("nothing is to be compiled"))
-    monkeypatch.setattr("robotapp_testbed.assets.Assets.resolve", lambda _: pytest.fail("no minutes of compiling"))
+    monkeypatch.setattr(
+        "robotapp_testbed.binaries.assets.Assets.resolve", lambda _: pytest.fail("no minutes of compiling")
+    )
     assert cli.main(["up", "--nodes", "2"]) == 1
     assert capsys.readouterr().err == "real nodes need root\n"
 

@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from robotapp_testbed import CommandError
-from robotapp_testbed.commands import Commands, as_input
-from robotapp_testbed.product import arguments
+from robotapp_testbed.control_plane.commands import Commands, as_input
+from robotapp_testbed.control_plane.product import arguments
 
 
 def commands(folder: Path, script: str) -> Commands:

@@ -4,8 +4,8 @@ import pytest
 import yaml
 
 from robotapp_api.model.names import Label
-from robotapp_testbed import components
-from robotapp_testbed.components import Layout, Settings
+from robotapp_testbed.control_plane import components
+from robotapp_testbed.control_plane.components import Layout, Settings
 
 LAYOUT = Layout(Path("/run/cp"), 1, 2, 3, 4)
 

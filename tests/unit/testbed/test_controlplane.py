@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from robotapp_testbed import ControlPlane, TestbedError
-from robotapp_testbed.assets import Assets
+from robotapp_testbed.binaries.assets import Assets
 
 
 class SomeAssets(Assets):

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from robotapp_agent.shell.device_scanner import DeviceScanner, HostPaths
-from robotapp_testbed import fake_host
-from robotapp_testbed.doubles import Doubles
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.nodes import Device
+from robotapp_testbed.machines import fake_host
+from robotapp_testbed.machines.doubles import Doubles
+from robotapp_testbed.machines.nodes import Device
 
 DECLARED = [
     Device("can-can0", "can", interface="can0"),

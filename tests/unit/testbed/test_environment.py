@@ -22,8 +22,8 @@ import pip
 import pytest
 from tests.support.release_server import ReleaseServer, handler
 
-from robotapp_testbed import pins, release
-from robotapp_testbed.authority import Authority
+from robotapp_testbed.binaries import pins, release
+from robotapp_testbed.control_plane.authority import Authority
 
 UV = Path(sys.executable).with_name("uv")
 SYSTEM_BUNDLE = Path("/etc/ssl/certs/ca-certificates.crt")

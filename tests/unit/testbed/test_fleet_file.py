@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from robotapp_testbed import fleet_file
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.fleet_file import topology_of
-from robotapp_testbed.nodes import Device
+from robotapp_testbed.machines import fleet_file
+from robotapp_testbed.machines.fleet_file import topology_of
+from robotapp_testbed.machines.nodes import Device
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "fleet" / "factory.yaml"
 

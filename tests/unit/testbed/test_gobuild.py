@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from robotapp_testbed import TestbedError, gobuild, pins, wait_until
-from robotapp_testbed.toolchain import Go
+from robotapp_testbed import TestbedError, wait_until
+from robotapp_testbed.binaries import gobuild, pins
+from robotapp_testbed.binaries.toolchain import Go
 
 HELM = pins.binary("helm")
 
@@ -95,7 +96,7 @@ def test_an_interrupt_ends_the_compiler(tmp_path: Path) -> None:
 def test_a_killed_caller_takes_the_compiler_along(tmp_path: Path) -> None:
     fake_go(tmp_path, f"echo $$ > {tmp_path}/pid; exec sleep 600")
     code = (
-        "from pathlib import Path; from robotapp_testbed import gobuild, pins; from robotapp_testbed.toolchain import Go\n"
+        "from pathlib import Path; from robotapp_testbed.binaries import gobuild, pins; from robotapp_testbed.binaries.toolchain import Go\n"
         f"folder = Path({str(tmp_path)!r})\n"
         "gobuild.build(Go(folder / 'go', '1'), pins.binary('helm'), folder / 'helm', on_line=print, module_dir=folder)"
     )

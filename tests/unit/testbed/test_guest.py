@@ -6,7 +6,7 @@ import pytest
 
 from journeys.world import confine
 from robotapp_testbed import TestbedError
-from robotapp_testbed.guest import GUEST_LABEL, TAINT, OwnKubectl
+from robotapp_testbed.control_plane.guest import GUEST_LABEL, TAINT, OwnKubectl
 
 
 def test_every_component_is_kept_on_the_simulated_nodes() -> None:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import yaml
 
-from robotapp_testbed import identity
-from robotapp_testbed.identity import Identity
+from robotapp_testbed.control_plane import identity
+from robotapp_testbed.control_plane.identity import Identity
 
 CHAIN = "-----BEGIN CERTIFICATE-----\nleaf\n-----END CERTIFICATE-----\n-----BEGIN CERTIFICATE-----\nauthority\n-----END CERTIFICATE-----\n"
 

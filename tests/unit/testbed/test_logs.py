@@ -1,7 +1,7 @@
 import os
 from pathlib import Path
 
-from robotapp_testbed import logs
+from robotapp_testbed.processes import logs
 
 
 def test_the_ten_newest_logs_are_kept(tmp_path: Path) -> None:

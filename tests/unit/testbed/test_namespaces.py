@@ -3,7 +3,8 @@ from typing import Any, cast
 
 import pytest
 
-from robotapp_testbed import ApiStatusError, ControlPlane, TestbedError, namespaces
+from robotapp_testbed import ApiStatusError, ControlPlane, TestbedError
+from robotapp_testbed.control_plane import namespaces
 
 
 class Plane:

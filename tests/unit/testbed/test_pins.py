@@ -3,7 +3,8 @@ import re
 
 import pytest
 
-from robotapp_testbed import TestbedError, pins
+from robotapp_testbed import TestbedError
+from robotapp_testbed.binaries import pins
 
 GO_MOD = (pins.MODULE_DIR / "go.mod").read_text()
 

@@ -3,7 +3,8 @@ import socket
 
 import pytest
 
-from robotapp_testbed import TestbedError, ports
+from robotapp_testbed import TestbedError
+from robotapp_testbed.processes import ports
 
 
 def test_ports_are_different_free_and_below_the_ephemeral_range() -> None:

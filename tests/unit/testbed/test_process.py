@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from robotapp_testbed import Process, TestbedError, guard, wait_until
+from robotapp_testbed import Process, TestbedError, wait_until
+from robotapp_testbed.processes import guard
 
 SHELL = "/bin/sh"
 
@@ -166,8 +167,8 @@ def test_the_thread_that_started_a_process_may_end(stage: Stage) -> None:
 OWNER = """
 import sys, time
 from pathlib import Path
-from robotapp_testbed.controlplane import start_guard
-from robotapp_testbed.process import Process
+from robotapp_testbed.control_plane.controlplane import start_guard
+from robotapp_testbed.processes.process import Process
 run_dir = Path(sys.argv[1])
 guard = start_guard(run_dir)
 processes = [Process(str(n), ["/bin/sh", "-c", "trap '' TERM HUP; while :; do sleep 0.05; done"], run_dir=run_dir, log_path=run_dir / "log").start() for n in range(3)]

@@ -8,7 +8,8 @@ from typing import Any, cast
 import pytest
 import yaml
 
-from robotapp_testbed import ApiStatusError, ControlPlane, TestbedError, product
+from robotapp_testbed import ApiStatusError, ControlPlane, TestbedError
+from robotapp_testbed.control_plane import product
 from robotapp_testbed.failures import CommandError
 
 CRD = "CustomResourceDefinition"

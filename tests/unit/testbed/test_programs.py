@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from robotapp_testbed import pins, programs
+from robotapp_testbed.binaries import pins, programs
 from robotapp_testbed.progress import Progress
 
 GO = '#!/bin/sh\nif [ "$1" = version ]; then echo go version go1.26.0 linux/amd64; exit; fi\necho built >> "$0.log"; cp main.go "$7"\n'

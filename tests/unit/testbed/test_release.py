@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from tests.support.release_server import ReleaseServer, serving
 from tests.support.work_unit import is_in_time
 
-from robotapp_testbed import pins, release
-from robotapp_testbed.release import Downloader, ReleaseProblem
+from robotapp_testbed.binaries import pins, release
+from robotapp_testbed.binaries.release import Downloader, ReleaseProblem
 
 ETCD, KUBECTL, HELM, KWOK = (pins.binary(name) for name in ("etcd", "kubectl", "helm", "kwok"))
 

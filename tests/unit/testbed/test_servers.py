@@ -7,10 +7,10 @@ from typing import cast
 import pytest
 import yaml
 
-from robotapp_testbed import servers
-from robotapp_testbed.api import Api
-from robotapp_testbed.components import Layout, Settings
-from robotapp_testbed.servers import Builder, Program
+from robotapp_testbed.control_plane import servers
+from robotapp_testbed.control_plane.api import Api
+from robotapp_testbed.control_plane.components import Layout, Settings
+from robotapp_testbed.control_plane.servers import Builder, Program
 
 
 class Handler(http.server.BaseHTTPRequestHandler):

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from robotapp_api.model.telemetry import NodeTelemetry
 from robotapp_testbed import ApiStatusError, ControlPlane, TestbedError, wait_until
-from robotapp_testbed.network import Topology
-from robotapp_testbed.telemetry import PEER_LIMIT, SimulatedTelemetry
-from robotapp_testbed.topology import Device, edge, fleet, robot
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.telemetry import PEER_LIMIT, SimulatedTelemetry
+from robotapp_testbed.machines.topology import Device, edge, fleet, robot
 
 CAN = Device("can0", "can", interface="can0")
 

@@ -2,7 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from robotapp_testbed import TestbedError, pins, toolchain
+from robotapp_testbed import TestbedError
+from robotapp_testbed.binaries import pins, toolchain
 
 
 def fake_go(folder: Path, version: str) -> Path:

@@ -4,8 +4,8 @@ from hypothesis import strategies as st
 
 from robotapp_api.model.names import Label
 from robotapp_testbed import TestbedError
-from robotapp_testbed.network import CLOUD_MS, FAR_MS, NEAR_MS, Topology
-from robotapp_testbed.topology import Device, Tier, cloud, edge, fleet, robot
+from robotapp_testbed.machines.network import CLOUD_MS, FAR_MS, NEAR_MS, Topology
+from robotapp_testbed.machines.topology import Device, Tier, cloud, edge, fleet, robot
 
 CAN = Device("can0", "can", interface="can0")
 CAMERA = Device("cam-1", "camera", model="d435", path="/dev/video0")

@@ -14,7 +14,7 @@ from robotapp_agent.devices.rules import Match, Rule, Rules
 from robotapp_agent.devices.tree import Entry, Snapshot
 from robotapp_agent.shell.device_scanner import DeviceScanner, HostPaths
 from robotapp_api.model.telemetry import TelemetryDevice
-from robotapp_testbed.fake_host import FakeHost
+from robotapp_testbed.machines.fake_host import FakeHost
 
 SOME_RULES = Rules(
     devices=(

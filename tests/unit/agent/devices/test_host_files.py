@@ -9,7 +9,7 @@ from robotapp_agent.devices.tree import FOLDERS, Wanted
 from robotapp_agent.shell.device_scanner import DeviceScanner, HostPaths
 from robotapp_agent.shell.host.files import Bounds, Budget, Stopped, Tree
 from robotapp_agent.shell.host.sysfs import SysfsReader
-from robotapp_testbed.fake_host import CAMERA, FakeHost, UsbModel
+from robotapp_testbed.machines.fake_host import CAMERA, FakeHost, UsbModel
 
 
 class Counted(Tree):

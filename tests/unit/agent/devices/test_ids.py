@@ -6,7 +6,7 @@ import pytest
 
 from robotapp_agent.devices.usb import numbers
 from robotapp_agent.shell.device_scanner import DeviceScanner, HostPaths
-from robotapp_testbed.fake_host import (
+from robotapp_testbed.machines.fake_host import (
     ADAPTER,
     CAMERA,
     CAN_ADAPTER,

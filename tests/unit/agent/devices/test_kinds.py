@@ -7,7 +7,7 @@ import pytest
 
 from robotapp_agent.devices.device import Device
 from robotapp_agent.shell.device_scanner import DeviceScanner, HostPaths
-from robotapp_testbed.fake_host import CAMERA, GAMEPAD, LIDAR, FakeHost, UsbModel, serial_loop
+from robotapp_testbed.machines.fake_host import CAMERA, GAMEPAD, LIDAR, FakeHost, UsbModel, serial_loop
 
 
 def found(host: FakeHost) -> Sequence[Device]:

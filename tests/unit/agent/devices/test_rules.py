@@ -12,7 +12,7 @@ from robotapp_agent.devices.device import Device
 from robotapp_agent.devices.patterns import matches, problem_of
 from robotapp_agent.shell.device_scanner import DeviceScanner, HostPaths, Scan
 from robotapp_agent.shell.host.rules_file import rules_of_text
-from robotapp_testbed.fake_host import LIDAR, FakeHost, UsbModel
+from robotapp_testbed.machines.fake_host import LIDAR, FakeHost, UsbModel
 
 NUMBERED = UsbModel("046d", "082d", "C920", serial="5F1A33BF")
 

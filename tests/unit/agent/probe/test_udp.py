@@ -15,7 +15,7 @@ from robotapp_agent.probe.packets import REPLY, REQUEST, SIZE_BYTES, node_id, op
 from robotapp_agent.probe.rounds import PROBES, Round, RoundResult
 from robotapp_agent.shell.datagrams import READS_PER_S, address_of, arrival_ns
 from robotapp_agent.shell.udp import PeerAddress, UdpProbes, slept_ns
-from robotapp_testbed.ports import free_ports
+from robotapp_testbed.processes.ports import free_ports
 
 SECONDS = 0.5
 

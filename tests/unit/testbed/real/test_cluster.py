@@ -2,7 +2,7 @@ import pytest
 
 from robotapp_api.model.names import Label
 from robotapp_testbed import TestbedError
-from robotapp_testbed.nodes import robot
+from robotapp_testbed.machines.nodes import robot
 from robotapp_testbed.real import RealNodes
 
 

@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from robotapp_testbed.cache import cache_home
+from robotapp_testbed.binaries.cache import cache_home
 
 _KEPT = 10
 

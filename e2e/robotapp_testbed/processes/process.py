@@ -11,8 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
-from robotapp_testbed import guard
 from robotapp_testbed.failures import TestbedError
+from robotapp_testbed.processes import guard
 
 _LAUNCH = Path(__file__).with_name("launch.py")
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from robotapp_testbed import cache, gobuild, pins, toolchain
+from robotapp_testbed.binaries import cache, gobuild, pins, toolchain
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.progress import Progress
 

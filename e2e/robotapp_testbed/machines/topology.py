@@ -9,12 +9,12 @@ with SimulatedTelemetry(cp, nodes) as telemetry:
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from robotapp_testbed.controlplane import ControlPlane
+from robotapp_testbed.control_plane.controlplane import ControlPlane
 from robotapp_testbed.failures import ApiStatusError
-from robotapp_testbed.network import Topology
-from robotapp_testbed.nodes import Device, SimulatedNode, Tier, cloud, edge, robot
-from robotapp_testbed.telemetry import PATH as TELEMETRY
-from robotapp_testbed.telemetry import SimulatedTelemetry
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.nodes import Device, SimulatedNode, Tier, cloud, edge, robot
+from robotapp_testbed.machines.telemetry import PATH as TELEMETRY
+from robotapp_testbed.machines.telemetry import SimulatedTelemetry
 
 __all__ = [
     "Device",

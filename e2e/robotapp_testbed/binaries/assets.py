@@ -7,7 +7,7 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 
-from robotapp_testbed import cache, gobuild, pins, release, toolchain
+from robotapp_testbed.binaries import cache, gobuild, pins, release, toolchain
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.progress import Progress
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import yaml
 
-from robotapp_testbed import components
-from robotapp_testbed.api import Api
+from robotapp_testbed.control_plane import components
+from robotapp_testbed.control_plane.api import Api
 from robotapp_testbed.failures import ApiStatusError
-from robotapp_testbed.process import Process
+from robotapp_testbed.processes.process import Process
 
 _PROBE_TIMEOUT_S = 5.0
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import yaml
 
 from robotapp_api.model.names import Label
-from robotapp_testbed import ports
+from robotapp_testbed.processes import ports
 
-STAGES_DIR = Path(__file__).with_name("stages")
+STAGES_DIR = Path(__file__).parents[1] / "stages"
 SIMULATED_BY_KWOK = "kwok"
 NODE_SELECTOR = f"{Label.SIMULATED}={SIMULATED_BY_KWOK}"
 """kwok plays the kubelet of nodes with this label only, so real nodes can join the same control plane."""

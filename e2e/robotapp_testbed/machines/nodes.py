@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 from robotapp_api.model.names import HARDWARE_PREFIX, Label
-from robotapp_testbed.components import SIMULATED_BY_KWOK
+from robotapp_testbed.control_plane.components import SIMULATED_BY_KWOK
 
 _CREATED = "2024-01-01T00:00:00Z"  # the age of a condition is of no interest; a fixed text keeps manifests equal
 

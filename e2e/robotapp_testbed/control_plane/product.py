@@ -14,12 +14,12 @@ from typing import Any
 import yaml
 
 from robotapp_api.model.names import API_VERSION, SYSTEM_NAMESPACE, Annotation
-from robotapp_testbed import ports
-from robotapp_testbed.controlplane import ControlPlane
+from robotapp_testbed.binaries.pins import REPOSITORY
+from robotapp_testbed.control_plane.controlplane import ControlPlane
+from robotapp_testbed.control_plane.servers import answers
 from robotapp_testbed.failures import ApiStatusError, CommandError, TestbedError
-from robotapp_testbed.pins import REPOSITORY
-from robotapp_testbed.process import Process, wait_until
-from robotapp_testbed.servers import answers
+from robotapp_testbed.processes import ports
+from robotapp_testbed.processes.process import Process, wait_until
 
 CHART = REPOSITORY / "helm" / "robotapp"
 CRDS = REPOSITORY / "crds"

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from robotapp_testbed import cache, pins
+from robotapp_testbed.binaries import cache, pins
 from robotapp_testbed.failures import TestbedError, last_words
 
 _PROGRAM = Path("go", "bin", "go")

@@ -17,11 +17,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Self, TextIO
 
-from robotapp_testbed import guard
-from robotapp_testbed.cache import cache_home
-from robotapp_testbed.controlplane import ControlPlane
+from robotapp_testbed.binaries.cache import cache_home
+from robotapp_testbed.control_plane.controlplane import ControlPlane
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.process import wait_until
+from robotapp_testbed.processes import guard
+from robotapp_testbed.processes.process import wait_until
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,39}")
 _UP_S = 240.0  # several real nodes with our programs as pods take minutes on a machine that has other work

@@ -8,8 +8,17 @@ from pathlib import Path
 from typing import Final
 
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.fake_host import ADAPTER, CAMERA, CAN_ADAPTER, GAMEPAD, LIDAR, FakeHost, UsbModel, serial_loop
-from robotapp_testbed.nodes import Device
+from robotapp_testbed.machines.fake_host import (
+    ADAPTER,
+    CAMERA,
+    CAN_ADAPTER,
+    GAMEPAD,
+    LIDAR,
+    FakeHost,
+    UsbModel,
+    serial_loop,
+)
+from robotapp_testbed.machines.nodes import Device
 
 _PORTS: Final = range(1, 128)
 

@@ -17,9 +17,9 @@ import yaml
 
 from robotapp_api.claims.identity import device_label
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.network import Topology
-from robotapp_testbed.nodes import Device, SimulatedNode
-from robotapp_testbed.topology import fleet
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.nodes import Device, SimulatedNode
+from robotapp_testbed.machines.topology import fleet
 
 MOST_BYTES: Final = 1 << 20
 MOST_NODES: Final = 10_000

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.nodes import SimulatedNode, Tier
+from robotapp_testbed.machines.nodes import SimulatedNode, Tier
 
 NEAR_MS = 2.0
 

@@ -14,14 +14,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from robotapp_testbed import audit as audit_log
-from robotapp_testbed import components, guard, identity, logs, servers
-from robotapp_testbed.api import Api
-from robotapp_testbed.assets import Assets
-from robotapp_testbed.commands import Commands
+from robotapp_testbed.binaries.assets import Assets
+from robotapp_testbed.control_plane import audit as audit_log
+from robotapp_testbed.control_plane import components, identity, servers
+from robotapp_testbed.control_plane.api import Api
+from robotapp_testbed.control_plane.commands import Commands
+from robotapp_testbed.control_plane.servers import Program
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.process import Process
-from robotapp_testbed.servers import Program
+from robotapp_testbed.processes import guard, logs
+from robotapp_testbed.processes.process import Process
 
 _INTERNAL_IDENTITIES = {
     # The user names the built-in RBAC roles are bound to: these programs have the rights they have everywhere.
@@ -211,7 +212,7 @@ class ControlPlane:
             self.process(Program.CONTROLLER_MANAGER).restart()
 
     def add_process(self, process: Process) -> Process:
-        """Adopt a program so that it ends with this control plane (used by robotapp_testbed.product)."""
+        """Adopt a program so that it ends with this control plane (used by robotapp_testbed.control_plane.product)."""
         self._processes[process.name] = process
         return process
 

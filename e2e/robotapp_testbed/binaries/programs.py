@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from robotapp_testbed import cache, gobuild, pins, toolchain
+from robotapp_testbed.binaries import cache, gobuild, pins, toolchain
 from robotapp_testbed.progress import Progress
 
 FOLDERS: Final = {"latency-switch": "latency_switch", "pause": "pause", "cluster-dns": "cluster_dns"}

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from robotapp_testbed.controlplane import ControlPlane
+from robotapp_testbed.control_plane.controlplane import ControlPlane
 from robotapp_testbed.failures import ApiStatusError, TestbedError
-from robotapp_testbed.process import wait_until
+from robotapp_testbed.processes.process import wait_until
 
 _READY_S = 60.0
 

@@ -14,7 +14,7 @@ import urllib.request
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from robotapp_testbed import pins
+from robotapp_testbed.binaries import pins
 
 CONNECT_TIMEOUT_S = 3.0
 _CHUNK_BYTES = 1 << 18

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from robotapp_testbed import pins
+from robotapp_testbed.binaries import pins
 
 _LOCK_POLL_S = 0.2
 

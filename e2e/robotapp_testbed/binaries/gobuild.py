@@ -7,10 +7,10 @@ import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from robotapp_testbed import pins
+from robotapp_testbed.binaries import pins
+from robotapp_testbed.binaries.toolchain import Go
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.process import launcher
-from robotapp_testbed.toolchain import Go
+from robotapp_testbed.processes.process import launcher
 
 _ERROR_LINES = 6
 

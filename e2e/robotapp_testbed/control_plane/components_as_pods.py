@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from robotapp_api.model.names import API_VERSION, SYSTEM_NAMESPACE
-from robotapp_testbed import images, product
-from robotapp_testbed.controlplane import ControlPlane
+from robotapp_testbed import images
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.controlplane import ControlPlane
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.process import wait_until
+from robotapp_testbed.processes.process import wait_until
 
 IMAGES: Final = ("operator", "scheduler", "agent")
 """What RealNodes needs in `images` for them."""

@@ -15,14 +15,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from robotapp_api.model.names import API_VERSION, SYSTEM_NAMESPACE
-from robotapp_testbed import components, identity, servers
-from robotapp_testbed.api import Api
-from robotapp_testbed.assets import Assets
-from robotapp_testbed.commands import as_input
-from robotapp_testbed.controlplane import ControlPlane
+from robotapp_testbed.binaries.assets import Assets
+from robotapp_testbed.control_plane import components, identity, servers
+from robotapp_testbed.control_plane.api import Api
+from robotapp_testbed.control_plane.commands import as_input
+from robotapp_testbed.control_plane.controlplane import ControlPlane
+from robotapp_testbed.control_plane.servers import Program
 from robotapp_testbed.failures import ApiStatusError, CommandError, TestbedError
-from robotapp_testbed.process import wait_until
-from robotapp_testbed.servers import Program
+from robotapp_testbed.processes.process import wait_until
 
 GUEST_LABEL: Final = "robotics.io/guest"
 """On the namespace, the rights and the nodes of a guest; also the key of the taint that keeps others off its nodes."""

@@ -1,0 +1,1 @@
+"""Nodes of a simulated cluster: their places, hardware, telemetry and network."""
