@@ -6,18 +6,18 @@ from typing import Annotated
 import typer
 
 from robotapp_api.model.names import SYSTEM_NAMESPACE
-from robotapp_cli.apps import show_info, show_list
-from robotapp_cli.claims import show_domains
+from robotapp_cli.commands.apps import show_info, show_list
+from robotapp_cli.commands.claims import show_domains
+from robotapp_cli.commands.devices import show_devices
+from robotapp_cli.commands.explain import Question, show_explain
+from robotapp_cli.commands.nodes import show_nodes, show_robots
+from robotapp_cli.commands.rendering import show_children, show_file
+from robotapp_cli.commands.simulate import Wish, show_simulation
+from robotapp_cli.commands.what_if import Supposition, show_what_if
 from robotapp_cli.completion import complete_names, complete_nodes, complete_pairs, complete_robots
-from robotapp_cli.devices import show_devices
-from robotapp_cli.explain import Question, show_explain
 from robotapp_cli.failures import CliError, Exit, ended_by
-from robotapp_cli.nodes import show_nodes, show_robots
 from robotapp_cli.output import Output
-from robotapp_cli.rendering import show_children, show_file
-from robotapp_cli.session import Options, run
-from robotapp_cli.simulate import Wish, show_simulation
-from robotapp_cli.what_if import Supposition, show_what_if
+from robotapp_cli.reading.session import Options, run
 from robotapp_cli.written import address, object_name
 
 _EPILOG = """\
@@ -290,7 +290,7 @@ def lint_command(
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """Check files without a cluster: the schema, its rules and what the operator would refuse, with the line and the cure."""
-    from robotapp_cli.linting import show_lint  # the schema, jsonschema and CEL take half a second to import
+    from robotapp_cli.commands.linting import show_lint  # the schema, jsonschema and CEL take half a second to import
 
     try:
         code = show_lint(files, output)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.scheduling import Clock, make_cluster, make_node
 
-from robotapp_cli.nodes import reported_round_trips
+from robotapp_cli.commands.nodes import reported_round_trips
 from robotapp_operator.plan.spec.objects import Telemetry
 from robotapp_operator.watch.cache import Cache
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry

@@ -108,8 +108,8 @@ OBSERVED: Final[Mapping[str, str]] = {
         telemetry.devices.present""",
     "scheduler/robotapp_scheduler/plugins/ros/load_balance.py": """
         telemetry.load.cpuPercent telemetry.load.memoryPercent telemetry.load.gpuPercent""",
-    "cli/robotapp_cli/devices.py": "telemetry.devices.id telemetry.devices.names telemetry.devices.path",
-    "cli/robotapp_cli/nodes.py": """
+    "cli/robotapp_cli/commands/devices.py": "telemetry.devices.id telemetry.devices.names telemetry.devices.path",
+    "cli/robotapp_cli/commands/nodes.py": """
         telemetry.arch telemetry.kernel.realtime telemetry.deviceProblem telemetry.rtt.jitterUs telemetry.load.diskPercent
         telemetry.load.networkBps telemetry.temperatures.name telemetry.temperatures.celsius telemetry.battery.percent
         telemetry.battery.charging telemetry.clock.offsetMilliseconds""",
@@ -123,8 +123,8 @@ OBSERVED: Final[Mapping[str, str]] = {
     "crds/robotapp_api/claiming/claim_nodes.py": "claimed.nodes",
     "crds/robotapp_api/claiming/writes.py": "claimed.node",
     "operator/robotapp_operator/watch/informers.py": "named.app named.appUID named.instance",
-    "cli/robotapp_cli/instances.py": "instance.phase instance.domain app.troubled.instance",
-    "cli/robotapp_cli/apps.py": """
+    "cli/robotapp_cli/reading/instances.py": "instance.phase instance.domain app.troubled.instance",
+    "cli/robotapp_cli/commands/apps.py": """
         app.observedGeneration app.phase app.conditions.type app.conditions.status app.conditions.reason
         app.conditions.message app.conditions.lastTransitionTime
         app.instanceCounts.desired app.instanceCounts.ready app.instanceCounts.offline app.instanceCounts.completed

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_cli.fields import age, condition, milliseconds, short_ms
 from robotapp_cli.output import bar
+from robotapp_cli.reading.fields import age, condition, milliseconds, short_ms
 
 NOW = datetime(2026, 1, 10, tzinfo=UTC)
 

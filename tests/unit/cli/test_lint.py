@@ -13,7 +13,7 @@ from click.testing import Result
 from tests.support.apiobjects import app, component, pool
 from typer.testing import CliRunner
 
-from robotapp_cli.linting import show_lint
+from robotapp_cli.commands.linting import show_lint
 from robotapp_cli.main import app as cli
 from robotapp_cli.output import Output
 

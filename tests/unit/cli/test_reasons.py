@@ -4,7 +4,7 @@ import msgspec
 import pytest
 from tests.support.cli import robotapp
 
-from robotapp_cli.reasons import Peer, budgets, hardware, refusals
+from robotapp_cli.commands.reasons import Peer, budgets, hardware, refusals
 from robotapp_scheduler.core.explain.record import EdgeView, Example, Record, Refusal, as_json
 from robotapp_scheduler.plugins.ros.hardware_affinity import LACKS, HardwareAffinityFilter
 

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from tests.support.cli import Json, Stage
 
-from robotapp_cli.simulate import thinned
+from robotapp_cli.commands.simulate import thinned
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
 
 WANTED = {

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from tests.support.cli import Json, Stage
 
-from robotapp_cli import what_if
+from robotapp_cli.commands import what_if
 
 MOVED = {
     "namespace": "fleet",

@@ -20,13 +20,13 @@ from robotapp_api.model.names import API_VERSION, SYSTEM_NAMESPACE
 from robotapp_api.values.arguments import is_name
 from robotapp_api.values.duration import format_us, parse_us
 from robotapp_api.values.printable import printable
+from robotapp_cli.commands.simulate import document
 from robotapp_cli.failures import CliError, Exit
-from robotapp_cli.fields import Json
-from robotapp_cli.files import objects
 from robotapp_cli.output import Column, arrow, blank_line, print_line, print_table, write_structured
-from robotapp_cli.scheduler_link import Link, NoAnswerError, connect
-from robotapp_cli.session import Session
-from robotapp_cli.simulate import document
+from robotapp_cli.reading.fields import Json
+from robotapp_cli.reading.files import objects
+from robotapp_cli.reading.scheduler_link import Link, NoAnswerError, connect
+from robotapp_cli.reading.session import Session
 
 _MOST_BYTES: Final = 1 << 20
 _PROGRESS_AFTER_S: Final = 2.0

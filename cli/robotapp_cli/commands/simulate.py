@@ -14,11 +14,11 @@ from robotapp_api.client.api.resources import Resource
 from robotapp_api.client.transport.errors import Forbidden, NotFound
 from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_cli.failures import CliError, Exit
-from robotapp_cli.fields import Json
-from robotapp_cli.files import documents, objects
 from robotapp_cli.output import Column, blank_line, print_line, print_table, write_structured
-from robotapp_cli.scheduler_link import Link, NoAnswerError, connect
-from robotapp_cli.session import Session
+from robotapp_cli.reading.fields import Json
+from robotapp_cli.reading.files import documents, objects
+from robotapp_cli.reading.scheduler_link import Link, NoAnswerError, connect
+from robotapp_cli.reading.session import Session
 
 _MOST_BYTES: Final = 64 << 20
 _PRIVATE: Final = ("env", "envFrom", "command", "args", "volumeMounts", "lifecycle")

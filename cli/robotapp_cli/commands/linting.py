@@ -10,12 +10,12 @@ from typing import Any, Final
 from robotapp_api.model.names import API_VERSION
 from robotapp_api.values.printable import printable
 from robotapp_cli.failures import Exit
-from robotapp_cli.files import content
 from robotapp_cli.lint.definitions import KINDS
 from robotapp_cli.lint.findings import Located, Place, Severity, Why
 from robotapp_cli.lint.linter import Report, lint
 from robotapp_cli.lint.reading import MOST_TEXT
 from robotapp_cli.output import Output, write_structured
+from robotapp_cli.reading.files import content
 
 _LONGEST: Final = 2000
 """Characters of a message: parts of the file stand in some."""

@@ -17,10 +17,10 @@ from robotapp_api.client.api.resources import NODES, NODETELEMETRIES, ROBOTCLAIM
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.bandwidth import parse_link_bandwidth
 from robotapp_api.values.round_trips import RoundTrips, Rtt
-from robotapp_cli.devices import NodeDevice, devices_of
-from robotapp_cli.fields import Json, age, condition, label, meta, short_ms, status
+from robotapp_cli.commands.devices import NodeDevice, devices_of
 from robotapp_cli.output import Column, Output, print_line, print_table, write_structured
-from robotapp_cli.session import Session
+from robotapp_cli.reading.fields import Json, age, condition, label, meta, short_ms, status
+from robotapp_cli.reading.session import Session
 
 _LOAD: Final = ("cpuPercent", "memoryPercent", "diskPercent", "gpuPercent", "networkBps")
 _GAP: Final = 2

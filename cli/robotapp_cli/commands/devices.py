@@ -12,9 +12,9 @@ from robotapp_api.claims.node_devices import Device, devices_of_labels
 from robotapp_api.claims.objects import DeviceThing
 from robotapp_api.client.api.resources import NODES, NODETELEMETRIES, ROBOTCLAIMS
 from robotapp_api.model.names import GPU
-from robotapp_cli.fields import Json, meta, status
 from robotapp_cli.output import Column, Output, print_line, print_table, write_structured
-from robotapp_cli.session import Session
+from robotapp_cli.reading.fields import Json, meta, status
+from robotapp_cli.reading.session import Session
 
 _NO_CLAIM: Final = ("holder", "instance", "component", "phase", "claim")
 

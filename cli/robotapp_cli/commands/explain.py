@@ -9,14 +9,14 @@ import msgspec
 
 from robotapp_api.client.api.resources import PODS, ROBOTAPPS
 from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label, PodReason
-from robotapp_cli.apps import print_edges, with_percentiles
+from robotapp_cli.commands.apps import print_edges, with_percentiles
+from robotapp_cli.commands.reasons import budgets, hardware, refusals, with_what_is_known
 from robotapp_cli.failures import CliError, Exit
-from robotapp_cli.fields import Json, condition, label, meta, status
-from robotapp_cli.instances import Instance, chosen, in_full, instances_of
 from robotapp_cli.output import Column, Output, blank_line, print_line, print_table, write_structured
-from robotapp_cli.reasons import budgets, hardware, refusals, with_what_is_known
-from robotapp_cli.scheduler_link import Link, connect
-from robotapp_cli.session import Session
+from robotapp_cli.reading.fields import Json, condition, label, meta, status
+from robotapp_cli.reading.instances import Instance, chosen, in_full, instances_of
+from robotapp_cli.reading.scheduler_link import Link, connect
+from robotapp_cli.reading.session import Session
 
 _BEFORE_PODS: Final = (Condition.ACCEPTED, Condition.ALLOCATED, Condition.READY)
 """What keeps pods from being made, first things first."""

@@ -6,8 +6,8 @@ from typing import Final
 
 from robotapp_api.model.names import ROBOT_END
 from robotapp_api.values.better_node import TOPIC, edge_to, topic_of
-from robotapp_cli.apps import MEDIAN
-from robotapp_cli.fields import Json, milliseconds, short_ms
+from robotapp_cli.commands.apps import MEDIAN
+from robotapp_cli.reading.fields import Json, milliseconds, short_ms
 
 _PREFIX: Final = "node(s) "
 _ESTIMATED: Final = "estimated"

@@ -15,10 +15,10 @@ from robotapp_api.client.api.resources import CONFIGMAPS, DEPLOYMENTS, ROBOTAPPS
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_api.values.arguments import is_name, not_a_name
 from robotapp_cli.failures import CliError, Exit
-from robotapp_cli.fields import Json, meta
-from robotapp_cli.files import documents
 from robotapp_cli.output import Output, write_structured
-from robotapp_cli.session import Session
+from robotapp_cli.reading.fields import Json, meta
+from robotapp_cli.reading.files import documents
+from robotapp_cli.reading.session import Session
 
 _CHILDREN: Final = (CONFIGMAPS, SERVICES, DEPLOYMENTS)
 _SERVER_METADATA: Final = ("managedFields", "uid", "resourceVersion", "generation", "creationTimestamp", "selfLink")

@@ -1,0 +1,1 @@
+"""What commands read: files, and the cluster through kubectl and the scheduler's port."""
