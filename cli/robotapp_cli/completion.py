@@ -53,7 +53,9 @@ def _name(obj: Json) -> str:
 def _asked(ctx: typer.Context, resource: Resource, naming: Callable[[Json], str], selector: str = "") -> list[str]:
     given: dict[str, Any] = ctx.params
     file = given.get("kubeconfig")
-    options = Options(given.get("namespace"), False, given.get("context"), Path(file) if file else None)
+    options = Options(
+        namespace=given.get("namespace"), context=given.get("context"), kubeconfig=Path(file) if file else None
+    )
     try:
         return [
             naming(each) for each in asyncio.run(asyncio.wait_for(_objects(options, resource, selector), _PATIENCE_S))

@@ -61,7 +61,10 @@ def list_command(
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """List RobotApps with domain, latency and devices."""
-    run(Options(namespace, everywhere, context, kubeconfig, output), show_list)
+    run(
+        Options(namespace=namespace, everywhere=everywhere, context=context, kubeconfig=kubeconfig, output=output),
+        show_list,
+    )
 
 
 Robot = Annotated[
@@ -83,7 +86,10 @@ def info_command(
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """Show one RobotApp: conditions, instances, edges with their latency, events."""
-    run(Options(namespace, False, context, kubeconfig, output), lambda session: show_info(session, name, robot))
+    run(
+        Options(namespace=namespace, context=context, kubeconfig=kubeconfig, output=output),
+        lambda session: show_info(session, name, robot),
+    )
 
 
 SchedulerUrl = Annotated[
@@ -111,8 +117,17 @@ def explain_command(
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """Say why each component runs where it runs, and which nodes were refused."""
-    question = Question(name, component, robot, scheduler_url, scheduler_namespace)
-    run(Options(namespace, False, context, kubeconfig, output), lambda session: show_explain(session, question))
+    question = Question(
+        name=name,
+        component=component,
+        robot=robot,
+        scheduler_url=scheduler_url,
+        scheduler_namespace=scheduler_namespace,
+    )
+    run(
+        Options(namespace=namespace, context=context, kubeconfig=kubeconfig, output=output),
+        lambda session: show_explain(session, question),
+    )
 
 
 @app.command(
@@ -143,8 +158,18 @@ def simulate_command(
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """Say where waiting pods, and those of files, would go; nothing is placed."""
-    wish = Wish(tuple(files or ()), offline, config, replay, scheduler_url, scheduler_namespace)
-    run(Options(namespace, False, context, kubeconfig, output), lambda session: show_simulation(session, wish))
+    wish = Wish(
+        files=tuple(files or ()),
+        offline=offline,
+        config=config,
+        replay=replay,
+        scheduler_url=scheduler_url,
+        scheduler_namespace=scheduler_namespace,
+    )
+    run(
+        Options(namespace=namespace, context=context, kubeconfig=kubeconfig, output=output),
+        lambda session: show_simulation(session, wish),
+    )
 
 
 @app.command(
@@ -189,9 +214,17 @@ def what_if_command(
 ) -> None:
     """Say which pods would move and which latency budgets would break, supposing all this at once; nothing is changed."""
     supposed = Supposition(
-        tuple(node_loss or ()), tuple(rtt or ()), tuple(apps or ()), config, scheduler_url, scheduler_namespace
+        node_loss=tuple(node_loss or ()),
+        rtt=tuple(rtt or ()),
+        apps=tuple(apps or ()),
+        config=config,
+        scheduler_url=scheduler_url,
+        scheduler_namespace=scheduler_namespace,
     )
-    run(Options(namespace, False, context, kubeconfig, output), lambda session: show_what_if(session, supposed))
+    run(
+        Options(namespace=namespace, context=context, kubeconfig=kubeconfig, output=output),
+        lambda session: show_what_if(session, supposed),
+    )
 
 
 @app.command("domains", epilog="Example: kubectl robotapp domains -n fleet-a")
@@ -208,7 +241,7 @@ def domains_command(
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """Show the domain pools and who holds which DDS domain."""
-    run(Options(namespace, False, context, kubeconfig, output), show_domains)
+    run(Options(namespace=namespace, context=context, kubeconfig=kubeconfig, output=output), show_domains)
 
 
 @app.command("devices", epilog="Example: kubectl robotapp devices -o wide")
@@ -228,7 +261,7 @@ def devices_command(
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """Show the devices of all nodes and who holds them."""
-    run(Options(namespace, False, context, kubeconfig, output), show_devices)
+    run(Options(namespace=namespace, context=context, kubeconfig=kubeconfig, output=output), show_devices)
 
 
 @app.command("nodes", epilog="Example: kubectl robotapp nodes -o json")
@@ -236,7 +269,7 @@ def nodes_command(
     *, context: Context = None, kubeconfig: Kubeconfig = None, output: OutputFormat = Output.TABLE
 ) -> None:
     """Show all nodes: tier, zone, latency, devices, load, how old their agent's report is, since when they are offline."""
-    run(Options(None, False, context, kubeconfig, output), show_nodes)
+    run(Options(context=context, kubeconfig=kubeconfig, output=output), show_nodes)
 
 
 @app.command("robots", epilog="Example: kubectl robotapp robots")
@@ -244,7 +277,7 @@ def robots_command(
     *, context: Context = None, kubeconfig: Kubeconfig = None, output: OutputFormat = Output.TABLE
 ) -> None:
     """Show all robots with the same, by their primary node."""
-    run(Options(None, False, context, kubeconfig, output), show_robots)
+    run(Options(context=context, kubeconfig=kubeconfig, output=output), show_robots)
 
 
 @app.command(
@@ -267,7 +300,7 @@ def render_command(
     output: OutputFormat = Output.YAML,
 ) -> None:
     """Show the children of a RobotApp in the cluster; with -f, what the API server would store (a dry run)."""
-    options = Options(namespace, False, context, kubeconfig, output)
+    options = Options(namespace=namespace, context=context, kubeconfig=kubeconfig, output=output)
     if (name is None) == (file is None):
         typer.echo("error: give a NAME, or -f FILE", err=True)
         raise typer.Exit(Exit.USAGE)

@@ -48,11 +48,19 @@ def console() -> Console:
 
 
 def write_structured(data: Any, output: Output) -> None:
-    """Plain JSON or YAML, never coloured or wrapped."""
+    """Plain JSON or YAML, never coloured or wrapped. What a terminal would obey is escaped, which reads back as the same."""
     if output is Output.JSON:
-        sys.stdout.write(json.dumps(data, indent=2, ensure_ascii=False) + "\n")
-    else:
-        sys.stdout.write(yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=_UNLIMITED))
+        text = json.dumps(data, indent=2, ensure_ascii=False)
+        shown = (each if each.isprintable() or each == "\n" else json.dumps(each)[1:-1] for each in text)
+        sys.stdout.write("".join(shown) + "\n")
+        return
+    text = _yaml(data, allow_unicode=True)
+    plain = text.replace("\n", "").isprintable()
+    sys.stdout.write(text if plain else _yaml(data, allow_unicode=False))
+
+
+def _yaml(data: Any, *, allow_unicode: bool) -> str:
+    return str(yaml.safe_dump(data, sort_keys=False, allow_unicode=allow_unicode, width=_UNLIMITED))
 
 
 @dataclass(frozen=True, slots=True)

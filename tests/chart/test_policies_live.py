@@ -145,6 +145,20 @@ def test_the_scheduler_grants_by_its_binding_and_the_grant_never_changes(tenant:
     tenant.plane.kubectl("annotate", "pod", "granted", "-n", NAMESPACE, TENANT, "note=fine")
 
 
+def test_a_better_node_is_the_schedulers_proposal_alone(tenant: Chart) -> None:
+    proposal = "robotics.io/better-node"
+    says = "is the robotapp scheduler's proposal"
+    text = refusal(tenant, "create", TENANT, "-f", "-", stdin=pod("proposed", annotations={proposal: "x"}))
+    assert says in text
+    create(tenant, pod("proposed"))
+    annotate = ("annotate", "pod", "proposed", "-n", NAMESPACE, "--overwrite")
+    assert says in refusal(tenant, *annotate, TENANT, f"{proposal}=x")
+    tenant.plane.kubectl(*annotate, AS_SCHEDULER, f"{proposal}=x")
+    tenant.plane.kubectl(*annotate, TENANT, "note=fine")
+    assert says in refusal(tenant, *annotate, TENANT, f"{proposal}-")
+    tenant.plane.kubectl(*annotate, AS_SCHEDULER, f"{proposal}-")
+
+
 def test_a_binding_with_a_grant_by_anyone_else_is_refused(tenant: Chart) -> None:
     create(tenant, pod("bound"))
     for road in ("pods/bound/binding", "bindings"):

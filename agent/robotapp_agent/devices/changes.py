@@ -22,6 +22,8 @@ class Presence:
         self._reported = {device.id: device for device in reported}
         self._absent_since_s = {name: now_s for name, device in self._reported.items() if not device.present}
         self._seen_once: frozenset[str] = frozenset()
+        self._without_room: frozenset[str] = frozenset()
+        """Here for certain, but beyond the API's bound."""
         self._begun = False
         self.omitted = 0
         """Devices beyond the API's bound that the last scan found."""
@@ -48,9 +50,8 @@ class Presence:
         """
         here = {device.id: device for device in found}
         known = {name for name, device in self._reported.items() if device.present}
-        believed = {
-            name: device for name, device in here.items() if name in known or name in self._seen_once or not self._begun
-        }
+        seen = known | self._seen_once | self._without_room
+        believed = {name: device for name, device in here.items() if name in seen or not self._begun}
         self._seen_once = frozenset(here.keys() - believed.keys())
         self._begun = self._begun or complete
         if complete:
@@ -66,7 +67,8 @@ class Presence:
         here = {name for name, device in self._reported.items() if device.present}
         room = MOST_DEVICES - len(here)
         new = sorted(believed.keys() - here)
-        self.omitted = max(0, len(new) - room)
+        self._without_room = frozenset(new[room:])
+        self.omitted = len(self._without_room)
         for name in (*(believed.keys() & here), *new[:room]):
             self._reported[name] = believed[name]
             self._absent_since_s.pop(name, None)

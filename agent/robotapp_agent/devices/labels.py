@@ -34,7 +34,7 @@ def labels_of(devices: Iterable[Device]) -> dict[str, str]:
 
 
 def names_of(device: Device) -> Iterator[str]:
-    """Everything the device is found by: type, type-interface, id, and its further names, each with its type."""
+    """Everything the device is found by: type, type-interface, id, and its further names, each with the word it begins with."""
     yield device.type
     if device.interface:
         yield f"{device.type}-{device.interface}"

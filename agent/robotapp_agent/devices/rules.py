@@ -10,6 +10,7 @@ from robotapp_agent.devices.device import MOST_NAMES
 from robotapp_agent.devices.kinds import Candidate
 from robotapp_agent.devices.patterns import matches, problem_of
 from robotapp_agent.devices.tree import FOLDERS, Folder, Snapshot, Wanted
+from robotapp_api.model.names import HARDWARE_PREFIX, HARDWARE_SOURCE
 
 LONGEST_FILE: Final = 65_536
 MOST_RULES: Final = 128
@@ -19,6 +20,7 @@ _LABEL: Final = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$"
 _VALUE: Final = r"^[A-Za-z0-9]([-A-Za-z0-9_.]*[A-Za-z0-9])?$"
 _NAME: Final = r"^[a-z0-9]([-A-Za-z0-9_.]*[A-Za-z0-9])?$"
 _ATTRIBUTE: Final = r"^[A-Za-z0-9_][-A-Za-z0-9_.:]*(/[A-Za-z0-9_][-A-Za-z0-9_.:]*){0,3}$"
+_SOURCE: Final = HARDWARE_SOURCE.removeprefix(HARDWARE_PREFIX)
 _KNOWN: Final = {folder.subsystem for folder in FOLDERS}
 _ANY: Final = re.compile(r".+")
 
@@ -115,6 +117,10 @@ def rules_of(document: Any) -> Rules | Trouble:
         if rule.match == Match():
             return Trouble(
                 ("devices", number, "match"), "a rule must match something: write at least one field of match"
+            )
+        if rule.type == _SOURCE:
+            return Trouble(
+                ("devices", number, "type"), f"{HARDWARE_SOURCE} is a label of the agent's own; write another type"
             )
         for where, pattern in rule.match.patterns():
             if pattern and (problem := problem_of(pattern)):

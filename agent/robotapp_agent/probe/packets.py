@@ -8,7 +8,8 @@ A request and its reply have the same size (78 bytes, big endian):
 | 1 | kind: 1 request, 2 reply |
 | 8 | id of the key |
 | 16, 16 | sender, receiver: first half of the SHA-256 of the node's name |
-| 8 | session: known to prober and peer only; new with every start of the prober |
+| 4 | session: known to prober and peer only; new with every start of the prober |
+| 4 | nonce: of this request; the peer learns it when the request arrives, and cannot reply before |
 | 8 | sequence: counts the requests of the session |
 | 4 | held: microseconds from the arrival of the request to its reply; 0 in a request |
 | 16 | HMAC-SHA256 of everything before it, truncated |
@@ -26,7 +27,8 @@ from robotapp_agent.probe.keys import Key, KeyRing
 VERSION: Final = 1
 REQUEST: Final = 1
 REPLY: Final = 2
-SESSION_BYTES: Final = 8
+SESSION_BYTES: Final = 4
+NONCE_BYTES: Final = 4
 _BODY: Final = struct.Struct(">BB8s16s16s8sQI")
 KEY_ID_AT: Final = 2
 RECEIVER_AT: Final = 26
@@ -48,6 +50,7 @@ class Packet(NamedTuple):
     sender: bytes
     receiver: bytes
     session: bytes
+    """With the nonce of the request behind it."""
     sequence: int
     held_us: int = 0
 
@@ -96,7 +99,7 @@ class ReplayWindows:
 
     def is_first(self, packet: Packet) -> bool:
         """Note the packet. False when it came before or is too old to know."""
-        name = packet.sender + packet.session
+        name = packet.sender + packet.session[:SESSION_BYTES]
         highest, seen = self._sessions.get(name, (packet.sequence - 1, _WINDOW_BITS))
         ahead = packet.sequence - highest
         if ahead > 0:

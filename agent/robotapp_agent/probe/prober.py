@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from robotapp_agent.probe.keys import KeyRing
-from robotapp_agent.probe.packets import REPLY, REQUEST, SESSION_BYTES, Packet, node_id, open_packet, seal
+from robotapp_agent.probe.packets import NONCE_BYTES, REPLY, REQUEST, SESSION_BYTES, Packet, node_id, open_packet, seal
 
 MOST_HELD_NS: Final = 1_000_000
 """What the peer needed to wake up and answer is not the network's time, but only the peer knows it: more than this is not subtracted."""
@@ -30,7 +30,8 @@ class Prober:
     """The requests of one round. Each takes one reply, from the node it was sent to, that arrives within `timeout_ns`.
 
     All nodes have the same keys, so a key alone proves no sender. Each peer sees a session of its own, which no other can guess
-    from the random `secret`: who holds the keys can neither answer for another nor use up that one's numbers.
+    from the random `secret`: who holds the keys can neither answer for another nor use up that one's numbers. Nor can a peer reply
+    before it was asked, to look nearer than it is: each request has a nonce.
     """
 
     def __init__(self, *, own_name: str, keys: KeyRing, secret: bytes) -> None:
@@ -50,7 +51,7 @@ class Prober:
             return None
         self._sequence += 1
         peer_id = node_id(peer)
-        packet = Packet(REQUEST, key, self._own_id, peer_id, self._session(peer_id), self._sequence)
+        packet = Packet(REQUEST, key, self._own_id, peer_id, self._session(peer_id, self._sequence), self._sequence)
         return Request(self._sequence, seal(packet))
 
     def sent(self, request: Request, *, peer: str, at_ns: int) -> None:
@@ -60,7 +61,7 @@ class Prober:
     def receive(self, data: bytes, *, received_ns: int, timeout_ns: int) -> bool:
         """Take a reply. False when it belongs to no open request or comes too late."""
         reply = open_packet(data, kind=REPLY, receiver=self._own_id, keys=self._keys)
-        if reply is None or not hmac.compare_digest(reply.session, self._session(reply.sender)):
+        if reply is None or not hmac.compare_digest(reply.session, self._session(reply.sender, reply.sequence)):
             return False
         probe = self._probes.get(reply.sequence)
         if probe is None or probe.round_trip_ns is not None or probe.peer_id != reply.sender:
@@ -84,5 +85,8 @@ class Prober:
         self._probes = {}
         return dict(found)
 
-    def _session(self, peer_id: bytes) -> bytes:
-        return hashlib.blake2b(peer_id, key=self._secret, digest_size=SESSION_BYTES).digest()
+    def _session(self, peer_id: bytes, sequence: int) -> bytes:
+        """The session of a peer, and the nonce of one request to it."""
+        session = hashlib.blake2b(peer_id, key=self._secret, digest_size=SESSION_BYTES).digest()
+        numbered = sequence.to_bytes(8, "big") + peer_id
+        return session + hashlib.blake2b(numbered, key=self._secret, digest_size=NONCE_BYTES).digest()

@@ -22,7 +22,7 @@ _BEFORE_PODS: Final = (Condition.ACCEPTED, Condition.ALLOCATED, Condition.READY)
 """What keeps pods from being made, first things first."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
     """What the user asked about."""
 
@@ -71,7 +71,7 @@ async def show_explain(session: Session, question: Question) -> None:
     shown = in_full(found, everything=_everything(session, question)) or found[:1]
     async with connect(session, url=question.scheduler_url, namespace=question.scheduler_namespace) as link:
         views = [await _instance(app, pods, instance=each, question=question, link=link) for each in shown]
-    note = "\n".join(filter(None, (_note(link, views), _left_out(len(found) - len(shown), question.name))))
+    note = "\n".join(filter(None, (note_of(link, views), _left_out(len(found) - len(shown), question.name))))
     if session.options.output.structured:
         instances = msgspec.to_builtins(views)
         source = "conditions" if link.problem or _missing(views) else "scheduler"
@@ -193,17 +193,19 @@ def _held_back(pod: Json, record: Json | None) -> list[str]:
     return [] if about_nodes or not waiting.get("message") else [str(waiting["message"])]
 
 
-def _note(link: Link, views: list[InstanceView]) -> str:
+def note_of(link: Link, views: list[InstanceView]) -> str:
     if link.problem:
         return (
             f"The scheduler's records could not be read: {link.problem}.\n"
             "Shown are pod conditions, without the nodes refused. --scheduler-url (or ROBOTAPP_SCHEDULER_URL) says where the scheduler listens."
         )
-    again = [row.component for view in views for row in view.components if row.recomputed]
+    again = dict.fromkeys(row.component for view in views for row in view.components if row.recomputed)
+    notes = []
     if again:
-        return f"No decision is on record of: {', '.join(again)}. Shown is what the scheduler would decide now."
-    missing = _missing(views)
-    return f"The scheduler has no record (any more) of: {', '.join(missing)}." if missing else ""
+        notes.append(f"No decision is on record of: {', '.join(again)}. Shown is what the scheduler would decide now.")
+    if missing := dict.fromkeys(_missing(views)):
+        notes.append(f"The scheduler has no record (any more) of: {', '.join(missing)}.")
+    return "\n".join(notes)
 
 
 def _missing(views: list[InstanceView]) -> list[str]:

@@ -6,6 +6,7 @@ from typing import Final
 
 from robotapp_api.model.names import ROBOT_END
 from robotapp_api.values.better_node import TOPIC, edge_to, topic_of
+from robotapp_api.values.round_trips import MOVED
 from robotapp_cli.commands.apps import MEDIAN
 from robotapp_cli.reading.fields import Json, milliseconds, short_ms
 
@@ -13,8 +14,6 @@ _PREFIX: Final = "node(s) "
 _ESTIMATED: Final = "estimated"
 _BY_ESTIMATE: Final = " by estimate"
 """End of a reason whose number was not measured."""
-MOVED: Final = 0.2
-"""Share by which a figure must differ from the newest measurement to be called older: that of the operator for a new figure."""
 _HARDWARE: Final = "HardwareAffinityFilter"
 
 

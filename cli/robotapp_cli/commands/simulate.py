@@ -21,7 +21,7 @@ from robotapp_cli.reading.scheduler_link import Link, NoAnswerError, connect
 from robotapp_cli.reading.session import Session
 
 _MOST_BYTES: Final = 64 << 20
-_PRIVATE: Final = ("env", "envFrom", "command", "args", "volumeMounts", "lifecycle")
+_PRIVATE: Final = ("env", "envFrom", "command", "args", "lifecycle")
 """What no rule reads of a container, and may be secret."""
 _CONTAINERS: Final = ("containers", "initContainers", "ephemeralContainers")
 _OF_A_COMPONENT: Final = frozenset(
@@ -47,7 +47,7 @@ _OWNERS: Final = frozenset(
 """Kinds that become pods and may be taken for them."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Wish:
     """What the user wants simulated."""
 
@@ -115,10 +115,18 @@ def thinned(obj: Json) -> Json:
         for container in (item for key in _CONTAINERS for item in _objects(spec.get(key))):
             for name in _PRIVATE:
                 container.pop(name, None)
+            if mounts := _deciding_mounts(container.pop("volumeMounts", None)):
+                container["volumeMounts"] = mounts
         for component in _objects(spec.get("components")):
             for name in component.keys() - _OF_A_COMPONENT:
                 del component[name]
     return obj
+
+
+def _deciding_mounts(mounts: object) -> list[Json]:
+    """Of mounts the options that not every node's runtime has."""
+    option = "bindMountOptions"
+    return [{option: mount[option]} for mount in _objects(mounts) if mount.get(option)]
 
 
 def _objects(items: object) -> list[Json]:

@@ -40,7 +40,7 @@ _EXITS: Final = {_USAGE: Exit.USAGE, _NO_SUCH_NODE: Exit.NOT_FOUND}
 _GONE: Final = "-"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Supposition:
     """What the user supposes; all of it at once."""
 

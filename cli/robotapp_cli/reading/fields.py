@@ -1,12 +1,11 @@
 """Reading plain Kubernetes JSON, and showing ages and durations."""
 
-import re
 from datetime import UTC, datetime
-from typing import Any, Final
+from typing import Any
+
+from robotapp_api.values.duration import parse_us
 
 Json = dict[str, Any]
-_PART: Final = re.compile(r"(\d+(?:\.\d+)?)(us|ms|s|m|h)")
-_MS: Final = {"us": 0.001, "ms": 1.0, "s": 1_000.0, "m": 60_000.0, "h": 3_600_000.0}
 
 
 def meta(obj: Json) -> Json:
@@ -51,9 +50,11 @@ def elapsed(seconds: float) -> str:
 
 
 def milliseconds(duration: str | None) -> float | None:
-    """`1m30s` -> 90000.0; None when there is no duration."""
-    parts = _PART.findall(duration or "")
-    return sum(float(number) * _MS[unit] for number, unit in parts) if parts else None
+    """`1m30s` -> 90000.0; None for what is no duration, such as `unreachable`."""
+    try:
+        return parse_us(duration or "") / 1000
+    except ValueError:
+        return None
 
 
 def short_ms(value: float | None) -> str:

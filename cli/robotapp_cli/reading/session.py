@@ -17,7 +17,7 @@ T = TypeVar("T")
 _TIMEOUT_S = 15.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
     """What every command takes. `namespace` None means the context's; `everywhere` all of them."""
 

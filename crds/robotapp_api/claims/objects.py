@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.model.names import GROUP, SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Annotation, ClaimPhase, Label
+from robotapp_api.model.names import GROUP, OUR_SCHEDULERS, Annotation, ClaimPhase, Label
 
 ROS_DOMAIN_ID: Final = "ROS_DOMAIN_ID"
 EXCLUSIVE: Final = "Exclusive"
@@ -197,7 +197,7 @@ class PodSpec(Object, frozen=True, kw_only=True):
     @property
     def bound_by_us(self) -> bool:
         """Only our scheduler binds such a pod, and it does so only after the bind check (rule 1)."""
-        return bool(self.node_name) and self.scheduler_name in {SCHEDULER_NAME, THESIS_SCHEDULER_NAME}
+        return bool(self.node_name) and self.scheduler_name in OUR_SCHEDULERS
 
 
 class PodStatus(Object, frozen=True, kw_only=True):

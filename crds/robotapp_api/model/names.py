@@ -14,6 +14,7 @@ API_VERSION: Final = "robotics.io/v1alpha1"
 SCHEDULER_NAME: Final = "ros-aware-scheduler"
 THESIS_SCHEDULER_NAME: Final = "kubernetes-scheduler"
 """Second profile name: the Rigelfiles of the thesis ask for it."""
+OUR_SCHEDULERS: Final = (SCHEDULER_NAME, THESIS_SCHEDULER_NAME)
 
 OPERATOR_MANAGER: Final = "robotapp-operator"
 SCHEDULER_MANAGER: Final = "robotapp-scheduler"

@@ -17,6 +17,8 @@ import msgspec
 T = TypeVar("T", bound=Any)
 
 UNREACHABLE_US: Final = inf
+MOVED: Final = 0.2
+"""Share by which a figure must differ from the published one to be published anew, and to be called newer."""
 PERIODS_KEPT: Final = 3
 LONGEST_S: Final = 86_400.0
 """No reading counts for longer, whatever its agent writes of its periods: 1,000 zones of 5000 nodes are measured within 21 hours."""

@@ -115,12 +115,12 @@ class Controller:
     async def _worker(self) -> None:
         while (item := await self._queue.get()) is not None:
             key, late_s = item
+            await asyncio.sleep(0)  # many handlers wait for nothing: the Lease and health checks have their turn
             await self._handle(key, late_s)
 
     async def _background_worker(self) -> None:
         while (item := await self._queue.get(background=True)) is not None:
-            if self._queue.crowded:
-                await asyncio.sleep(YIELD_S)
+            await asyncio.sleep(YIELD_S if self._queue.crowded else 0)
             key, late_s = item
             await self._handle(key, late_s)
 

@@ -301,6 +301,8 @@ class Children:
         record = self._cache.update_app(body)
         if uid not in self._cache.apps:  # its DELETED event was faster than this answer
             return None
+        if record.generation != body["metadata"].get("generation", 0):  # its event was faster, too
+            raise StartOver("the app was edited while it was read")
         return None if record.deleting else (record, body)
 
     def _gone(self, record: Record) -> None:

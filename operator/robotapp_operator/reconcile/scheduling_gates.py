@@ -15,7 +15,7 @@ from robotapp_api.claims.objects import Pod as ClaimsPod
 from robotapp_api.client import ApiClient, Conflict, NotFound
 from robotapp_api.client.api.resources import PODS
 from robotapp_api.client.transport.errors import means_gone
-from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME, Annotation
+from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULING_GATE, Annotation
 from robotapp_operator.plan.render.admitted_nodes import admitted_nodes, is_outdated, reach_of, wishes_of
 from robotapp_operator.plan.spec.objects import Meta, Pod
 from robotapp_operator.reconcile.apply_plan import evict
@@ -23,7 +23,6 @@ from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
 
 CONFLICTS: Final = 3
-OURS: Final = (SCHEDULER_NAME, THESIS_SCHEDULER_NAME)
 
 
 @dataclasses.dataclass(slots=True)
@@ -138,7 +137,7 @@ class Gates:
             for deployment in self._cache.deployments.of_instance(uid, robot).values()
             for pod in pods.get(deployment.metadata.uid, ())
             if not (pod.spec.node_name or pod.terminal or pod.metadata.deletion_timestamp)
-            and pod.spec.scheduler_name not in OURS
+            and pod.spec.scheduler_name not in OUR_SCHEDULERS
             and all(gate.name != SCHEDULING_GATE for gate in pod.spec.scheduling_gates)
         ]
 

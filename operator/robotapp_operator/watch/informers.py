@@ -8,7 +8,7 @@ from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.client import ApiClient, Change, Reflector
 from robotapp_api.client.api import resources
 from robotapp_api.client.api.resources import Resource
-from robotapp_api.model.names import SCHEDULER_NAME, SCHEDULING_GATE, THESIS_SCHEDULER_NAME, Annotation, Label
+from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULING_GATE, Annotation, Label
 from robotapp_api.values.round_trips import without_round_trips
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.render.instance_object import AppInstance
@@ -78,7 +78,7 @@ class Informers:
             yield self._reflector(resources.REPLICASETS, ReplicaSet, self._replica_set, **labelled)
             yield self._reflector(resources.PODS, Pod, self._pod, **labelled)
             yield self._reflector(resources.ROBOTAPPINSTANCES, AppInstance, self._instance_object, namespace=namespace)
-            for scheduler in (SCHEDULER_NAME, THESIS_SCHEDULER_NAME):
+            for scheduler in OUR_SCHEDULERS:
                 bare = {"label_selector": f"!{OURS}", "field_selector": f"spec.schedulerName={scheduler}"}
                 yield self._reflector(resources.PODS, Pod, self._bare_pod, namespace=namespace, **bare)
 

@@ -15,7 +15,7 @@ import msgspec
 import yaml
 from pydantic import ValidationError
 
-from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
+from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME
 from robotapp_api.values import strict_yaml
 from robotapp_scheduler.config import validation
 from robotapp_scheduler.config.model import (
@@ -138,8 +138,11 @@ def parse_text(text: str, *, catalogue: Catalogue) -> SchedulerConfig:
 
 def built_in(catalogue: Catalogue) -> SchedulerConfig:
     """Both scheduler names with all default plugins."""
-    names = (SCHEDULER_NAME, THESIS_SCHEDULER_NAME)
-    document = {"apiVersion": API_VERSION, "kind": KIND, "profiles": [{"schedulerName": name} for name in names]}
+    document = {
+        "apiVersion": API_VERSION,
+        "kind": KIND,
+        "profiles": [{"schedulerName": name} for name in OUR_SCHEDULERS],
+    }
     return parse(document, catalogue=catalogue)
 
 

@@ -150,14 +150,16 @@ def _pod(app: RobotApp, component: dict[str, Any], robot: str, *, number: int, s
     }
 
 
+_DECIDING: Final = ("restartPolicy", "restartPolicyRules", "volumeMounts")
+"""What else the rules read of a container."""
+
+
 def _container(written: Mapping[str, Any]) -> dict[str, Any]:
     """The API server's default: what is not requested is requested up to its limit."""
     resources = written.get("resources") or {}
     requests = {**(resources.get("limits") or {}), **(resources.get("requests") or {})}
     found = {"name": written.get("name", ""), "image": written.get("image", ""), "resources": {"requests": requests}}
-    if restart := written.get("restartPolicy"):
-        found["restartPolicy"] = restart
-    return found
+    return found | {name: written[name] for name in _DECIDING if written.get(name)}
 
 
 def _tolerations(component: Mapping[str, Any], spec: Mapping[str, Any], robot: str) -> list[dict[str, Any]]:

@@ -13,8 +13,7 @@ from robotapp_api.model.names import PodReason
 from robotapp_api.values.duration import format_us
 from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.api.robotics_v1alpha1 import Reschedule
-from robotapp_scheduler.core.cycle.better_node import Proposal, better_node, settled
+from robotapp_scheduler.core.cycle.better_node import Proposal, better_node, settled, why_kept
 from robotapp_scheduler.core.cycle.re_evaluate import as_waiting
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import FAULTS, ScheduleResult
@@ -35,7 +34,6 @@ REPLAY_S: Final = 0.5
 SEARCH_S: Final = 3.0
 """After this long no better node is searched any more: the worker is given five seconds, and a busy machine is slow."""
 MOST_REPLAYED: Final = 2000
-MOVES_WHEN: Final = "BudgetExceeded"
 """`placement.reschedule.when` of an app whose pods the operator moves."""
 NOT_TRIED: Final = (
     "not tried: claims of domains, evictions, discovery servers of new apps; a priorityClassName of theirs counts as 0"
@@ -258,7 +256,7 @@ class _Decider:
             found = better_node(self._core, part, worst)
             if found is None:
                 continue
-            kept = _why_kept(part.app.source.spec.placement.reschedule)
+            kept = why_kept(part.app.source.spec.placement.reschedule)
             moves = not kept
             reason = _why_better(worst.link, found) + (f"; {kept}" if kept else "")
             outcome = Outcome.MOVES if moves else Outcome.MAY_MOVE
@@ -310,13 +308,6 @@ class _Decider:
             except FAULTS as error:
                 return _Chosen("", str(error), PodReason.SCHEDULER_ERROR.value)
         return _Chosen(record.node or "", record.message, "" if record.node else PodReason.UNSCHEDULABLE.value)
-
-
-def _why_kept(reschedule: Reschedule) -> str:
-    """Why the operator would move no component of such an app; "" where it would."""
-    if reschedule.when != MOVES_WHEN:
-        return f"placement.reschedule.when is not {MOVES_WHEN}"
-    return "" if reschedule.max_per_day else "placement.reschedule.maxPerDay is 0"
 
 
 def _why_better(link: Link, found: Proposal) -> str:

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from robotapp_api.model.names import PodReason
 from robotapp_api.values.round_trips import is_unreachable
 
 NAMELESS: Final = "names of nodes are left out: you may not get nodes"
@@ -175,6 +176,6 @@ def _state(time: EdgeTime | None) -> EdgeState | None:
 
 def _nameless(change: PodChange, nodes: Collection[str]) -> PodChange:
     """The reasons of filters count nodes. What names one all the same, as the best place for a held budget, names none here."""
-    reason = change.reason if change.code == "Unschedulable" else ""
+    reason = change.reason if change.code == PodReason.UNSCHEDULABLE else ""
     reason = _WORD.sub(lambda word: "…" if word[0] in nodes else word[0], reason)
     return msgspec.structs.replace(change, from_="", to="", reason=reason)

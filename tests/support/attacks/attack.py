@@ -33,6 +33,7 @@ class Stop(Enum):
     RULE = ("rule in the CRD", r"is invalid|Invalid value|Forbidden:")
     SCHEMA = ("no such field: refused in strict mode, else dropped", r"unknown field|field not declared in schema")
     GRANT = ("policy `robotapp-grants-pods`", r"is a grant: the robotapp scheduler writes it")
+    PROPOSAL = ("policy `robotapp-grants-pods`", r"is the robotapp scheduler's proposal")
     MEMBER = (
         "policy `robotapp-membership`",
         r"created by the ReplicaSet of a RobotApp only|of a RobotApp pod never changes",

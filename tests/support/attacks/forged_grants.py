@@ -100,4 +100,25 @@ _OTHERS: Final = (
            who="scheduler", subresource="status", says=f"{_STOLEN}|{_UNMADE}"),
 )  # fmt: skip
 
-FORGED_GRANTS: Final = (*_VALUES, *_NAMES, *_BESIDE, *_OTHERS)
+_PROPOSALS: Final = tuple(
+    Attack(
+        f"better-node-{who}",
+        text,
+        who,
+        kinds.POD,
+        pod(),
+        {'metadata.annotations."robotics.io/better-node"': '{"node":"edge-2"}'},
+        Stop.PROPOSAL,
+        **fields,
+    )
+    for who, text, fields in (
+        ("tenant", "a pod with a better node of its own", {}),
+        (
+            "operator",
+            "a better node, by a stolen operator token",
+            {"says": f"{Stop.PROPOSAL.message}|cannot (create|update|patch) resource"},
+        ),
+    )
+)
+
+FORGED_GRANTS: Final = (*_VALUES, *_NAMES, *_BESIDE, *_OTHERS, *_PROPOSALS)

@@ -7,6 +7,9 @@ from typing import Any
 import pytest
 from tests.support.cli import INSTANCES, ROBOTAPPS, Stage, instance, pod, robotapp
 
+from robotapp_cli.commands.explain import InstanceView, Row, note_of
+from robotapp_cli.reading.scheduler_link import Link
+
 EDGE = {"topic": "/cmd_vel", "from": "panel", "to": "driver", "latency": {"budget": "30ms"}}
 OBSERVED = {
     "topic": "/cmd_vel",
@@ -185,6 +188,15 @@ def test_what_the_scheduler_decided_again_to_answer_is_marked(placed: Stage) -> 
     text = placed.text("explain", "teleop", "--scheduler-url", placed.scheduler.url)
     assert "No decision is on record of: panel. Shown is what the scheduler would decide now." in text
     assert placed.data("explain", "teleop", "--scheduler-url", placed.scheduler.url)["source"] == "scheduler"
+
+
+def test_each_component_is_noted_once_and_one_note_hides_no_other() -> None:
+    rows = [Row("driver", pod="d", recorded=True, recomputed=True), Row("nav", pod="n")]
+    views = [InstanceView(robot, None, rows, []) for robot in ("amr-1", "amr-2")]
+    assert note_of(Link(), views).splitlines() == [
+        "No decision is on record of: driver. Shown is what the scheduler would decide now.",
+        "The scheduler has no record (any more) of: nav.",
+    ]
 
 
 @pytest.mark.parametrize(

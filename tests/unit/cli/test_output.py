@@ -1,13 +1,16 @@
 """Tables: folded to the width there is, readable whatever it is."""
 
 import io
+import json
 
+import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.console import Console
 
-from robotapp_cli.output import Column, print_table
+from robotapp_cli.output import Column, Output, print_table, write_structured
 
 CELL = st.text("abcdefgh -", max_size=40).map(str.strip)
 
@@ -30,3 +33,25 @@ def test_a_terminal_obeys_nothing_that_stands_in_a_cell() -> None:
     print_table(["MODEL"], [["\x1b]0;mine\x07cam\u202e\x9b2J"]], on=console)
     written = console.file.getvalue()  # type: ignore[attr-defined]
     assert written.splitlines()[1] == r"\x1b]0;mine\x07cam\u202e\x9b2J"
+
+
+@pytest.mark.parametrize("output", [Output.JSON, Output.YAML])
+def test_a_terminal_obeys_nothing_of_structured_output_and_it_reads_back_the_same(
+    output: Output, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = {
+        "message": "\x9b2J \u202e \x7f \x1b[2J",
+        "note": "größer → 30 µs",
+        "lines": "a\nb",
+        "far": "\U0001f916\U000e0001",
+    }
+    write_structured(data, output)
+    text = capsys.readouterr().out
+    assert text.replace("\n", "").isprintable()
+    assert (json.loads(text) if output is Output.JSON else yaml.safe_load(text)) == data
+
+
+def test_structured_output_has_letters_of_all_languages_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    for output in (Output.JSON, Output.YAML):
+        write_structured({"note": "größer → 30 µs"}, output)
+        assert "größer → 30 µs" in capsys.readouterr().out

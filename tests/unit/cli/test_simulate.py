@@ -134,6 +134,19 @@ def test_no_kind_is_sent_with_an_environment_a_command_or_what_was_applied(obj: 
     assert found["kind"] == obj["kind"]
 
 
+def test_of_a_container_is_sent_what_nodes_must_be_able_to_do() -> None:
+    options = {"name": "key", "mountPath": "/hunter2", "bindMountOptions": ["noexec"]}
+    plain = {"name": "data", "mountPath": "/hunter2"}
+    rules = [{"action": "RestartAllContainers"}]
+    containers = [
+        {"name": "a", "volumeMounts": [plain, options], "restartPolicyRules": rules},
+        {"volumeMounts": [plain]},
+    ]
+    found = thinned({"kind": "Pod", "metadata": {}, "spec": {"containers": containers}})
+    kept = {"name": "a", "volumeMounts": [{"bindMountOptions": ["noexec"]}], "restartPolicyRules": rules}
+    assert found["spec"]["containers"] == [kept, {}]
+
+
 def test_of_a_component_is_sent_what_the_scheduler_decodes() -> None:
     fields = [field.encode_name for field in msgspec.structs.fields(Component)]
     component = dict.fromkeys(fields, "kept") | {"image": "not"}

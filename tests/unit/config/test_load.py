@@ -220,7 +220,7 @@ def test_profiles_must_share_the_queue_sort_plugin() -> None:
         ("[]", "configuration: Invalid value: []: Input should be a mapping"),
         ("", "configuration: Invalid value: None: Input should be a mapping"),
         ("a: &a {b: 1}\nc:\n  <<: *a\n", 'line 3: "<<" is not read here: write the fields out'),
-        ('a:\n- "\\ud800"\n', r"line 2: '\\ud800' is half a character"),
+        ('a:\n- "\\ud800"\n', "invalid Unicode character escape code"),
     ],
 )
 def test_a_file_that_is_no_configuration_is_refused(tmp_path: Path, text: str, expected: str) -> None:

@@ -13,6 +13,7 @@ from robotapp_operator.plan.render.parameters import NONE
 from robotapp_operator.plan.render.pod_template import pod_template
 from robotapp_operator.plan.spec.desired import desired_of
 from robotapp_scheduler.core.api.core_v1 import Pod, PodSpec
+from robotapp_scheduler.core.pods.pod_signature import required_features_of
 from robotapp_scheduler.what_if.app_pods import tried_app
 
 ROBOT = {str(Label.ROBOT): "amr", str(Label.TIER): "robot"}
@@ -25,6 +26,12 @@ COMPONENTS = {
     "cloud": {"runsOn": ["Cloud"]},
     "requests": {"resources": {"requests": {"cpu": "500m", "memory": "1Gi"}, "limits": {"nvidia.com/gpu": "1"}}},
     "limits": {"resources": {"limits": {"cpu": "2"}}},
+    "mount options": {"volumeMounts": [{"name": "d", "mountPath": "/d", "bindMountOptions": ["noexec"]}]},
+    "restart rules": {
+        "template": {
+            "spec": {"initContainers": [{"name": "i", "restartPolicyRules": [{"action": "RestartAllContainers"}]}]}
+        }
+    },
     "template": {
         "template": {
             "metadata": {"labels": {"team": "a"}},
@@ -70,6 +77,7 @@ def deciding(spec: PodSpec) -> dict[str, Any]:
         "requests": [each.resources.requests or {} for each in spec.containers],
         "init": [each.resources.requests or {} for each in spec.init_containers or ()],
         "images": [each.image for each in spec.containers],
+        "features": required_features_of(spec),
         "volumes": [each.name for each in spec.volumes or ()],
     }
 

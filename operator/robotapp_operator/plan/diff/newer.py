@@ -7,9 +7,10 @@ the domain id, the scheduler and our gate. Everything else waits, and the status
 
 import copy
 import dataclasses
-import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final, NamedTuple
+
+from packaging.version import InvalidVersion, Version
 
 from robotapp_api.claims.identity import domain_literal
 from robotapp_api.claims.objects import ROS_DOMAIN_ID
@@ -18,7 +19,7 @@ from robotapp_operator.plan.render.child import DEPLOYMENT, Child
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Service, pod_annotations, pod_spec
 
-_NUMBERS: Final = re.compile(r"\d+")
+_OLDEST: Final = Version("0.dev0")
 
 
 def is_newer(one: str, other: str) -> bool:
@@ -26,10 +27,12 @@ def is_newer(one: str, other: str) -> bool:
     return version_key(one) > version_key(other)
 
 
-def version_key(version: str) -> tuple[tuple[int, ...], bool]:
-    """Release numbers, then whether it is a release rather than a pre-release of it."""
-    release, _, rest = version.partition("-")
-    return tuple(int(number) for number in _NUMBERS.findall(release)), not rest
+def version_key(version: str) -> Version:
+    """The version without its local part (`+g12`), which says nothing about what is newer."""
+    try:
+        return Version(Version(version).public)
+    except InvalidVersion:
+        return _OLDEST
 
 
 class Held(NamedTuple):

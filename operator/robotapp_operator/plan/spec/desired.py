@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
 from robotapp_api.claims.share import AppKey
-from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
+from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME
 from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_api.values.duration import parse_us
 from robotapp_api.values.naming import child_name
@@ -104,7 +104,7 @@ class App:
 
     @property
     def our_scheduler(self) -> bool:
-        return self.scheduler_name in (SCHEDULER_NAME, THESIS_SCHEDULER_NAME)
+        return self.scheduler_name in OUR_SCHEDULERS
 
     @property
     def scheduler_name(self) -> str:

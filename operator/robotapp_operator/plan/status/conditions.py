@@ -5,13 +5,14 @@ from typing import Any, Final, NamedTuple
 
 from robotapp_api.claims.device import claimed
 from robotapp_api.model.conditions import condition
-from robotapp_api.model.names import GPU, SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Condition, Reason
+from robotapp_api.model.names import GPU, OUR_SCHEDULERS, SCHEDULER_NAME, Condition, Reason
 from robotapp_api.values.round_trips import is_unreachable
 from robotapp_operator.plan.diff.newer import Held, version_key
 from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView
 from robotapp_operator.plan.status.troubled import (
+    barred_text,
     cut_off_text,
     edge_text,
     given_up_texts,
@@ -114,7 +115,7 @@ def _devices_missing(facts: AppFacts) -> Verdict | None:
 
 
 def _our_scheduler(facts: AppFacts) -> str:
-    ours = facts.app.default_scheduler in (SCHEDULER_NAME, THESIS_SCHEDULER_NAME)
+    ours = facts.app.default_scheduler in OUR_SCHEDULERS
     return "leave spec.schedulerName out" if ours else f"write spec.schedulerName: {SCHEDULER_NAME}"
 
 
@@ -227,7 +228,9 @@ def progressing(facts: AppFacts) -> Verdict:
     blocked = [instance for instance in facts.instances if _blocked(instance)]
     going = [instance for instance in facts.instances if not _blocked(instance)]
     rolling = [component.name for instance in going for component in instance.components if component.rolling]
-    if rolling or not facts.instances:
+    if not facts.instances:
+        return Verdict("True", Reason.ROLLING_OUT, "no instance yet")
+    if rolling:
         return Verdict(
             "True", Reason.ROLLING_OUT, f"{len(rolling)} components are rolling out: {shown(sorted(set(rolling)))}"
         )
@@ -311,9 +314,8 @@ def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
     if missing := what_is_missing(instance):
         return missing[0], _named(facts, instance, missing[1])
     worst = instance.worst
-    if instance.infrastructure_barred and (worst is None or not worst.reason):
-        text = f"its discovery or master is not ready: {instance.infrastructure_barred}"
-        return Reason.UNSCHEDULABLE, f"{count}; {_named(facts, instance, text)}"
+    if (worst is None or not worst.reason) and (barred := barred_text(instance)):
+        return Reason.UNSCHEDULABLE, f"{count}; {_named(facts, instance, barred)}"
     if worst is None:
         return (
             Reason.COMPONENTS_NOT_READY,

@@ -46,7 +46,7 @@ class _Turn(NamedTuple):
     reasons: frozenset[Reason] = frozenset()
 
 
-_TURNS = (
+TURNS = (
     _Turn(Condition.ACCEPTED, reasons=NOT_ACCEPTED),
     _Turn(Condition.ALLOCATED, reasons=NOT_ALLOCATED),
     _Turn(Condition.READY, EventReason.CHILD_FAILED, reasons=_FAILED),
@@ -80,7 +80,7 @@ def events_between(
         events.append(PendingEvent(EventReason.DEVICE_RETURNED, f"{back[0]} is back: {message}", warning=False))
     elif status == "True" != was[0] and _holds_all_devices(after):
         events.append(PendingEvent(EventReason.DEVICE_CLAIMED, message, warning=False))
-    for turn in _TURNS:
+    for turn in TURNS:
         status, reason, message = turned.get(turn.kind.value, ("", "", ""))
         if status and (status == turn.status or reason in turn.reasons):
             events.append(PendingEvent(turn.event or EventReason(reason), message, turn.warning))

@@ -15,11 +15,10 @@ from typing import Final, NamedTuple
 from robotapp_api.model.edge import Edge
 from robotapp_api.model.names import ROBOT_END
 from robotapp_api.values.duration import parse_us
-from robotapp_api.values.round_trips import SAME_NODE, Figures, RoundTrips, is_unreachable
+from robotapp_api.values.round_trips import MOVED, SAME_NODE, Figures, RoundTrips, is_unreachable
 
 REST_S: Final = 60.0
 """Figures that moved are published at most this often, and so is a verdict that changes back and forth."""
-MOVED: Final = 0.2
 
 EdgeKey = tuple[str, str, str, str]
 """(kind, topic, from, to)."""

@@ -8,6 +8,8 @@ from robotapp_api.model.names import Condition, Phase, Reason
 
 BURST: Final = 3
 """Writes of an app's status without a pause: its generation observed, a domain, ready."""
+LEAST_TOKENS: Final = -1.0
+"""However often an app is edited, what came of the last edit is told after two periods."""
 EVERY_S: Final = 1.0
 EDGES_PER_S: Final = 64
 """The server checks the whole spec again with each status write; that takes longer the more edges there are."""
@@ -40,6 +42,7 @@ _STEPS = frozenset(
         Reason.NOT_OUR_SCHEDULER,
         Reason.ALLOCATED,
         Reason.WAITING_FOR_PODS,
+        Reason.WAITING_FOR_DEVICES,
         Reason.PLACED,
         Reason.NO_BUDGET,
         Reason.NOT_MEASURED,
@@ -62,6 +65,8 @@ class Crowd:
     def __init__(self) -> None:
         self._seen: dict[str, tuple[float, float]] = {}
         """By uid: when the app's start was last seen to go on, the longest ago first, and when it began."""
+        self._endless: set[str] = set()
+        """Apps whose start has taken too long to count; an edit makes it no new one."""
 
     def __repr__(self) -> str:
         return f"Crowd({len(self._seen)})"
@@ -72,15 +77,19 @@ class Crowd:
         begins: it has no status yet, or one of an older generation.
         """
         self.size(now_s)
-        _, began_s = self._seen.pop(uid, (now_s, float("-inf")))
-        if begins:
-            began_s = now_s
-        if starts and now_s - began_s < LONGEST_START_S:
-            self._seen[uid] = now_s, began_s
+        _, began_s = self._seen.pop(uid, (now_s, now_s if begins else None))
+        if not starts:
+            self._endless.discard(uid)
+        elif began_s is not None and uid not in self._endless:
+            if now_s - began_s < LONGEST_START_S:
+                self._seen[uid] = now_s, began_s
+            else:
+                self._endless.add(uid)
         return len(self._seen)
 
     def leave(self, uid: str) -> None:
         self._seen.pop(uid, None)
+        self._endless.discard(uid)
 
     def size(self, now_s: float) -> int:
         while self._seen:
@@ -110,7 +119,7 @@ class Bucket:
         return max(0.0, missing * _period_s(edges), self.at_s + rest_s - now_s)
 
     def take(self, now_s: float, *, edges: int, progress: bool = False) -> None:
-        self.tokens = self._filled(now_s, edges) - 1.0
+        self.tokens = max(LEAST_TOKENS, self._filled(now_s, edges) - 1.0)
         self.at_s = now_s
         self.steps = self.steps + 1 if progress else 0
 

@@ -75,7 +75,7 @@ def unreadable_status(record: Record, now: str) -> dict[str, Any]:
 def phase(facts: AppFacts) -> Phase:
     """Phase of the app, or of the one instance the facts are about.
 
-    A robot out of reach makes its own instance Offline, the app only where there is no other instance.
+    A robot out of reach makes its own instance Offline; the app is Offline where all its instances are, and else Degraded.
     """
     if facts.problems:
         return Phase.FAILED if facts.refused else Phase.PENDING

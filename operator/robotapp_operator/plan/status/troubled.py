@@ -104,6 +104,12 @@ def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
     return (Reason.DEVICE_BUSY, instance.busy) if instance.busy else None
 
 
+def barred_text(instance: InstanceFacts) -> str:
+    """Why a discovery server, router or master has no node; "" when each has one, or may get one."""
+    barred = "" if instance.ready else instance.infrastructure_barred
+    return f"its discovery or master is not ready: {barred}" if barred else ""
+
+
 def grace_text(node: str, grace: Grace) -> str:
     """What happens to an instance whose robot's node is not Ready, and when. Has absolute times, so that it does not get old."""
     return (
@@ -171,13 +177,12 @@ def _not_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
         return _RANKS.get(missing[0], Rank.FAILING), *missing
     worst = instance.worst
     if worst is None or worst.reason is None:
-        return None
+        barred = barred_text(instance)
+        return (Rank.WAITING, Reason.UNSCHEDULABLE, barred) if barred else None
     return _RANKS.get(worst.reason, Rank.FAILING), worst.reason, f"{worst.name}: {worst.message}"
 
 
 def _though_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
-    if instance.instance.missing:
-        return Rank.OFFLINE, Reason.ROBOT_OFFLINE, out_of_sight_text(instance.name)
     if instance.lost:
         return Rank.DEVICE_LOST, Reason.DEVICE_LOST, lost_text(instance)
     if instance.unclear:

@@ -18,6 +18,7 @@ from robotapp_scheduler.core.selectors.pod_counts import Census, Wanted
 from robotapp_scheduler.core.selectors.pod_matcher import pods_of
 
 NO_LEDGER: Final[IntArray] = np.zeros((0, 0), dtype=np.int64)
+LoadField = Literal["cpu_percent", "memory_percent", "gpu_percent"]
 
 
 class LabelColumn(NamedTuple):
@@ -189,8 +190,8 @@ class Snapshot:
         """A fact that the plugin defines itself, in the type of its values."""
         return self._pick(self._table.facts.column(fact, self._table.objects))
 
-    def load(self, field: str) -> FloatArray:
-        """cpu_percent, memory_percent or gpu_percent as reported by the agents, NaN where unknown."""
+    def load(self, field: LoadField) -> FloatArray:
+        """Load as reported by the agents, NaN where unknown."""
         found = (self.cluster.rtt.load(name) for name in self.names)
         values = [getattr(load, field) if load is not None else None for load in found]
         return np.array([np.nan if value is None else value for value in values])

@@ -28,6 +28,7 @@ import msgspec
 from robotapp_api.model.names import Annotation
 from robotapp_api.values.better_node import BetterNode, is_gain, parse_better_node
 from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.api.robotics_v1alpha1 import Reschedule
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.dry_run import DryRun
 from robotapp_scheduler.core.cycle.re_evaluate import as_waiting
@@ -48,6 +49,7 @@ from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 
 log = logging.getLogger(__name__)
 
+MOVES_WHEN: Final = "BudgetExceeded"
 TICK_S: Final = 0.25
 """How often `tick` is called: work comes in small pieces, so that no decision waits for much of it."""
 LOOKS: Final = 50
@@ -61,6 +63,8 @@ SEARCH_S: Final = 10.0
 RETRY_S: Final = 2.0
 """The same pause where nothing was found: another node may have reported meanwhile, or the app come to rest."""
 VALID: Final = timedelta(minutes=30)
+SKEW: Final = timedelta(minutes=1)
+"""An earlier leader's clock may have been ahead by so much."""
 RENEW: Final = timedelta(minutes=10)
 """A proposal that still holds is written anew when it expires this soon."""
 REST_S: Final = 60.0
@@ -178,6 +182,13 @@ def places_taken(cluster: Cache, places: Iterable[Place]) -> Iterator[None]:
         yield
 
 
+def why_kept(reschedule: Reschedule) -> str:
+    """Why the operator would move no component of such an app; "" where it would."""
+    if reschedule.when != MOVES_WHEN:
+        return f"placement.reschedule.when is not {MOVES_WHEN}"
+    return "" if reschedule.max_per_day else "placement.reschedule.maxPerDay is 0"
+
+
 # --- When it is proposed ----------------------------------------------------------------------------------------------
 
 
@@ -293,17 +304,26 @@ class BudgetWatch:
         return unseen or self._standing_node(pod) == place.node
 
     def _standing_node(self, pod: Pod) -> str:
-        standing = _standing(pod)
-        return standing.node if standing is not None and standing.expires > self._now() else ""
+        """The node that is proposed; "" also for one that is proposed for longer than this scheduler ever does."""
+        standing, now = _standing(pod), self._now()
+        return standing.node if standing is not None and now < standing.expires <= now + VALID + SKEW else ""
 
     def _others(self, uid: str) -> list[Place]:
-        """Places that are proposed to other pods, where these are not yet."""
+        """Places that other pods are about to take: the operator moves them there, or their successors are on their way."""
         nodes, placed = self._core.cluster.nodes.row_of, self._core.cluster.placed
         return [
             place
             for other, place in self._places.items()
-            if other != uid and place.node in nodes and (other not in placed or placed[other].node != place.node)
+            if other != uid
+            and place.node in nodes
+            and (other not in placed or (placed[other].node != place.node and self._moves(place.pod)))
         ]
+
+    def _moves(self, pod: Pod) -> bool:
+        """Does the operator move the pod for a proposal? For others it only shows where they would be better off."""
+        member = member_of(pod.metadata.labels or {})
+        app = self._core.cluster.apps.app(member.app_uid) if member is not None else None
+        return app is not None and not why_kept(app.source.spec.placement.reschedule)
 
     def _components(self, app_uid: str, instance: str) -> Iterator[PlacedComponent]:
         apps = self._core.cluster.apps
@@ -415,7 +435,7 @@ class BudgetWatch:
         holds = (
             standing is not None
             and (standing.node, standing.edge) == (proposal.node, link.edge)
-            and standing.expires - now >= RENEW
+            and RENEW <= standing.expires - now <= VALID + SKEW
         )
         if holds or since_s < REST_S:
             return None

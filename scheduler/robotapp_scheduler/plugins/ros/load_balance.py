@@ -5,7 +5,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from robotapp_scheduler.core.cache.snapshot import Snapshot
+from robotapp_scheduler.core.cache.snapshot import LoadField, Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.interface import ScoreResult
 from robotapp_scheduler.core.nodes.columns import FloatArray
@@ -53,7 +53,11 @@ class LoadBalanceScore:
         gpus = [name for name in nodes.cluster.nodes.resources.names if name.endswith("/gpu")]
         taken = np.zeros(nodes.n)
         weight_sum = np.zeros(nodes.n)
-        columns = ((("cpu",), "cpu_percent"), (("memory",), "memory_percent"), (tuple(gpus), "gpu_percent"))
+        columns: tuple[tuple[tuple[str, ...], LoadField], ...] = (
+            (("cpu",), "cpu_percent"),
+            (("memory",), "memory_percent"),
+            (tuple(gpus), "gpu_percent"),
+        )
         for weight, (resources, field) in zip(WEIGHTS.get(pod.ros.qos_class, DEFAULT), columns, strict=True):
             share = self._share(nodes, resources, field)
             there = ~np.isnan(share)
@@ -79,7 +83,7 @@ class LoadBalanceScore:
         used = taken / weight_sum if weight_sum > 0.0 else 0.0
         return int(min(max(float(np.round(100.0 * (1.0 - used), 6)), 0.0), 100.0))
 
-    def _share(self, nodes: Snapshot, resources: tuple[str, ...], field: str) -> FloatArray:
+    def _share(self, nodes: Snapshot, resources: tuple[str, ...], field: LoadField) -> FloatArray:
         """Used share per node, NaN where the node offers none."""
         offered = np.zeros(nodes.n)
         used = np.zeros(nodes.n)

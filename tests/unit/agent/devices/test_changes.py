@@ -99,6 +99,18 @@ def test_no_more_devices_are_reported_than_the_api_takes_and_those_plugged_in_co
     assert presence.omitted == 20
 
 
+def test_devices_without_room_are_the_same_at_every_scan() -> None:
+    """They counted as new at every second scan: the report changed each time, and was written each time."""
+    many = [Device(id=f"usb-{number:03}", type="usb") for number in range(MOST_DEVICES + 5)]
+    presence, seen = Presence(), set()
+    for now_s in range(6):
+        presence.observe(many, now_s=now_s)
+        seen.add((presence.omitted, presence.pending, len(presence.devices)))
+    assert seen == {(5, False, MOST_DEVICES)}
+    presence.observe(many[1:], now_s=7)  # room for one of them
+    assert (presence.omitted, shown(presence)[many[MOST_DEVICES].id]) == (4, True)
+
+
 def test_after_500_cycles_of_plugging_at_10_hz_the_report_is_right_at_rest() -> None:
     """A cable that is pulled and put back ten times a second while scans come at any moment."""
     choice = random.Random(14)

@@ -152,6 +152,7 @@ def test_a_pipe_in_the_place_of_the_file_keeps_nobody_waiting(tmp_path: Path) ->
         ("devices:\n- match:\n    attributes:\n      product: '['\n", "line 4: devices[0].match.attributes.product: pattern"),
         ("devices:\n- match: {name: a}\n- match: {name: a}\n  match: {name: b}\n", 'line 4: key "match" already set'),
         ("devices:\n- {match: {name: a}\n", "line 3"),
+        ("devices:\n- match: {name: a}\n  type: source\n", "line 3: devices[0].type: hardware.robotics.io/source is a label of"),
         ("- 1\n", "line 1: Expected `object`, got `array`"),
         ("devices: [{match: {name: a}, names: [a, b, c, d, e, f, g, h, i]}]", "line 1: devices[0].names"),
     ],

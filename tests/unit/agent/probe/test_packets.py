@@ -90,15 +90,23 @@ def test_sessions_and_senders_count_apart() -> None:
     windows = ReplayWindows()
     assert windows.is_first(packet())
     assert windows.is_first(packet(sender="c"))
-    assert windows.is_first(packet(session=b"session2"))
+    assert windows.is_first(packet(session=b"anotherS"))
+
+
+def test_the_nonce_of_a_request_makes_no_session_of_its_own() -> None:
+    windows = ReplayWindows()
+    assert windows.is_first(packet(1, session=b"same0001"))
+    assert not windows.is_first(packet(1, session=b"same0002"))
+    assert windows.is_first(packet(2, session=b"same0003"))
+    assert repr(windows) == "<ReplayWindows: 1 sessions>"
 
 
 def test_the_sessions_kept_are_bounded_and_the_most_silent_goes_first() -> None:
     windows = ReplayWindows()
     assert windows.is_first(packet(1))
     for index in range(MOST_SESSIONS):
-        assert windows.is_first(packet(1, session=index.to_bytes(8, "big")))
+        assert windows.is_first(packet(1, session=index.to_bytes(4, "big") + b"nonc"))
         assert windows.is_first(packet(2 + index))
     assert repr(windows) == f"<ReplayWindows: {MOST_SESSIONS} sessions>"
     assert not windows.is_first(packet(1))
-    assert windows.is_first(packet(1, session=bytes(8)))
+    assert windows.is_first(packet(1, session=bytes(4) + b"nonc"))

@@ -91,6 +91,18 @@ def forged(kind: int, *, sent: bytes, sender: str, receiver: str, sequence: int)
     return seal(Packet(kind, own.key, node_id(sender), node_id(receiver), own.session, sequence))
 
 
+def test_a_peer_cannot_reply_before_it_was_asked() -> None:
+    """It sprayed replies to the next numbers, and the first that came after the request was sent made it look near."""
+    sender = prober()
+    first = open_packet(request_of(sender, "b"), kind=REQUEST, receiver=node_id("b"), keys=ring())
+    assert first is not None
+    early = [first._replace(kind=REPLY, sender=first.receiver, receiver=first.sender, sequence=n) for n in range(1, 9)]
+    sender.finish()
+    request_of(sender, "b")
+    assert not any(received(sender, seal(reply), at_ms=0.1) for reply in early)
+    assert sender.finish() == {"b": [None]}
+
+
 def test_what_a_peer_was_sent_helps_it_to_answer_for_no_other() -> None:
     sender = prober()
     to_c = request_of(sender, "c")

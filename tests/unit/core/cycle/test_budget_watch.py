@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.late_apps import COMPONENTS, annotate, edge, measure, placed, planner, robot_and_servers
-from tests.support.scheduling import Clock, app_object, chain, make_pod, member_pod, telemetry
+from tests.support.scheduling import Clock, app_object, chain, make_node, make_pod, member_pod, telemetry
 
 from robotapp_api.model.names import Annotation
+from robotapp_api.values.better_node import BetterNode, parse_better_node
+from robotapp_scheduler.core.api.core_v1 import Node
 from robotapp_scheduler.core.cycle.better_node import (
     LOOKS,
     RENEW,
@@ -40,9 +42,9 @@ Told = tuple[float, str]
 class Cluster:
     """The app of `late_apps` under a watch; what it writes is seen at the next tick, agents report every two seconds."""
 
-    def __init__(self, **fields: Any) -> None:
+    def __init__(self, *, more: Sequence[Node] = (), **fields: Any) -> None:
         self.clock = Clock(0.0)
-        self.core = robot_and_servers(clock=self.clock, **fields)
+        self.core = robot_and_servers(*more, clock=self.clock, **fields)
         self.rtt_ms: dict[str, float] = {}
         self.writes: list[Told] = []
         self.watch = self.new_watch()
@@ -297,7 +299,7 @@ def test_a_write_that_failed_is_made_again_within_seconds() -> None:
 def test_a_place_that_is_proposed_to_one_pod_is_proposed_to_no_other_also_by_a_new_leader_or_after_the_eviction() -> (
     None
 ):
-    cluster = Cluster(placement={"reschedule": {"for": "1s"}})
+    cluster = Cluster(placement={"reschedule": {"for": "1s", "when": "BudgetExceeded"}})
     cluster.rtt_ms = {"e3": 60.0}
     cluster.core.cluster.apply_pod(make_pod("load", node="e2", cpu="500m"))  # it has room for one
     assert [node for _, node in cluster.run(3)] == ["e2"]
@@ -312,6 +314,39 @@ def test_a_place_that_is_proposed_to_one_pod_is_proposed_to_no_other_also_by_a_n
     cluster.core.cluster.remove_pod(first)
     assert cluster.run(SUCCESSOR_S - 2) == []
     assert [node for _, node in cluster.run(RETRY_S + 3)] == ["e2"], "its successor did not come"
+
+
+@pytest.mark.parametrize(
+    ("reschedule", "found"),
+    [({}, "e2"), ({"when": "BudgetExceeded", "maxPerDay": 0}, "e2"), ({"when": "BudgetExceeded"}, "")],
+    ids=["never moves", "has no moves", "moves"],
+)
+def test_a_place_is_kept_from_an_app_that_moves_only_by_one_that_moves(reschedule: dict[str, Any], found: str) -> None:
+    """e2 has room for one pod of 1 CPU, and e3 is too far. The other app is late as well."""
+    placement = {"reschedule": {"for": "15s", "when": "BudgetExceeded"}}
+    cluster = Cluster(more=(make_node("e0", cpu="4"),), placement=placement)
+    core, other = cluster.core, {"app": "other", "app_uid": "app-2"}
+    core.cluster.apply_pod(make_pod("filler", uid="filler", node="e2", cpu="1"))
+    edges = [edge("watcher", "@robot")]
+    theirs = {"reschedule": {"for": "1s", **reschedule}}
+    core.cluster.apply_app(app_object({"name": "watcher"}, uid="app-2", name="other", edges=edges, placement=theirs))
+    for owned in chain("watcher", **other):
+        core.cluster.apply_owner(owned)
+    core.cluster.apply_pod(member_pod("watcher", instance="amr", uid="w", node="e0", cpu="1", **other))
+    cluster.rtt_ms = {"e0": 90.0, "e3": 60.0}
+    cluster.run(60)
+    better = cluster.annotation
+    assert (parse_better_node(better).node if better else "") == found
+
+
+def test_a_proposal_that_lasts_longer_than_any_of_ours_is_nobodys() -> None:
+    """A tenant who may write on his own pod would keep a node from all others for ever."""
+    cluster = late()
+    forged = BetterNode("e2", "/planner to driver", 60_000.0, 8_000.0, datetime(9999, 1, 1, tzinfo=UTC))
+    annotate(cluster.core, planner(cluster.core).pod, forged.text())
+    cluster.run(FOR_S + REST_S + 2)
+    assert (found := parse_better_node(cluster.annotation or ""))
+    assert found.expires <= START + timedelta(seconds=cluster.clock()) + VALID
 
 
 def test_a_place_that_another_pod_takes_is_looked_at_at_once() -> None:

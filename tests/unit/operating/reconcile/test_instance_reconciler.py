@@ -137,6 +137,29 @@ async def test_children_that_a_late_watch_has_not_shown_are_kept_as_they_are(wor
     assert [method for method, _ in world.api.requests].count("POST") == 1  # one creation, refused
 
 
+async def test_an_edit_whose_event_overtakes_the_read_of_the_app_is_what_is_written(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The request was that of the edit and the owner that of the read: an id of its own was taken, and two rolls."""
+    await world.pool()
+    await world.children.reconcile(await world.app("teleop"), "")
+    await world.mirror()
+    viewer, get = await world.app("viewer"), world.client.get
+    edited: list[str] = []
+
+    async def overtaken(resource: Any, name: str, **more: Any) -> Any:
+        body = await get(resource, name, **more)
+        if name == "viewer" and not edited:
+            edited.append(name)
+            await world.edit("viewer", ros2={"discovery": {"mode": "Multicast"}, "shareWith": [{"name": "teleop"}]})
+        return body
+
+    monkeypatch.setattr(world.client, "get", overtaken)
+    assert await world.children.reconcile(viewer, "")
+    (claim,) = await world.claims()
+    assert {domain_of(item) for item in await world.deployments()} == {str(claim["spec"]["domain"]["id"])}
+
+
 async def test_a_second_run_writes_nothing(world: World) -> None:
     await world.pool()
     uid = await world.app()

@@ -75,7 +75,7 @@ class World:
 
     def added(self, app: str, node: str) -> Planner:
         parts = ({"name": "driver", "runsOn": ["Robot"]}, {"name": "planner"})
-        placement = {"reschedule": {"for": f"{FOR_S}s"}}
+        placement = {"reschedule": {**LIMITS, "for": f"{FOR_S}s"}}
         self.core.cluster.apply_app(app_object(*parts, name=app, uid=app, edges=[EDGE], placement=placement))
         for part in ("driver", "planner"):
             for owned in chain(part, app=app, app_uid=app):

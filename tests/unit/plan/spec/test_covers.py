@@ -47,6 +47,13 @@ def test_the_hash_ignores_key_order_only() -> None:
         ("1.0.0", "1.0.0", False),
         ("1.0.0", "", True),
         ("1.0.0", "1.0.0-rc1", True),
+        ("1.0.0", "1.0.0rc1", True),  # as Python's metadata has it
+        ("1.0.0rc1", "1.0.0", False),
+        ("1.0.0rc2", "1.0.0rc1", True),
+        ("1.0.0.dev3", "1.0.0", False),
+        ("1.0.0+g12", "1.0.0", False),
+        ("1.0.0", "1.0.0+g12", False),
+        ("latest", "1.0.0", False),
         ("", "1.0.0", False),
         ("1.0.1", "1.0", True),
     ],

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from tests.support.factories import make_app
 
-from robotapp_api.model.names import EventReason, Reason
-from robotapp_operator.plan.status.events import NOT_ACCEPTED, NOT_ALLOCATED, end_of_life, events_between
+from robotapp_api.model.names import Condition, EventReason, Reason
+from robotapp_operator.plan.status.events import NOT_ACCEPTED, NOT_ALLOCATED, TURNS, end_of_life, events_between
 
 
 def status(**conditions: tuple[str, str, str]) -> dict[str, Any]:
@@ -42,6 +42,13 @@ def test_each_state_is_told_when_it_begins_and_not_again() -> None:
     told = ["InvalidSpec", "DomainExhausted", "ChildFailed", "Placed", "NewerVersion", "BudgetExceeded"]
     assert reasons({}, bad) == told
     assert reasons(bad, bad) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason"), sorted((turn.kind, reason) for turn in TURNS if turn.event is None for reason in turn.reasons)
+)
+def test_what_is_told_under_its_own_reason_has_an_event_of_that_name(kind: Condition, reason: Reason) -> None:
+    assert reason.value in reasons({}, status(**{kind.value: ("False", reason.value, "why")}))
 
 
 @pytest.mark.parametrize("reason", sorted(NOT_ALLOCATED | NOT_ACCEPTED))

@@ -108,7 +108,16 @@ def test_an_app_whose_start_never_ends_does_not_count_for_ever() -> None:
     crowd, seconds = Crowd(), range(0, int(2 * LONGEST_START_S), 10)
     sizes = {second: crowd.note("uid-0", starts=True, begins=second == 0, now_s=1000 + second) for second in seconds}
     assert sizes == {second: int(second < LONGEST_START_S) for second in seconds}
-    assert crowd.note("uid-0", starts=True, begins=True, now_s=1000 + 2 * LONGEST_START_S) == 1  # edited
+    assert crowd.note("uid-0", starts=True, begins=True, now_s=1000 + 2 * LONGEST_START_S) == 0  # edited: no new start
+    assert crowd.note("uid-0", starts=False, begins=False, now_s=2300) == 0  # Ready
+    assert crowd.note("uid-0", starts=True, begins=True, now_s=2400) == 1
+
+
+def test_however_often_an_app_is_edited_what_came_of_it_is_told_after_two_periods() -> None:
+    bucket = Bucket()
+    for edit in range(600):  # each is told at once
+        bucket.take(1000 + edit, edges=256)
+    assert bucket.wait_s(1600, edges=256) <= 2 * 4
 
 
 def test_neither_an_app_that_is_refused_nor_one_whose_start_was_not_seen_counts_as_starting() -> None:
@@ -240,6 +249,13 @@ def test_only_the_steps_of_a_normal_start_are_mere_progress(
     phase: str, changed: dict[str, tuple[str, str]], progress: bool
 ) -> None:
     assert is_progress(status("Placing", **STARTED), status(phase, **(STARTED | changed))) is progress
+
+
+def test_devices_are_claimed_when_a_pod_is_bound_so_waiting_for_them_is_a_step_of_a_start() -> None:
+    waits = STARTED | {"Allocated": ("False", "WaitingForDevices")}
+    assert is_progress(status("Pending", **waits), status("Placing", **STARTED))
+    busy = waits | {"Ready": ("False", "DeviceBusy")}
+    assert not is_progress(status("Pending", **waits), status("Pending", **busy))
 
 
 def test_a_domain_after_waiting_for_one_is_progress_and_its_refusal_is_not() -> None:

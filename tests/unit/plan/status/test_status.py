@@ -308,6 +308,17 @@ def test_that_no_node_admits_the_infrastructure_is_told_at_once_and_before_that_
     assert not is_progress({**before, "phase": "Placing"}, {**status, "phase": "Placing"})
 
 
+def test_of_two_instances_the_one_whose_infrastructure_no_node_admits_is_in_trouble_and_not_the_one_that_starts() -> (
+    None
+):
+    why = "no node that it may use admits namespace x"
+    barred = instance(infrastructure_ready=False, infrastructure_barred=why, robot="amr-2")
+    status = status_of(instance(STARTING, robot="amr-1"), barred)
+    assert [(item["instance"], item["reason"]) for item in status["troubled"]] == [("amr-2", "Unschedulable")]
+    assert condition(status, Condition.READY) == ("False", Reason.UNSCHEDULABLE)
+    assert f"amr-2: its discovery or master is not ready: {why}" in message(status, Condition.READY)
+
+
 def test_held_templates_and_bugs_are_shown() -> None:
     held = status_of(instance(held=(Held("teleop-driver"),)))
     assert condition(held, Condition.PROGRESSING) == ("False", Reason.UPDATE_HELD)
