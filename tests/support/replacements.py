@@ -23,6 +23,7 @@ from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.machines import topology
 
+STRATEGIC: Final = "application/strategic-merge-patch+json"
 COMPONENT: Final = "driver"
 LANE: Final = "test.example/lane"
 SLOW: Final = "test.example/slow"
@@ -225,8 +226,18 @@ class Lane:
         pods = self._pods()
         if len(pods) != 1 or "deletionTimestamp" in pods[0]["metadata"]:
             return {}
-        ready = [each["status"] for each in pods[0]["status"].get("conditions", ()) if each["type"] == "Ready"]
-        return pods[0] if ready == ["True"] else {}
+        if "True" in _ready(pods[0]):
+            return pods[0]
+        self._told_again(pods[0])
+        return {}
+
+    def _told_again(self, pod: dict[str, Any]) -> None:
+        """A kubelet tells again that its pod is ready, which the node controller may have marked late; kwok tells it once."""
+        node = self._cp.api.get(f"/api/v1/nodes/{pod['spec']['nodeName']}")
+        if pod["status"].get("phase") == "Running" and "True" in _ready(node):
+            conditions = [{"type": kind, "status": "True"} for kind in ("Ready", "ContainersReady")]
+            path = f"{self._path(pod['metadata']['name'])}/status"
+            self._cp.api.patch(path, {"status": {"conditions": conditions}}, content_type=STRATEGIC)
 
     def _successor(self, old: str) -> str:
         """The uid of the only pod when it is another one, ready and stays; else ""."""
@@ -295,6 +306,10 @@ class Lane:
     def _evict(self, pod: str) -> None:
         body = {"apiVersion": "policy/v1", "kind": "Eviction", "metadata": {"name": pod}}
         self._cp.api.create(f"{self._path(pod)}/eviction", body)
+
+
+def _ready(obj: Mapping[str, Any]) -> list[str]:
+    return [each["status"] for each in obj["status"].get("conditions", ()) if each["type"] == "Ready"]
 
 
 def run(

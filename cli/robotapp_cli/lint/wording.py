@@ -132,16 +132,29 @@ def _type_cure(error: Misfit, kinds: list[str]) -> str:
         plain = value.isascii() and value.isdigit() if "integer" in kinds else value in ("true", "false")
         return "remove the quotes" if plain else ""
     if "array" in kinds:
-        return "begin each entry with -" if isinstance(value, dict) else _list_cure(error)
+        return _entries_cure(value, schema) if isinstance(value, dict) else _list_cure(error)
     if "object" in kinds and schema.get("properties"):
         return f"its fields are {_listed(schema['properties'])}"
     return ""
+
+
+def _entries_cure(value: Mapping[str, Any], schema: Schema) -> str:
+    """For a list that is written as a map, as Compose and launch files write environments."""
+    fields = schema.get("items", {}).get("properties", {})
+    plain = all(isinstance(each, str | int | float) for each in value.values())
+    if not (value and plain and {"name", "value"} <= fields.keys()):
+        return "begin each entry with -"
+    name, first = next(iter(value.items()))
+    text = json.dumps(first if isinstance(first, str) else json.dumps(first))
+    return f"each entry has a name and a value: - {{name: {name}, value: {text}}}"
 
 
 def _text_cure(error: Misfit) -> str:
     """For a field of text. Quotes are a cure only where the schema takes the same characters as text."""
     value, schema = error.value, error.schema
     if _is_duration(schema):
+        if isinstance(value, float) and 0.001 <= value < 1:  # ROS counts in seconds
+            return f"write a number and its unit (us, ms, s, m or h), such as {value * 1000:g}ms for {value:g} seconds"
         text = f"{json.dumps(value)}ms"
         example = text if value and re.fullmatch(scalars.DURATION_PATTERN, text) else "30ms"
         return f"write a number and its unit (us, ms, s, m or h), such as {example}"

@@ -32,6 +32,7 @@ def component_problems(component: Component, at: str, *, ros_version: int) -> It
     yield from _ready_problems(component, at, ros_version=ros_version)
     yield from _init_container_problems(component, at)
     yield from _label_problems(component, at)
+    yield from _mount_problems(component, at)
     for index, volume in enumerate(component.template.spec.volumes):
         if volume.get("name") == PARAMETERS_VOLUME:
             yield invalid(
@@ -61,6 +62,21 @@ def _resource_problems(component: Component, at: str) -> Iterator[Problem]:
             yield invalid(
                 f'{at}.resources.requests["{name}"]',
                 f"{name} cannot be given to two pods at once, so it needs a limit; write it under limits, the request follows it",
+            )
+        elif name in limits and parse_milli(component.resources["requests"][name]) > parse_milli(limits[name]):
+            yield invalid(
+                f'{at}.resources.requests["{name}"]',
+                f"{component.resources['requests'][name]} is more than the limit {limits[name]}; write at most as much, or a higher limit",
+            )
+
+
+def _mount_problems(component: Component, at: str) -> Iterator[Problem]:
+    there = {str(volume.get("name", "")) for volume in component.template.spec.volumes} | {PARAMETERS_VOLUME}
+    for index, mount in enumerate(component.volume_mounts):
+        if (name := str(mount.get("name", ""))) not in there:
+            yield invalid(
+                f"{at}.volumeMounts[{index}].name",
+                f'there is no volume "{name}"; write it under template.spec.volumes',
             )
 
 

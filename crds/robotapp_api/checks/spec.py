@@ -11,6 +11,7 @@ from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
 from robotapp_api.model.distros import DISTROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
 from robotapp_api.model.robotapp import RobotAppSpec
+from robotapp_api.values.label_key import value_problem
 from robotapp_api.values.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
 from robotapp_api.values.tiers import ROBOT
 
@@ -25,6 +26,7 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
     yield from _keys_without_robot(spec)
     yield from _unknown_names(spec)
     yield from _contradictions(spec)
+    yield from _values_of_no_label(spec)
     yield from edge_problems(spec.edges)
 
 
@@ -158,6 +160,20 @@ def _contradictions(spec: RobotAppSpec) -> Iterator[Problem]:
                     f"spec.components[{index}].separateFrom",
                     f"{component.name} must be apart from {name}, but colocateWith or sharedData.with ties both to one node; remove one of the names",
                 )
+
+
+def _values_of_no_label(spec: RobotAppSpec) -> Iterator[Problem]:
+    """Of a selector of robots: no node can have them, so the app would wait for ever."""
+    if spec.robots is None:
+        return
+    selector, at = spec.robots.node_selector, "spec.robots.nodeSelector"
+    values = [(f'{at}.matchLabels["{key}"]', value) for key, value in selector.match_labels.items()]
+    for index, expression in enumerate(selector.match_expressions):
+        if expression.operator == "In":
+            values += [(f"{at}.matchExpressions[{index}].values", value) for value in expression.values]
+    for field, value in values:
+        if problem := value_problem(value):
+            yield invalid(field, f"{problem}; several robots are matchExpressions with operator In")
 
 
 def neighbours_of(spec: RobotAppSpec) -> Mapping[str, Neighbours]:

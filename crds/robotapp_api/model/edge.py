@@ -110,9 +110,9 @@ class Edge(Model):
     type: InterfaceType | None = None
     """ROS interface type, such as geometry_msgs/msg/Twist."""
     from_: Annotated[EdgeEnd, Field(alias="from")]
-    """Component that publishes or serves, or @robot for the robot's node itself."""
+    """Component that publishes, or calls the service or action, or @robot for the robot's node itself."""
     to: EdgeEnd
-    """Component that subscribes or calls, or @robot for the robot's node itself."""
+    """Component that subscribes, or serves, or @robot for the robot's node itself."""
     rate_hz: Quantity | None = None
     """Messages per second, such as 20 or "0.5". Together with messageBytes it gives the bandwidth where that is not written."""
     message_bytes: (

@@ -61,9 +61,9 @@ class EdgeStatus(Observed):
     topic: EdgeText
     """Topic, service or action of the edge."""
     from_: Annotated[ShortText, Field(alias="from")]
-    """Component that publishes or serves."""
+    """Component that publishes, or calls the service or action."""
     to: ShortText
-    """Component that subscribes or calls."""
+    """Component that subscribes, or serves."""
     budget: Duration | None = None
     """Budget of the edge."""
     p95: Duration | None = None

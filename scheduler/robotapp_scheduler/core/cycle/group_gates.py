@@ -164,12 +164,14 @@ class GangGates:
         )
 
     def lost(self, node: str) -> bool:
-        """Is the node gone or out of reach?"""
+        """Is the node gone or out of reach? The taint that evicts stays for seconds after a node is back, with pods that came since."""
         row = self._cluster.nodes.row_of.get(node)
         if row is None:
             return True
         taints = self._cluster.nodes.taints
-        return any(taint.key in UNREACHABLE for taint in taints.values[taints.column[row]])
+        return any(
+            taint.key in UNREACHABLE and taint.effect == "NoSchedule" for taint in taints.values[taints.column[row]]
+        )
 
     def _may_drive(self, component: Component, node: str) -> bool:
         """Whether a pod of this component on a lost node may still move a robot, and the spec does not allow a second one.

@@ -187,6 +187,8 @@ class TestValues:
             ({"replicas": "2"}, ".replicas", 'must be a whole number, but is the text "2"; remove the quotes'),
             ({"args": "ros2"}, ".args", 'must be a list, but is the text "ros2"; write [ros2]'),
             ({"devices": {"name": "a"}}, ".devices", "must be a list, but is a mapping; begin each entry with -"),
+            ({"env": {"ROS_X": 30}}, ".env", 'each entry has a name and a value: - {name: ROS_X, value: "30"}'),
+            ({"env": {"A": {}}}, ".env", "begin each entry with -"),
             ({"policies": "fast"}, ".policies", "must be a mapping of fields, but is the text"),
             ({"args": [None]}, ".args[0]", "must be text, but is empty"),
             ({"replicas": 0}, ".replicas", "is 0; write at least 1"),
@@ -208,7 +210,14 @@ class TestValues:
     @pytest.mark.parametrize("field", DURATIONS)
     def test_a_duration_without_unit_is_told_to_have_one(self, field: str) -> None:
         parent, _, name = field.rpartition(".")
-        for value, example in ((30, "30ms"), (1.5, "1.5ms"), (0, "30ms"), (-1, "30ms"), (True, "30ms")):
+        for value, example in (
+            (30, "30ms"),
+            (1.5, "1.5ms"),
+            (0, "30ms"),
+            (-1, "30ms"),
+            (0.05, "50ms for 0.05 seconds"),
+            (True, "30ms"),
+        ):
             findings = found(with_field("RobotApp", parent, {name: value}))
             (finding,) = [each for each in findings if each.severity is Severity.ERROR]
             assert finding.path == field.replace("[]", "[0]")

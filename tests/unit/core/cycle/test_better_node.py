@@ -165,7 +165,7 @@ def test_an_instance_with_a_pod_on_its_way_is_not_at_rest() -> None:
 
 def test_nothing_is_searched_for_a_robot_that_is_out_of_reach() -> None:
     core = robot_and_servers()
-    lost = [{"key": "node.kubernetes.io/unreachable", "effect": "NoExecute"}]
+    lost = [{"key": "node.kubernetes.io/unreachable", "effect": effect} for effect in ("NoSchedule", "NoExecute")]
     core.cluster.apply_node(make_node("amr", labels={str(Label.ROBOT): "amr"}, taints=lost))
     assert not settled(core, planner(core))
 

@@ -15,7 +15,8 @@ from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus
 EDGE = {str(Label.TIER): "edge"}
 ROBOT_TIER = {str(Label.TIER): "robot"}
 ON_ROBOT = {str(Label.ROBOT): "amr"}
-LOST = [{"key": "node.kubernetes.io/unreachable", "effect": "NoExecute"}]
+EVICTS = {"key": "node.kubernetes.io/unreachable", "effect": "NoExecute"}
+LOST = [EVICTS, {**EVICTS, "effect": "NoSchedule"}]
 GONE = "gone"
 
 
@@ -177,6 +178,18 @@ def test_writing_failover_ends_the_wait_at_once() -> None:
     old = app_object({"name": "driver", "runsOn": EDGE_ROBOT})
     new = app_object({"name": "driver", "runsOn": EDGE_ROBOT, "onDisconnect": "Failover"}, generation=2)
     tell(core, Event("robotapps", core.cluster.apply_app(new), old, new))
+    assert set(run(core)) == {"teleop-driver-abc-after"}
+
+
+def test_a_node_that_is_back_is_reachable_while_the_taint_that_evicts_is_still_there() -> None:
+    """A pod that came since is a predecessor like any other: its successor started beside it, on a node that can be reached."""
+    core = make_core(make_node("old", labels=EDGE, taints=LOST), make_node("other"))
+    driver(core, runsOn=["Edge"])
+    show(core, make_node("old", labels=EDGE, taints=[EVICTS]))
+    core.cluster.apply_pod(member_pod("driver", uid="before", node="old"))
+    arrive(core, member_pod("driver", uid="after"))
+    assert run(core) == {}
+    lose(core, "old", EDGE)
     assert set(run(core)) == {"teleop-driver-abc-after"}
 
 

@@ -234,6 +234,7 @@ def test_a_problem_prints_its_field_first() -> None:
             {
                 "parameters": [{"inline": "/**: {ros__parameters: {}}"}],
                 "volumeMounts": [{"name": "v", "mountPath": "/etc/robotapp/parameters/"}],
+                "template": {"spec": {"volumes": [{"name": "v", "emptyDir": {}}]}},
             },
             "volumeMounts[0].mountPath",
             "write another path",
@@ -253,6 +254,12 @@ def test_a_problem_prints_its_field_first() -> None:
             "the component itself",
         ),
         ({"parameters": [{"inline": "- a"}]}, "parameters[0].inline", "must be a mapping"),
+        ({"volumeMounts": [{"name": "maps", "mountPath": "/m"}]}, "volumeMounts[0].name", 'there is no volume "maps"'),
+        (
+            {"resources": {"requests": {"memory": "1Gi"}, "limits": {"memory": "512Mi"}}},
+            'resources.requests["memory"]',
+            "1Gi is more than the limit 512Mi",
+        ),
         ({"parameters": [{"inline": "/**: {v: 1.0}"}]}, "parameters[0].inline", "/**/v must be a mapping"),
         ({"parameters": [{"inline": "/**: {}"}]}, "parameters[0].inline", "/** is empty"),
         (
@@ -294,6 +301,23 @@ def test_a_key_for_which_the_api_server_would_refuse_the_deployment_is_refused()
     _, field, message = only_problem(make_app(component("a", template=template)))
     assert field == "spec.components[0].template.metadata.labels"
     assert message.endswith("has 64 characters; write at most 63")
+
+
+@pytest.mark.parametrize(
+    ("selector", "field"),
+    [
+        ({"matchLabels": {"robotics.io/robot": "amr-07,amr-08"}}, 'matchLabels["robotics.io/robot"]'),
+        (
+            {"matchExpressions": [{"key": "robotics.io/robot", "operator": "In", "values": ["amr-07", "amr 08"]}]},
+            "matchExpressions[0].values",
+        ),
+    ],
+)
+def test_a_selector_of_robots_that_no_node_can_match_is_refused(selector: dict[str, object], field: str) -> None:
+    app = make_app(component("a"), robots={"nodeSelector": selector})
+    found = [problem for problem in problems_of(app, {}) if problem.field.endswith(field)]
+    assert [problem.message for problem in found]
+    assert all("matchExpressions with operator In" in problem.message for problem in found)
 
 
 @pytest.mark.parametrize(
