@@ -34,7 +34,7 @@ examples:
   ros-scheduler-profile src --diff profile.json
       what has changed since
   ros-scheduler-profile src --format robotapp --launch bringup/robot.launch.py
-      a launch file as a RobotApp that lacks its images only
+      a launch file as a RobotApp; comments name what it lacks beside its images
 
 exit codes:
   0 done   1 --diff found differences   2 wrong usage   130 Ctrl-C

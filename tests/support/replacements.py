@@ -239,6 +239,9 @@ class Lane:
             path = f"{self._path(pod['metadata']['name'])}/status"
             self._cp.api.patch(path, {"status": {"conditions": conditions}}, content_type=STRATEGIC)
 
+    def _another(self, old: str) -> bool:
+        return any(pod["metadata"]["uid"] != old for pod in self._pods())
+
     def _successor(self, old: str) -> str:
         """The uid of the only pod when it is another one, ready and stays; else ""."""
         uid = str(self._calm().get("metadata", {}).get("uid", ""))
@@ -274,8 +277,8 @@ class Lane:
                 eventually(lambda: self._ending(uid), timeout_s=PATIENCE_S, what=self._pods)
             elif not fails_over or force == "deleted node":
                 self._delete(pod["metadata"]["name"])  # as a user does who has lost patience
-            if fails_over:
-                eventually(lambda: len(self._pods()) > 1, timeout_s=PATIENCE_S, what=self._pods)
+            if fails_over:  # kwok may have ended the pod before it saw that its node is gone
+                eventually(lambda: self._another(uid), timeout_s=PATIENCE_S, what=self._pods)
             else:
                 time.sleep(AWAY_S)
         finally:

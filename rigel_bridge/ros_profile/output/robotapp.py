@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -28,6 +28,8 @@ _TYPE: Final = re.compile(r"[a-zA-Z]\w*/(?:(?:msg|srv|action)/)?[A-Z]\w*", re.AS
 _TOOLS: Final = frozenset({"rviz2", "rviz", "rqt_gui", "rqt_graph", "rqt_reconfigure"})
 _ENDING: Final = frozenset({"create", "spawn_entity.py", "spawn_model", "spawner.py", "unspawner", "unspawner.py"})
 """Programs that end when their work is done; what a RobotApp starts is started again and again."""
+_NETWORKS: Final = frozenset({"tcp", "udp", "ethernet", "network"})
+_CHANNEL: Final = re.compile(r"channel|comm|connection|transport|protocol|interface")
 _SPAWNER: Final = ("controller_manager", "spawner")
 
 
@@ -93,8 +95,20 @@ def as_robotapp(launch: LaunchProfile, *, name: str, distro: str) -> str:
 
 def _component(component: Component, *, ros1: bool) -> dict[str, Any]:
     found: dict[str, Any] = {"name": component.name, "image": IMAGE, "args": _arguments(component, ros1=ros1)}
-    hardware = dict.fromkeys(one for node in component.nodes for one in distinct(node.assessment.hardware))
+    hardware = dict.fromkeys(one for node in component.nodes for one in _opened(node))
     return {**found, **needs(_lead(component).assessment, hardware)}
+
+
+def _opened(node: LaunchedNode) -> list[Hardware]:
+    """The hardware of a node, without a serial line that its parameters replace by the network."""
+    found = distinct(node.assessment.hardware)
+    return [one for one in found if one.type != "serial"] if _network(node) else found
+
+
+def _network(node: LaunchedNode) -> str:
+    """The parameter by which a driver that also takes a serial line goes over the network, such as `channel_type:=tcp`; "" without."""
+    pairs = ((key, value) for key, value in node.parameters if value.lower() in _NETWORKS)
+    return next((f"{key}:={value}" for key, value in pairs if _CHANNEL.search(key)), "")
 
 
 def needs(assessment: Assessment, hardware: Iterable[Hardware]) -> dict[str, Any]:
@@ -143,12 +157,15 @@ def _arguments(component: Component, *, ros1: bool) -> list[str]:
     if plain is None:
         return ["ros2", "run", "rclcpp_components", "component_container"]
     more = _flags(plain)
-    own = _own_arguments(plain)
-    if (plain.package, plain.executable) == _SPAWNER and own and "--unload-on-kill" not in own:
-        own.append(
-            "--unload-on-kill"
-        )  # it stays until it is stopped; without the flag it ends, and its pod would crash and crash
+    own = [] if _is_untold(plain) else [text for text in _with_flag(plain) if text]
     return ["ros2", "run", plain.package, plain.executable, *own, *(["--ros-args", *more] if more else [])]
+
+
+def _with_flag(node: LaunchedNode) -> list[str]:
+    """The arguments; a spawner stays until it is stopped. Without the flag it ends, and its pod would crash and crash."""
+    own = list(node.arguments)
+    spawns = (node.package, node.executable) == _SPAWNER and any(own)
+    return [*own, "--unload-on-kill"] if spawns and "--unload-on-kill" not in own else own
 
 
 def _own_arguments(node: LaunchedNode) -> list[str]:
@@ -240,7 +257,9 @@ def _comments(launch: LaunchProfile) -> list[str]:
     lines = [
         f"# Inferred from {launch.package}/{launch.file}. Give every component its image; check runsOn and devices.\n"
     ]
-    for component in components(launch.nodes):
+    found = components(launch.nodes)
+    lines += _doubts(found)
+    for component in found:
         if len(component.nodes) > 1 and any(node.plugin for node in component.nodes):
             plugins = ", ".join(node.plugin for node in component.nodes if node.plugin)
             lines.append(f"# {component.name} is one process; load into it: {plugins[:500]}\n")
@@ -252,15 +271,21 @@ def _comments(launch: LaunchProfile) -> list[str]:
         lines += [
             f"# {component.name}: {requirement(one)['type']} is opened through {library(one)}\n"
             for node in component.nodes
-            for one in distinct(node.assessment.hardware)
+            for one in _opened(node)
             if library(one)
         ]
         lines += [
+            f"# {component.name}: no serial device, because of {network}\n"
+            for node in component.nodes
+            if (network := _network(node)) and len(_opened(node)) < len(distinct(node.assessment.hardware))
+        ]
+        lines += [
             f"# {component.name}: is started with arguments that the launch file works out; add them to args: "
-            f"{' '.join(node.arguments)[:300]}\n"
+            f"{' '.join(_with_flag(node))[:300]}\n"
             for node in component.nodes
             if _is_untold(node)
         ]
+        lines += [f"# {component.name}: {text}\n" for node in component.nodes for text in _worked_out(node)]
         lines += [
             f"# {component.name}: parameters of {_file_name(f)}\n"
             for node in component.nodes
@@ -273,6 +298,35 @@ def _comments(launch: LaunchProfile) -> list[str]:
     ]
     lines += [f"# {problem.file}: {problem.message[:300]}\n" for problem in launch.problems]
     return [line.replace("\r", " ") for line in dict.fromkeys(" ".join(line.split()) + "\n" for line in lines)]
+
+
+def _doubts(found: Iterable[Component]) -> Iterator[str]:
+    """Components that may not belong: conditions of a launch file often choose one of several drivers."""
+    doubtful = [one for one in found if not all(node.certain for node in one.nodes)]
+    for one in doubtful:
+        yield f"# {one.name}: is started under a condition that the launch file works out; leave it out where it does not hold\n"
+    owners: dict[str, list[str]] = {}
+    for one in doubtful:
+        kinds = {hardware.type for node in one.nodes for hardware in _opened(node)}
+        for kind in sorted(kinds & EXCLUSIVE_TYPES):
+            owners.setdefault(kind, []).append(one.name)
+    for kind, names in owners.items():
+        if len(names) > 1:
+            yield f"# {', '.join(names)}: each wants a {kind} device for itself, under a condition: keep the one that your robot has\n"
+
+
+def _worked_out(node: LaunchedNode) -> Iterator[str]:
+    """What of a node's start only the launch file knows, and is therefore missing."""
+    if "$" in node.namespace:
+        yield f"its namespace is worked out by the launch file ({node.namespace[:100]}); add -r __ns:=/… to args where there is one"
+    missing = (
+        (node.parameters, "parameter", "write it into a parameter file"),
+        (node.remaps, "remap", "add it to args"),
+    )
+    for pairs, what, cure in missing:
+        for key, value in pairs:
+            if "$" in key + value or "\n" in value:
+                yield f"{what} {key[:100]} is worked out by the launch file; {cure}"
 
 
 def _file_name(file: str) -> str:

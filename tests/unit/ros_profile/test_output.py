@@ -148,6 +148,50 @@ def test_what_would_end_by_itself_stays_or_is_left_out(tmp_path: Path) -> None:
     assert any("spawn_entity.py of gazebo_ros ends by itself and is left out" in line for line in found["#"])
 
 
+def test_the_flag_that_keeps_a_spawner_stands_in_the_comment_about_its_arguments(tmp_path: Path) -> None:
+    unknown = "LaunchConfiguration('gone')"
+    spawner = f"Node(package='controller_manager', executable='spawner', arguments=['imu', '-c', {unknown}])"
+    (line,) = [line for line in started(spawner, tmp_path)["#"] if "add them to args" in line]
+    assert line.endswith("--unload-on-kill")
+
+
+def test_what_only_the_launch_file_knows_of_a_node_is_named(tmp_path: Path) -> None:
+    made = "{'robot_description': Command(['xacro ', 'a.urdf']), 'rate': 20}"
+    node = f"Node(package='a', executable='b', namespace=EnvironmentVariable('NS'), parameters=[{made}])"
+    found = started(node, tmp_path)
+    assert found["b"] == ["ros2", "run", "a", "b", "--ros-args", "-p", "rate:=20"]
+    assert any(line.startswith("# b: parameter robot_description is worked out by the launch") for line in found["#"])
+    assert any(line.startswith("# b: its namespace is worked out by the launch file") for line in found["#"])
+
+
+@pytest.mark.parametrize(
+    ("parameters", "devices"),
+    [((), ["serial"]), ((("channel_type", "tcp"),), []), ((("channel_type", "serial"), ("mode", "udp")), ["serial"])],
+)
+def test_a_driver_that_goes_over_the_network_gets_no_serial_device(
+    parameters: tuple[tuple[str, str], ...], devices: list[str]
+) -> None:
+    launch = LaunchProfile("base_driver", "a.launch", (node("/lidar", DRIVER, parameters=parameters),), (), DRIVER)
+    (made,) = app(launch, name="x", distro="jazzy")["spec"]["components"]
+    assert [each["type"] for each in made.get("devices", ())] == devices
+    written = as_robotapp(launch, name="x", distro="jazzy")
+    assert ("# lidar: no serial device, because of channel_type:=tcp" in written) is (not devices)
+
+
+def test_drivers_of_which_a_condition_chooses_one_are_named_together() -> None:
+    launch = LaunchProfile(
+        "base_driver",
+        "a.launch.py",
+        (node("/one", DRIVER, certain=False), node("/two", DRIVER, certain=False), node("/c", certain=True)),
+        (),
+        VIEW,
+    )
+    comments = as_robotapp(launch, name="x", distro="jazzy")
+    assert "# one, two: each wants a serial device for itself, under a condition: keep the one" in comments
+    assert "# two: is started under a condition that the launch file works out" in comments
+    assert "# c: is started under a condition" not in comments
+
+
 def test_arguments_of_xml_are_split_after_they_are_worked_out(tmp_path: Path) -> None:
     text = '<launch><arg name="who" default="bob"/><node pkg="a" exec="b" args="--to $(var who) x:=y"/></launch>'
     package(tmp_path, "up", {"launch/a.launch.xml": text})
