@@ -14,7 +14,7 @@ DEEPEST: Final = 100
 _MERGE: Final = "tag:yaml.org,2002:merge"
 """Refused: a few lines of it make more keys than fit in memory, before they could be counted."""
 _NUMBERS: Final = frozenset({"tag:yaml.org,2002:int", "tag:yaml.org,2002:float"})
-_LONGEST_NUMBER: Final = 400
+_LONGEST_NUMBER: Final = 1000
 
 
 class StrictLoader(yaml.CSafeLoader):
