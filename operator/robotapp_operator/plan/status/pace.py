@@ -17,8 +17,8 @@ START_REST_S: Final = (1.0, 5.0, 15.0)
 """Pauses before writes of an app's status that only show how far its start has come: the first, the second, every further one."""
 CROWD_REST_S: Final = 0.5
 """Such a pause has so many seconds per app that starts: together they show their progress twice per second."""
-MOST_START_REST_S: Final = 30.0
-START_S: Final = 60.0
+MOST_START_REST_S: Final = 120.0
+START_S: Final = 150.0
 """An app whose start has shown nothing new for so long does not count as one that starts: it may be stuck, and for ever."""
 LONGEST_START_S: Final = 600.0
 """Nor does one that began longer ago: a few apps that never get ready must not slow what is shown of all others."""

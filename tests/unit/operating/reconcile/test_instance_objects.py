@@ -50,7 +50,7 @@ async def test_an_instance_gets_its_object_and_then_what_is_observed(world: Worl
 
 async def test_where_many_apps_start_an_instance_shows_later_how_far_it_has_come(world: World) -> None:
     uid = await world.app()
-    for number in range(200):
+    for number in range(300):
         world.memory.crowd.note(f"other-{number}", starts=True, begins=True, now_s=world.now_s)
     await world.objects.publish(uid, "")
     assert await world.objects.publish(uid, "") == MOST_START_REST_S
