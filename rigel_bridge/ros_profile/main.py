@@ -12,6 +12,7 @@ from typing import Final
 
 from ros_profile.generate import ENGINES, generate_profile
 from ros_profile.model.conclusions import LaunchProfile, Profile
+from ros_profile.model.facts import NOT_HERE
 from ros_profile.output.difference import difference
 from ros_profile.output.machine import as_annotations, as_json, as_rigelfile, from_json
 from ros_profile.output.names import ROS1_DISTROS
@@ -19,6 +20,7 @@ from ros_profile.output.robotapp import as_robotapp, components
 from ros_profile.output.text import WIDTH, text
 
 MAX_OLD_BYTES: Final = 256 << 20
+MOST_NAMED: Final = 20
 CONTROL: Final = re.compile(
     "[\\x00-\\x09\\x0b-\\x1f\\x7f-\\x9f\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069\\ud800-\\udfff]"
 )
@@ -222,11 +224,17 @@ def _chosen(profile: Profile, wanted: str | None) -> LaunchProfile:
     launches = [one for one in usable if one in fitting] if wanted else usable
     if len(launches) == 1:
         return launches[0]
-    names = ", ".join(_name(one) for one in (launches or usable)[:20])
+    shown = launches or usable
+    more = f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else ""
+    names = ", ".join(_name(one) for one in shown[:MOST_NAMED]) + more
     if launches:
         raise Failure(f"--format robotapp is made of one launch file; name it with --launch: {names}", 2)
     if fitting:
-        raise Failure(f"{_name(fitting[0])} starts no node that belongs on a robot{names and f'; others: {names}'}", 72)
+        absent = "; ".join(one.message for one in fitting[0].problems if one.message.endswith(NOT_HERE))
+        why = f": it {absent[:500]}; put its source beside it" if absent else ""
+        raise Failure(
+            f"{_name(fitting[0])} starts no node that belongs on a robot{why}{names and f'; others: {names}'}", 72
+        )
     if wanted and usable:
         raise Failure(f"--launch {wanted}: there is no such launch file{_near(wanted, usable)}; there are: {names}", 72)
     found = f"none of {len(everything)} starts a node that belongs on a robot" if everything else "there is none"

@@ -21,7 +21,7 @@ from ros_profile.model.conclusions import (
     QosClass,
 )
 from ros_profile.model.endpoints import Parameter
-from ros_profile.model.facts import Problem
+from ros_profile.model.facts import NOT_HERE, Problem
 from ros_profile.model.launch import LaunchFile
 from ros_profile.model.package import Executable, Manifest, Package, Unit
 from ros_profile.read.parameters import text_facts
@@ -111,7 +111,7 @@ def _launch(package: Package, launch: LaunchFile, engine: Engine, index: Index) 
         nodes.append(_node(end, judged))
     absent = dict.fromkeys(name.partition("/")[0] for name in found.outside)
     included = [engine.classify(Unit(Manifest(name=name, file=""), name, "launch")) for name in absent]
-    outside = tuple(Problem(launch.file, f"includes {name}, which is not in the workspace") for name in found.outside)
+    outside = tuple(Problem(launch.file, f"includes {name}{NOT_HERE}") for name in found.outside)
     return LaunchProfile(
         package=package.name,
         file=launch.file,

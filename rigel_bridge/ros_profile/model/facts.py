@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Final
 
 
 class Kind(StrEnum):
@@ -75,6 +76,10 @@ class Fact:
     @property
     def place(self) -> str:
         return f"{self.file}:{self.line}" if self.line else self.file
+
+
+NOT_HERE: Final = ", which is not in the workspace"
+"""End of the message about a launch file that is included and cannot be followed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -125,6 +125,11 @@ def test_a_launch_file_of_viewers_alone_is_no_app(tmp_path: Path, capsys: pytest
     assert "none of 1 starts a node that belongs on a robot" in capsys.readouterr().err
     assert main([str(tmp_path / "ws"), "--format", "robotapp", "--launch", "show/a.launch.xml"]) == 72
     assert "show/launch/a.launch.xml starts no node that belongs on a robot\n" in capsys.readouterr().err
+    nav2 = '<launch><include file="$(find-pkg-share nav2_bringup)/launch/bringup_launch.py"/></launch>'
+    package(tmp_path / "nav", "nav", {"launch/a.launch.xml": nav2})
+    assert main([str(tmp_path / "nav"), "--format", "robotapp", "--launch", "a.launch.xml"]) == 72
+    said = capsys.readouterr().err
+    assert ": it includes nav2_bringup/launch/bringup_launch.py, which is not in the workspace; put its source" in said
     package(tmp_path / "bare", "bare", {})
     assert main([str(tmp_path / "bare"), "--format", "robotapp"]) == 72
     assert "is made of a launch file, and there is none" in capsys.readouterr().err
