@@ -217,6 +217,7 @@ def test_another_parameters_file_rolls_the_pods(tenant: Tenant, ids: str) -> Non
         ("get", "drv"),
         ("create", "configmaps"),
         *((verb, FLEET_CONFIG_MAP) for verb in ("get", "update", "delete")),
+        ("get", f"{FLEET_CONFIG_MAP}-2"),  # of an operator that needed two
         ("get", AUTHENTICATION[1]),  # whose client certificates are good at its own port
     }, "it reads ConfigMaps that apps name, one by one, and writes the fleet view"
 

@@ -6,6 +6,7 @@ from datetime import timedelta
 from typing import Any
 
 import pytest
+from tests.support.chart import SCHEDULER
 from tests.support.live import Tenant, eventually, part
 
 from robotapp_api.client.api.times import utc_now
@@ -64,8 +65,12 @@ def propose(user: Tenant, component: str, node: str) -> None:
     """As a scheduler does that plans anew."""
     better = BetterNode(node, "/cmd_vel to driver", 60_000, 2_000, utc_now() + timedelta(minutes=10))
     name = pod_of(user, component)["metadata"]["name"]
-    patch = {"metadata": {"annotations": {Annotation.BETTER_NODE.value: better.text()}}}
-    user.cp.api.patch(f"/api/v1/namespaces/{user.namespace}/pods/{name}", patch)
+    proposal = f"{Annotation.BETTER_NODE.value}={better.text()}"
+    scheduler = (
+        f"--as={SCHEDULER}",
+        "--as-group=system:masters",
+    )  # kubectl reads the pod before, which the scheduler may not
+    user.cp.kubectl("annotate", "pod", name, "-n", user.namespace, "--overwrite", proposal, *scheduler)
 
 
 def record(user: Tenant, component: str, annotation: Annotation) -> str:
