@@ -30,8 +30,8 @@ class Prober:
     """The requests of one round. Each takes one reply, from the node it was sent to, that arrives within `timeout_ns`.
 
     All nodes have the same keys, so a key alone proves no sender. Each peer sees a session of its own, which no other can guess
-    from the random `secret`: who holds the keys can neither answer for another nor use up that one's numbers. Nor can a peer reply
-    before it was asked, to look nearer than it is: each request has a nonce.
+    from the random `secret`: who holds the keys can neither answer for another nor use up that one's numbers. Nor can a peer
+    look nearer than it is by a reply that it sends before the request arrives: each request has a nonce.
     """
 
     def __init__(self, *, own_name: str, keys: KeyRing, secret: bytes) -> None:

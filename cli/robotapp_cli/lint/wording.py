@@ -153,10 +153,10 @@ def _text_cure(error: Misfit) -> str:
     """For a field of text. Quotes are a cure only where the schema takes the same characters as text."""
     value, schema = error.value, error.schema
     if _is_duration(schema):
-        if isinstance(value, float) and 0.001 <= value < 1:  # ROS counts in seconds
-            return f"write a number and its unit (us, ms, s, m or h), such as {value * 1000:g}ms for {value:g} seconds"
         text = f"{json.dumps(value)}ms"
         example = text if value and re.fullmatch(scalars.DURATION_PATTERN, text) else "30ms"
+        if isinstance(value, float) and 0.001 <= value < 1:  # ROS counts in seconds
+            example = f"{value * 1000:g}ms for {value:g} seconds"
         return f"write a number and its unit (us, ms, s, m or h), such as {example}"
     if not isinstance(value, bool | int | float):
         return ""

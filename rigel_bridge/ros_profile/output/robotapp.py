@@ -151,13 +151,17 @@ def _arguments(component: Component, *, ros1: bool) -> list[str]:
             if plain
             else ["rosrun", "nodelet", "nodelet", "standalone", node.plugin]
         )
-        return words + _own_arguments(node) + [f"{key}:={value}" for _, key, value in _options(node, "__name", "_")]
+        return (
+            words
+            + _own_arguments(node, node.arguments)
+            + [f"{key}:={value}" for _, key, value in _options(node, "__name", "_")]
+        )
     if plain is None and alone is not None:
         return ["ros2", "component", "standalone", alone.package, alone.plugin, *_flags(alone)]
     if plain is None:
         return ["ros2", "run", "rclcpp_components", "component_container"]
     more = _flags(plain)
-    own = [] if _is_untold(plain) else [text for text in _with_flag(plain) if text]
+    own = _own_arguments(plain, _with_flag(plain))
     return ["ros2", "run", plain.package, plain.executable, *own, *(["--ros-args", *more] if more else [])]
 
 
@@ -168,9 +172,9 @@ def _with_flag(node: LaunchedNode) -> list[str]:
     return [*own, "--unload-on-kill"] if spawns and "--unload-on-kill" not in own else own
 
 
-def _own_arguments(node: LaunchedNode) -> list[str]:
+def _own_arguments(node: LaunchedNode, arguments: Iterable[str]) -> list[str]:
     """All of them or none: half a command line may mean something else. A comment has what cannot be told."""
-    return [] if _is_untold(node) else [text for text in node.arguments if text]
+    return [] if _is_untold(node) else [text for text in arguments if text]
 
 
 def _is_untold(node: LaunchedNode) -> bool:
