@@ -57,17 +57,25 @@ def component_notes(component: Component, at: str) -> Iterator[Note]:
 def _resource_problems(component: Component, at: str) -> Iterator[Problem]:
     """What the API server would refuse in the pod, in the words of its container."""
     limits = component.resources.get("limits") or {}
-    for name in component.resources.get("requests") or {}:
+    for name, requested in (component.resources.get("requests") or {}).items():
         if ("/" in name or name.startswith("hugepages-")) and name not in limits:
             yield invalid(
                 f'{at}.resources.requests["{name}"]',
                 f"{name} cannot be given to two pods at once, so it needs a limit; write it under limits, the request follows it",
             )
-        elif name in limits and parse_milli(component.resources["requests"][name]) > parse_milli(limits[name]):
+        elif name in limits and _is_more(requested, limits[name]):
             yield invalid(
                 f'{at}.resources.requests["{name}"]',
-                f"{component.resources['requests'][name]} is more than the limit {limits[name]}; write at most as much, or a higher limit",
+                f"{requested} is more than the limit {limits[name]}; write at most as much, or a higher limit",
             )
+
+
+def _is_more(requested: str | int, limit: str | int) -> bool:
+    """False also for what is no quantity, which others refuse."""
+    try:
+        return parse_milli(requested) > parse_milli(limit)
+    except ValueError:
+        return False
 
 
 def _mount_problems(component: Component, at: str) -> Iterator[Problem]:

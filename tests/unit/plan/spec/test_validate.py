@@ -337,6 +337,15 @@ def test_a_value_of_a_node_selector_that_no_label_can_have_is_refused(value: str
     assert says in message
 
 
+@pytest.mark.parametrize("value", ["abc", "", None, True, {"a": 1}])
+def test_what_is_no_quantity_ends_no_check(value: object) -> None:
+    for resources in (
+        {"requests": {"cpu": value}, "limits": {"cpu": "1"}},
+        {"requests": {"cpu": 1}, "limits": {"cpu": value}},
+    ):
+        assert problems_of(make_app(component("a", resources=resources)), {}) == ()
+
+
 def test_annotations_of_the_template_take_room_from_inline_files() -> None:
     file = {"inline": f"/**: {{ros__parameters: {{v: {'x' * 60_000}}}}}"}
     template = {"metadata": {"annotations": {f"example.com/{number}": "x" * 4000 for number in range(8)}}}
