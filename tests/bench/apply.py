@@ -43,6 +43,7 @@ BETWEEN_TARGET_S = 2.0
 MALFORMED, BATCH = 90, 15
 RSS_LIMIT_BYTES = 300_000_000
 COMPONENTS = 3
+FAST_DDS, CYCLONE_DDS = "rmw_fastrtps_cpp", "rmw_cyclonedds_cpp"
 TIMES_BY_HAND = 1.5
 """Apps may take so many times as long as their Deployments applied by hand."""
 QUIET_LIMIT = 1.0
@@ -57,6 +58,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", type=Path, help="write every figure to this file")
     parser.add_argument("--runs", type=int, default=20, help="runs of the single app")
     parser.add_argument("--apps", type=int, default=200, help="apps of the storm, three components each")
+    parser.add_argument(
+        "--rounds", type=int, default=2, help="times of the apps and of their Deployments by hand, in turn"
+    )
     parser.add_argument("--overflow", type=int, default=130, help=f"apps on one pool of {POOL_SIZE} ids")
     parser.add_argument("--quiet-seconds", type=float, default=60.0)
     parser.add_argument(
@@ -127,12 +131,11 @@ def bad_input(world: World, _: argparse.Namespace) -> tuple[Figures, list[str]]:
 
 
 def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
-    """Many apps over two pools, then a quiet minute with all of them running, then the same Deployments applied by hand.
-
-    Each app has two discovery servers, so five Deployments.
+    """Many apps over two pools, then a quiet minute with all of them running, then the same Deployments applied by hand, and
+    both again in turn. Each app has two discovery servers, so five Deployments.
     """
     began, before_s = datetime.now(UTC), world.operator.cpu_seconds()
-    found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S)
+    found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S, rmw=FAST_DDS)
     operator_s = world.operator.cpu_seconds() - before_s
     asked = quiet.requests_since(world.cp, began, account=OPERATOR_ACCOUNT)
     settled_s = _settle(world)
@@ -147,17 +150,31 @@ def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]
     }
     busy = busy_in_quiet(counts, per_app_minute=rest["writes_per_app_minute"])
     cost = {
-        "by_hand_s": _by_hand(world),
         "operator_ms_per_app": operator_s * 1000 / options.apps,
         "operator_requests": dict(asked.most_common()),
     }
-    return {**asdict(found), **cost, "quiet": rest}, [*found.problems, *busy]
+    rounds, problems = _in_turn(world, options, found, rmw=FAST_DDS)
+    return {**asdict(found), **cost, **rounds, "quiet": rest}, [*problems, *busy]
 
 
 def peers(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
     """As many apps without discovery servers, so with as many Deployments as components, and these applied by hand."""
-    found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S, rmw="rmw_cyclonedds_cpp")
-    return {**asdict(found), "by_hand_s": _by_hand(world)}, list(found.problems)
+    found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S, rmw=CYCLONE_DDS)
+    rounds, problems = _in_turn(world, options, found, rmw=CYCLONE_DDS)
+    return {**asdict(found), **rounds}, problems
+
+
+def _in_turn(
+    world: World, options: argparse.Namespace, first: journeys.Storm, *, rmw: str
+) -> tuple[Figures, list[str]]:
+    """The Deployments of the first storm by hand, then apps and Deployments in turn: the mean seconds of both, and problems."""
+    runs, problems = [(first.seconds, _by_hand(world))], list(first.problems)
+    for _ in range(1, options.rounds):
+        found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S, rmw=rmw)
+        problems += found.problems
+        runs.append((found.seconds, _by_hand(world)))
+    apps_s, by_hand_s = zip(*runs, strict=True)
+    return {"seconds": statistics.mean(apps_s), "by_hand_s": statistics.mean(by_hand_s), "runs": runs}, problems
 
 
 def _by_hand(world: World) -> float:

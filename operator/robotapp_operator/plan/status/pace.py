@@ -20,6 +20,8 @@ CROWD_REST_S: Final = 0.5
 MOST_START_REST_S: Final = 120.0
 START_S: Final = 150.0
 """An app whose start has shown nothing new for so long does not count as one that starts: it may be stuck, and for ever."""
+FEW_LEFT: Final = 0.1
+"""Share of a crowd that is no crowd any more: the others have arrived, and what keeps these may be of interest."""
 LONGEST_START_S: Final = 600.0
 """Nor does one that began longer ago: a few apps that never get ready must not slow what is shown of all others."""
 SETTLED_S: Final = 0.5
@@ -60,6 +62,9 @@ class Crowd:
     """The apps that start now: all that was found of them since their first status was progress, the last within `START_S`.
 
     On a slow machine a crowd takes minutes. Apps that left it after one would then write their progress as often as one alone.
+
+    Its size is the largest that it had within `MOST_START_REST_S`, until `FEW_LEFT` of that is left. A crowd gets Ready within
+    seconds: as it shrank, so would the pauses of those that are left, and each would write its progress just before it is Ready.
     """
 
     def __init__(self) -> None:
@@ -67,12 +72,14 @@ class Crowd:
         """By uid: when the app's start was last seen to go on, the longest ago first, and when it began."""
         self._endless: set[str] = set()
         """Apps whose start has taken too long to count; an edit makes it no new one."""
+        self._largest = (0, float("-inf"))
+        """Its largest size, and when it last had that."""
 
     def __repr__(self) -> str:
         return f"Crowd({len(self._seen)})"
 
     def note(self, uid: str, *, starts: bool, begins: bool, now_s: float) -> int:
-        """How many apps start, now that this app, whose status has changed, does or does not.
+        """How many apps start together, now that this app, whose status has changed, does or does not.
 
         begins: it has no status yet, or one of an older generation.
         """
@@ -85,7 +92,7 @@ class Crowd:
                 self._seen[uid] = now_s, began_s
             else:
                 self._endless.add(uid)
-        return len(self._seen)
+        return self._size(now_s)
 
     def leave(self, uid: str) -> None:
         self._seen.pop(uid, None)
@@ -97,7 +104,13 @@ class Crowd:
             if now_s - seen_s < START_S:
                 break
             del self._seen[uid]
-        return len(self._seen)
+        return self._size(now_s)
+
+    def _size(self, now_s: float) -> int:
+        size, (largest, at_s) = len(self._seen), self._largest
+        if size >= largest or size <= FEW_LEFT * largest or now_s - at_s > MOST_START_REST_S:
+            self._largest = size, now_s
+        return self._largest[0]
 
 
 @dataclasses.dataclass(slots=True)

@@ -80,18 +80,34 @@ def test_an_instance_in_a_crowd_shows_its_progress_later_and_what_is_urgent_as_s
     assert Writing(written_s=990).due_s(1000, moved=True, urgent=True, ready=True, starting=1000) == 1000
 
 
-def test_apps_start_together_until_each_has_arrived_is_gone_or_shows_nothing_new_for_too_long() -> None:
+def test_apps_start_together_until_all_have_arrived_are_gone_or_show_nothing_new_for_too_long() -> None:
     crowd = Crowd()
-    for number in range(4):
+    for number in range(3):
         assert crowd.note(f"uid-{number}", starts=True, begins=True, now_s=1000 + number) == number + 1
-    assert crowd.note("uid-0", starts=True, begins=False, now_s=1004) == 4
-    assert crowd.note("uid-0", starts=False, begins=False, now_s=1005) == 3
+    assert crowd.note("uid-0", starts=True, begins=False, now_s=1004) == 3
+    crowd.note("uid-0", starts=False, begins=False, now_s=1005)
     crowd.leave("uid-1")
     crowd.leave("uid-1")
-    assert crowd.size(1005) == 2
-    assert crowd.note("uid-2", starts=True, begins=True, now_s=1050) == 2  # edited: it begins anew
-    assert crowd.size(1003 + START_S) == 1
+    assert crowd.note("uid-2", starts=True, begins=True, now_s=1050) == 3  # edited: it begins anew
+    assert crowd.size(1050 + MOST_START_REST_S) == 1
     assert crowd.size(1050 + START_S) == 0
+
+
+def test_a_crowd_that_gets_ready_counts_whole_until_few_are_left_or_for_as_long_as_the_longest_pause() -> None:
+    crowd, ready_s = Crowd(), 1040
+    for number in range(200):
+        crowd.note(f"uid-{number}", starts=True, begins=True, now_s=1000)
+    sizes = [crowd.note(f"uid-{number}", starts=False, begins=False, now_s=ready_s) for number in range(180)]
+    assert sizes == [200] * 179 + [20]
+
+    slow = Crowd()
+    for number in range(200):
+        slow.note(f"uid-{number}", starts=True, begins=True, now_s=1000)
+    leaving_s = (10, 10 + MOST_START_REST_S, 11 + MOST_START_REST_S)
+    left = [
+        slow.note(f"uid-{number}", starts=False, begins=False, now_s=1000 + s) for number, s in enumerate(leaving_s)
+    ]
+    assert left == [200, 200, 198]
 
 
 def test_on_a_slow_machine_a_crowd_stays_one_for_longer_than_a_minute() -> None:
