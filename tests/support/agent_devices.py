@@ -7,9 +7,10 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from robotapp_agent.devices.device import Device, device_id, label_value
+from robotapp_agent.devices.device import Device, device_id
 from robotapp_agent.devices.kinds import TYPES
 from robotapp_agent.devices.tree import FOLDERS, USB_ATTRIBUTES, Entry, Snapshot
+from robotapp_api.values.naming import label_value
 
 TEXTS = st.one_of(
     st.text(max_size=40),

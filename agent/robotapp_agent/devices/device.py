@@ -1,6 +1,5 @@
 """One device of the node, as it goes into NodeTelemetry, labels and claims."""
 
-import re
 from typing import Final
 
 import msgspec
@@ -10,8 +9,6 @@ from robotapp_api.claims.identity import device_label
 MOST_DEVICES: Final = 128
 """The schema's bound of `status.devices`."""
 MOST_NAMES: Final = 8
-MODEL_LENGTH: Final = 63
-"""Of a label's value, which the model becomes."""
 
 
 class Device(msgspec.Struct, frozen=True, kw_only=True, gc=False, order=True):
@@ -37,8 +34,3 @@ class Device(msgspec.Struct, frozen=True, kw_only=True, gc=False, order=True):
 def device_id(kind: str, stable_name: str) -> str:
     """The id of a device, by the rule that names claims: itself where it is a DNS label, else a readable start and a hash."""
     return device_label(f"{kind}-{stable_name}")
-
-
-def label_value(text: str) -> str:
-    """`text` as a label value: `Intel(R) RealSense 435i` becomes `Intel-R-RealSense-435i`; "" when nothing is left."""
-    return re.sub(r"[^A-Za-z0-9._]+", "-", text)[:MODEL_LENGTH].strip("-._")

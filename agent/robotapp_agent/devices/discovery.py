@@ -6,11 +6,12 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from robotapp_agent.devices.device import MOST_NAMES, Device, device_id, label_value
+from robotapp_agent.devices.device import MOST_NAMES, Device, device_id
 from robotapp_agent.devices.kinds import TYPES, Candidate, candidates, usb_devices
 from robotapp_agent.devices.rules import Rules, apply
 from robotapp_agent.devices.tree import MOST_TEXT, Snapshot
 from robotapp_agent.devices.usb import UsbTree
+from robotapp_api.values.naming import label_value
 
 NO_RULES: Final = Rules()
 USB: Final = "usb"

@@ -6,9 +6,9 @@ from typing import Final
 
 import msgspec
 
-from robotapp_agent.devices.device import label_value
 from robotapp_agent.devices.tree import USB_DEVICE, Entry, Snapshot
 from robotapp_agent.devices.usb import Usb, UsbTree, function_number, letters
+from robotapp_api.values.naming import label_value
 
 TYPES: Final = ("video", "can", "serial", "gpio", "i2c", "spi", "input", "sound", "gpu", "usb")
 """In the order in which the first function of a USB device is chosen, which also goes by the name `usb`."""

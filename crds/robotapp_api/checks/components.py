@@ -9,9 +9,11 @@ from pydantic.alias_generators import to_snake
 from robotapp_api.checks.parameters import parameter_problems
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.component import Component
+from robotapp_api.model.device import Device, Requirement
 from robotapp_api.model.names import GPU, PARAMETERS_VOLUME, WAITING_STEP
 from robotapp_api.model.robots import LABEL_KEY
 from robotapp_api.values.label_key import key_problem, value_problem
+from robotapp_api.values.naming import label_value
 from robotapp_api.values.quantity import parse_milli
 
 SET_FOR_ALL: Final = {
@@ -129,12 +131,24 @@ def _label_problems(component: Component, at: str) -> Iterator[Problem]:
 
 
 def _device_problems(component: Component, at: str) -> Iterator[Problem]:
+    yield from _unmatched_problems(component.devices, f"{at}.devices")
+    yield from _unmatched_problems(component.requires, f"{at}.requires")
     for index, device in enumerate(component.devices):
         if device.count > 1 and device.type == GPU:
             yield invalid(
                 f"{at}.devices[{index}].count",
                 f"GPUs are counted by their device plugin; write resources.limits with its resource, such as nvidia.com/gpu: {device.count}, and leave count out",
             )
+
+
+def _unmatched_problems(wanted: Iterable[Device | Requirement], at: str) -> Iterator[Problem]:
+    """Models and interfaces that no device can have, because those are label values."""
+    for index, item in enumerate(wanted):
+        for name, value in (("model", item.model), ("interface", item.interface)):
+            if value and value_problem(value):
+                cure = f"write {label_value(value)}" if label_value(value) else "leave it out"
+                text = f'no device has "{value}": models and interfaces are published as label values; {cure}'
+                yield invalid(f"{at}[{index}].{name}", text)
 
 
 def _ready_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:

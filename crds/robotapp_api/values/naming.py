@@ -1,4 +1,4 @@
-"""What a name may be, and the names of children, derived so that every component finds them without asking."""
+"""What a name may be, texts as names and label values, and the names of children, which every component derives by itself."""
 
 import hashlib
 import re
@@ -19,6 +19,11 @@ def sanitise(text: str) -> str:
     """`text` in the characters of a DNS label that starts with a letter (Services ask for that); no length limit."""
     label = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
     return label if label[:1].isalpha() else f"ra-{label}".rstrip("-")
+
+
+def label_value(text: str) -> str:
+    """`text` as a label value: `Intel(R) RealSense 435i` becomes `Intel-R-RealSense-435i`; "" when nothing is left."""
+    return re.sub(r"[^A-Za-z0-9._]+", "-", text)[:MAX_NAME].strip("-._")
 
 
 @lru_cache(maxsize=16_384)

@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.agent_devices import devices as any_devices
 
-from robotapp_agent.devices.device import Device, label_value
+from robotapp_agent.devices.device import Device
 from robotapp_agent.devices.labels import MOST_LABELS, labels_of
+from robotapp_api.values.naming import label_value
 
 PREFIX = "hardware.robotics.io/"
 CAMERA = Device(id="video-046d-082d-1", type="video", model="C920", names=("usb", "sensor-usb-cam"))

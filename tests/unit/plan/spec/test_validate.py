@@ -256,6 +256,12 @@ def test_a_problem_prints_its_field_first() -> None:
         ({"parameters": [{"inline": "- a"}]}, "parameters[0].inline", "must be a mapping"),
         ({"volumeMounts": [{"name": "maps", "mountPath": "/m"}]}, "volumeMounts[0].name", 'there is no volume "maps"'),
         (
+            {"devices": [{"name": "cam", "type": "video", "model": "Intel(R) RealSense 435i"}]},
+            "devices[0].model",
+            "write Intel-R-RealSense-435i",
+        ),
+        ({"requires": [{"type": "can", "interface": "***"}]}, "requires[0].interface", "leave it out"),
+        (
             {"resources": {"requests": {"memory": "1Gi"}, "limits": {"memory": "512Mi"}}},
             'resources.requests["memory"]',
             "1Gi is more than the limit 512Mi",
