@@ -71,12 +71,9 @@ class Reporter:
             # would be two writes and an Event for nothing. A status that this process has rendered is brought up to date
             # all the same: domains of a thousand instances take their time.
             return None
-        now_s = self._clock()
-        if not memory.rendered and observed and is_start(record.status):
-            # It has been starting since before this process, perhaps in a crowd.
-            self._memory.crowd.note(uid, starts=True, begins=True, now_s=now_s)
         memory.rendered = True
         facts = dataclasses.replace(facts, bug=memory.bug(), conflict=self._conflict_of(uid))
+        now_s = self._clock()
         found = steady(facts, memory.shown, memory.rest, now_s=now_s)
         again_s = None if found.again_s == float("inf") else max(0.0, found.again_s - now_s)
         if memory.reported == _made_of(found.facts, record):

@@ -17,7 +17,7 @@ from robotapp_api.client.api.resources import ROBOTAPPS
 from robotapp_api.model.names import Reason
 from robotapp_api.model.status import RobotAppStatus
 from robotapp_operator.plan.spec.record import parse_record
-from robotapp_operator.plan.status.pace import BURST, CROWD_REST_S, START_REST_S, START_S
+from robotapp_operator.plan.status.pace import BURST, CROWD_REST_S, START_REST_S
 from robotapp_operator.reconcile import observer, status_reporter
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
@@ -145,18 +145,6 @@ async def test_an_app_that_starts_is_in_the_crowd_until_it_is_gone(world: World)
     await world.reporter.report(uid)
     assert world.memory.crowd.size(world.now_s) == 1
     world.memory.forget(uid)
-    assert world.memory.crowd.size(world.now_s) == 0
-
-
-async def test_an_operator_that_starts_amid_a_crowd_counts_it(world: World) -> None:
-    uid = await world.app()
-    world.cache.claims.put(uid, "c", domain_claim(7, uid=uid))
-    await world.reporter.report(uid)
-    world.memory.forget(uid)
-    await world.reporter.report(uid)
-    assert world.memory.crowd.size(world.now_s) == 1
-    world.now_s += START_S
-    await world.reporter.report(uid)
     assert world.memory.crowd.size(world.now_s) == 0
 
 
