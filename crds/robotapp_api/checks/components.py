@@ -23,6 +23,7 @@ SET_FOR_ALL: Final = {
 }
 """Variables a component may not set itself, and the field that does it for all components alike."""
 RESERVED_PREFIX: Final = "ROBOTAPP_"
+_NOT_PUBLISHED: Final = re.compile(r"[^A-Za-z0-9._-]")
 
 
 def component_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:
@@ -44,13 +45,15 @@ def component_problems(component: Component, at: str, *, ros_version: int) -> It
 
 
 def component_notes(component: Component, at: str) -> Iterator[Note]:
-    """What of the component has no effect yet."""
+    """What of the component has no effect yet, or another one than its author may expect."""
     for index, device in enumerate(component.devices):
         where = f"{at}.devices[{index}]"
         if device.sharing == "Namespace":
             yield Note(f"{where}.sharing", "Namespace acts as Cluster: nothing keeps other namespaces from the device")
         if device.on_loss != "Keep" and (device.sharing != "Exclusive" or device.type == "gpu"):
             yield Note(f"{where}.onLoss", f"{device.on_loss} has no effect: nothing is claimed, so no loss is seen")
+    yield from _unmatched_notes(component.devices, f"{at}.devices")
+    yield from _unmatched_notes(component.requires, f"{at}.requires")
     for field in ("durability", "queueSize", "tcpNodelay"):
         if getattr(component.policies, to_snake(field)) is not None:
             yield Note(f"{at}.policies.{field}", "has no effect: the program's own setting counts")
@@ -131,8 +134,6 @@ def _label_problems(component: Component, at: str) -> Iterator[Problem]:
 
 
 def _device_problems(component: Component, at: str) -> Iterator[Problem]:
-    yield from _unmatched_problems(component.devices, f"{at}.devices")
-    yield from _unmatched_problems(component.requires, f"{at}.requires")
     for index, device in enumerate(component.devices):
         if device.count > 1 and device.type == GPU:
             yield invalid(
@@ -141,14 +142,16 @@ def _device_problems(component: Component, at: str) -> Iterator[Problem]:
             )
 
 
-def _unmatched_problems(wanted: Iterable[Device | Requirement], at: str) -> Iterator[Problem]:
-    """Models and interfaces that no device can have, because those are label values."""
+def _unmatched_notes(wanted: Iterable[Device | Requirement], at: str) -> Iterator[Note]:
+    """Models and interfaces that no agent publishes."""
     for index, item in enumerate(wanted):
         for name, value in (("model", item.model), ("interface", item.interface)):
-            if value and value_problem(value):
+            if _NOT_PUBLISHED.search(value):
                 cure = f"write {label_value(value)}" if label_value(value) else "leave it out"
-                text = f'no device has "{value}": models and interfaces are published as label values; {cure}'
-                yield invalid(f"{at}[{index}].{name}", text)
+                yield Note(
+                    f"{at}[{index}].{name}",
+                    f'no device that a node agent finds has "{value}", because it writes them as label values; {cure}',
+                )
 
 
 def _ready_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:

@@ -294,6 +294,10 @@ class Controller:
         again_s = await self._reporter.report(key.group)
         if again_s is not None:
             self._queue.add(key, delay_s=again_s)
+        for uid in self._memory.crowd.take_few():
+            self._queue.add(Key(Work.STATUS, uid))
+            for instance in self._cache.instance_objects.instances(uid):
+                self._queue.add(Key(Work.INSTANCE, uid, instance))
         self._queue.add(Key(Work.PROBES, ""), delay_s=1.0)
         chosen = self._memory.of(key.group).chosen if key.group in self._cache.apps else None
         return max(STATUS_REST_S, STATUS_REST_PER_INSTANCE_S * len(chosen[0] if chosen else ()))

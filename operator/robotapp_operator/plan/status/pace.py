@@ -63,8 +63,9 @@ class Crowd:
 
     On a slow machine a crowd takes minutes. Apps that left it after one would then write their progress as often as one alone.
 
-    Its size is the largest that it had within `MOST_START_REST_S`, until `FEW_LEFT` of that is left. A crowd gets Ready within
-    seconds: as it shrank, so would the pauses of those that are left, and each would write its progress just before it is Ready.
+    It counts whole, at its largest size, until `FEW_LEFT` of it is left, or for about `MOST_START_REST_S`. A crowd gets Ready
+    within seconds: as it shrank, so would the pauses of those that are left, and each would write its progress just before it
+    is Ready. The few that are left then are to be looked at again (`take_few`): their pauses are shorter now.
     """
 
     def __init__(self) -> None:
@@ -74,6 +75,7 @@ class Crowd:
         """Apps whose start has taken too long to count; an edit makes it no new one."""
         self._largest = (0, float("-inf"))
         """Its largest size, and when it last had that."""
+        self._few: set[str] = set()
 
     def __repr__(self) -> str:
         return f"Crowd({len(self._seen)})"
@@ -95,8 +97,16 @@ class Crowd:
         return self._size(now_s)
 
     def leave(self, uid: str) -> None:
-        self._seen.pop(uid, None)
+        """The app is gone, as if it had never been one of them."""
+        if self._seen.pop(uid, None) is not None:
+            self._largest = self._largest[0] - 1, self._largest[1]
         self._endless.discard(uid)
+        self._few.discard(uid)
+
+    def take_few(self) -> set[str]:
+        """Uids of the apps that were left of a crowd when it ended; each is given once."""
+        few, self._few = self._few, set()
+        return few
 
     def size(self, now_s: float) -> int:
         while self._seen:
@@ -108,7 +118,10 @@ class Crowd:
 
     def _size(self, now_s: float) -> int:
         size, (largest, at_s) = len(self._seen), self._largest
-        if size >= largest or size <= FEW_LEFT * largest or now_s - at_s > MOST_START_REST_S:
+        is_over = size <= FEW_LEFT * largest
+        if is_over:
+            self._few |= self._seen.keys()
+        if size >= largest or is_over or now_s - at_s > MOST_START_REST_S:
             self._largest = size, now_s
         return self._largest[0]
 

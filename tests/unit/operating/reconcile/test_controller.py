@@ -105,6 +105,19 @@ async def test_moves_are_looked_at_after_every_change_of_an_app_that_can_move_an
     assert world.due(0.2) == {moves}
 
 
+async def test_the_last_ones_of_a_crowd_are_looked_at_again_when_it_is_over(world: World) -> None:
+    world.cache.update_app(app_body())
+    body = wanted_object(make_app(), "")
+    body["metadata"] |= {"uid": "u", "resourceVersion": "1"}
+    world.cache.put_instance_object(msgspec.convert(body, AppInstance))
+    for number in range(20):
+        world.memory.crowd.note(f"uid-{number}", starts=True, begins=True, now_s=0)
+    for number in (0, *range(2, 20)):
+        world.memory.crowd.note(f"uid-{number}", starts=False, begins=False, now_s=1)
+    await world.handle(Key(Work.STATUS, "uid-2"))
+    assert {Key(Work.STATUS, "uid-1"), Key(Work.INSTANCE, "uid-1", "")} <= world.due()
+
+
 async def test_a_status_is_looked_at_again_when_that_is_asked_for(world: World) -> None:
     world.cache.update_app(app_body())
     world.reporter.answer = 30.0

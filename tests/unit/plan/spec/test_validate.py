@@ -256,12 +256,6 @@ def test_a_problem_prints_its_field_first() -> None:
         ({"parameters": [{"inline": "- a"}]}, "parameters[0].inline", "must be a mapping"),
         ({"volumeMounts": [{"name": "maps", "mountPath": "/m"}]}, "volumeMounts[0].name", 'there is no volume "maps"'),
         (
-            {"devices": [{"name": "cam", "type": "video", "model": "Intel(R) RealSense 435i"}]},
-            "devices[0].model",
-            "write Intel-R-RealSense-435i",
-        ),
-        ({"requires": [{"type": "can", "interface": "***"}]}, "requires[0].interface", "leave it out"),
-        (
             {"resources": {"requests": {"memory": "1Gi"}, "limits": {"memory": "512Mi"}}},
             'resources.requests["memory"]',
             "1Gi is more than the limit 512Mi",
@@ -433,6 +427,21 @@ def test_fields_without_effect_are_told_and_do_not_refuse_the_app() -> None:
         "spec.components[0].devices[0].onLoss",
     ]
     assert notes_of(make_app()) == ()
+
+
+def test_a_device_that_no_agent_publishes_is_noted_with_the_one_that_is_meant() -> None:
+    camera = {
+        "type": "video",
+        "model": "Intel(R) RealSense 435i",
+        "interface": "_x",
+    }  # a label written by hand may give _x
+    model, interface = notes_of(
+        make_app(component("a", devices=[camera | {"name": "cam"}], requires=[{"type": "can", "interface": "***"}]))
+    )
+    assert model.startswith("spec.components[0].devices[0].model: ")
+    assert model.endswith("write Intel-R-RealSense-435i")
+    assert interface.startswith("spec.components[0].requires[0].interface: ")
+    assert interface.endswith("leave it out")
 
 
 def test_a_fallback_is_noted_where_no_budget_is_preferred_and_where_another_scheduler_places() -> None:

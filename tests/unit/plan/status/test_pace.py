@@ -86,9 +86,11 @@ def test_apps_start_together_until_all_have_arrived_are_gone_or_show_nothing_new
         assert crowd.note(f"uid-{number}", starts=True, begins=True, now_s=1000 + number) == number + 1
     assert crowd.note("uid-0", starts=True, begins=False, now_s=1004) == 3
     crowd.note("uid-0", starts=False, begins=False, now_s=1005)
+    assert repr(crowd) == "Crowd(2)"
     crowd.leave("uid-1")
     crowd.leave("uid-1")
-    assert crowd.note("uid-2", starts=True, begins=True, now_s=1050) == 3  # edited: it begins anew
+    assert repr(crowd) == "Crowd(1)"
+    assert crowd.note("uid-2", starts=True, begins=True, now_s=1050) == 2  # edited: it begins anew
     assert crowd.size(1050 + MOST_START_REST_S) == 1
     assert crowd.size(1050 + START_S) == 0
 
@@ -99,6 +101,15 @@ def test_a_crowd_that_gets_ready_counts_whole_until_few_are_left_or_for_as_long_
         crowd.note(f"uid-{number}", starts=True, begins=True, now_s=1000)
     sizes = [crowd.note(f"uid-{number}", starts=False, begins=False, now_s=ready_s) for number in range(180)]
     assert sizes == [200] * 179 + [20]
+    assert crowd.take_few() == {f"uid-{number}" for number in range(180, 200)}
+    assert crowd.take_few() == set()
+
+    gone = Crowd()
+    for number in range(200):
+        gone.note(f"uid-{number}", starts=True, begins=True, now_s=1000)
+    for number in range(175):
+        gone.leave(f"uid-{number}")
+    assert gone.size(1001) == 25
 
     slow = Crowd()
     for number in range(200):
