@@ -88,18 +88,18 @@ def objects(source: Source) -> Objects:
 
 def examine(data: bytes, source: Source) -> Outline:
     """Generation, jobs, sequences and what Rigel itself would refuse."""
-    return outline(_parsed(data, source), source.options)
+    return outline(parsed(data, source), source.options)
 
 
 def from_bytes(data: bytes, source: Source) -> Objects:
     """The same for a file that is read already."""
-    return from_root(_parsed(data, source), data, source)
+    return from_root(parsed(data, source), data, source)
 
 
 def read_root(source: Source) -> tuple[Node, bytes]:
     """The document of a file, and its bytes; BridgeError when it cannot be read."""
     data = read_bytes(source.path)
-    return _parsed(data, source), data
+    return parsed(data, source), data
 
 
 def from_root(root: Node, data: bytes, source: Source) -> Objects:
@@ -138,7 +138,7 @@ def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _parsed(data: bytes, source: Source) -> Node:
+def parsed(data: bytes, source: Source) -> Node:
     root = parse(data, "standard input" if source.path == STANDARD_INPUT else str(source.path))
     if source.orchestration is None:
         return root

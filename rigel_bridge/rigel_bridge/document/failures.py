@@ -42,12 +42,19 @@ class Place:
 
 
 class BridgeError(Exception):
-    """A problem of the input. `code` becomes the exit code."""
+    """A problem of the input. `code` becomes the exit code.
 
-    def __init__(self, place: Place, message: str, *, code: Exit = Exit.INVALID) -> None:
+    path: that of the node that it is about, "" for none. meant: the key that was probably meant by its own, "" for none.
+    """
+
+    def __init__(
+        self, place: Place, message: str, *, code: Exit = Exit.INVALID, path: str = "", meant: str = ""
+    ) -> None:
         super().__init__(f"{place}: {message}")
         self.place = place
         self.code = code
+        self.path = path
+        self.meant = meant
 
 
 def control_character(text: str, *, allowed: str = "") -> str:
@@ -62,7 +69,12 @@ def printable(text: str) -> str:
 
 def nearest(word: str, known: list[str]) -> str:
     """` (did you mean X?)` or nothing."""
+    found = closest(word, known)
+    return f" (did you mean {found}?)" if found else ""
+
+
+def closest(word: str, known: list[str]) -> str:
+    """The known word that was probably meant, or nothing."""
     from difflib import get_close_matches
 
-    found = get_close_matches(word, known, n=1, cutoff=0.6)
-    return f" (did you mean {found[0]}?)" if found else ""
+    return next(iter(get_close_matches(word, known, n=1, cutoff=0.6)), "")

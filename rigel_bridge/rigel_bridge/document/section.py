@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from rigel_bridge.document.failures import nearest
+from rigel_bridge.document.failures import closest, nearest
 from rigel_bridge.document.tree import Node
 
 
@@ -41,7 +41,8 @@ class Section:
 
     def refuse_unknown(self, known: Collection[str]) -> None:
         for key, node in self.unknown(known):
-            raise node.fail(f"is not known here{nearest(key, list(known))}; known: {', '.join(known)}")
+            text = f"is not known here{nearest(key, list(known))}; known: {', '.join(known)}"
+            raise node.fail(text, meant=closest(key, list(known)))
 
     def unknown(self, known: Collection[str]) -> Iterator[tuple[str, Node]]:
         yield from ((key, node) for key, node in self.node.mapping().items() if key not in known)

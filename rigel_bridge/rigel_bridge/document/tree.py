@@ -5,7 +5,7 @@ anything is built: a file of 300 bytes can stand for millions of nodes through a
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import yaml
@@ -46,8 +46,9 @@ class Node:
     """str, int, float, bool, null, map or seq."""
     raw: str = ""
 
-    def fail(self, message: str, *, code: Exit = Exit.INVALID) -> BridgeError:
-        return BridgeError(self.place, f"{self.path}: {message}" if self.path else message, code=code)
+    def fail(self, message: str, *, code: Exit = Exit.INVALID, meant: str = "") -> BridgeError:
+        text = f"{self.path}: {message}" if self.path else message
+        return BridgeError(self.place, text, code=code, path=self.path, meant=meant)
 
     def described(self) -> str:
         """What the user wrote, for messages."""
@@ -64,6 +65,26 @@ class Node:
         if not isinstance(self.value, list):
             raise self.fail(f"expected a list, found {self.described()}")
         return self.value
+
+
+def mended(node: Node, error: BridgeError) -> Node:
+    """The tree as it is when the error is mended: the key is the one that was meant, or what it is about is left out."""
+    if isinstance(node.value, list):
+        return replace(node, value=[mended(one, error) for one in node.value if one.path != error.path])
+    if not isinstance(node.value, dict):
+        return node
+    entries = {}
+    for key, one in node.value.items():
+        if one.path != error.path:
+            entries[key] = mended(one, error)
+        elif error.meant and error.meant not in node.value:
+            entries[error.meant] = one
+    return replace(node, value=entries)
+
+
+def is_within(path: str, outer: str) -> bool:
+    """Whether a path is this one or leads below it."""
+    return path == outer or not outer or path.startswith((f"{outer}.", f"{outer}["))
 
 
 def parse(data: bytes, name: str) -> Node:

@@ -169,7 +169,8 @@ def _check(draft: Draft) -> None:
     found = next(problems(draft.spec, schema), None)
     if found:
         path, message = found
-        raise BridgeError(draft.origin(path), f"{written(path)} {message}")
+        source = draft.origins.get(path)
+        raise BridgeError(draft.origin(path), f"{written(path)} {message}", path=source.path if source else "")
     _check_version(draft)
     _check_names(draft)
     ros2 = draft.spec.get("ros2", {})

@@ -122,17 +122,18 @@ def _as_label(value: str, schema: Mapping[str, Any]) -> str:
 
 def _mapping(value: Mapping[str, Any], schema: Mapping[str, Any], path: Path) -> Iterator[Problem]:
     known = schema.get("properties", {})
+    of_fields = {key: known.get(key, schema.get("additionalProperties")) for key in value}
+    for key, child_schema in of_fields.items():  # before what is missing, which they may be meant to be
+        if not child_schema and not schema.get("x-kubernetes-preserve-unknown-fields"):
+            yield (*path, key), f"is not a field of RobotApp{nearest(key, list(known))}"
     for key in schema.get("required", ()):
         if key not in value:
             yield path, f"{key} is missing"
     if len(value) > schema.get("maxProperties", len(value)):
         yield path, f"must have at most {schema['maxProperties']} entries, found {len(value)}"
-    for key, child in value.items():
-        child_schema = known.get(key, schema.get("additionalProperties"))
+    for key, child_schema in of_fields.items():
         if isinstance(child_schema, Mapping):
-            yield from problems(child, child_schema, (*path, key))
-        elif not child_schema and not schema.get("x-kubernetes-preserve-unknown-fields"):
-            yield (*path, key), f"is not a field of RobotApp{nearest(key, list(known))}"
+            yield from problems(value[key], child_schema, (*path, key))
 
 
 def _sequence(value: list[Any], schema: Mapping[str, Any], path: Path) -> Iterator[Problem]:

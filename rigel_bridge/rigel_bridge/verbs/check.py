@@ -7,9 +7,16 @@ from dataclasses import replace
 from typing import Final
 
 from rigel_bridge.document.failures import BridgeError, Exit, printable
-from rigel_bridge.source import Source, examine, from_bytes, read_bytes
+from rigel_bridge.document.tree import is_within, mended
+from rigel_bridge.source import Objects, Source, examine, from_root, parsed, read_bytes
 from rigel_bridge.verbs.options import add_source, source_of
 from rigel_bridge.verbs.verb import Verb
+
+MOST_ERRORS: Final = 20
+"""Of one job or sequence."""
+_IN_TURN: Final = (
+    "after an error the rest is read as if what it is about were as advised, or left out; mend the first ones first"
+)
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -19,16 +26,18 @@ def _run(arguments: argparse.Namespace) -> int:
     errors: dict[str, Exit] = {str(error): error.code for error in examined.errors}
     notes: dict[str, None] = dict.fromkeys(examined.notes)
     apps: list[str] = []
+    in_turn = False
     for choice in _choices(source, examined.jobs, examined.sequences):
-        try:
-            found = from_bytes(data, choice)
-        except BridgeError as error:
-            errors.setdefault(str(error), error.code)
+        mistakes, found = _mistakes(data, choice)
+        errors = {**errors, **{str(error): error.code for error in mistakes if str(error) not in errors}}
+        in_turn = in_turn or len(mistakes) > 1
+        if found is None:
             continue
         notes.update(dict.fromkeys(found.notes))
         names = ", ".join(app["metadata"]["name"] for app in found.apps)
         apps.append(f"{_chosen(choice)}: RobotApp {names}")
     lines = [f"error: {error}" for error in errors]
+    lines += [_IN_TURN] if in_turn else []
     lines += [f"note: {note}" for note in notes if note not in errors]
     lines += [f"generation {examined.generation}: {examined.evidence}", *apps]
     refused = bool(notes) and arguments.strict
@@ -38,6 +47,27 @@ def _run(arguments: argparse.Namespace) -> int:
     if errors:
         return next(iter(errors.values()))
     return Exit.INVALID if refused else Exit.OK
+
+
+def _mistakes(data: bytes, source: Source) -> tuple[list[BridgeError], Objects | None]:
+    """What is wrong with one choice: after an error the file is read again as if that were mended. Its objects if nothing is."""
+    errors: list[BridgeError] = []
+    root = parsed(data, source)
+    while len(errors) < MOST_ERRORS:
+        try:
+            found = from_root(root, data, source)
+        except BridgeError as error:
+            if any(
+                is_within(earlier.path, error.path) for earlier in errors
+            ):  # it may be there only for what was left out
+                break
+            errors.append(error)
+            root, before = mended(root, error), root
+            if root == before:
+                break
+        else:
+            return errors, None if errors else found
+    return errors, None
 
 
 def _choices(source: Source, jobs: tuple[str, ...], sequences: tuple[str, ...]) -> Iterator[Source]:

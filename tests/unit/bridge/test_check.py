@@ -36,6 +36,32 @@ def test_every_mistake_of_the_file_is_listed_and_gives_the_exit_code(
     assert sum(line.startswith("error: F:") for line in lines) == 2
 
 
+def test_mistakes_of_one_job_are_listed_together_each_as_if_those_before_it_were_mended(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    block = "deploy_ros_mastr: true\nscheduler: {policies: {latency_budget: 30, qos_class: real}}\nrobotapp: {edges: [{topic: /a, from: b, too: c}]}"
+    code, lines = checked(orchestration(block, ONE.replace("command:", "comand:")), tmp_path, capsys)
+    errors = [line.partition(": ")[2].partition(": ")[2] for line in lines if line.startswith("error: ")]
+    assert code == 72
+    assert [error.partition(":")[0].rpartition(".")[2] for error in errors[:4]] == [
+        "comand",
+        "deploy_ros_mastr",
+        "qos_class",
+        "latency_budget",
+    ]
+    assert errors[4] == "spec.edges[0].too is not a field of RobotApp (did you mean to?)"
+    assert "mend the first ones first" in lines[len(errors)]
+
+
+def test_what_is_missing_only_because_of_an_error_before_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, lines = checked(ONE.replace("command:", "xyz:"), tmp_path, capsys)
+    assert code == 72
+    assert [line for line in lines if line.startswith("error: ")] == lines[:1]
+    assert not any("mend the first ones" in line for line in lines)
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [
