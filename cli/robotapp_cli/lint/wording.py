@@ -158,6 +158,8 @@ def _text_cure(error: Misfit) -> str:
         if isinstance(value, float) and 0.001 <= value < 1:  # ROS counts in seconds
             example = f"{value * 1000:g}ms for {value:g} seconds"
         return f"write a number and its unit (us, ms, s, m or h), such as {example}"
+    if isinstance(value, list) and value and all(isinstance(each, str) for each in value):
+        return _one_text_cure(error)
     if not isinstance(value, bool | int | float):
         return ""
     if not _takes(schema, json.dumps(value)):
@@ -165,6 +167,14 @@ def _text_cure(error: Misfit) -> str:
     if isinstance(value, bool):
         return "put it in quotes (YAML reads yes, no, on and off as true and false)"
     return "put it in quotes, as it is written"
+
+
+def _one_text_cure(error: Misfit) -> str:
+    """For a list of texts in place of one."""
+    if error.path[-2:-1] == ("matchLabels",):
+        expression = f"{{key: {error.path[-1]}, operator: In, values: {_flow(map(_plain, error.value))}}}"
+        return f"a label has one value; for several write matchExpressions: [{expression}]"
+    return f"write {_plain(error.value[0])} without brackets" if len(error.value) == 1 else ""
 
 
 def _takes(schema: Schema, text: str) -> bool:

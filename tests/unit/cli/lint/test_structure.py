@@ -189,6 +189,7 @@ class TestValues:
             ({"devices": {"name": "a"}}, ".devices", "must be a list, but is a mapping; begin each entry with -"),
             ({"env": {"ROS_X": 30}}, ".env", 'each entry has a name and a value: - {name: ROS_X, value: "30"}'),
             ({"env": {"A": {}}}, ".env", "begin each entry with -"),
+            ({"image": ["acme/driver:1"]}, ".image", 'must be text, but is a list; write "acme/driver:1" without brackets'),
             ({"policies": "fast"}, ".policies", "must be a mapping of fields, but is the text"),
             ({"args": [None]}, ".args[0]", "must be text, but is empty"),
             ({"replicas": 0}, ".replicas", "is 0; write at least 1"),
@@ -206,6 +207,12 @@ class TestValues:
         where, said = of_component(**fields)
         assert where == path
         assert message in said
+
+    def test_several_values_of_a_label_are_an_expression(self) -> None:
+        (finding,) = found(app(robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": ["amr-01", "7"]}}}))
+        assert finding.message.endswith(
+            'matchExpressions: [{key: robotics.io/robot, operator: In, values: [amr-01, "7"]}]'
+        )
 
     @pytest.mark.parametrize("field", DURATIONS)
     def test_a_duration_without_unit_is_told_to_have_one(self, field: str) -> None:
