@@ -57,9 +57,8 @@ def _mistakes(data: bytes, source: Source) -> tuple[list[BridgeError], Objects |
         try:
             found = from_root(root, data, source)
         except BridgeError as error:
-            if any(
-                is_within(earlier.path, error.path) for earlier in errors
-            ):  # it may be there only for what was left out
+            # About the surroundings of an earlier one: it may be there only for what was left out.
+            if any(is_within(earlier.path, error.path) for earlier in errors):
                 break
             errors.append(error)
             root, before = mended(root, error), root

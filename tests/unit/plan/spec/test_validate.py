@@ -430,11 +430,8 @@ def test_fields_without_effect_are_told_and_do_not_refuse_the_app() -> None:
 
 
 def test_a_device_that_no_agent_publishes_is_noted_with_the_one_that_is_meant() -> None:
-    camera = {
-        "type": "video",
-        "model": "Intel(R) RealSense 435i",
-        "interface": "_x",
-    }  # a label written by hand may give _x
+    # A label written by hand may give the interface _x.
+    camera = {"type": "video", "model": "Intel(R) RealSense 435i", "interface": "_x"}
     model, interface = notes_of(
         make_app(component("a", devices=[camera | {"name": "cam"}], requires=[{"type": "can", "interface": "***"}]))
     )
