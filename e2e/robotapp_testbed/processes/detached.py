@@ -79,13 +79,18 @@ class Cluster:
         self.log_path = self._root / f"{name}.log"
 
     def state(self) -> State | None:
-        """None unless it runs and is ready."""
-        if not self._is_held():
+        """None unless it runs and is ready.
+
+        The file of a holder that was killed stays until the next one, which has the lock by then, removes it.
+        """
+        holder = self.holder()
+        if holder is None or not holder.lives:
             return None
         try:
-            return State(**json.loads(self._file.read_text()))
+            state = State(**json.loads(self._file.read_text()))
         except FileNotFoundError:
             return None
+        return state if state.holder_pid == holder.pid else None
 
     def holder(self) -> Holder | None:
         """Who holds it, from the lock's file; None when nobody does."""

@@ -85,7 +85,8 @@ def test_a_cluster_stays_until_it_is_taken_down(shell: Shell) -> None:
         line.split()[:2] for line in status.splitlines()
     ]
 
-    assert shell.run("down").returncode == 0
+    down = shell.run("down")
+    assert down.returncode == 0, down.stderr
     assert not Path(state.run_dir).exists()
     assert not any(guard.start_time(pid) for pid in [state.holder_pid, *state.processes.values()])
     assert shell.run("status").returncode == 3
@@ -153,14 +154,15 @@ def test_tutorial_and_examples_run_line_by_line_as_their_pages_have_them(reader:
 
 
 def test_a_killed_holder_leaves_nothing_and_up_starts_anew(shell: Shell) -> None:
-    shell.run("up", "--name", "second")
+    first = shell.run("up", "--name", "second")
     state = shell.cluster("second").state()
-    assert state is not None
+    assert state is not None, first.stderr
     os.kill(state.holder_pid, signal.SIGKILL)
     assert wait_until(lambda: not Path(state.run_dir).exists(), timeout_s=60)
     assert not any(guard.start_time(pid) for pid in state.processes.values())
     assert shell.cluster("second").state() is None
-    assert shell.run("up", "--name", "second").returncode == 0
+    again = shell.run("up", "--name", "second")
+    assert again.returncode == 0, again.stderr
 
 
 @pytest.fixture

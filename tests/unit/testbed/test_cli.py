@@ -1,6 +1,11 @@
+import fcntl
+import json
 import os
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from dataclasses import asdict
 
 import pytest
 
@@ -8,7 +13,7 @@ from robotapp_testbed import cli
 from robotapp_testbed.binaries import pins
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.processes.detached import Cluster
+from robotapp_testbed.processes.detached import Cluster, Holder
 
 _PRINTS = """
 import sys
@@ -115,9 +120,29 @@ def test_a_cluster_name_cannot_leave_its_folder(name: str) -> None:
         Cluster(name)
 
 
-def test_the_state_of_a_killed_holder_does_not_count() -> None:
+@pytest.fixture
+def killed() -> Iterator[Cluster]:
+    """A cluster whose holder was killed and left its files; the lock is the next holder's already."""
     cluster = Cluster("stale")
-    cluster._root.mkdir(parents=True)
-    cluster._lock.touch()
-    cluster._file.write_text("{}")
-    assert cluster.state() is None
+    program = f"""
+import os, signal
+from robotapp_testbed.processes.detached import Cluster
+cluster = Cluster({cluster.name!r})
+with cluster._holding():
+    cluster._file.write_text('{{"holder_pid": %d, "server_url": "", "run_dir": "", "processes": {{}}}}' % os.getpid())
+    assert cluster.state() is not None
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert ended.returncode == -signal.SIGKILL, ended.stderr
+    with cluster._lock.open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield cluster
+
+
+def test_the_state_of_a_killed_holder_does_not_count_while_the_next_one_begins(killed: Cluster) -> None:
+    assert killed._file.exists()
+    assert killed.state() is None
+
+    killed._lock.write_text(json.dumps(asdict(Holder.this())))
+    assert killed.state() is None, "the lock's file is the new holder's, the state still the old one's"
