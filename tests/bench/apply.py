@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--runs", type=int, default=20, help="runs of the single app")
     parser.add_argument("--apps", type=int, default=200, help="apps of the storm, three components each")
     parser.add_argument(
-        "--rounds", type=int, default=2, help="times of the apps and of their Deployments by hand, in turn"
+        "--rounds", type=int, default=3, help="times of the apps and of their Deployments by hand, in turn"
     )
     parser.add_argument("--overflow", type=int, default=130, help=f"apps on one pool of {POOL_SIZE} ids")
     parser.add_argument("--quiet-seconds", type=float, default=60.0)
@@ -132,7 +132,7 @@ def bad_input(world: World, _: argparse.Namespace) -> tuple[Figures, list[str]]:
 
 def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
     """Many apps over two pools, then a quiet minute with all of them running, then the same Deployments applied by hand, and
-    both again in turn. Each app has two discovery servers, so five Deployments.
+    both again in turn, each from rest. Each app has two discovery servers, so five Deployments.
     """
     began, before_s = datetime.now(UTC), world.operator.cpu_seconds()
     found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S, rmw=FAST_DDS)
@@ -170,6 +170,7 @@ def _in_turn(
     """The Deployments of the first storm by hand, then apps and Deployments in turn: the mean seconds of both, and problems."""
     runs, problems = [(first.seconds, _by_hand(world))], list(first.problems)
     for _ in range(1, options.rounds):
+        _settle(world)
         found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S, rmw=rmw)
         problems += found.problems
         runs.append((found.seconds, _by_hand(world)))
@@ -181,6 +182,7 @@ def _by_hand(world: World) -> float:
     """Delete the apps and apply their Deployments alone. Seconds until all are available."""
     made = journeys.as_if_by_hand(world)
     world.clear()
+    _settle(world)
     return journeys.by_hand(world, made, within_s=WITHIN_S)
 
 
