@@ -60,8 +60,12 @@ SEARCHES: Final = 1
 """Components for which a node is searched per tick: an attempt over all nodes without caches, 4 ms at 5000 nodes."""
 SEARCH_S: Final = 10.0
 """Pause between two searches for one component that has a proposal."""
-RETRY_S: Final = 2.0
-"""The same pause where nothing was found: another node may have reported meanwhile, or the app come to rest."""
+RETRY_S: Final = (0.5, 2.0)
+"""The same pause where nothing was found, at first and in the long run: another node may have reported meanwhile, or the app come to rest.
+Just after `for` a probe that was slow for once is often all that stands in the way.
+"""
+RETRY_SHARE: Final = 0.2
+"""In between the pause is this share of the time that a search has been due."""
 VALID: Final = timedelta(minutes=30)
 SKEW: Final = timedelta(minutes=1)
 """An earlier leader's clock may have been ahead by so much."""
@@ -230,6 +234,12 @@ class WatchedPod:
         """Connections that have been over their budgets for long enough."""
         return frozenset(link for link, since_s in self.late_s.items() if now_s - since_s >= self.for_s)
 
+    def retry_s(self, now_s: float) -> float:
+        """Pause after a search that found nothing, or whose result could not be written."""
+        due_s = now_s - self.for_s - min(self.late_s.values(), default=now_s)
+        least_s, most_s = RETRY_S
+        return min(max(least_s, RETRY_SHARE * due_s), most_s)
+
 
 class BudgetWatch:
     """`tick` every `TICK_S` seconds. `clock`: monotonic seconds; `now`: the time of day, for expiries."""
@@ -281,7 +291,8 @@ class BudgetWatch:
         """A write that `tick` gave for this pod has failed: it is decided anew soon, as if there had been none."""
         watched = self._watched.get(uid)
         if watched is not None:
-            watched.written_s, watched.search_s = float("-inf"), self._clock() + RETRY_S
+            now_s = self._clock()
+            watched.written_s, watched.search_s = float("-inf"), now_s + watched.retry_s(now_s)
 
     def _keep_places(self) -> None:
         """A place is kept while its proposal stands, and from the pod's end until its successor has a node."""
@@ -400,7 +411,7 @@ class BudgetWatch:
     def _search(self, uid: str) -> AnnotationWrite | None:
         """Without a proposal it is searched again soon, with one the search only confirms it."""
         cluster, watched, now_s = self._core.cluster, self._watched[uid], self._clock()
-        watched.search_s, watched.neighbours = now_s + RETRY_S, self._neighbours(uid)
+        watched.search_s, watched.neighbours = now_s + watched.retry_s(now_s), self._neighbours(uid)
         app = cluster.apps.app(watched.member.app_uid)
         part = part_of(app, watched.member, cluster.apps) if app is not None else None
         if part is None or part.pod.metadata.uid != uid:
