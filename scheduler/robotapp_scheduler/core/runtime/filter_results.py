@@ -171,7 +171,9 @@ class FilterColumn(Column):
         result: tuple[object, ...] | None = None
         if nodes.full and not isinstance(verdict.resolvable, np.ndarray):
             which = b"" if verdict.codes is None else verdict.codes.tobytes()
-            result = (label.version, nodes.n, mask.tobytes(), which, verdict.reasons, verdict.resolvable)
+            # The label by its vocabulary: a plugin may go by another one than before, at the same version.
+            place = (label.vocabulary, label.version, nodes.n)
+            result = (*place, mask.tobytes(), which, verdict.reasons, verdict.resolvable)
             if result == self._label_result:
                 return self.codes, None
         if mask.all():

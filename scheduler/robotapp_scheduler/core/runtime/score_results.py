@@ -12,7 +12,7 @@ from robotapp_scheduler.core.framework.incremental import ScoreRow
 from robotapp_scheduler.core.framework.interface import MAX_SCORE, PerDomain, PluginError, ScoreResult, Scores
 from robotapp_scheduler.core.framework.plugin_results import checked_scores, normalized
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
-from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
+from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray, Vocabulary
 from robotapp_scheduler.core.nodes.resource_arrays import MOST_CODES, NO_CODE
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.runtime.incremental import FEW_ROWS, MOST_ROW_CALLS, Column, stale_rows
@@ -38,8 +38,8 @@ class ScoreColumn(Column):
         self._raw: npt.NDArray[Any] = np.zeros(0, dtype=np.int64)
         self._domains: PerDomain | None = None
         """The values when they follow from a label; `raw` spreads them over the rows when it is read."""
-        self._present: tuple[Feasible, tuple[int, int], BoolArray] | None = None
-        """A feasible set, the label's version and the number of rows, and which codes of the label occur in the set."""
+        self._present: tuple[Feasible, tuple[Vocabulary, int, int], BoolArray] | None = None
+        """A feasible set, the label by its vocabulary and version with the number of rows, and which of its codes occur in the set."""
         self.constant: int | None = None
         """The normalised score, when it is the same for every row whatever the feasible set is."""
         self.normalize = plugin.normalize
@@ -124,9 +124,9 @@ class ScoreColumn(Column):
 
     def _normalized_domains(self, domains: PerDomain, feasible: Feasible) -> IntArray:
         """Scores for all rows; only the feasible ones count for the maximum and minimum."""
-        values, (codes, _, version) = domains
+        values, (codes, vocabulary, version) = domains
         known = self._present
-        stamp = (version, len(codes))
+        stamp = (vocabulary, version, len(codes))  # a plugin may go by another label than before, at the same version
         if known is None or known[0] is not feasible or known[1] != stamp:
             present = np.bincount(codes[feasible], minlength=len(values)) > 0
             known = self._present = (feasible, stamp, present)

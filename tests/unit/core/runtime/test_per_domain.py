@@ -17,6 +17,7 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.registry import catalogue
 
 ZONE = str(Label.ZONE)
+LABELS = (ZONE, "example.com/rack")
 MOST = 6
 
 
@@ -49,10 +50,51 @@ class PerNode(PerZone):
         return pods_per_zone(nodes)[nodes.label(ZONE).codes]
 
 
+def of_the_moment(nodes: Snapshot) -> tuple[Any, Any]:
+    """Which label decides follows from the pods that are there, as with the anti-affinity of others: its result per value, and it."""
+    label = nodes.label(LABELS[len(nodes.cluster.placed) % 2])
+    return np.arange(len(label.vocabulary.values)), label
+
+
+class PerLabel(PerZone):
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> Any:
+        values, label = of_the_moment(nodes)
+        return Verdict(values != 1, label=label)
+
+    def score(self, pod: PodInfo, nodes: Snapshot) -> Any:
+        return PerDomain(*of_the_moment(nodes))
+
+
+class PerNodeOfLabel(PerZone):
+    def filter(self, pod: PodInfo, nodes: Snapshot) -> Any:
+        values, label = of_the_moment(nodes)
+        return (values != 1)[label.codes]
+
+    def score(self, pod: PodInfo, nodes: Snapshot) -> Any:
+        values, label = of_the_moment(nodes)
+        return values[label.codes]
+
+
 def core_with(plugin: type) -> SchedulerCore:
     plugins = {"multiPoint": PluginSet(enabled=(PluginRef("ByZone", 7),))}
     profiles = build_profiles([ProfileSpec(SCHEDULER_NAME, plugins=plugins)], catalogue({"ByZone": plugin}))
     return SchedulerCore(make_cluster(), profiles, clock=Clock())
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_same_nodes_are_chosen_when_another_label_decides_than_before(seed: int) -> None:
+    """Both labels change equally often, and may have equally many values: that does not make them the same one."""
+    random, cores = Random(seed), [core_with(PerLabel), core_with(PerNodeOfLabel)]
+    for number in range(6):
+        labels = {
+            key: random.choice(values)
+            for key, values in zip(LABELS, ("abc", random.choice(("xyz", "vwxyz"))), strict=True)
+        }
+        for core in cores:
+            core.cluster.apply_node(make_node(f"n{number}", labels=labels))
+    for step in range(20):
+        left, right = (core.schedule_one(make_info(f"p{step}")) for core in cores)
+        assert (left.node, left.total, left.message) == (right.node, right.total, right.message)
 
 
 @pytest.mark.parametrize("seed", range(20))
