@@ -4,7 +4,7 @@ A figure is compared with what was last written, not with the one before it, so 
 | what changed | written |
 |---|---|
 | a device, reachability of a node, round-trip times, architecture, kernel | 2 s after the last write |
-| load, temperature, battery, clock offset, a node measured for the first time | half an interval after the last write; a whole one in clusters of more than 500 nodes |
+| load, temperature, battery, clock offset, a node measured for the first time | half an interval after the last write; a whole one in clusters of more than 500 nodes; with the next round where intervals are shorter than 4 s |
 | anything less | with the next of these, at the latest 1.1 to 1.2 intervals after the last write |
 
 Rounds take 1 to 1.1 intervals, so a round that changes something and the heartbeat are one write.
@@ -81,9 +81,12 @@ def urgency(written: Status | None, now: Status) -> Urgency:
 def soon_s(interval_s: float) -> float:
     """Least time from a write to the next one for figures that are never still.
 
-    Where the interval is longer than the shortest one, it is all that the API server can take from as many nodes.
+    Where the interval is longer than the shortest one, it is all that the API server can take from as many nodes. Where half of
+    it is less than SHORTEST_S, they go with the next round: written just before its end, they would hold back what it found.
     """
-    return max(SHORTEST_S, interval_s if interval_s > SHORTEST_INTERVAL_S else interval_s / 2)
+    if interval_s < 2 * SHORTEST_S:
+        return interval_s * (1 + ROUND_JITTER + HEARTBEAT_JITTER)
+    return interval_s if interval_s > SHORTEST_INTERVAL_S else interval_s / 2
 
 
 class Pace:

@@ -8,7 +8,7 @@ import pytest
 from tests.support.agents import CAMERA, cpu, readings, status, trip
 
 from robotapp_agent.devices.device import Device
-from robotapp_agent.report.changes import Pace, Urgency, interval_for, round_s, urgency
+from robotapp_agent.report.changes import ROUND_JITTER, Pace, Urgency, interval_for, round_s, urgency
 from robotapp_agent.report.readings import Battery, Load, Temperature
 
 
@@ -108,6 +108,14 @@ def test_figures_that_are_never_still_wait_for_half_an_interval_and_in_large_clu
     assert pace.due_s(Urgency.SOON) == 305.0
     pace.wrote(400.0, interval_s=1.0)
     assert pace.due_s(Urgency.SOON) == pytest.approx(401.2)
+
+
+def test_with_short_intervals_the_load_never_goes_just_before_a_round_that_may_have_found_more() -> None:
+    pace = Pace(first_s=0.0, uniform=lambda: 0.0)
+    pace.wrote(100.0, interval_s=2.0)
+    longest_s = 2.0 * (1 + ROUND_JITTER)
+    assert pace.due_s(Urgency.SOON) == pytest.approx(100.0 + longest_s)
+    assert pace.due_s(Urgency.AT_ONCE) == 102.0, "what a round finds that ends then is written then"
 
 
 def test_the_rounds_of_agents_that_start_together_do_not_go_on_ending_together() -> None:
