@@ -78,6 +78,11 @@ def urgency(written: Status | None, now: Status) -> Urgency:
     return by_rtt
 
 
+def heartbeat_s(interval_s: float, jitter: float = 1.0) -> float:
+    """Most time from a write to the next one: more than the longest round takes, by a part of `jitter` from 0 to 1."""
+    return interval_s * (1 + ROUND_JITTER + HEARTBEAT_JITTER * jitter)
+
+
 def soon_s(interval_s: float) -> float:
     """Least time from a write to the next one for figures that are never still.
 
@@ -85,7 +90,7 @@ def soon_s(interval_s: float) -> float:
     it is less than SHORTEST_S, they go with the next round: written just before its end, they would hold back what it found.
     """
     if interval_s < 2 * SHORTEST_S:
-        return interval_s * (1 + ROUND_JITTER + HEARTBEAT_JITTER)
+        return heartbeat_s(interval_s)
     return interval_s if interval_s > SHORTEST_INTERVAL_S else interval_s / 2
 
 
@@ -105,7 +110,7 @@ class Pace:
         """A write was tried now, with or without success."""
         self._last_s = now_s
         self._interval_s = interval_s
-        self._heartbeat_s = now_s + interval_s * (1 + ROUND_JITTER + HEARTBEAT_JITTER * self._uniform())
+        self._heartbeat_s = now_s + heartbeat_s(interval_s, self._uniform())
 
     def due_s(self, change: Urgency) -> float:
         """When to write next, unless something changes until then."""

@@ -15,8 +15,6 @@ from robotapp_scheduler.core.cache.cache import Cache
 
 T = TypeVar("T")
 seeds = st.integers(0, 2**32 - 1)
-NOISE = 0.05
-"""Share by which the readings themselves are off: where both estimates are as good as that, chance decides which is the better one."""
 
 
 def drawn(seed: int, *, robots: float | None = None) -> Network:
@@ -60,11 +58,19 @@ def errors(net: Network, found: dict[tuple[str, str], float]) -> list[float]:
 
 @settings(max_examples=40)
 @given(seeds)
-def test_a_typical_estimate_of_a_robot_is_within_a_fifth_and_better_than_by_zones_alone(seed: int) -> None:
+def test_a_typical_estimate_of_a_robot_is_within_a_fifth(seed: int) -> None:
     net = drawn(seed)
-    ours = median(errors(net, estimates_ms(cluster_of(net), net)))
-    assert ours < 0.2
-    assert ours < max(median(errors(net, by_zones_alone_ms(net))), NOISE)
+    assert median(errors(net, estimates_ms(cluster_of(net), net))) < 0.2
+
+
+@settings(max_examples=10)
+@given(st.lists(seeds, min_size=4, max_size=4, unique=True))
+def test_a_typical_estimate_of_a_robot_is_off_by_less_than_half_of_what_zones_alone_give(several: list[int]) -> None:
+    """Over several networks: in a single one whose robots are alike, both can be off by no more than the readings are."""
+    nets = [drawn(seed) for seed in several]
+    ours = [error for net in nets for error in errors(net, estimates_ms(cluster_of(net), net))]
+    zones = [error for net in nets for error in errors(net, by_zones_alone_ms(net))]
+    assert median(ours) < median(zones) / 2
 
 
 @settings(max_examples=20)

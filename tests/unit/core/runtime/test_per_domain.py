@@ -51,7 +51,7 @@ class PerNode(PerZone):
 
 
 def of_the_moment(nodes: Snapshot) -> tuple[Any, Any]:
-    """Which label decides follows from the pods that are there, as with the anti-affinity of others: its result per value, and it."""
+    """Which label decides follows from the pods that are there, as with the preferences of others: its result per value, and it."""
     label = nodes.label(LABELS[len(nodes.cluster.placed) % 2])
     return np.arange(len(label.vocabulary.values)), label
 
