@@ -20,12 +20,12 @@ KEEPS_CHANGING: Final = BindVerdict(False, "the claim of its domain keeps changi
 
 
 async def check_bind(client: Api, pod: Pod) -> BindVerdict:
-    """Rule 1 for one pod. Call it after the pod was read as pending; bind with the pod's uid at once when allowed."""
+    """Rule 1 for one pod. Call it after the pod was seen pending; bind with the pod's uid at once when allowed."""
     return (await check_bind_all(client, (pod,)))[0]
 
 
 async def check_bind_all(client: Api, pods: Sequence[Pod], *, nodes: Sequence[str] = ()) -> list[BindVerdict]:
-    """Rule 1 for pods that were all read as pending before this call: one read per claim, not per pod.
+    """Rule 1 for pods that were all seen pending before this call: one read per claim, not per pod.
 
     nodes: the node each pod is about to be bound to, which is written to its claim; empty when another scheduler decides.
     """

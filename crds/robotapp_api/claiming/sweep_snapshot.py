@@ -6,9 +6,13 @@ concluded from an answer that did not come.
 
 import asyncio
 import re
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Final
+
+import msgspec
 
 from robotapp_api.claiming.writes import Api, T
 from robotapp_api.claims.identity import same_holder
@@ -32,6 +36,8 @@ from robotapp_api.model.names import Label
 from robotapp_api.values.naming import DNS_LABEL
 
 DEFAULT_QUARANTINE_S = 60
+APPS_BY_NAME: Final = 16
+"""Apps of one namespace that a pass reads by name. Then it lists them: a few hundred reads cost the API server more than that."""
 _OBJECT_NAME: Final = re.compile(r"[a-z0-9]([-a-z0-9.]{0,251}[a-z0-9])?")
 
 
@@ -79,6 +85,10 @@ class View:
     _blind: bool = False
     """The API server refused to list the workloads of other namespaces."""
     _apps: dict[tuple[str, str], App | None] = field(default_factory=dict)
+    _apps_read: Counter[str] = field(default_factory=Counter)
+    """By namespace: how many apps were read by name."""
+    _apps_listed: dict[str, bool] = field(default_factory=dict)
+    """By namespace: whether the list of its apps could be read."""
     _holder_pods: dict[tuple[str, str], Pod | None] = field(default_factory=dict)
     _robots: list[Meta] | None = None
     _listing: asyncio.Lock = field(default_factory=asyncio.Lock)
@@ -98,9 +108,27 @@ class View:
         """The holder's RobotApp; None when it is gone (404 or another uid). Read once per pass, after the listings."""
         key = (holder.namespace, holder.name)
         if key not in self._apps:
-            self._apps[key] = await find(self.client, ROBOTAPPS, holder.name, holder.namespace, App)
+            self._apps[key] = await self._read_app(*key)
         app = self._apps[key]
         return None if is_gone(app, holder.uid) else app
+
+    async def _read_app(self, namespace: str, name: str) -> App | None:
+        self._apps_read[namespace] += 1
+        if self._apps_read[namespace] > APPS_BY_NAME and await self._list_apps(namespace):
+            return self._apps.get((namespace, name))
+        return await find(self.client, ROBOTAPPS, name, namespace, App)
+
+    async def _list_apps(self, namespace: str) -> bool:
+        """Read all apps of a namespace at once. False when one of them cannot be decoded: that must not hold up the others."""
+        async with self._listing:
+            if namespace not in self._apps_listed:
+                self._apps_listed[namespace] = False
+                if DNS_LABEL.fullmatch(namespace):
+                    with suppress(msgspec.ValidationError):
+                        listing = await self.client.list(ROBOTAPPS, namespace=namespace, as_type=App)
+                        self._apps |= {(namespace, app.metadata.name): app for app in listing.items}
+                        self._apps_listed[namespace] = True
+        return self._apps_listed[namespace]
 
     async def holder_pod(self, holder: Holder) -> Pod | None:
         """The bare pod that holds; None when it is gone."""

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import msgspec
 
+from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import Label
 from robotapp_scheduler.core.api.structs import Slim, SlimValue
 from robotapp_scheduler.core.api.volume_source import Volume, deciding
@@ -83,6 +84,14 @@ class VolumeMount(Slim):
     bind_mount_options: tuple[str, ...] = ()
 
 
+class EnvVar(SlimValue, frozen=True):
+    """containers[].env entry. Taken as it is: what the API server would refuse must not keep a dump from being read."""
+
+    name: Any = ""
+    value: Any = ""
+    value_from: Any = None
+
+
 class Container(Slim):
     """A container or init container; `restart_policy: Always` on an init container makes it a sidecar."""
 
@@ -93,6 +102,12 @@ class Container(Slim):
     restart_policy: str = ""
     restart_policy_rules: tuple[RestartRule, ...] = ()
     volume_mounts: tuple[VolumeMount, ...] = ()
+    env: tuple[EnvVar, ...] | None = None
+    """Of the environment the ROS domain alone is kept, for the bind check."""
+
+    def __post_init__(self) -> None:
+        if self.env:
+            self.env = tuple(variable for variable in self.env if variable.name == ROS_DOMAIN_ID) or None
 
 
 class Toleration(SlimValue, frozen=True):

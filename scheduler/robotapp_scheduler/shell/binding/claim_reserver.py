@@ -21,13 +21,14 @@ from robotapp_api.claims.bind import needs_check
 from robotapp_api.claims.device import Chosen, chosen
 from robotapp_api.claims.domain import DomainOutcome, DomainRequest
 from robotapp_api.claims.identity import grants, holder_of_app, holder_of_pod
-from robotapp_api.claims.objects import Claim, Holder, Meta, PodSpec, PodStatus, Pool
+from robotapp_api.claims.objects import Claim, EnvVar, Holder, Meta, PodSpec, PodStatus, Pool
+from robotapp_api.claims.objects import Container as ClaimContainer
 from robotapp_api.claims.objects import Pod as ClaimPod
 from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.parallelize import at_once
 from robotapp_api.client.api.resources import DOMAINPOOLS, PODS
 from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
+from robotapp_scheduler.core.api.core_v1 import Container
 from robotapp_scheduler.core.framework.handle import READY, Readiness, Reserved
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
@@ -60,29 +61,21 @@ class ClaimReserver:
     async def check_domains(self, placed: Sequence[tuple[PodInfo, str]]) -> dict[str, Reserved]:
         """Check rule 1 of claims.md for several pods; results by pod uid. Each claim is read once, with a quorum.
 
-        placed: each pod with the node it is to be bound to, which is written into its claim first. Every pod must have been
-        pending before this call. A pod without a literal domain is READY.
+        placed: each pod with the node it is to be bound to, which is written into its claim first. A pod without a literal domain
+        is READY. No pod is read: the watch showed it without a node, and the Binding, which carries its uid, is accepted only
+        where it still has none; so it was pending in between, while its claim was read. Its environment never changes.
         """
         verdicts = {pod.uid: READY for pod, _ in placed}
-        to_check: list[ClaimPod] = []
-        nodes: list[str] = []
-        members = [(pod, node) for pod, node in placed if pod.member is not None]
-        found = await at_once(self._stored_or_error, [pod for pod, _ in members])
-        for (pod, node), stored in zip(members, found, strict=True):
-            if isinstance(stored, ClientError):
-                verdicts[pod.uid] = _error(stored)
-            elif stored is None:
-                verdicts[pod.uid] = Reserved(Readiness.GONE)
-            elif needs_check(stored):
-                to_check.append(stored)
-                nodes.append(node)
+        members = [(claim_pod(pod), node) for pod, node in placed if pod.member is not None]
+        to_check = [(pod, node) for pod, node in members if needs_check(pod)]
+        pods, nodes = [pod for pod, _ in to_check], [node for _, node in to_check]
         try:
-            answers = await check_bind_all(self._client, to_check, nodes=nodes)
+            answers = await check_bind_all(self._client, pods, nodes=nodes)
         except ClientError as error:
-            return verdicts | {pod.metadata.uid: _error(error) for pod in to_check}
-        for stored, answer in zip(to_check, answers, strict=True):
+            return verdicts | {pod.metadata.uid: _error(error) for pod in pods}
+        for pod, answer in zip(pods, answers, strict=True):
             if not answer.allowed:
-                verdicts[stored.metadata.uid] = Reserved(
+                verdicts[pod.metadata.uid] = Reserved(
                     Readiness.WAIT, reason=PodReason.WAITING_FOR_DOMAIN, message=answer.message
                 )
         return verdicts
@@ -198,18 +191,34 @@ class ClaimReserver:
             found = found if others.ok else replace(others, in_vain=found.claims)
         return sharing, found if found.ok else replace(found, in_vain=(*found.in_vain, *sharing.claims))
 
-    async def _stored_or_error(self, pod: PodInfo) -> ClaimPod | ClientError | None:
-        try:
-            return await self._stored(pod)
-        except ClientError as error:
-            return error
-
     async def _stored(self, pod: PodInfo) -> ClaimPod | None:
         """The pod as stored; None when it is gone, re-created, being deleted or ended."""
         stored = await find(self._client, PODS, pod.name, pod.namespace, ClaimPod)
         if stored is None or stored.metadata.uid != pod.uid or stored.metadata.deletion_timestamp or stored.terminal:
             return None
         return stored
+
+
+def claim_pod(pod: PodInfo) -> ClaimPod:
+    """A pod that waits for its Binding, as far as the bind check reads it."""
+    spec = pod.pod.spec
+    return ClaimPod(
+        metadata=Meta(
+            name=pod.name, namespace=pod.namespace, uid=pod.uid, labels=pod.labels, annotations=pod.annotations
+        ),
+        spec=PodSpec(containers=_containers(spec.containers), init_containers=_containers(spec.init_containers)),
+    )
+
+
+def _containers(found: Iterable[Container] | None) -> tuple[ClaimContainer, ...]:
+    """Those that set a domain."""
+    return tuple(
+        ClaimContainer(
+            env=tuple(EnvVar(name=each.name, value=each.value, value_from=each.value_from) for each in container.env)
+        )
+        for container in found or ()
+        if container.env
+    )
 
 
 def granted_pods(placed: Iterable[PlacedPod]) -> Iterator[ClaimPod]:

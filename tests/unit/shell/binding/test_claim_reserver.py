@@ -282,10 +282,42 @@ async def test_the_claim_names_the_node_before_the_binding_of_a_pod(client: ApiC
     notes = {str(Annotation.DOMAIN_CLAIM): "dds.default.c.2"}
     first = await stored(client, "drv", labels=labels, annotations=notes, domain="2")
     second = await stored(client, "cam", labels=labels, annotations=notes, domain="2")
+    before = client.requests.total()
     found = await ClaimReserver(client).check_domains([(first, "amr-1"), (second, "edge-1")])
+    assert client.requests.total() == before + 2, "the claim is read and written once, no pod is read"
     assert {one.readiness for one in found.values()} == {Readiness.READY}
     (claim,) = (await client.list(ROBOTCLAIMS)).items
     assert claim["status"]["nodes"] == ["amr-1", "edge-1"]
+
+
+@pytest.mark.parametrize(
+    "env", [{"value": "3"}, {"value": "0x2"}, {"valueFrom": {"fieldRef": {"fieldPath": "spec.nodeName"}}}]
+)
+@pytest.mark.parametrize("place", ["containers", "initContainers"])
+async def test_the_environment_decides_and_not_what_the_annotation_names(
+    client: ApiClient, env: dict[str, Any], place: str
+) -> None:
+    holder = holder_of_app(namespace="a", name="teleop", uid="app-1")
+    spec = domain_spec(pool="default", scope="Cluster", scope_value="", domain_id=2, holder=holder)
+    await client.create(ROBOTCLAIMS, claim_object(spec))
+    labels = {str(Label.APP_UID): "app-1", str(Label.APP): "teleop", str(Label.INSTANCE): ""}
+    notes = {str(Annotation.DOMAIN_CLAIM): "dds.default.c.2"}
+    container = {"name": "c", "env": [{"name": "LANG", "value": "C"}, {"name": "ROS_DOMAIN_ID", **env}]}
+    meta = {"name": "drv", "namespace": "a", "uid": "pod-1", "labels": labels, "annotations": notes}
+    pod = PodInfo(msgspec.convert({"metadata": meta, "spec": {place: [container]}}, Pod))
+    found = (await ClaimReserver(client).check_domains([(pod, "edge-1")]))[pod.uid]
+    assert (found.readiness, found.reason) == (Readiness.WAIT, PodReason.WAITING_FOR_DOMAIN)
+
+
+def test_of_a_pods_environment_the_domain_alone_is_kept() -> None:
+    env = [{"name": "TOKEN", "value": "secret"}, {"name": "ROS_DOMAIN_ID", "value": "2"}]
+    body = {
+        "metadata": {"name": "p"},
+        "spec": {"containers": [{"name": "c", "env": env}, {"name": "d", "env": env[:1]}]},
+    }
+    first, second = msgspec.json.decode(msgspec.json.encode(body), type=Pod).spec.containers
+    assert [(variable.name, variable.value) for variable in first.env or ()] == [("ROS_DOMAIN_ID", "2")]
+    assert second.env is None
 
 
 async def test_without_an_api_server_the_pod_is_retried_as_an_error() -> None:
