@@ -1,7 +1,7 @@
 """`python -m robotapp_scheduler export`: what the scheduler reads of a cluster, as a file for `simulate`.
 
-Only what the rules of this scheduler look at is written: no environment, no commands, no annotations of others, so such a file can
-be handed on more easily than `kubectl get -o json`, and is a fraction of its size.
+Only what this scheduler looks at is written: of the environment `ROS_DOMAIN_ID` alone, no commands, no annotations of others, so such
+a file can be handed on more easily than `kubectl get -o json`, and is a fraction of its size.
 """
 
 import argparse
