@@ -17,7 +17,7 @@ from statistics import median
 MOST_FILE = 600
 MOST_FUNCTION = 60
 MOST_IN_FOLDER = 14
-FOLDERS = ("scheduler/", "operator/", "crds/robotapp_api/client/")
+FOLDERS = ("scheduler/", "operator/", "client/robotapp_client/")
 SMALL = 60
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -28,7 +28,7 @@ def _once(options: flags.Options) -> int:
 def _run(options: flags.Options) -> int:
     from robotapp_agent.process.run import run
     from robotapp_agent.shell.own_node import UnknownNodeError
-    from robotapp_api.client.transport.errors import LoginError
+    from robotapp_client.transport.errors import LoginError
 
     try:
         return asyncio.run(run(options))

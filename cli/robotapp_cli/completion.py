@@ -7,13 +7,13 @@ from typing import Any, Final
 
 import typer
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import NODES, ROBOTAPPINSTANCES, ROBOTAPPS, Resource
-from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import Label
 from robotapp_cli.reading.fields import Json, meta
 from robotapp_cli.reading.instances import name_of
 from robotapp_cli.reading.session import Options, endpoint
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import NODES, ROBOTAPPINSTANCES, ROBOTAPPS, Resource
+from robotapp_client.transport.errors import ClientError
 
 _PATIENCE_S: Final = 2.0
 

@@ -7,7 +7,8 @@ from typing import Final
 
 import typer
 
-from robotapp_api.client.transport.errors import (
+from robotapp_api.values.printable import printable
+from robotapp_client.transport.errors import (
     ApiError,
     ClientError,
     Forbidden,
@@ -16,7 +17,6 @@ from robotapp_api.client.transport.errors import (
     Unauthorized,
     Unreachable,
 )
-from robotapp_api.values.printable import printable
 
 _DENIED: Final = re.compile(r'cannot (\w+) resource "([a-z]+)')
 _READING: Final = frozenset({"get", "list", "watch"})

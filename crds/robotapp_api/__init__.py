@@ -1,1 +1,1 @@
-"""The RobotApp API as code: models, schema generator, pure rules, claim protocol and API client."""
+"""The RobotApp API as code: models, schema generator, pure values and checks."""

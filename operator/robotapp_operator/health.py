@@ -9,8 +9,8 @@ from typing import Final
 
 from aiohttp import web
 
-from robotapp_api.serving.pages import PathGate, refused
-from robotapp_api.serving.port import opened
+from robotapp_client.serving.pages import PathGate, refused
+from robotapp_client.serving.port import opened
 
 SILENCE_LIMIT_S: Final = 180.0
 """Bookmarks come every minute: nothing for three minutes means that we look at an old picture."""

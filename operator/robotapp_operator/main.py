@@ -15,16 +15,16 @@ from typing import Any, Final
 
 import kopf
 
-from robotapp_api.claiming.sweeper import Sweeper
-from robotapp_api.client import ApiClient, Endpoint, LoginError, load
-from robotapp_api.client.api.resources import ROBOTAPPS
-from robotapp_api.client.tools.event_recorder import EventRecorder
-from robotapp_api.client.tools.leader_election import LeaderElection, candidate_identity
 from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE
-from robotapp_api.serving.access import Gatekeeper
-from robotapp_api.serving.logs import set_up as set_up_logs
-from robotapp_api.serving.port import PortError
-from robotapp_api.serving.tls import TlsPort, loaded
+from robotapp_claims.protocol.sweeper import Sweeper
+from robotapp_client import ApiClient, Endpoint, LoginError, load
+from robotapp_client.api.resources import ROBOTAPPS
+from robotapp_client.serving.access import Gatekeeper
+from robotapp_client.serving.logs import set_up as set_up_logs
+from robotapp_client.serving.port import PortError
+from robotapp_client.serving.tls import TlsPort, loaded
+from robotapp_client.tools.event_recorder import EventRecorder
+from robotapp_client.tools.leader_election import LeaderElection, candidate_identity
 from robotapp_operator import __version__
 from robotapp_operator.health import Health
 from robotapp_operator.queue.work import BACKGROUND

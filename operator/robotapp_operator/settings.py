@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from robotapp_api.claiming.sweeper import HANDOVER_S, PERIOD_S
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_api.values import arguments
+from robotapp_claims.protocol.sweeper import HANDOVER_S, PERIOD_S
 
 PREFIX: Final = "ROBOTAPP_OPERATOR_"
 

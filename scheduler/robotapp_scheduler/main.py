@@ -8,9 +8,9 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from robotapp_api.client.transport.errors import LoginError
-from robotapp_api.serving import logs
-from robotapp_api.serving.port import PortError
+from robotapp_client.serving import logs
+from robotapp_client.serving.port import PortError
+from robotapp_client.transport.errors import LoginError
 from robotapp_scheduler.config import flags
 from robotapp_scheduler.config.load import ConfigError
 from robotapp_scheduler.shell.process import process

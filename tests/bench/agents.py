@@ -35,8 +35,8 @@ from robotapp_agent.shell.api_writer import ApiWriter
 from robotapp_agent.shell.endpoints import Endpoints
 from robotapp_agent.shell.own_node import OwnNode
 from robotapp_agent.shell.reporter import Reporter
-from robotapp_api.client import ApiClient, ClientError, load
-from robotapp_api.client.api.resources import ENDPOINTSLICES, NODETELEMETRIES
+from robotapp_client import ApiClient, ClientError, load
+from robotapp_client.api.resources import ENDPOINTSLICES, NODETELEMETRIES
 from robotapp_testbed import ControlPlane
 
 PER_SLICE: Final = 100

@@ -23,9 +23,9 @@ from tests.support.malformed_annotations import malformed_annotations, pod
 from tests.support.misfits import misfits
 from tests.support.world import World
 
-from robotapp_api.claiming.sweeper import PERIOD_S
-from robotapp_api.model.robotapp import RobotApp
+from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.schema.crd import schema_of
+from robotapp_claims.protocol.sweeper import PERIOD_S
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.control_plane.identity import OPERATOR_ACCOUNT

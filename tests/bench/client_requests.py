@@ -19,9 +19,9 @@ from typing import Any
 import msgspec
 import uvloop
 
-from robotapp_api.client import ApiClient, Endpoint
-from robotapp_api.client.informer.watch_decoder import WatchDecoder
-from robotapp_api.client.transport.credentials import Credentials
+from robotapp_client import ApiClient, Endpoint
+from robotapp_client.informer.watch_decoder import WatchDecoder
+from robotapp_client.transport.credentials import Credentials
 
 BODY = json.dumps(
     {

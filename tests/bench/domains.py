@@ -22,12 +22,12 @@ from tests.bench.speed.console import say
 from tests.support.claims_live import Live, live
 from tests.support.claims_objects import app_holder, pod_json
 
-from robotapp_api.claiming.domains import ensure_pod_domain
-from robotapp_api.claiming.writes import create_claim
-from robotapp_api.claims.identity import claim_name, domain_spec
-from robotapp_api.claims.objects import ClaimSpec
-from robotapp_api.client.api.resources import NODES, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation
+from robotapp_claims.protocol.domains import ensure_pod_domain
+from robotapp_claims.protocol.writes import create_claim
+from robotapp_claims.rules.identity import claim_name, domain_spec
+from robotapp_claims.rules.objects import ClaimSpec
+from robotapp_client.api.resources import NODES, PODS, ROBOTCLAIMS
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.handle import Readiness
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -130,7 +130,7 @@ async def _noting(on: bool) -> AsyncIterator[None]:
 
     with (
         mock.patch.object(claim_reserver, "ensure_pod_domain", as_before),
-        mock.patch("robotapp_api.claiming.bind_check.note_nodes", nothing),
+        mock.patch("robotapp_claims.protocol.bind_check.note_nodes", nothing),
     ):
         yield
 

@@ -7,9 +7,9 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from robotapp_api.client.api.client import ApiClient, with_query
-from robotapp_api.client.api.resources import EVENTS, PODS, Resource
-from robotapp_api.client.transport.errors import AlreadyExists
+from robotapp_client.api.client import ApiClient, with_query
+from robotapp_client.api.resources import EVENTS, PODS, Resource
+from robotapp_client.transport.errors import AlreadyExists
 
 T = TypeVar("T")
 Json = dict[str, Any]

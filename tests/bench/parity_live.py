@@ -26,10 +26,10 @@ from tests.support.cluster_cases import FAMILIES, Case, seeded_case
 from tests.support.cluster_cases.regressions import regressions
 from tests.support.cluster_cases.shrinking import reduction
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import NODETELEMETRIES
-from robotapp_api.client.transport.errors import BadRequest, Forbidden, Invalid
-from robotapp_api.client.transport.kubeconfig import load as login
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import NODETELEMETRIES
+from robotapp_client.transport.errors import BadRequest, Forbidden, Invalid
+from robotapp_client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.product import install, start_scheduler
 from robotapp_testbed.processes.process import Process

@@ -18,10 +18,10 @@ from tests.bench.parity_verdict import FOUND, Verdict
 from tests.support.cluster_cases import Case
 from tests.support.watching import Watching
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import PODS
-from robotapp_api.client.informer.reflector import Change, Reflector
-from robotapp_api.client.transport.errors import NotFound
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import PODS
+from robotapp_client.informer.reflector import Change, Reflector
+from robotapp_client.transport.errors import NotFound
 from robotapp_testbed.processes.process import Process
 
 Json = dict[str, Any]

@@ -11,8 +11,8 @@ from typing import Any, Final
 import msgspec
 from tests.support.cluster_cases import Case
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import (
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import (
     CSIDRIVERS,
     CSINODES,
     CSISTORAGECAPACITIES,
@@ -31,7 +31,7 @@ from robotapp_api.client.api.resources import (
     VOLUMEATTACHMENTS,
     Resource,
 )
-from robotapp_api.client.transport.errors import AlreadyExists, NotFound
+from robotapp_client.transport.errors import AlreadyExists, NotFound
 
 Json = dict[str, Any]
 PRIORITYCLASSES: Final = Resource("scheduling.k8s.io", "v1", "priorityclasses", "PriorityClass", namespaced=False)

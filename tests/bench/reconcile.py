@@ -27,8 +27,8 @@ from tests.support.cpu_samples import Profile
 from tests.support.small_cluster import ON_BOARD, SmallCluster
 from tests.support.world import plain_app
 
-from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_api.model.names import Label
+from robotapp_client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_testbed.binaries.pins import REPOSITORY
 from robotapp_testbed.processes.process import Process
 
@@ -152,7 +152,7 @@ def _operator(folder: Path, server: str, tree: Path) -> Process:
             }
         )
     )
-    paths = [tree / "crds", tree / "operator", REPOSITORY]
+    paths = [*(tree / name for name in ("crds", "client", "claims", "operator")), REPOSITORY]
     flags = ("--kubeconfig", kubeconfig, "--no-leader-election", "--health-port", 0, "--sweep-seconds", SWEEP_S)
     argv = ["-m", "tests.support.cpu_samples", folder / "samples.json", "robotapp_operator", *flags]
     return Process(

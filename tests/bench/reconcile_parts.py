@@ -6,12 +6,12 @@ from typing import Any, Final
 from tests.support.cpu_samples import Profile
 
 _CONTROLLER: Final = "robotapp_operator.reconcile.controller:Controller"
-EVENTS: Final = "robotapp_api.client.informer.reflector:Reflector._on_line"
+EVENTS: Final = "robotapp_client.informer.reflector:Reflector._on_line"
 PARTS: Final[Mapping[str, Sequence[str]]] = {
     "imports": ("importlib._bootstrap:",),
     "RobotApp events (kopf)": ("kopf.",),
     "other watch events": (EVENTS,),
-    "lists at the start": ("robotapp_api.client.informer.reflector:Reflector._list",),
+    "lists at the start": ("robotapp_client.informer.reflector:Reflector._list",),
     "Deployments and Services": (f"{_CONTROLLER}._instance_children",),
     "RobotAppInstances": (f"{_CONTROLLER}._instance_object",),
     "status of the app": (f"{_CONTROLLER}._status",),
@@ -19,11 +19,11 @@ PARTS: Final[Mapping[str, Sequence[str]]] = {
     "fleet view": (f"{_CONTROLLER}._fleet_view",),
     "pairs to measure": (f"{_CONTROLLER}._probe",),
     "pools": (f"{_CONTROLLER}._pool", f"{_CONTROLLER}._waiting"),
-    "sweep of claims": ("robotapp_api.claiming.sweeper:", "robotapp_api.claiming.domain_users:"),
+    "sweep of claims": ("robotapp_claims.protocol.sweeper:", "robotapp_claims.protocol.domain_users:"),
     "ageing of round trips": ("robotapp_operator.watch.informers:Informers.expire",),
-    "events that are written": ("robotapp_api.client.tools.event_recorder:",),
+    "events that are written": ("robotapp_client.tools.event_recorder:",),
     "queue and metrics": ("robotapp_operator.queue.workqueue:", "robotapp_operator.reconcile.controller:"),
-    "reading sockets": ("robotapp_api.client.transport", "asyncio.sslproto:"),
+    "reading sockets": ("robotapp_client.transport", "asyncio.sslproto:"),
     "event loop": ("asyncio.",),
 }
 _SHOWN: Final = 150

@@ -33,8 +33,8 @@ from tests.bench.speed.run import Case, Rates, Run, pods_for
 from tests.bench.speed.scenery import Scenery, Size
 from tests.bench.speed.workloads import WORKLOADS, Workload
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.transport.kubeconfig import load as login
+from robotapp_client.api.client import ApiClient
+from robotapp_client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.product import install
 

@@ -3,7 +3,7 @@
 import pytest
 from tests.support.chart import Chart, Object, named, of_kind, pod_spec
 
-from robotapp_api.serving.pages import A_ROLE_THAT_MAY
+from robotapp_client.serving.pages import A_ROLE_THAT_MAY
 
 pytestmark = pytest.mark.live
 

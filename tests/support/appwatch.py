@@ -10,8 +10,8 @@ from typing import Any, Self
 
 from tests.support.watching import running
 
-from robotapp_api.client import ApiClient, Change, Reflector, load
-from robotapp_api.client.api.resources import ROBOTAPPS, Resource
+from robotapp_client import ApiClient, Change, Reflector, load
+from robotapp_client.api.resources import ROBOTAPPS, Resource
 
 App = Mapping[str, Any]
 

@@ -13,15 +13,15 @@ from tests.support.apiobjects import ROS
 from tests.support.claims_objects import app_holder, deployment_json, pod_json
 from tests.support.clients import client_for
 
-from robotapp_api.claiming.devices import Reservation, reserve_devices
-from robotapp_api.claiming.domains import ensure_domain, find_claim
-from robotapp_api.claiming.sweeper import Sweeper
-from robotapp_api.claims.device import chosen
-from robotapp_api.claims.domain import DomainOutcome, DomainRequest
-from robotapp_api.claims.identity import holder_of_app
-from robotapp_api.claims.objects import Claim, Holder
-from robotapp_api.client import ApiClient, load
-from robotapp_api.client.api.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_claims.protocol.devices import Reservation, reserve_devices
+from robotapp_claims.protocol.domains import ensure_domain, find_claim
+from robotapp_claims.protocol.sweeper import Sweeper
+from robotapp_claims.rules.device import chosen
+from robotapp_claims.rules.domain import DomainOutcome, DomainRequest
+from robotapp_claims.rules.identity import holder_of_app
+from robotapp_claims.rules.objects import Claim, Holder
+from robotapp_client import ApiClient, load
+from robotapp_client.api.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_testbed import ControlPlane
 
 Json = dict[str, Any]

@@ -4,8 +4,9 @@ from typing import Any
 
 import msgspec
 
-from robotapp_api.claims.identity import claim_name, device_spec, domain_spec, holder_of_app, holder_of_pod
-from robotapp_api.claims.objects import (
+from robotapp_api.model.names import API_VERSION, Annotation, Label
+from robotapp_claims.rules.identity import claim_name, device_spec, domain_spec, holder_of_app, holder_of_pod
+from robotapp_claims.rules.objects import (
     Claim,
     ClaimSpec,
     ClaimStatus,
@@ -23,7 +24,6 @@ from robotapp_api.claims.objects import (
     ReplicaSetStatus,
     Template,
 )
-from robotapp_api.model.names import API_VERSION, Annotation, Label
 
 Json = dict[str, Any]
 

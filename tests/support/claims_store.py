@@ -12,10 +12,10 @@ from typing import Any
 
 import msgspec
 
-from robotapp_api.client.api.bodies import STRATEGIC
-from robotapp_api.client.api.client import Json, Listing
-from robotapp_api.client.api.resources import ROBOTCLAIMS, Resource
-from robotapp_api.client.transport.errors import AlreadyExists, Conflict, Forbidden, NotFound
+from robotapp_client.api.bodies import STRATEGIC
+from robotapp_client.api.client import Json, Listing
+from robotapp_client.api.resources import ROBOTCLAIMS, Resource
+from robotapp_client.transport.errors import AlreadyExists, Conflict, Forbidden, NotFound
 
 Key = tuple[str, str, str]
 Gate = Callable[[str], Awaitable[None]]

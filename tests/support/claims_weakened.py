@@ -8,25 +8,25 @@ from unittest import mock
 
 import msgspec
 
-from robotapp_api.claiming import sweep_snapshot
-from robotapp_api.claiming.sweep_snapshot import View
-from robotapp_api.claiming.writes import Api
-from robotapp_api.claims import device, release
-from robotapp_api.claims.bind import ALLOWED, BindVerdict, bind_verdict
-from robotapp_api.claims.device import PodUse, Take
-from robotapp_api.claims.objects import Claim, Pod
-from robotapp_api.claims.release import Preconditions, Release
-from robotapp_api.client.transport.errors import Forbidden
+from robotapp_claims.protocol import sweep_snapshot
+from robotapp_claims.protocol.sweep_snapshot import View
+from robotapp_claims.protocol.writes import Api
+from robotapp_claims.rules import device, release
+from robotapp_claims.rules.bind import ALLOWED, BindVerdict, bind_verdict
+from robotapp_claims.rules.device import PodUse, Take
+from robotapp_claims.rules.objects import Claim, Pod
+from robotapp_claims.rules.release import Preconditions, Release
+from robotapp_client.transport.errors import Forbidden
 
 Weakened = Callable[[], contextlib.AbstractContextManager[None]]
 
 
 @contextlib.contextmanager
 def _instead(**weak: Callable[..., Any]) -> Iterator[None]:
-    """Functions by `module__name`, the module being one of robotapp_api."""
+    """Functions by `module__name`, the module being one of robotapp_claims."""
     with contextlib.ExitStack() as stack:
         for target, function in weak.items():
-            stack.enter_context(mock.patch("robotapp_api." + target.replace("__", "."), function))
+            stack.enter_context(mock.patch("robotapp_claims." + target.replace("__", "."), function))
         yield
 
 
@@ -37,7 +37,7 @@ def no_bind_check() -> Iterator[None]:
     def always(_: Pod, __: Claim | None, **___: Any) -> BindVerdict:
         return ALLOWED
 
-    with _instead(claiming__bind_check__bind_verdict=always):
+    with _instead(protocol__bind_check__bind_verdict=always):
         yield
 
 
@@ -50,7 +50,7 @@ def bind_on_draining() -> Iterator[None]:
             claim = msgspec.structs.replace(claim, status=msgspec.structs.replace(claim.status, phase="Reserved"))
         return bind_verdict(pod, claim, **more)
 
-    with _instead(claiming__bind_check__bind_verdict=weak):
+    with _instead(protocol__bind_check__bind_verdict=weak):
         yield
 
 
@@ -61,7 +61,7 @@ def uid_only() -> Iterator[None]:
     def weak(claim: Claim) -> Preconditions:
         return Preconditions(claim.metadata.uid, "")
 
-    with _instead(claiming__writes__preconditions=weak):
+    with _instead(protocol__writes__preconditions=weak):
         yield
 
 
@@ -72,7 +72,7 @@ def by_name() -> Iterator[None]:
     def weak(_: Claim) -> Preconditions:
         return Preconditions("", "")
 
-    with _instead(claiming__writes__preconditions=weak):
+    with _instead(protocol__writes__preconditions=weak):
         yield
 
 
@@ -84,7 +84,7 @@ def one_phase() -> Iterator[None]:
         decision = release.release_domain(**facts)
         return Release.DELETE if decision is Release.DRAIN else decision
 
-    with _instead(claiming__sweeper__release_domain=hasty):
+    with _instead(protocol__sweeper__release_domain=hasty):
         yield
 
 
@@ -96,7 +96,7 @@ def no_second_look() -> Iterator[None]:
         unused = {"wanted": False, "used": False} if phase == "Draining" else {}
         return release.release_domain(phase=phase, rested=rested, **{**facts, **unused})
 
-    with _instead(claiming__sweeper__release_domain=blind):
+    with _instead(protocol__sweeper__release_domain=blind):
         yield
 
 
@@ -111,7 +111,7 @@ def forbidden_is_gone() -> Iterator[None]:
             return None
 
     found = sweep_snapshot.find
-    with _instead(claiming__sweep_snapshot__find=find):
+    with _instead(protocol__sweep_snapshot__find=find):
         yield
 
 
@@ -122,7 +122,7 @@ def create_without_list() -> Iterator[None]:
     async def nothing(*_: Any, **__: Any) -> list[Claim]:
         return []
 
-    with _instead(claiming__domains__instance_claims=nothing):
+    with _instead(protocol__domains__instance_claims=nothing):
         yield
 
 
@@ -134,7 +134,7 @@ def random_order() -> Iterator[None]:
         found = sorted(set(ids))
         return tuple(random.sample(found, len(found)))
 
-    with _instead(claims__domain__id_order=shuffled):
+    with _instead(rules__domain__id_order=shuffled):
         yield
 
 
@@ -149,7 +149,7 @@ def pods_first() -> Iterator[None]:
         return view
 
     read_view = sweep_snapshot.read_view
-    with _instead(claiming__sweeper__read_view=weak):
+    with _instead(protocol__sweeper__read_view=weak):
         yield
 
 
@@ -161,7 +161,7 @@ def anyone_takes() -> Iterator[None]:
         return Take.TAKE if device.take_device(claim, **who) is Take.BUSY else device.take_device(claim, **who)
 
     with (
-        _instead(claiming__devices__take_device=weak, claiming__devices__same_tuple=_mine),
+        _instead(protocol__devices__take_device=weak, protocol__devices__same_tuple=_mine),
         mock.patch("robotapp_scheduler.core.robotics.device_index.take_device", weak),
     ):
         yield
@@ -177,7 +177,7 @@ def terminating_is_gone() -> Iterator[None]:
     async def nobody(*_: Any) -> bool:
         return False
 
-    with _instead(claiming__sweeper__pod_use=weak, claiming__sweeper__used_on_node=nobody):
+    with _instead(protocol__sweeper__pod_use=weak, protocol__sweeper__used_on_node=nobody):
         yield
 
 

@@ -16,15 +16,15 @@ import msgspec
 from tests.support.claims_objects import app_holder, app_json, deployment_json, labels, node_json, pod_json, pool_json
 from tests.support.claims_store import Client, Store
 
-from robotapp_api.claiming.bind_check import check_bind_all
-from robotapp_api.claiming.domains import ensure_domain
-from robotapp_api.claiming.sweeper import Sweeper
-from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.claims.objects import Claim, Pod
-from robotapp_api.claims.usage import named_ids
-from robotapp_api.client.api.resources import DEPLOYMENTS, DOMAINPOOLS, NODES, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
-from robotapp_api.client.transport.errors import ApiError, Unreachable
-from robotapp_api.values.ranges import parse_ids
+from robotapp_api.values.quantities.ranges import parse_ids
+from robotapp_claims.protocol.bind_check import check_bind_all
+from robotapp_claims.protocol.domains import ensure_domain
+from robotapp_claims.protocol.sweeper import Sweeper
+from robotapp_claims.rules.domain import DomainRequest
+from robotapp_claims.rules.objects import Claim, Pod
+from robotapp_claims.rules.usage import named_ids
+from robotapp_client.api.resources import DEPLOYMENTS, DOMAINPOOLS, NODES, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_client.transport.errors import ApiError, Unreachable
 
 Json = dict[str, Any]
 TURNS = 100

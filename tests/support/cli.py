@@ -15,8 +15,8 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.apiserver.store import Key
 from typer.testing import CliRunner
 
-from robotapp_api.serving.tls import TlsPort
 from robotapp_cli.main import app
+from robotapp_client.serving.tls import TlsPort
 
 T = TypeVar("T")
 Json = dict[str, Any]

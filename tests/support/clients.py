@@ -5,8 +5,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from robotapp_api.client import ApiClient, Endpoint
-from robotapp_api.client.transport.errors import ClientError
+from robotapp_client import ApiClient, Endpoint
+from robotapp_client.transport.errors import ClientError
 
 
 def client_for(endpoint: Endpoint, **overrides: Any) -> ApiClient:

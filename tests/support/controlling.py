@@ -7,8 +7,8 @@ import msgspec
 from prometheus_client.parser import text_string_to_metric_families
 from tests.support.factories import make_deployment, make_pod
 
-from robotapp_api.claims.objects import OwnerReference
 from robotapp_api.model.names import Label
+from robotapp_claims.rules.objects import OwnerReference
 from robotapp_operator.plan.spec.objects import ReplicaSet
 from robotapp_operator.queue.work import BACKGROUND
 from robotapp_operator.queue.workqueue import Key, Queue

@@ -20,7 +20,7 @@ from typing import Any, Final
 PERIOD_S: Final = 0.004
 OTHER: Final = "other"
 COUNTED: Final = (
-    "robotapp_api.client.informer.reflector:Reflector._on_line",
+    "robotapp_client.informer.reflector:Reflector._on_line",
     "robotapp_operator.reconcile.instance_reconciler:Children.reconcile",
     "robotapp_operator.reconcile.instance_reconciler:Children._turn",
     "robotapp_operator.reconcile.instance_objects:InstanceObjects.publish",

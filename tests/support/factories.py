@@ -6,10 +6,10 @@ from typing import Any
 import msgspec
 from tests.support.apiobjects import ROS
 
-from robotapp_api.claims.objects import Claim
+from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.names import API_VERSION, Label
-from robotapp_api.model.robotapp import RobotAppSpec
-from robotapp_api.values.round_trips import RoundTrips
+from robotapp_api.values.placement.round_trips import RoundTrips
+from robotapp_claims.rules.objects import Claim
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.render.child import DEPLOYMENT
 from robotapp_operator.plan.spec.desired import App

@@ -7,11 +7,11 @@ import msgspec
 from tests.support.apiserver import FakeApiServer
 from tests.support.factories import app_body
 
-from robotapp_api.claims.domain import DomainOutcome
-from robotapp_api.client import ApiClient
-from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_api.model.instance import RobotAppInstance
 from robotapp_api.model.names import Reason
+from robotapp_claims.rules.domain import DomainOutcome
+from robotapp_client import ApiClient
+from robotapp_client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.reconcile.instance_objects import InstanceObjects
 from robotapp_operator.reconcile.observer import Observer

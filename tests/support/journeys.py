@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from tests.support.appwatch import App, AppWatch, condition, is_available, is_ready
 from tests.support.world import APIS, Object, World, plain_app
 
-from robotapp_api.client.api.resources import DEPLOYMENTS
 from robotapp_api.model.names import SCHEDULER_NAME, Condition, Label, Reason
+from robotapp_client.api.resources import DEPLOYMENTS
 from robotapp_testbed import wait_until
 from robotapp_testbed.failures import ApiStatusError
 

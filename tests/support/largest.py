@@ -4,9 +4,9 @@ from typing import Any
 
 from tests.support.factories import component, make_app
 
-from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
-from robotapp_api.values.round_trips import RoundTrips
+from robotapp_api.values.placement.round_trips import RoundTrips
+from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.status.components import MAX_RESTARTS, ComponentView
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts, of_instance
 from robotapp_operator.plan.status.instance_status import render_instance

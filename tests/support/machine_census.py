@@ -12,8 +12,9 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from robotapp_testbed.processes.process import wait_until
-from robotapp_testbed.real import slots, sweep
-from robotapp_testbed.real.addresses import Addresses
+from robotapp_testbed.real import slots
+from robotapp_testbed.real.config.addresses import Addresses
+from robotapp_testbed.real.scripts import sweep
 
 OURS = (
     "/real/hold.py",

@@ -13,9 +13,9 @@ from urllib.parse import parse_qsl
 from tests.support.apiserver.store import Refused, Store
 from tests.support.apiserver.verbs import Sent, act, target
 
-from robotapp_api.client import ApiClient, Endpoint, Unreachable
-from robotapp_api.client.transport.http11 import Permitted, always
-from robotapp_api.client.transport.http_transport import Done, Response, Stream, call_when_done
+from robotapp_client import ApiClient, Endpoint, Unreachable
+from robotapp_client.transport.http11 import Permitted, always
+from robotapp_client.transport.http_transport import Done, Response, Stream, call_when_done
 
 
 class Mishap(StrEnum):

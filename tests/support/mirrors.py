@@ -10,9 +10,9 @@ from typing import Any
 from tests.support.clients import client_for, until
 from tests.support.scripted import Play, ScriptedServer
 
-from robotapp_api.client import Change, Reflector
-from robotapp_api.client.api.backoff import Backoff
-from robotapp_api.client.api.resources import CONFIGMAPS
+from robotapp_client import Change, Reflector
+from robotapp_client.api.backoff import Backoff
+from robotapp_client.api.resources import CONFIGMAPS
 
 
 @dataclass

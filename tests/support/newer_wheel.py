@@ -14,7 +14,7 @@ from robotapp_testbed.binaries.pins import REPOSITORY
 
 LATER = "laterField"
 """What the next version's CRDs add to a component and elsewhere."""
-_PACKAGES = ("crds", "operator", "scheduler", "cli", "rigel_bridge")
+_PACKAGES = ("crds", "client", "claims", "operator", "scheduler", "cli", "rigel_bridge")
 _FILES = ("pyproject.toml", "README.md", "LICENSE")
 _TEMPLATE = Path("operator/robotapp_operator/plan/render/pod_template.py")
 _RENDERED, _RENDERED_NEWER = '"enableServiceLinks": False', '"enableServiceLinks": True'

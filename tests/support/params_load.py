@@ -12,8 +12,8 @@ from pathlib import Path
 
 from tests.support.factories import make_app
 
-from robotapp_api.client import ApiClient
-from robotapp_api.client.transport.kubeconfig import load
+from robotapp_client import ApiClient
+from robotapp_client.transport.kubeconfig import load
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.watch.cache import Cache

@@ -10,8 +10,8 @@ from tests.support.queue_checks import check_queue
 from tests.support.scripted_client import ScriptedClient
 from tests.support.scripted_volumes import ScriptedVolumes
 
-from robotapp_api.client.transport.errors import Unreachable
 from robotapp_api.model.names import Annotation, Label
+from robotapp_client.transport.errors import Unreachable
 from robotapp_scheduler.core.api.core_v1 import Metadata, Node, NodeStatus, Pod, PodSpec
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore

@@ -5,8 +5,8 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import API_VERSION, SCHEDULER_NAME, THESIS_SCHEDULER_NAME, Label
+from robotapp_claims.rules.objects import Claim
 from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.cache.cache import Cache

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Any, Self
 from urllib.parse import parse_qs
 
-from robotapp_api.client import Endpoint
+from robotapp_client import Endpoint
 
 Play = Callable[[asyncio.StreamWriter], Awaitable[None]]
 

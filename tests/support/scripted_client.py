@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from robotapp_api.client.api.resources import Resource
-from robotapp_api.client.transport.errors import ClientError, Unreachable
+from robotapp_client.api.resources import Resource
+from robotapp_client.transport.errors import ClientError, Unreachable
 
 Answer = Any
 """A value to return, or an exception to raise, or a function of the call."""

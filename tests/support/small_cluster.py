@@ -9,7 +9,8 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.apiserver.store import Json, Key, Step
 from tests.support.apiserver.verbs import KINDS
 
-from robotapp_api.client.api.resources import (
+from robotapp_api.model.names import API_VERSION, GROUP, VERSION, Label
+from robotapp_client.api.resources import (
     DOMAINPOOLS,
     NODES,
     NODETELEMETRIES,
@@ -18,7 +19,6 @@ from robotapp_api.client.api.resources import (
     ROBOTAPPS,
     Resource,
 )
-from robotapp_api.model.names import API_VERSION, GROUP, VERSION, Label
 
 NAMESPACE: Final = "default"
 EDGES: Final = 10

@@ -5,14 +5,14 @@ from collections.abc import Awaitable, Callable
 from tests.support.claims_objects import app_holder, app_json, pool_json
 from tests.support.claims_store import Store
 
-from robotapp_api.claiming.devices import reserve_devices
-from robotapp_api.claiming.domains import ensure_domain
-from robotapp_api.claiming.sweeper import Sweeper
-from robotapp_api.claims.device import chosen
-from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.claims.objects import Holder
-from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client.api.resources import (
+from robotapp_claims.protocol.devices import reserve_devices
+from robotapp_claims.protocol.domains import ensure_domain
+from robotapp_claims.protocol.sweeper import Sweeper
+from robotapp_claims.rules.device import chosen
+from robotapp_claims.rules.domain import DomainRequest
+from robotapp_claims.rules.objects import Holder
+from robotapp_claims.rules.repair import ClaimConflict
+from robotapp_client.api.resources import (
     DOMAINPOOLS,
     ROBOTAPPS,
     ROBOTCLAIMS,

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any, Self
 
-from robotapp_api.client.informer.reflector import Reflector
+from robotapp_client.informer.reflector import Reflector
 
 
 @asynccontextmanager

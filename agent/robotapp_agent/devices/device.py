@@ -4,7 +4,7 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.claims.identity import device_label
+from robotapp_claims.rules.identity import device_label
 
 MOST_DEVICES: Final = 128
 """The schema's bound of `status.devices`."""

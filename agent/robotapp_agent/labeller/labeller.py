@@ -14,13 +14,13 @@ import msgspec
 from robotapp_agent.devices.device import Device
 from robotapp_agent.devices.labels import labels_of
 from robotapp_agent.labeller.wanted import Wanted, free_of, keys_of_causes
-from robotapp_api.client.api.backoff import Backoff
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import NODES, NODETELEMETRIES
-from robotapp_api.client.informer.reflector import Change, Reflector
-from robotapp_api.client.tools.event_recorder import EventRecorder, reference
-from robotapp_api.client.transport.errors import ClientError, Conflict
 from robotapp_api.model.names import HARDWARE_PREFIX, EventReason
+from robotapp_client.api.backoff import Backoff
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import NODES, NODETELEMETRIES
+from robotapp_client.informer.reflector import Change, Reflector
+from robotapp_client.tools.event_recorder import EventRecorder, reference
+from robotapp_client.transport.errors import ClientError, Conflict
 
 log = logging.getLogger(__name__)
 

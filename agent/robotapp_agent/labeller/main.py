@@ -13,11 +13,11 @@ from typing import Any
 from robotapp_agent.labeller.labeller import MANAGER, Labeller
 from robotapp_agent.labeller.wanted import KEPT_S
 from robotapp_agent.process import logs
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.tools.event_recorder import EventRecorder
-from robotapp_api.client.transport.errors import LoginError
-from robotapp_api.client.transport.kubeconfig import Endpoint, load
-from robotapp_api.client.transport.metadata import MetadataTransport
+from robotapp_client.api.client import ApiClient
+from robotapp_client.tools.event_recorder import EventRecorder
+from robotapp_client.transport.errors import LoginError
+from robotapp_client.transport.kubeconfig import Endpoint, load
+from robotapp_client.transport.metadata import MetadataTransport
 
 
 def main(argv: Sequence[str] | None = None) -> int:

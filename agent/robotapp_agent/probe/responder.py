@@ -5,7 +5,7 @@ from typing import Final
 
 from robotapp_agent.probe.keys import KeyRing
 from robotapp_agent.probe.packets import REPLY, REQUEST, ReplayWindows, node_id, open_packet, seal
-from robotapp_api.values.buckets import Buckets
+from robotapp_api.values.quantities.buckets import Buckets
 
 REPLIES_PER_S: Final = 100.0
 """To one address, for ever. A node is asked by a few dozen others in a round; all of them may share one address behind a gateway."""

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from robotapp_api.serving import logs
+from robotapp_client.serving import logs
 
 _TEXT: Final = "%(asctime)s %(levelname)-7s %(message)s"
 

@@ -26,9 +26,9 @@ from robotapp_agent.shell.host.node_files import NodeFiles
 from robotapp_agent.shell.options import Options
 from robotapp_agent.shell.own_node import OwnNode, own_node
 from robotapp_agent.shell.reporter import Reporter
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.transport.errors import ClientError
-from robotapp_api.client.transport.kubeconfig import SERVICE_ACCOUNT, Endpoint, load
+from robotapp_client.api.client import ApiClient
+from robotapp_client.transport.errors import ClientError
+from robotapp_client.transport.kubeconfig import SERVICE_ACCOUNT, Endpoint, load
 
 log = logging.getLogger(__name__)
 

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Awaitable, Callable
 from typing import Final
 
-from robotapp_api.client.api.backoff import Backoff
+from robotapp_client.api.backoff import Backoff
 
 log = logging.getLogger(__name__)
 

@@ -19,7 +19,7 @@ from typing import Final
 from msgspec import UnsetType
 
 from robotapp_agent.report.status import LoadStatus, RttStatus, Status, TemperatureStatus
-from robotapp_api.values.round_trips import LONGEST_INTERVAL_S
+from robotapp_api.values.placement.round_trips import LONGEST_INTERVAL_S
 
 SHORTEST_S: Final = 2.0
 SHORTEST_INTERVAL_S: Final = 10

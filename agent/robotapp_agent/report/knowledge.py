@@ -17,7 +17,7 @@ from robotapp_agent.report.readings import (
     RoundTrip,
     Temperature,
 )
-from robotapp_api.values.round_trips import PERIODS_KEPT
+from robotapp_api.values.placement.round_trips import PERIODS_KEPT
 
 SHORTEST_WINDOW_S: Final = 10.0
 _MOST_SAMPLES: Final = 256

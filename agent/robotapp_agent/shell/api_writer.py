@@ -10,11 +10,11 @@ from robotapp_agent.devices.device import Device
 from robotapp_agent.report.clock_offset import ClockOffset
 from robotapp_agent.report.status import SECTIONS, Status, patch_of, without
 from robotapp_agent.shell.own_node import OwnNode
-from robotapp_api.client.api.bodies import MERGE
-from robotapp_api.client.api.client import ApiClient, with_query
-from robotapp_api.client.api.resources import NODETELEMETRIES
-from robotapp_api.client.transport.errors import AlreadyExists, Invalid, NotFound, means_gone
-from robotapp_api.client.transport.http_transport import Response
+from robotapp_client.api.bodies import MERGE
+from robotapp_client.api.client import ApiClient, with_query
+from robotapp_client.api.resources import NODETELEMETRIES
+from robotapp_client.transport.errors import AlreadyExists, Invalid, NotFound, means_gone
+from robotapp_client.transport.http_transport import Response
 
 MANAGER: Final = "robotapp-agent"
 MOST_ASKED: Final = 16

@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Final, NamedTuple
 
 from robotapp_agent.probe.socket_filter import instructions_in
-from robotapp_api.values.buckets import Buckets
+from robotapp_api.values.quantities.buckets import Buckets
 
 _IP_PKTINFO: Final = 8  # linux/in.h; Python names it from 3.14 on
 _SO_TIMESTAMPNS: Final = 35  # asm-generic/socket.h: every architecture that Kubernetes runs on

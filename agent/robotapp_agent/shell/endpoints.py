@@ -9,10 +9,10 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from robotapp_api.client.api.backoff import Backoff
-from robotapp_api.client.api.client import ApiClient, Page, decoder, with_query
-from robotapp_api.client.api.resources import ENDPOINTSLICES
-from robotapp_api.client.transport.errors import ClientError
+from robotapp_client.api.backoff import Backoff
+from robotapp_client.api.client import ApiClient, Page, decoder, with_query
+from robotapp_client.api.resources import ENDPOINTSLICES
+from robotapp_client.transport.errors import ClientError
 
 log = logging.getLogger(__name__)
 

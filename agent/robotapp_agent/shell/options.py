@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from robotapp_api.values import arguments
-from robotapp_api.values.round_trips import LONGEST_INTERVAL_S
+from robotapp_api.values.placement.round_trips import LONGEST_INTERVAL_S
 
 PREFIX: Final = "ROBOTAPP_AGENT_"
 PROBE_PORT: Final = 7311

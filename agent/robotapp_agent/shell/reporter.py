@@ -8,8 +8,8 @@ from typing import Final, Protocol
 from robotapp_agent.report.changes import SHORTEST_S, Pace, urgency
 from robotapp_agent.report.readings import Readings
 from robotapp_agent.report.status import Status, status_of
-from robotapp_api.client.api.backoff import Backoff
-from robotapp_api.client.transport.errors import ApiError, ClientError, Forbidden, NotFound, Unauthorized
+from robotapp_client.api.backoff import Backoff
+from robotapp_client.transport.errors import ApiError, ClientError, Forbidden, NotFound, Unauthorized
 
 log = logging.getLogger(__name__)
 

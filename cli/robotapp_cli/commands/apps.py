@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from typing import Final
 
-from robotapp_api.client.api.resources import EVENTS, ROBOTAPPS
 from robotapp_api.model.names import Condition, Phase
 from robotapp_cli.output import Column, Output, arrow, bar, blank_line, print_line, print_table, write_structured
 from robotapp_cli.reading.fields import Json, age, elapsed, meta, milliseconds, plain, short_ms, status
 from robotapp_cli.reading.instances import Instance, chosen, in_full, instances_of
 from robotapp_cli.reading.session import Session
+from robotapp_client.api.resources import EVENTS, ROBOTAPPS
 
 _EVENTS_SHOWN = 8
 MEDIAN: Final = 50

@@ -2,13 +2,13 @@
 
 import msgspec
 
-from robotapp_api.claims.fullness import fullness
-from robotapp_api.claims.objects import Claim, Pool
-from robotapp_api.client.api.resources import DOMAINPOOLS, ROBOTCLAIMS
+from robotapp_claims.rules.fullness import fullness
+from robotapp_claims.rules.objects import Claim, Pool
 from robotapp_cli.commands.devices import holder_of
 from robotapp_cli.output import Output, blank_line, print_line, print_table, write_structured
 from robotapp_cli.reading.fields import Json, age, meta, plain, status
 from robotapp_cli.reading.session import Session
+from robotapp_client.api.resources import DOMAINPOOLS, ROBOTCLAIMS
 
 
 async def show_domains(session: Session) -> None:

@@ -6,15 +6,15 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.claims.device import is_device
-from robotapp_api.claims.identity import device_label
-from robotapp_api.claims.node_devices import Device, devices_of_labels
-from robotapp_api.claims.objects import DeviceThing
-from robotapp_api.client.api.resources import NODES, NODETELEMETRIES, ROBOTCLAIMS
 from robotapp_api.model.names import GPU
+from robotapp_claims.rules.device import is_device
+from robotapp_claims.rules.identity import device_label
+from robotapp_claims.rules.node_devices import Device, devices_of_labels
+from robotapp_claims.rules.objects import DeviceThing
 from robotapp_cli.output import Column, Output, print_line, print_table, write_structured
 from robotapp_cli.reading.fields import Json, meta, status
 from robotapp_cli.reading.session import Session
+from robotapp_client.api.resources import NODES, NODETELEMETRIES, ROBOTCLAIMS
 
 _NO_CLAIM: Final = ("holder", "instance", "component", "phase", "claim")
 

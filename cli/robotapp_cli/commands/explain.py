@@ -7,7 +7,6 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.client.api.resources import PODS, ROBOTAPPS
 from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label, PodReason
 from robotapp_cli.commands.apps import print_edges, with_percentiles
 from robotapp_cli.commands.reasons import budgets, hardware, refusals, with_what_is_known
@@ -17,6 +16,7 @@ from robotapp_cli.reading.fields import Json, condition, label, meta, status
 from robotapp_cli.reading.instances import Instance, chosen, in_full, instances_of
 from robotapp_cli.reading.scheduler_link import Link, connect
 from robotapp_cli.reading.session import Session
+from robotapp_client.api.resources import PODS, ROBOTAPPS
 
 _BEFORE_PODS: Final = (Condition.ACCEPTED, Condition.ALLOCATED, Condition.READY)
 """What keeps pods from being made, first things first."""

@@ -12,15 +12,15 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from robotapp_api.claims.instances import primary_node
-from robotapp_api.client.api.resources import NODES, NODETELEMETRIES, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation, Label
-from robotapp_api.values.bandwidth import parse_link_bandwidth
-from robotapp_api.values.round_trips import RoundTrips, Rtt
+from robotapp_api.values.placement.round_trips import RoundTrips, Rtt
+from robotapp_api.values.quantities.bandwidth import parse_link_bandwidth
+from robotapp_claims.rules.instances import primary_node
 from robotapp_cli.commands.devices import NodeDevice, devices_of
 from robotapp_cli.output import Column, Output, print_line, print_table, write_structured
 from robotapp_cli.reading.fields import Json, age, condition, label, meta, short_ms, status
 from robotapp_cli.reading.session import Session
+from robotapp_client.api.resources import NODES, NODETELEMETRIES, ROBOTCLAIMS
 
 _LOAD: Final = ("cpuPercent", "memoryPercent", "diskPercent", "gpuPercent", "networkBps")
 _GAP: Final = 2

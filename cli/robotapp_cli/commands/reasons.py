@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from robotapp_api.model.names import ROBOT_END
-from robotapp_api.values.better_node import TOPIC, edge_to, topic_of
-from robotapp_api.values.round_trips import MOVED
+from robotapp_api.values.placement.better_node import TOPIC, edge_to, topic_of
+from robotapp_api.values.placement.round_trips import MOVED
 from robotapp_cli.commands.apps import MEDIAN
 from robotapp_cli.reading.fields import Json, milliseconds, short_ms
 

@@ -11,7 +11,6 @@ from typing import Final
 
 import yaml
 
-from robotapp_api.client.api.resources import CONFIGMAPS, DEPLOYMENTS, ROBOTAPPS, SERVICES
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_api.values.arguments import is_name, not_a_name
 from robotapp_cli.failures import CliError, Exit
@@ -19,6 +18,7 @@ from robotapp_cli.output import Output, write_structured
 from robotapp_cli.reading.fields import Json, meta
 from robotapp_cli.reading.files import documents
 from robotapp_cli.reading.session import Session
+from robotapp_client.api.resources import CONFIGMAPS, DEPLOYMENTS, ROBOTAPPS, SERVICES
 
 _CHILDREN: Final = (CONFIGMAPS, SERVICES, DEPLOYMENTS)
 _SERVER_METADATA: Final = ("managedFields", "uid", "resourceVersion", "generation", "creationTimestamp", "selfLink")

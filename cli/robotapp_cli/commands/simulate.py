@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from robotapp_api.client.api.resources import Resource
-from robotapp_api.client.transport.errors import Forbidden, NotFound
 from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.output import Column, blank_line, print_line, print_table, write_structured
@@ -19,6 +17,8 @@ from robotapp_cli.reading.fields import Json
 from robotapp_cli.reading.files import documents, objects
 from robotapp_cli.reading.scheduler_link import Link, NoAnswerError, connect
 from robotapp_cli.reading.session import Session
+from robotapp_client.api.resources import Resource
+from robotapp_client.transport.errors import Forbidden, NotFound
 
 _MOST_BYTES: Final = 64 << 20
 _PRIVATE: Final = ("env", "envFrom", "command", "args", "lifecycle")

@@ -18,8 +18,8 @@ from urllib.parse import quote
 
 from robotapp_api.model.names import API_VERSION, SYSTEM_NAMESPACE
 from robotapp_api.values.arguments import is_name
-from robotapp_api.values.duration import format_us, parse_us
 from robotapp_api.values.printable import printable
+from robotapp_api.values.quantities.duration import format_us, parse_us
 from robotapp_cli.commands.simulate import document
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.output import Column, arrow, blank_line, print_line, print_table, write_structured

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from robotapp_api.checks.pool import pool_notes
 from robotapp_api.checks.problem import Note
 from robotapp_api.checks.spec import spec_notes, spec_problems
-from robotapp_api.model.robotapp import RobotAppSpec
+from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.values.label_key import key_problem
 from robotapp_cli.lint.cel_rules import broken_rules
 from robotapp_cli.lint.findings import Finding, Path, Severity, Why, steps

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model import scalars
-from robotapp_api.model.robots import LABEL_KEY
+from robotapp_api.model.app.robots import LABEL_KEY
 from robotapp_cli.lint import old_names
 from robotapp_cli.lint.cel_rules import RULES
 from robotapp_cli.lint.findings import Path

@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 from typing import Any
 
-from robotapp_api.values.duration import parse_us
+from robotapp_api.values.quantities.duration import parse_us
 
 Json = dict[str, Any]
 

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from robotapp_api.client.api.resources import ROBOTAPPINSTANCES
 from robotapp_api.model.names import Condition, Label, Phase
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.reading.fields import Json, condition, meta, status
 from robotapp_cli.reading.session import Session
+from robotapp_client.api.resources import ROBOTAPPINSTANCES
 
 MOST_IN_FULL: Final = 10
 """Instances whose components and edges are shown by default."""

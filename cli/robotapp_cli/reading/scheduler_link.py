@@ -15,10 +15,10 @@ from urllib.parse import urlsplit
 
 import aiohttp
 
-from robotapp_api.client.api.resources import LEASES, PODS
-from robotapp_api.client.transport.errors import ApiError
 from robotapp_cli.reading.fields import Json, meta, status
 from robotapp_cli.reading.session import Session, endpoint
+from robotapp_client.api.resources import LEASES, PODS
+from robotapp_client.transport.errors import ApiError
 
 _SELECTOR: Final = "app.kubernetes.io/component=scheduler"
 _RELEASE: Final = "app.kubernetes.io/instance"

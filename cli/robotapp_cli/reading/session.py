@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.transport.errors import ClientError
-from robotapp_api.client.transport.kubeconfig import Endpoint, default_kubeconfigs, load
 from robotapp_api.values.arguments import is_name
 from robotapp_cli.failures import CliError, ended_by, explained
 from robotapp_cli.output import Output
+from robotapp_client.api.client import ApiClient
+from robotapp_client.transport.errors import ClientError
+from robotapp_client.transport.kubeconfig import Endpoint, default_kubeconfigs, load
 
 T = TypeVar("T")
 _TIMEOUT_S = 15.0

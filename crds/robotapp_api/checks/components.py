@@ -8,13 +8,13 @@ from pydantic.alias_generators import to_snake
 
 from robotapp_api.checks.parameters import parameter_problems
 from robotapp_api.checks.problem import Note, Problem, invalid
-from robotapp_api.model.component import Component
-from robotapp_api.model.device import Device, Requirement
+from robotapp_api.model.app.component import Component
+from robotapp_api.model.app.device import Device, Requirement
+from robotapp_api.model.app.robots import LABEL_KEY
 from robotapp_api.model.names import GPU, PARAMETERS_VOLUME, WAITING_STEP
-from robotapp_api.model.robots import LABEL_KEY
 from robotapp_api.values.label_key import key_problem, value_problem
 from robotapp_api.values.naming import label_value
-from robotapp_api.values.quantity import parse_milli
+from robotapp_api.values.quantities.quantity import parse_milli
 
 SET_FOR_ALL: Final = {
     "ROS_DOMAIN_ID": "spec.ros2.domain",

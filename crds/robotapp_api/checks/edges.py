@@ -4,11 +4,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from robotapp_api.checks.problem import Note, Problem, invalid
-from robotapp_api.model.edge import QOS_DURATIONS, QOS_STRENGTHS, Edge
+from robotapp_api.model.app.edge import QOS_DURATIONS, QOS_STRENGTHS, Edge
 from robotapp_api.model.names import Annotation
-from robotapp_api.values.bandwidth import bandwidth_bps
-from robotapp_api.values.duration import parse_us
-from robotapp_api.values.quantity import parse_milli
+from robotapp_api.values.quantities.bandwidth import bandwidth_bps
+from robotapp_api.values.quantities.duration import parse_us
+from robotapp_api.values.quantities.quantity import parse_milli
 
 
 def edge_problems(edges: tuple[Edge, ...]) -> Iterator[Problem]:

@@ -7,7 +7,7 @@ from typing import Final
 import yaml
 
 from robotapp_api.checks.problem import Problem, invalid
-from robotapp_api.model.component import Component
+from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import PARAMETERS_PATH
 from robotapp_api.values import strict_yaml
 

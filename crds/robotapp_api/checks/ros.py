@@ -3,8 +3,8 @@
 from typing import Final
 
 from robotapp_api.checks.middleware import ZENOH, resolve_mode
+from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.distros import DISTROS, ros_version
-from robotapp_api.model.robotapp import RobotAppSpec
 
 NONE: Final = "None"
 """Discovery of an app of one pod: what the middleware does by itself."""

@@ -8,12 +8,12 @@ from robotapp_api.checks.middleware import FAST_DDS, KNOWN, mode_problem
 from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
+from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.distros import DISTROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
-from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_api.values.label_key import value_problem
-from robotapp_api.values.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
-from robotapp_api.values.tiers import ROBOT
+from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
+from robotapp_api.values.placement.tiers import ROBOT
 
 
 def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:

@@ -5,13 +5,13 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, StringConstraints
 
 from robotapp_api.model import names
+from robotapp_api.model.app.edge import EdgeKind
+from robotapp_api.model.app.status import BudgetText, PairText, PhaseText, ReadyText
 from robotapp_api.model.base import Model, ObjectMeta, Observed
 from robotapp_api.model.conditions import Conditions, initial_conditions
-from robotapp_api.model.edge import EdgeKind
 from robotapp_api.model.markers import Column, Kind, ListMap, Rule
 from robotapp_api.model.names import Phase
 from robotapp_api.model.scalars import AppName, Count, DomainId, Duration, ShortText, Text, Timestamp
-from robotapp_api.model.status import BudgetText, PairText, PhaseText, ReadyText
 
 BriefMessage = Annotated[str, StringConstraints(max_length=256)]
 EdgeText = Annotated[str, StringConstraints(max_length=255)]

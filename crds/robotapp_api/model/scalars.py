@@ -74,4 +74,4 @@ QUANTITY_SCHEMA: dict[str, Any] = {
 Quantity = Annotated[
     int | Annotated[str, StringConstraints(max_length=32, pattern=QUANTITY_PATTERN)], WithJsonSchema(QUANTITY_SCHEMA)
 ]
-"""A Kubernetes quantity, such as 40M. Kept as written; `robotapp_api.values.quantity` reads it."""
+"""A Kubernetes quantity, such as 40M. Kept as written; `robotapp_api.values.quantities.quantity` reads it."""

@@ -3,12 +3,12 @@
 from typing import Any, Final, Protocol
 
 from robotapp_api.model import names
+from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.base import Model
 from robotapp_api.model.claim import RobotClaim
 from robotapp_api.model.instance import RobotAppInstance
 from robotapp_api.model.markers import Column, Kind
 from robotapp_api.model.pool import DomainPool
-from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.model.telemetry import NodeTelemetry
 from robotapp_api.schema.collect import Schema, collect
 from robotapp_api.schema.structural import to_structural

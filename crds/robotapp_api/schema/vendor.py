@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
+from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.markers import CORE_KEYWORD
-from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.model.scalars import QUANTITY_SCHEMA
 
 Schema = dict[str, Any]

@@ -5,7 +5,7 @@ a slash if it has a prefix.
 import re
 from typing import Final
 
-from robotapp_api.model.robots import LABEL_KEY
+from robotapp_api.model.app.robots import LABEL_KEY
 from robotapp_api.model.scalars import LABEL_VALUE_PATTERN, SUBDOMAIN_PATTERN
 
 _WHOLE: Final = re.compile(LABEL_KEY)

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Final
 import msgspec
 import yaml
 
-from robotapp_api.claims.identity import device_label
+from robotapp_claims.rules.identity import device_label
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.machines.network import Topology
 from robotapp_testbed.machines.nodes import Device, SimulatedNode

@@ -16,7 +16,8 @@ from typing import Any, Self
 
 from robotapp_testbed.failures import CommandError, TestbedError
 from robotapp_testbed.processes.process import Process, cpu_seconds, rss_bytes, wait_until
-from robotapp_testbed.real import enter, hold, iproute
+from robotapp_testbed.real import iproute
+from robotapp_testbed.real.scripts import enter, hold
 
 _UP_S = 60.0
 _COMMAND_S = 60.0

@@ -3,7 +3,7 @@
 from contextlib import suppress
 from pathlib import Path
 
-from robotapp_testbed.real import sweep
+from robotapp_testbed.real.scripts import sweep
 
 _COPIED = ("cpuset.cpus", "cpuset.mems")
 _CONTROLLERS = ("cpu", "cpuset", "hugetlb", "io", "memory", "pids")

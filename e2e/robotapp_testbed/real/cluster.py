@@ -28,10 +28,12 @@ from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.machines.nodes import SimulatedNode
 from robotapp_testbed.processes import ports
 from robotapp_testbed.processes.process import Process, wait_until
-from robotapp_testbed.real import iproute, network, prerequisites, services, slots, sweep
-from robotapp_testbed.real.addresses import NODES, POD_BRIDGE, Addresses
+from robotapp_testbed.real import iproute, prerequisites, slots
 from robotapp_testbed.real.box import Box, Plan
+from robotapp_testbed.real.config import network, services
+from robotapp_testbed.real.config.addresses import NODES, POD_BRIDGE, Addresses
 from robotapp_testbed.real.node import Description, RealNode, Surroundings
+from robotapp_testbed.real.scripts import sweep
 from robotapp_testbed.switch import LatencySwitch
 from robotapp_testbed.switch.links import problem_of
 

@@ -16,10 +16,12 @@ from robotapp_testbed.machines import fake_host
 from robotapp_testbed.machines.doubles import Doubles
 from robotapp_testbed.machines.nodes import Device
 from robotapp_testbed.processes.process import wait_until
-from robotapp_testbed.real import cgroups, containerd, kubelet, network, prerequisites, services, sweep
-from robotapp_testbed.real.addresses import Addresses
+from robotapp_testbed.real import cgroups, prerequisites
 from robotapp_testbed.real.box import Box, Inside, Plan
+from robotapp_testbed.real.config import containerd, kubelet, network, services
+from robotapp_testbed.real.config.addresses import Addresses
 from robotapp_testbed.real.pings import Rtt, figures
+from robotapp_testbed.real.scripts import sweep
 
 _SERVES_S = 60.0
 _CGROUP_FREE_S = 30.0

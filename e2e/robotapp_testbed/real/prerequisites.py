@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.real import try_kernel
+from robotapp_testbed.real.scripts import try_kernel
 
 CNI_FOLDERS: Final = (Path("/usr/lib/cni"), Path("/opt/cni/bin"), Path("/usr/libexec/cni"))
 _CNI_PLUGINS: Final = ("bridge", "host-local", "loopback")

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TextIO
 
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.real import sweep
-from robotapp_testbed.real.addresses import CLUSTERS, Addresses
+from robotapp_testbed.real.config.addresses import CLUSTERS, Addresses
+from robotapp_testbed.real.scripts import sweep
 
 FOLDER = Path("/run/robotapp-nodes")
 _NAMED = 3

@@ -10,8 +10,9 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.claims.domain import Fence
-from robotapp_api.client import (
+from robotapp_api.model.names import OPERATOR_MANAGER, Annotation, Reason
+from robotapp_claims.rules.domain import Fence
+from robotapp_client import (
     AlreadyExists,
     ApiClient,
     ApiError,
@@ -23,10 +24,9 @@ from robotapp_api.client import (
     ServerError,
     TooManyRequests,
 )
-from robotapp_api.client.api.bodies import JSON_PATCH, encode
-from robotapp_api.client.api.client import JsonPatch, with_query
-from robotapp_api.client.api.resources import DEPLOYMENTS, PODS, SERVICES, Resource
-from robotapp_api.model.names import OPERATOR_MANAGER, Annotation, Reason
+from robotapp_client.api.bodies import JSON_PATCH, encode
+from robotapp_client.api.client import JsonPatch, with_query
+from robotapp_client.api.resources import DEPLOYMENTS, PODS, SERVICES, Resource
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, ref_of
 from robotapp_operator.plan.diff.unowned import unowned_pointers
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Final
 
-from robotapp_api.client import ApiError, ClientError, TooManyRequests
+from robotapp_client import ApiError, ClientError, TooManyRequests
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.queue.work import StartOver, Work, name_of, namespace_group

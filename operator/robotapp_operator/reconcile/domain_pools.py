@@ -5,14 +5,14 @@ from collections.abc import Callable, Iterator
 from datetime import datetime
 from typing import Any
 
-from robotapp_api.claims.domain import pool_ids
-from robotapp_api.claims.fullness import fullness
-from robotapp_api.claims.objects import Pool
-from robotapp_api.client import ApiClient, Conflict, NotFound
-from robotapp_api.client.api.resources import DOMAINPOOLS
-from robotapp_api.client.api.times import whole_seconds
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import PoolCondition, PoolReason, Reason
+from robotapp_claims.rules.domain import pool_ids
+from robotapp_claims.rules.fullness import fullness
+from robotapp_claims.rules.objects import Pool
+from robotapp_client import ApiClient, Conflict, NotFound
+from robotapp_client.api.resources import DOMAINPOOLS
+from robotapp_client.api.times import whole_seconds
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.validate import limit_note
 from robotapp_operator.reconcile.reconcile_state import ReconcileState

@@ -3,10 +3,10 @@
 import logging
 from typing import Any
 
-from robotapp_api.claims.identity import granted_domain
-from robotapp_api.client import AlreadyExists, ApiClient, Conflict, NotFound
-from robotapp_api.client.api.resources import CONFIGMAPS
 from robotapp_api.model.names import FLEET_CONFIG_MAP, OPERATOR_MANAGER, Annotation, Label
+from robotapp_claims.rules.identity import granted_domain
+from robotapp_client import AlreadyExists, ApiClient, Conflict, NotFound
+from robotapp_client.api.resources import CONFIGMAPS
 from robotapp_operator.plan.status.fleet import MAX_SHARDS, Assignment, fleet_lines, shards
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import cached_domain, problems_now, wanted_instances

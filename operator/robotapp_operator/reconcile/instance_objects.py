@@ -11,10 +11,10 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.client import AlreadyExists, ApiClient, Conflict, NotFound
-from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
-from robotapp_api.client.api.times import whole_seconds
-from robotapp_api.client.transport.errors import means_gone
+from robotapp_client import AlreadyExists, ApiClient, Conflict, NotFound
+from robotapp_client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
+from robotapp_client.api.times import whole_seconds
+from robotapp_client.transport.errors import means_gone
 from robotapp_operator.plan.render.instance_object import AppInstance, is_as_wanted, object_name, wanted_object
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.status.facts import AppFacts, of_instance

@@ -11,17 +11,17 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.claiming.domain_allocation import capacity_of, full_pool
-from robotapp_api.claiming.domains import ensure_domain
-from robotapp_api.claims.domain import DomainOutcome, DomainRequest, Fence, check_request, quota_of
-from robotapp_api.claims.identity import holder_of_app
-from robotapp_api.claims.instances import Instance, robot_of
-from robotapp_api.claims.objects import App as ClaimsApp
-from robotapp_api.claims.objects import Deployment as ClaimsDeployment
-from robotapp_api.client import ApiClient, NotFound
-from robotapp_api.client.api.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SERVICES
-from robotapp_api.client.transport.errors import means_gone
 from robotapp_api.model.names import Label, Reason
+from robotapp_claims.protocol.domain_allocation import capacity_of, full_pool
+from robotapp_claims.protocol.domains import ensure_domain
+from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, Fence, check_request, quota_of
+from robotapp_claims.rules.identity import holder_of_app
+from robotapp_claims.rules.instances import Instance, robot_of
+from robotapp_claims.rules.objects import App as ClaimsApp
+from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
+from robotapp_client import ApiClient, NotFound
+from robotapp_client.api.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SERVICES
+from robotapp_client.transport.errors import means_gone
 from robotapp_operator.plan.diff.diff import (
     Observed,
     Plan,

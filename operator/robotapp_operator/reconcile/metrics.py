@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
 from prometheus_client.exposition import generate_latest
 
-from robotapp_api.client import ApiClient
+from robotapp_client import ApiClient
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.watch.cache import Cache
 

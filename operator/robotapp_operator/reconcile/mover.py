@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from typing import Any, Final, NamedTuple
 
-from robotapp_api.claims.instances import Instance, closed_nodes
-from robotapp_api.client import ApiClient, Conflict, NotFound
-from robotapp_api.client.api.resources import DEPLOYMENTS
-from robotapp_api.client.tools.event_recorder import EventRecorder, reference
-from robotapp_api.model.component import Component
+from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import API_VERSION, Annotation, EventReason, Label
-from robotapp_api.values.better_node import BetterNode, parse_better_node
+from robotapp_api.values.placement.better_node import BetterNode, parse_better_node
+from robotapp_claims.rules.instances import Instance, closed_nodes
+from robotapp_client import ApiClient, Conflict, NotFound
+from robotapp_client.api.resources import DEPLOYMENTS
+from robotapp_client.tools.event_recorder import EventRecorder, reference
 from robotapp_operator.plan.moves.device_moves import RESTART, move_for_device, on_loss_of, restarts
 from robotapp_operator.plan.moves.mass_loss import Losses
 from robotapp_operator.plan.moves.move_record import parse_moves

@@ -7,9 +7,9 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from robotapp_api.claims.instances import Instance
-from robotapp_api.values.duration import parse_us
-from robotapp_api.values.round_trips import UNREACHABLE_US
+from robotapp_api.values.placement.round_trips import UNREACHABLE_US
+from robotapp_api.values.quantities.duration import parse_us
+from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_operator.plan.render.parameters import config_maps_of
 from robotapp_operator.plan.spec.desired import App, desired_of

@@ -3,10 +3,10 @@
 import itertools
 from collections.abc import Iterator
 
-from robotapp_api.client import ApiClient, NotFound
-from robotapp_api.client.api.resources import NODETELEMETRIES
 from robotapp_api.model.names import ROBOT_END, Label
 from robotapp_api.model.telemetry import node_owner
+from robotapp_client import ApiClient, NotFound
+from robotapp_client.api.resources import NODETELEMETRIES
 from robotapp_operator.plan.spec.objects import Node, Telemetry, lacks_owner
 from robotapp_operator.plan.status.fleet import wanted_probes
 from robotapp_operator.watch.cache import Cache

@@ -5,9 +5,9 @@ from collections import defaultdict
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from robotapp_api.claims.domain import DomainOutcome
-from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
+from robotapp_claims.rules.domain import DomainOutcome
+from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.rescheduling import Move
 from robotapp_operator.plan.spec.objects import ChildRef

@@ -9,13 +9,13 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.claiming.bind_check import check_bind
-from robotapp_api.claims.instances import closed_nodes
-from robotapp_api.claims.objects import Pod as ClaimsPod
-from robotapp_api.client import ApiClient, Conflict, NotFound
-from robotapp_api.client.api.resources import PODS
-from robotapp_api.client.transport.errors import means_gone
 from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULING_GATE, Annotation
+from robotapp_claims.protocol.bind_check import check_bind
+from robotapp_claims.rules.instances import closed_nodes
+from robotapp_claims.rules.objects import Pod as ClaimsPod
+from robotapp_client import ApiClient, Conflict, NotFound
+from robotapp_client.api.resources import PODS
+from robotapp_client.transport.errors import means_gone
 from robotapp_operator.plan.render.admitted_nodes import admitted_nodes, is_outdated, reach_of, wishes_of
 from robotapp_operator.plan.spec.objects import Meta, Pod
 from robotapp_operator.reconcile.apply_plan import evict

@@ -6,11 +6,11 @@ from collections.abc import Callable, Collection
 from datetime import datetime
 from typing import Any, Final
 
-from robotapp_api.client import ApiClient, Conflict, NotFound
-from robotapp_api.client.api.resources import ROBOTAPPS
-from robotapp_api.client.api.times import whole_seconds
-from robotapp_api.client.tools.event_recorder import EventRecorder, reference
 from robotapp_api.model.names import API_VERSION
+from robotapp_client import ApiClient, Conflict, NotFound
+from robotapp_client.api.resources import ROBOTAPPS
+from robotapp_client.api.times import whole_seconds
+from robotapp_client.tools.event_recorder import EventRecorder, reference
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.status.app_figures import adopt, steady
 from robotapp_operator.plan.status.events import PendingEvent, end_of_life, events_between

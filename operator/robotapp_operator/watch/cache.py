@@ -5,9 +5,9 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final, TypeVar
 
-from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_api.values.round_trips import RoundTrips, without_round_trips
+from robotapp_api.values.placement.round_trips import RoundTrips, without_round_trips
+from robotapp_claims.rules.objects import Claim, Pool
 from robotapp_operator.plan.diff.diff import Observed, ref_of
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.plan.spec.desired import App

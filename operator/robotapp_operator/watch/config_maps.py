@@ -13,11 +13,11 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.client import ApiClient, Change, NotFound, Reflector
-from robotapp_api.client.api.resources import CONFIGMAPS
-from robotapp_api.client.transport.errors import ClientError
-from robotapp_api.client.transport.metadata import MetadataTransport
 from robotapp_api.model.names import OPERATOR_MANAGER
+from robotapp_client import ApiClient, Change, NotFound, Reflector
+from robotapp_client.api.resources import CONFIGMAPS
+from robotapp_client.transport.errors import ClientError
+from robotapp_client.transport.metadata import MetadataTransport
 from robotapp_operator.plan.render.parameters import config_maps_of
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import ConfigMap, Meta

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from robotapp_api.claims.share import AppKey
+from robotapp_claims.rules.share import AppKey
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.watch.cache import Cache

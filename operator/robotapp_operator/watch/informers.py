@@ -3,13 +3,13 @@
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, Final
 
-from robotapp_api.claims.instances import ANY
-from robotapp_api.claims.objects import Claim, Pool
-from robotapp_api.client import ApiClient, Change, Reflector
-from robotapp_api.client.api import resources
-from robotapp_api.client.api.resources import Resource
 from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULING_GATE, Annotation, Label
-from robotapp_api.values.round_trips import without_round_trips
+from robotapp_api.values.placement.round_trips import without_round_trips
+from robotapp_claims.rules.instances import ANY
+from robotapp_claims.rules.objects import Claim, Pool
+from robotapp_client import ApiClient, Change, Reflector
+from robotapp_client.api import resources
+from robotapp_client.api.resources import Resource
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.plan.spec.desired import App

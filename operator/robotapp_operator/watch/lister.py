@@ -8,18 +8,18 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
 from datetime import timedelta
 
-from robotapp_api.claims.device import claims_wanted
-from robotapp_api.claims.domain import DomainOutcome
-from robotapp_api.claims.identity import granted_devices, shared_devices
-from robotapp_api.claims.instances import ANY, Instance, robot_of, too_many_missing
-from robotapp_api.claims.objects import App as ClaimsApp
-from robotapp_api.claims.objects import Claim
-from robotapp_api.claims.release import claims_domain, wanted_claim
-from robotapp_api.claims.share import AppKey, Join, claim_to_join, owner_of
-from robotapp_api.client.api.times import whole_seconds
 from robotapp_api.model.names import Annotation, Label, Reason
-from robotapp_api.values.ranges import parse_ids
-from robotapp_api.values.tiers import ROBOT
+from robotapp_api.values.placement.tiers import ROBOT
+from robotapp_api.values.quantities.ranges import parse_ids
+from robotapp_claims.rules.device import claims_wanted
+from robotapp_claims.rules.domain import DomainOutcome
+from robotapp_claims.rules.identity import granted_devices, shared_devices
+from robotapp_claims.rules.instances import ANY, Instance, robot_of, too_many_missing
+from robotapp_claims.rules.objects import App as ClaimsApp
+from robotapp_claims.rules.objects import Claim
+from robotapp_claims.rules.release import claims_domain, wanted_claim
+from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of
+from robotapp_client.api.times import whole_seconds
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of

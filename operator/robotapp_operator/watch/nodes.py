@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator, MutableMapping
 from datetime import UTC, datetime, timedelta
 from typing import NamedTuple
 
-from robotapp_api.client.api.times import Now, utc_now
 from robotapp_api.model.names import Annotation
+from robotapp_client.api.times import Now, utc_now
 from robotapp_operator.plan.spec.objects import Node
 
 

@@ -9,8 +9,8 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final, NamedTuple
 
+from robotapp_api.model.app.robots import Robots
 from robotapp_api.model.names import Label
-from robotapp_api.model.robots import Robots
 from robotapp_api.values.selector import matches_requirement
 from robotapp_operator.plan.spec.desired import App
 

@@ -3,9 +3,9 @@
 from collections.abc import MutableMapping
 from typing import Any
 
-from robotapp_api.claims.objects import App as ClaimsApp
-from robotapp_api.claims.objects import AppSpec, Meta, Ros, Ros2, SharedApp
-from robotapp_api.claims.share import AppKey
+from robotapp_claims.rules.objects import App as ClaimsApp
+from robotapp_claims.rules.objects import AppSpec, Meta, Ros, Ros2, SharedApp
+from robotapp_claims.rules.share import AppKey
 from robotapp_operator.plan.spec.desired import App
 
 

@@ -3,9 +3,9 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 
-from robotapp_api.claims.objects import Pod, PodSpec, PodStatus
-from robotapp_api.claims.repair import ClaimConflict
 from robotapp_api.model.names import GRANTED_PREFIX
+from robotapp_claims.rules.objects import Pod, PodSpec, PodStatus
+from robotapp_claims.rules.repair import ClaimConflict
 from robotapp_operator.watch.cache import Cache
 
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from robotapp_api.claiming.sweeper import PERIOD_S
 from robotapp_api.values import arguments
+from robotapp_claims.protocol.sweeper import PERIOD_S
 
 PREFIX = "ROBOTAPP_SCHEDULER_"
 EPILOG = """\

@@ -6,8 +6,8 @@ Every check returns texts of the form `path: Invalid value: v: what is allowed`;
 from collections.abc import Collection, Iterator, Sequence
 from typing import Final
 
-from robotapp_api.client.tools.leader_election import JITTER
-from robotapp_api.values.duration import parse_go_ns
+from robotapp_api.values.quantities.duration import parse_go_ns
+from robotapp_client.tools.leader_election import JITTER
 from robotapp_scheduler.config.model import (
     API_VERSION,
     ClientConnectionModel,

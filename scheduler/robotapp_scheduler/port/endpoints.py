@@ -11,9 +11,9 @@ from typing import Final, Protocol
 from aiohttp import StreamReader, web
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 
-from robotapp_api.serving.access import Access, Caller, TooManyError
-from robotapp_api.serving.pages import PathGate, asked, caller, problem, refused, too_many, unknown_caller
-from robotapp_api.values.buckets import Buckets
+from robotapp_api.values.quantities.buckets import Buckets
+from robotapp_client.serving.access import Access, Caller, TooManyError
+from robotapp_client.serving.pages import PathGate, asked, caller, problem, refused, too_many, unknown_caller
 from robotapp_scheduler.port.frames import NOT_RECORDED, Request, Response
 from robotapp_scheduler.port.remote import Scheduler
 from robotapp_scheduler.port.simulate import Simulator

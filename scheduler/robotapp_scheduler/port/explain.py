@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.client.api.times import Now, micro_time, utc_now
+from robotapp_client.api.times import Now, micro_time, utc_now
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.re_evaluate import re_evaluate
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore

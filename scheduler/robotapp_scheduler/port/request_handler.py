@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.values.buckets import Buckets
+from robotapp_api.values.quantities.buckets import Buckets
 from robotapp_scheduler.port.explain import Explainer
 from robotapp_scheduler.port.forked_worker import ForkedWorker, WorkerError
 from robotapp_scheduler.port.frames import NOT_RECORDED, FramesError, Request, Response, receive, send

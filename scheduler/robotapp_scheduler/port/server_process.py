@@ -16,14 +16,14 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.transport.errors import LoginError, Unreachable
-from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_api.model.names import SCHEDULER_MANAGER
-from robotapp_api.serving import logs
-from robotapp_api.serving.access import Access, Caller, Gatekeeper
-from robotapp_api.serving.port import serving
-from robotapp_api.serving.tls import TlsPort, loaded
+from robotapp_client.api.client import ApiClient
+from robotapp_client.serving import logs
+from robotapp_client.serving.access import Access, Caller, Gatekeeper
+from robotapp_client.serving.port import serving
+from robotapp_client.serving.tls import TlsPort, loaded
+from robotapp_client.transport.errors import LoginError, Unreachable
+from robotapp_client.transport.kubeconfig import load as login
 from robotapp_scheduler.port.endpoints import AllowAll, Endpoints, Gate, application
 from robotapp_scheduler.port.forked_worker import end_with_parent
 from robotapp_scheduler.port.frames import Request, Settings

@@ -13,8 +13,8 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.serving.port import listening
-from robotapp_api.serving.tls import TlsPort, loaded
+from robotapp_client.serving.port import listening
+from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_scheduler.config.flags import Options
 from robotapp_scheduler.port.frames import Settings
 from robotapp_scheduler.port.request_handler import RequestHandler

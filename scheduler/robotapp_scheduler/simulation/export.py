@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.transport.errors import ClientError, NotFound
-from robotapp_api.client.transport.kubeconfig import default_kubeconfigs, load
+from robotapp_client.api.client import ApiClient
+from robotapp_client.transport.errors import ClientError, NotFound
+from robotapp_client.transport.kubeconfig import default_kubeconfigs, load
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.storage_v1 import BETA_CLASS, BIND_COMPLETED, MIGRATED_PLUGINS, SELECTED_NODE
 from robotapp_scheduler.simulation.dump import encode

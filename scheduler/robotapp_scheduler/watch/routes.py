@@ -8,8 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from robotapp_api.claims.objects import Claim
-from robotapp_api.client.api.resources import (
+from robotapp_api.model.names import Label
+from robotapp_api.values.placement.round_trips import without_round_trips
+from robotapp_claims.rules.objects import Claim
+from robotapp_client.api.resources import (
     COSCHEDULING_PODGROUPS,
     CSIDRIVERS,
     CSINODES,
@@ -34,8 +36,6 @@ from robotapp_api.client.api.resources import (
     WORKLOAD_PODGROUPS,
     Resource,
 )
-from robotapp_api.model.names import Label
-from robotapp_api.values.round_trips import without_round_trips
 from robotapp_scheduler.core.api.core_v1 import Namespace, Node, Owned, Pod, Selecting
 from robotapp_scheduler.core.api.pod_group import GivenPodGroup
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp

@@ -6,11 +6,11 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from robotapp_api.claims.instances import Instance, RobotSelection, instances_of, out_of_sight
-from robotapp_api.claims.objects import Meta
 from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SCHEDULER_NAME, Label
-from robotapp_api.values.component_nodes import may_be_on_robot, required_nodes, robot_tolerations, tier_terms
 from robotapp_api.values.naming import child_name
+from robotapp_api.values.placement.component_nodes import may_be_on_robot, required_nodes, robot_tolerations, tier_terms
+from robotapp_claims.rules.instances import Instance, RobotSelection, instances_of, out_of_sight
+from robotapp_claims.rules.objects import Meta
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import ObservedStatus, RobotApp
 from robotapp_scheduler.core.cache.cache import Cache

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from robotapp_api.model.names import PodReason
-from robotapp_api.values.duration import format_us
+from robotapp_api.values.quantities.duration import format_us
 from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.better_node import Proposal, better_node, settled, why_kept

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from robotapp_api.model.names import PodReason
-from robotapp_api.values.round_trips import is_unreachable
+from robotapp_api.values.placement.round_trips import is_unreachable
 
 NAMELESS: Final = "names of nodes are left out: you may not get nodes"
 _WORD: Final = re.compile(r"[\w.-]*\w")

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable
 
-from robotapp_api.values.round_trips import UNREACHABLE_US
+from robotapp_api.values.placement.round_trips import UNREACHABLE_US
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
 from robotapp_scheduler.core.robotics.app_index import App, Connection, InstanceKey, connections

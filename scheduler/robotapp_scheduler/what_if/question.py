@@ -8,7 +8,7 @@ import msgspec
 
 from robotapp_api.model.names import API_VERSION
 from robotapp_api.values.arguments import is_name, not_a_name
-from robotapp_api.values.duration import parse_us
+from robotapp_api.values.quantities.duration import parse_us
 
 MOST_BODY: Final = 1 << 20
 MOST_NODES, MOST_PAIRS, MOST_APPS = 50, 50, 10

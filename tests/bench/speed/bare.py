@@ -18,13 +18,13 @@ import uvloop
 from tests.bench.speed.watches import SeenPod
 from tests.bench.speed.workloads import ROLE, SCHEDULER, filler_name
 
-from robotapp_api.client.api.bodies import STRATEGIC
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import EVENTS, LEASES, NODES, PODS
-from robotapp_api.client.api.times import micro_time, utc_now, whole_seconds
-from robotapp_api.client.informer.reflector import Change, Reflector
-from robotapp_api.client.transport.errors import NotFound
-from robotapp_api.client.transport.kubeconfig import load as login
+from robotapp_client.api.bodies import STRATEGIC
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import EVENTS, LEASES, NODES, PODS
+from robotapp_client.api.times import micro_time, utc_now, whole_seconds
+from robotapp_client.informer.reflector import Change, Reflector
+from robotapp_client.transport.errors import NotFound
+from robotapp_client.transport.kubeconfig import load as login
 
 WORKERS = 32
 LEASE_POLL_S = 0.05

@@ -10,9 +10,9 @@ from tests.bench.speed.contestants import Contestant
 from tests.bench.speed.scenery import NAMESPACE, Size
 from tests.bench.speed.workloads import HIGH, node, placed, pod
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import NODES, PODS, SERVICES, Resource
-from robotapp_api.client.transport.errors import NotFound
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import NODES, PODS, SERVICES, Resource
+from robotapp_client.transport.errors import NotFound
 
 PERIOD_S = 0.2
 AT_ONCE = 10

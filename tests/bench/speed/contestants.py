@@ -11,9 +11,9 @@ from typing import Any
 import yaml
 from tests.bench.speed.workloads import Workload
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import LEASES
-from robotapp_api.client.transport.errors import NotFound
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import LEASES
+from robotapp_client.transport.errors import NotFound
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.control_plane.product import start_scheduler

@@ -18,8 +18,8 @@ from tests.bench.speed.usage import usage
 from tests.bench.speed.watches import EventWatch, PodWatch
 from tests.bench.speed.workloads import Workload, pod
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import PODS
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import PODS
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.processes.process import Process
 

@@ -20,9 +20,9 @@ from tests.bench.speed.workloads import (
     seed,
 )
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import NAMESPACES, NODES, PODS, SERVICES, Resource
-from robotapp_api.client.transport.errors import NotFound
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import NAMESPACES, NODES, PODS, SERVICES, Resource
+from robotapp_client.transport.errors import NotFound
 
 NAMESPACE = "bench"
 PRIORITYCLASSES = Resource("scheduling.k8s.io", "v1", "priorityclasses", "PriorityClass", namespaced=False)

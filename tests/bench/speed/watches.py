@@ -8,9 +8,9 @@ import msgspec
 from tests.bench.load import SeenMeta
 from tests.support.watching import Watching
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import EVENTS, PODS
-from robotapp_api.client.informer.reflector import Change, Reflector
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import EVENTS, PODS
+from robotapp_client.informer.reflector import Change, Reflector
 
 Progress = Callable[[int], None]
 

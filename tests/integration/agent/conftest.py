@@ -14,9 +14,9 @@ from tests.support.clients import client_for
 from robotapp_agent.report.clock_offset import ClockOffset
 from robotapp_agent.shell.api_writer import ApiWriter
 from robotapp_agent.shell.own_node import OwnNode
-from robotapp_api.client import ApiClient, load
-from robotapp_api.client.api.resources import NODES, NODETELEMETRIES
-from robotapp_api.client.transport.errors import NotFound
+from robotapp_client import ApiClient, load
+from robotapp_client.api.resources import NODES, NODETELEMETRIES
+from robotapp_client.transport.errors import NotFound
 
 
 @dataclass

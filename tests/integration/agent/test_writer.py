@@ -8,8 +8,8 @@ from tests.support.agents import CAMERA, readings, status, trip
 from robotapp_agent.devices.device import Device
 from robotapp_agent.report.readings import Battery, Load
 from robotapp_agent.report.status import status_of
-from robotapp_api.client.api.resources import NODES, NODETELEMETRIES
-from robotapp_api.client.transport.errors import NotFound
+from robotapp_client.api.resources import NODES, NODETELEMETRIES
+from robotapp_client.transport.errors import NotFound
 
 
 async def test_the_object_is_created_with_the_first_write_and_belongs_to_its_node(robot: Robot) -> None:

@@ -11,10 +11,10 @@ from tests.support.claims_live import Live, live, until
 from tests.support.claims_objects import deployment_json
 from tests.support.clients import client_for
 
-from robotapp_api.claims.identity import holder_of_app
-from robotapp_api.claims.objects import Holder
-from robotapp_api.client import ApiClient, load
-from robotapp_api.client.api.resources import DEPLOYMENTS, PODS, ROBOTAPPS
+from robotapp_claims.rules.identity import holder_of_app
+from robotapp_claims.rules.objects import Holder
+from robotapp_client import ApiClient, load
+from robotapp_client.api.resources import DEPLOYMENTS, PODS, ROBOTAPPS
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.namespaces import created
 

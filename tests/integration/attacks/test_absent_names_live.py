@@ -8,10 +8,10 @@ import sys
 import pytest
 from tests.support.clients import until
 
-from robotapp_api.client import ApiClient, Reflector
-from robotapp_api.client.api.resources import CONFIGMAPS
-from robotapp_api.client.transport.kubeconfig import load
-from robotapp_api.client.transport.metadata import MetadataTransport
+from robotapp_client import ApiClient, Reflector
+from robotapp_client.api.resources import CONFIGMAPS
+from robotapp_client.transport.kubeconfig import load
+from robotapp_client.transport.metadata import MetadataTransport
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.binaries.pins import REPOSITORY
 

@@ -7,13 +7,13 @@ from tests.integration.attacks.conftest import Attacker
 from tests.support.claims_live import Live
 from tests.support.clients import FakeTime
 
-from robotapp_api.claiming.domain_allocation import pool_claims
-from robotapp_api.claiming.domains import ensure_domain
-from robotapp_api.claiming.sweeper import Sweeper
-from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
-from robotapp_api.client.transport.errors import Forbidden
+from robotapp_claims.protocol.domain_allocation import pool_claims
+from robotapp_claims.protocol.domains import ensure_domain
+from robotapp_claims.protocol.sweeper import Sweeper
+from robotapp_claims.rules.domain import DomainRequest
+from robotapp_claims.rules.repair import ClaimConflict
+from robotapp_client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
+from robotapp_client.transport.errors import Forbidden
 
 pytestmark = pytest.mark.live
 

@@ -3,11 +3,11 @@
 import pytest
 from tests.support.claims_live import Live
 
-from robotapp_api.claiming.domains import ensure_domain, ensure_pod_domain
-from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.claims.identity import holder_of_pod
-from robotapp_api.client.api.resources import DOMAINPOOLS
 from robotapp_api.model.names import Reason
+from robotapp_claims.protocol.domains import ensure_domain, ensure_pod_domain
+from robotapp_claims.rules.domain import DomainRequest
+from robotapp_claims.rules.identity import holder_of_pod
+from robotapp_client.api.resources import DOMAINPOOLS
 
 pytestmark = pytest.mark.live
 

@@ -7,11 +7,11 @@ from tests.support.claims_live import Live, until
 from tests.support.clients import client_for
 from tests.support.proxy import Fault, FaultProxy, drop, lose_reply
 
-from robotapp_api.claiming.domains import ensure_domain
-from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.client import ApiClient
-from robotapp_api.client.api.resources import PODS
-from robotapp_api.client.transport.errors import ClientError
+from robotapp_claims.protocol.domains import ensure_domain
+from robotapp_claims.rules.domain import DomainRequest
+from robotapp_client import ApiClient
+from robotapp_client.api.resources import PODS
+from robotapp_client.transport.errors import ClientError
 
 pytestmark = pytest.mark.live
 

@@ -7,15 +7,15 @@ from tests.support.claims_live import Live
 from tests.support.clients import client_for
 from tests.support.proxy import FaultProxy, drop, lose_reply
 
-from robotapp_api.claiming.bind_check import check_bind
-from robotapp_api.claiming.domains import ensure_domain, ensure_pod_domain, find_claim
-from robotapp_api.claiming.writes import Refused, create_claim, delete_claim, drain, touch
-from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.claims.identity import holder_of_pod
-from robotapp_api.claims.objects import Pod
-from robotapp_api.client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
-from robotapp_api.client.transport.errors import Forbidden, Invalid, Unreachable
 from robotapp_api.model.names import Reason
+from robotapp_claims.protocol.bind_check import check_bind
+from robotapp_claims.protocol.domains import ensure_domain, ensure_pod_domain, find_claim
+from robotapp_claims.protocol.writes import Refused, create_claim, delete_claim, drain, touch
+from robotapp_claims.rules.domain import DomainRequest
+from robotapp_claims.rules.identity import holder_of_pod
+from robotapp_claims.rules.objects import Pod
+from robotapp_client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
+from robotapp_client.transport.errors import Forbidden, Invalid, Unreachable
 
 pytestmark = pytest.mark.live
 

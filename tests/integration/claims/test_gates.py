@@ -4,12 +4,12 @@ import msgspec
 import pytest
 from tests.support.claims_live import Json, Live
 
-from robotapp_api.claiming.domains import ensure_domain, find_claim
-from robotapp_api.claiming.writes import drain, touch
-from robotapp_api.claims.domain import DomainOutcome, DomainRequest
-from robotapp_api.claims.objects import Claim
-from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
 from robotapp_api.model.names import SCHEDULING_GATE
+from robotapp_claims.protocol.domains import ensure_domain, find_claim
+from robotapp_claims.protocol.writes import drain, touch
+from robotapp_claims.rules.domain import DomainOutcome, DomainRequest
+from robotapp_claims.rules.objects import Claim
+from robotapp_client.api.resources import PODS, ROBOTCLAIMS
 from robotapp_operator.plan.spec.objects import Pod
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates

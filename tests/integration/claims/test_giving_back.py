@@ -7,14 +7,14 @@ import pytest
 from tests.support.claims_live import Live
 from tests.support.clients import FakeTime
 
-from robotapp_api.claiming.devices import reserve_devices
-from robotapp_api.claiming.release import give_back
-from robotapp_api.claiming.sweeper import PENDING_S
-from robotapp_api.claims.device import chosen
-from robotapp_api.claims.objects import Pod
-from robotapp_api.client.api.bodies import STRATEGIC
-from robotapp_api.client.api.resources import PODS
-from robotapp_api.client.transport.errors import Conflict
+from robotapp_claims.protocol.devices import reserve_devices
+from robotapp_claims.protocol.release import give_back
+from robotapp_claims.protocol.sweeper import PENDING_S
+from robotapp_claims.rules.device import chosen
+from robotapp_claims.rules.objects import Pod
+from robotapp_client.api.bodies import STRATEGIC
+from robotapp_client.api.resources import PODS
+from robotapp_client.transport.errors import Conflict
 
 pytestmark = pytest.mark.live
 

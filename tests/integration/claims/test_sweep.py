@@ -6,12 +6,12 @@ import pytest
 from tests.support.claims_live import Live, looping, until
 from tests.support.clients import FakeTime, client_for
 
-from robotapp_api.claiming.domains import ensure_domain, find_claim
-from robotapp_api.claiming.sweeper import HANDOVER_S
-from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client import load
-from robotapp_api.client.api.resources import DEPLOYMENTS, PODS, REPLICASETS, ROBOTCLAIMS
-from robotapp_api.client.transport.errors import Conflict, Forbidden
+from robotapp_claims.protocol.domains import ensure_domain, find_claim
+from robotapp_claims.protocol.sweeper import HANDOVER_S
+from robotapp_claims.rules.repair import ClaimConflict
+from robotapp_client import load
+from robotapp_client.api.resources import DEPLOYMENTS, PODS, REPLICASETS, ROBOTCLAIMS
+from robotapp_client.transport.errors import Conflict, Forbidden
 
 pytestmark = pytest.mark.live
 

@@ -7,7 +7,7 @@ import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
 
-from robotapp_api.client import ApiClient, load
+from robotapp_client import ApiClient, load
 
 
 @dataclass(frozen=True)

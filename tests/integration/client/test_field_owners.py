@@ -7,10 +7,10 @@ import pytest
 from tests.integration.client.conftest import Place
 from tests.support.clients import client_for, configmap
 
-from robotapp_api.client import ApiError, Conflict, Invalid, NotFound
-from robotapp_api.client.api.bodies import JSON_PATCH, STRATEGIC, encode
-from robotapp_api.client.api.resources import CONFIGMAPS, DEPLOYMENTS, DOMAINPOOLS, PODS
-from robotapp_api.client.transport.errors import means_another
+from robotapp_client import ApiError, Conflict, Invalid, NotFound
+from robotapp_client.api.bodies import JSON_PATCH, STRATEGIC, encode
+from robotapp_client.api.resources import CONFIGMAPS, DEPLOYMENTS, DOMAINPOOLS, PODS
+from robotapp_client.transport.errors import means_another
 
 OTHER = "somebody-else"
 ANOTHER = "6f0ac4cb-0000-0000-0000-000000000000"

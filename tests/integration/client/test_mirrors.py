@@ -9,10 +9,10 @@ import pytest
 from tests.integration.client.conftest import Place
 from tests.support.clients import configmap, until
 
-from robotapp_api.client import Change, NotFound, Reflector
-from robotapp_api.client.api.resources import CONFIGMAPS, EVENTS, LEASES
-from robotapp_api.client.tools.event_recorder import EventRecorder, reference
-from robotapp_api.client.tools.leader_election import LeaderElection
+from robotapp_client import Change, NotFound, Reflector
+from robotapp_client.api.resources import CONFIGMAPS, EVENTS, LEASES
+from robotapp_client.tools.event_recorder import EventRecorder, reference
+from robotapp_client.tools.leader_election import LeaderElection
 
 
 @asynccontextmanager

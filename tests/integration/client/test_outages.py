@@ -8,11 +8,11 @@ import pytest
 from tests.support.clients import client_for, configmap, until
 from tests.support.proxy import FaultProxy
 
-from robotapp_api.client import ApiClient, Change, Forbidden, Reflector, Unauthorized, Unreachable, load
-from robotapp_api.client.api.backoff import Backoff
-from robotapp_api.client.api.resources import CONFIGMAPS
-from robotapp_api.client.transport.credentials import Credentials
-from robotapp_api.client.transport.kubeconfig import Endpoint
+from robotapp_client import ApiClient, Change, Forbidden, Reflector, Unauthorized, Unreachable, load
+from robotapp_client.api.backoff import Backoff
+from robotapp_client.api.resources import CONFIGMAPS
+from robotapp_client.transport.credentials import Credentials
+from robotapp_client.transport.kubeconfig import Endpoint
 from robotapp_testbed import ControlPlane
 
 pytestmark = pytest.mark.live

@@ -6,10 +6,10 @@ import pytest
 from tests.integration.client.conftest import Place
 from tests.support.clients import configmap
 
-from robotapp_api.client import AlreadyExists, Conflict, Invalid, NotFound
-from robotapp_api.client.api.bodies import encode
-from robotapp_api.client.api.client import Page, decoder
-from robotapp_api.client.api.resources import CONFIGMAPS, LEASES, PODS
+from robotapp_client import AlreadyExists, Conflict, Invalid, NotFound
+from robotapp_client.api.bodies import encode
+from robotapp_client.api.client import Page, decoder
+from robotapp_client.api.resources import CONFIGMAPS, LEASES, PODS
 
 
 def cm(place: Place, name: str = "a", **more: Any) -> dict[str, Any]:

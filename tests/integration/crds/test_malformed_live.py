@@ -4,7 +4,7 @@ import pytest
 from tests.support import crds
 from tests.support.malformed import full_app, malformed_apps
 
-from robotapp_api.model.robotapp import RobotApp
+from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.schema.crd import schema_of
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import ApiStatusError

@@ -22,12 +22,12 @@ from tests.support.apiobjects import (
 )
 from tests.support.cel_rules import with_defaults
 
+from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.base import Model
 from robotapp_api.model.claim import RobotClaim
 from robotapp_api.model.conditions import initial_conditions
 from robotapp_api.model.instance import RobotAppInstance
 from robotapp_api.model.pool import DomainPool
-from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.model.telemetry import NodeTelemetry
 from robotapp_api.schema.crd import schema_of
 from robotapp_testbed import ControlPlane

@@ -12,8 +12,8 @@ from tests.support.malformed_annotations import Wrong, malformed_annotations, po
 from tests.support.misfits import misfits
 from tests.support.world import World
 
+from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.names import PodReason
-from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.schema.crd import schema_of
 from robotapp_testbed import ApiStatusError, wait_until
 

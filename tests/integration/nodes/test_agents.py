@@ -19,9 +19,9 @@ from tests.support.real_pods import component
 from tests.support.watching import running
 from tests.support.work_unit import slowness
 
-from robotapp_api.client import Change, Reflector, load
-from robotapp_api.client.api.resources import NODETELEMETRIES
-from robotapp_api.values.duration import format_ms
+from robotapp_api.values.quantities.duration import format_ms
+from robotapp_client import Change, Reflector, load
+from robotapp_client.api.resources import NODETELEMETRIES
 from robotapp_testbed import wait_until
 from robotapp_testbed.control_plane import components_as_pods, product
 from robotapp_testbed.control_plane.components_as_pods import round_trip

@@ -5,14 +5,15 @@ import sys
 
 import pytest
 
-from robotapp_testbed.real import try_kernel
+from robotapp_testbed.real.scripts import try_kernel
 
 pytestmark = [pytest.mark.live, pytest.mark.usefixtures("real_machine")]
 
 _CREATE = """
 import sys
 from pathlib import Path
-from robotapp_testbed.real import cgroups, sweep
+from robotapp_testbed.real import cgroups
+from robotapp_testbed.real.scripts import sweep
 root = Path("/sys/fs/cgroup")
 handed_down = (root / "cgroup.subtree_control").read_text().split()
 cgroups.create("robotapp-try-v2/edge-1", root=root)

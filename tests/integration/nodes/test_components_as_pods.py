@@ -13,7 +13,7 @@ import yaml
 from tests.support import real_pods, teleop, walkthrough
 
 from robotapp_api.model.names import SCHEDULER_NAME, SYSTEM_NAMESPACE
-from robotapp_api.serving.access import REMEMBER_S
+from robotapp_client.serving.access import REMEMBER_S
 from robotapp_testbed import wait_until
 from robotapp_testbed.control_plane import components_as_pods
 from robotapp_testbed.control_plane.namespaces import created

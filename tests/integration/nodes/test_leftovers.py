@@ -11,8 +11,9 @@ import pytest
 from tests.support import machine_census
 
 from robotapp_testbed import wait_until
-from robotapp_testbed.real import RealNodes, slots, sweep
+from robotapp_testbed.real import RealNodes, slots
 from robotapp_testbed.real.box import Box, Plan
+from robotapp_testbed.real.scripts import sweep
 
 pytestmark = pytest.mark.live
 

@@ -9,7 +9,7 @@ from tests.support.real_pods import pod, shell
 
 from robotapp_testbed import TestbedError, wait_until
 from robotapp_testbed.real import RealNodes
-from robotapp_testbed.real.addresses import API_SERVICE_IP, DNS_SERVICE_IP
+from robotapp_testbed.real.config.addresses import API_SERVICE_IP, DNS_SERVICE_IP
 
 pytestmark = pytest.mark.live
 

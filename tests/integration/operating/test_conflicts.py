@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator
 import pytest
 from tests.support.claims_live import Live, live, until
 
-from robotapp_api.client.api.resources import EVENTS, ROBOTAPPS
+from robotapp_client.api.resources import EVENTS, ROBOTAPPS
 from robotapp_testbed import ControlPlane
 
 pytestmark = [pytest.mark.live, pytest.mark.usefixtures("operator")]

@@ -8,7 +8,7 @@ import pytest
 from tests.support.live import HandBinder, Tenant, eventually, part, pool
 
 from robotapp_api.model.names import FLEET_CONFIG_MAP, Annotation
-from robotapp_api.serving.tls import AUTHENTICATION
+from robotapp_client.serving.tls import AUTHENTICATION
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane import namespaces, product
 from robotapp_testbed.machines import topology

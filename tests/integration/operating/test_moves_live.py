@@ -9,9 +9,9 @@ import pytest
 from tests.support.chart import SCHEDULER
 from tests.support.live import Tenant, eventually, part
 
-from robotapp_api.client.api.times import utc_now
 from robotapp_api.model.names import Annotation, Label
-from robotapp_api.values.better_node import BetterNode
+from robotapp_api.values.placement.better_node import BetterNode
+from robotapp_client.api.times import utc_now
 from robotapp_operator.plan.moves.move_record import MoveRecord
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane import product

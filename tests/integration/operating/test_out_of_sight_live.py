@@ -12,8 +12,8 @@ import pytest
 from tests.support.live import Tenant, eventually, part
 from tests.support.out_of_sight import EVERY_ROBOT, Fleet
 
-from robotapp_api.client.api.times import utc_now
 from robotapp_api.model.names import Annotation, Label
+from robotapp_client.api.times import utc_now
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.machines import topology

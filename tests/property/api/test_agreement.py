@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from tests.support.apiobjects import app, pool
 from tests.support.cel_rules import broken_rules
 
+from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.pool import DomainPool
-from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.model.scalars import DURATION_PATTERN
 from robotapp_api.schema.crd import schema_of
-from robotapp_api.values.duration import MAX_LENGTH, parse_ns
-from robotapp_api.values.ranges import parse_ids
+from robotapp_api.values.quantities.duration import MAX_LENGTH, parse_ns
+from robotapp_api.values.quantities.ranges import parse_ids
 
 POOL = schema_of(DomainPool)
 ROBOTAPP = schema_of(RobotApp)

@@ -8,7 +8,7 @@ from tests.support.claims_model.explore import explore
 from tests.support.claims_model.scenarios import ALL, IN_TURN, Scenario
 from tests.support.seeds import third_of_today
 
-from robotapp_api.claims.domain import DomainPlan
+from robotapp_claims.rules.domain import DomainPlan
 
 quick = [scenario for name, scenario in ALL.items() if scenario.quick and name not in IN_TURN]
 

@@ -10,11 +10,11 @@ import pytest
 from tests.support.claims_store import Client, Store
 from tests.support.claims_world import Actor, Director
 
-from robotapp_api.claiming import device_sharing
-from robotapp_api.claiming.devices import Reservation
-from robotapp_api.claiming.sweeper import Sweeper
-from robotapp_api.claims.identity import granted_devices, shared_devices
-from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
+from robotapp_claims.protocol import device_sharing
+from robotapp_claims.protocol.devices import Reservation
+from robotapp_claims.protocol.sweeper import Sweeper
+from robotapp_claims.rules.identity import granted_devices, shared_devices
+from robotapp_client.api.resources import PODS, ROBOTCLAIMS
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.handle import Readiness
 from robotapp_scheduler.core.pods.pod_info import PodInfo

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from tests.support.apiserver import FakeApiServer, Key
 from tests.support.clients import client_for, configmap, until
 
-from robotapp_api.client import Change, Reflector
-from robotapp_api.client.api.backoff import Backoff
-from robotapp_api.client.api.resources import CONFIGMAPS
+from robotapp_client import Change, Reflector
+from robotapp_client.api.backoff import Backoff
+from robotapp_client.api.resources import CONFIGMAPS
 
 NAMES = ("a", "b", "c", "d")
 FAULTS = {

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.factories import component, make_app, round_trips, telemetry
 
-from robotapp_api.claims.instances import Instance
+from robotapp_api.model.app.status import RobotAppStatus
 from robotapp_api.model.instance import InstanceStatus
 from robotapp_api.model.names import Condition, Reason
-from robotapp_api.model.status import RobotAppStatus
+from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.spec.covers import content_hash, covers
 from robotapp_operator.plan.spec.text import stored_bytes

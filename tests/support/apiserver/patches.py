@@ -6,7 +6,7 @@ from typing import Any
 from tests.support.apiserver.store import Json, Refused, merge
 from tests.support.apiserver.trees import merged, plain, tree
 
-from robotapp_api.client.api.bodies import JSON_PATCH, STRATEGIC
+from robotapp_client.api.bodies import JSON_PATCH, STRATEGIC
 
 
 def patched(obj: Json, patch: Any, content_type: str) -> Json:

@@ -13,7 +13,7 @@ from tests.support.apiserver.selectors import matches_fields, matches_labels
 from tests.support.apiserver.store import Json, Refused, Step, Store
 from tests.support.apiserver.verbs import Sent, Target
 
-from robotapp_api.client.transport.kubeconfig import Endpoint
+from robotapp_client.transport.kubeconfig import Endpoint
 
 Match = Callable[[Json], bool]
 

@@ -10,10 +10,10 @@ from tests.support.apiserver.owners import Owner
 from tests.support.apiserver.patches import patched
 from tests.support.apiserver.store import Json, Key, Refused, Store, check
 
-from robotapp_api.client.api import resources
-from robotapp_api.client.api.bodies import APPLY, STRATEGIC
-from robotapp_api.client.api.resources import Resource
 from robotapp_api.model.names import GROUP
+from robotapp_client.api import resources
+from robotapp_client.api.bodies import APPLY, STRATEGIC
+from robotapp_client.api.resources import Resource
 
 KINDS = {f"{known.group}/{known.plural}": known for known in vars(resources).values() if isinstance(known, Resource)}
 CONDITIONAL = frozenset({"coordination.k8s.io", GROUP})

@@ -13,8 +13,8 @@ from tests.support.claims_model.device_rules import ALONE, ELSEWHERE, FREE, OWNE
 from tests.support.claims_model.domain_basis import put
 from tests.support.claims_model.explore import Move
 
-from robotapp_api.claims.device import Take
-from robotapp_api.claims.release import Release
+from robotapp_claims.rules.device import Take
+from robotapp_claims.rules.release import Release
 
 IDLE: tuple[Any, ...] = ("idle", -1, -1)
 RESTING: tuple[Any, ...] = (-1, 0, 0, 0)

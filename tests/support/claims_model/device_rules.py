@@ -5,9 +5,9 @@ from functools import cache
 import msgspec
 from tests.support import claims_objects as make
 
-from robotapp_api.claims.device import PodUse, Take, pod_use, release_device, take_device, wants_devices
-from robotapp_api.claims.objects import App, AppSpec, Claim, Component, DeviceRequirement, Holder, Meta
-from robotapp_api.claims.release import Release, preconditions
+from robotapp_claims.rules.device import PodUse, Take, pod_use, release_device, take_device, wants_devices
+from robotapp_claims.rules.objects import App, AppSpec, Claim, Component, DeviceRequirement, Holder, Meta
+from robotapp_claims.rules.release import Release, preconditions
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.pods.pod_info import Member

@@ -5,10 +5,10 @@ from typing import Any
 from tests.support import claims_objects as make
 from tests.support.claims_model.domain_rules import ELSEWHERE, DomainRules, Instance
 
-from robotapp_api.claims import bind, usage
-from robotapp_api.claims.domain import DomainPlan, Step
-from robotapp_api.claims.objects import Claim, Pod, ReplicaSet
-from robotapp_api.claims.release import Release
+from robotapp_claims.rules import bind, usage
+from robotapp_claims.rules.domain import DomainPlan, Step
+from robotapp_claims.rules.objects import Claim, Pod, ReplicaSet
+from robotapp_claims.rules.release import Release
 
 
 class NoBindCheck(DomainRules):

@@ -7,8 +7,8 @@ from tests.support.claims_model.domain_basis import DELETED, IDLE, LIVE, ORPHANE
 from tests.support.claims_model.domain_rules import NONE
 from tests.support.claims_model.explore import Move
 
-from robotapp_api.claims.domain import Step
-from robotapp_api.claims.identity import Found
+from robotapp_claims.rules.domain import Step
+from robotapp_claims.rules.identity import Found
 
 
 class Operators(Basis):

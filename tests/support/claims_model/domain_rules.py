@@ -11,12 +11,12 @@ from typing import Any
 from msgspec import structs
 from tests.support import claims_objects as make
 
-from robotapp_api.claims import bind, domain, release, usage
-from robotapp_api.claims.domain import DomainPlan, DomainRequest
-from robotapp_api.claims.identity import Found, domain_spec, id_order, same_tuple
-from robotapp_api.claims.objects import App, AppSpec, Claim, Deployment, Holder, Meta, Pod, ReplicaSet, Ros2
-from robotapp_api.claims.release import Release
-from robotapp_api.client.transport.errors import ApiError, Forbidden, means_gone
+from robotapp_claims.rules import bind, domain, release, usage
+from robotapp_claims.rules.domain import DomainPlan, DomainRequest
+from robotapp_claims.rules.identity import Found, domain_spec, id_order, same_tuple
+from robotapp_claims.rules.objects import App, AppSpec, Claim, Deployment, Holder, Meta, Pod, ReplicaSet, Ros2
+from robotapp_claims.rules.release import Release
+from robotapp_client.transport.errors import ApiError, Forbidden, means_gone
 
 AUTO = 99
 """An app that takes any id."""

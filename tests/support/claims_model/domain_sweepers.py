@@ -18,7 +18,7 @@ from tests.support.claims_model.domain_basis import (
 from tests.support.claims_model.domain_rules import AUTO, DRAINING, NONE, PARKED
 from tests.support.claims_model.explore import Move
 
-from robotapp_api.claims.release import Release
+from robotapp_claims.rules.release import Release
 
 NODES, RELEASE = 5, 6
 """Last stages of a release: unused and unwanted, the sweeper reads the nodes, after the pods, and then writes."""

@@ -18,8 +18,8 @@ from tests.support import process_use
 from tests.support.certificates import Authority
 from tests.support.free_api.objects import SCHEDULER
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.transport.kubeconfig import load as login
+from robotapp_client.api.client import ApiClient
+from robotapp_client.transport.kubeconfig import load as login
 from robotapp_testbed.processes.process import Process, wait_until
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -15,7 +15,7 @@ import httptools
 import msgspec
 from tests.support.free_api import objects
 
-from robotapp_api.client.api import resources
+from robotapp_client.api import resources
 
 PODS_PER_TURN: Final = 50
 FULL_BYTES: Final = 1 << 20

@@ -26,8 +26,8 @@ from rigel_bridge.document.tree import parse
 from rigel_bridge.generations.load import load
 from rigel_bridge.generations.model import Options
 from rigel_bridge.render.app import Naming, Rendered, render
+from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.names import Annotation
-from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.model.telemetry import NodeTelemetry
 from robotapp_api.schema.crd import schema_of
 from robotapp_testbed import Process, wait_until

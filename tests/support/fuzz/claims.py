@@ -8,10 +8,10 @@ from typing import Any, Final
 from tests.support.fuzz.generator import Generator
 from tests.support.world import APIS, Object, World
 
-from robotapp_api.claims.identity import claim_name_device, claim_name_domain
 from robotapp_api.model.claim import RobotClaim
 from robotapp_api.model.names import API_VERSION
 from robotapp_api.schema.crd import schema_of
+from robotapp_claims.rules.identity import claim_name_device, claim_name_domain
 from robotapp_testbed.failures import ApiStatusError
 
 PATH: Final = f"{APIS}/robotclaims"

@@ -17,7 +17,7 @@ from tests.support.proxy.ledger import Ledger, Moment, Write
 from tests.support.proxy.streams import OpenWatch, forward
 from yarl import URL
 
-from robotapp_api.client.transport.kubeconfig import Endpoint
+from robotapp_client.transport.kubeconfig import Endpoint
 
 _HOP = frozenset(
     {"connection", "keep-alive", "transfer-encoding", "content-length", "upgrade", "te", "trailer", "host"}

@@ -21,7 +21,7 @@ from tests.support.proxy.ledger import Ledger, Moment, Write
 from tests.support.proxy.pool import ConnectionPool
 from tests.support.proxy.streams import OpenWatch
 
-from robotapp_api.client.transport.kubeconfig import Endpoint, load
+from robotapp_client.transport.kubeconfig import Endpoint, load
 
 T = TypeVar("T")
 Hook = Callable[[Write, Moment], None]

@@ -15,7 +15,7 @@ from tests.support.scenarios.place import Place, Verdict
 from tests.support.scenarios.watch import ClusterWatch
 from tests.support.stage import container
 
-from robotapp_api.client.api.resources import DOMAINPOOLS, PODS
+from robotapp_client.api.resources import DOMAINPOOLS, PODS
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.control_plane.namespaces import created

@@ -13,8 +13,8 @@ from tests.support.scenarios.place import Place, Verdict, judged
 from tests.support.scenarios.refused_bindings import refused
 from tests.support.work_unit import slowness
 
-from robotapp_api.client.api.resources import PODS, ROBOTAPPS
 from robotapp_api.model.names import Annotation, Condition, Label
+from robotapp_client.api.resources import PODS, ROBOTAPPS
 
 RELEASE_S: Final = 2.0
 """From the deletion of a device's holder until the next one runs, where `slowness` is 1."""

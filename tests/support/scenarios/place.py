@@ -14,7 +14,8 @@ from tests.support.scenarios.watch import ClusterWatch
 from tests.support.stage import pod as make_pod
 from tests.support.storage_live import delete_volume
 
-from robotapp_api.client.api.resources import (
+from robotapp_api.model.names import Annotation, Label
+from robotapp_client.api.resources import (
     EVENTS,
     NODES,
     PERSISTENTVOLUMECLAIMS,
@@ -23,7 +24,6 @@ from robotapp_api.client.api.resources import (
     ROBOTCLAIMS,
     Resource,
 )
-from robotapp_api.model.names import Annotation, Label
 from robotapp_testbed import ControlPlane
 
 PATIENCE_S: Final = 60.0

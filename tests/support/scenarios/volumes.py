@@ -8,8 +8,8 @@ import json
 from tests.support.scenarios.cluster import Json
 from tests.support.scenarios.place import Place, Verdict, judged
 
-from robotapp_api.client.api.resources import PERSISTENTVOLUMECLAIMS, PERSISTENTVOLUMES
 from robotapp_api.model.names import Annotation, Label
+from robotapp_client.api.resources import PERSISTENTVOLUMECLAIMS, PERSISTENTVOLUMES
 
 REPETITIONS = 3
 MOST_ROBOTS = 5

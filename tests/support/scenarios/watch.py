@@ -11,8 +11,8 @@ from typing import Any, Final, Self, TypeVar
 
 from tests.support.watching import running
 
-from robotapp_api.client import ApiClient, Change, Reflector, load
-from robotapp_api.client.api.resources import (
+from robotapp_client import ApiClient, Change, Reflector, load
+from robotapp_client.api.resources import (
     EVENTS,
     PERSISTENTVOLUMECLAIMS,
     PODS,

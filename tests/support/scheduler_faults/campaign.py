@@ -20,10 +20,10 @@ from tests.support.scheduler_faults.history import Room
 from tests.support.scheduler_faults.observer import CPU_LABEL, Observer
 from tests.support.scheduler_faults.run import REST_LOOK_S, Plan, Run
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import NAMESPACES, NODES, PODS
-from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, Unreachable
-from robotapp_api.client.transport.kubeconfig import load as login
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import NAMESPACES, NODES, PODS
+from robotapp_client.transport.errors import ApiError, ClientError, NotFound, Unreachable
+from robotapp_client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.product import install, start_scheduler
 from robotapp_testbed.processes.process import Process

@@ -12,7 +12,7 @@ from tests.support.proxy import answer, delay, drop, lose_reply, reset
 from tests.support.scheduler_faults.crew import LOST_LEADERSHIP
 from tests.support.scheduler_faults.run import Run
 
-from robotapp_api.client.api.resources import LEASES
+from robotapp_client.api.resources import LEASES
 
 STOPPED_S: Final = 60.0
 LEAST_CUTS: Final = 5

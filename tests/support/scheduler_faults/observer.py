@@ -8,9 +8,9 @@ import msgspec
 from tests.support.scheduler_faults.history import History, Known, Room
 from tests.support.watching import Watching
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import PODS
-from robotapp_api.client.informer.reflector import Change, Reflector
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import PODS
+from robotapp_client.informer.reflector import Change, Reflector
 
 CPU_LABEL = "cpu-milli"
 

@@ -11,9 +11,9 @@ from tests.support.proxy import FaultProxy
 from tests.support.scheduler_faults.crew import Crew, Member
 from tests.support.scheduler_faults.observer import Observer
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import LEASES
-from robotapp_api.client.transport.errors import ClientError, NotFound
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import LEASES
+from robotapp_client.transport.errors import ClientError, NotFound
 from robotapp_testbed import ControlPlane
 
 REST_LOOK_S = 0.5

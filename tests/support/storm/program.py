@@ -16,8 +16,8 @@ from typing import Any, Final
 
 from tests.support.claims_weakened import ALL
 
-from robotapp_api.client.transport.errors import Unreachable
-from robotapp_api.client.transport.http_transport import SAFE_METHODS, Done, HttpTransport, Response
+from robotapp_client.transport.errors import Unreachable
+from robotapp_client.transport.http_transport import SAFE_METHODS, Done, HttpTransport, Response
 
 log = logging.getLogger(__name__)
 LOST: Final = "the answer was lost on purpose"

@@ -12,8 +12,8 @@ from tests.support.truth.selecting import admits
 from tests.support.world import Object
 
 from robotapp_api.model.names import Annotation, Label
-from robotapp_api.values.duration import parse_us
-from robotapp_api.values.quantity import parse_milli
+from robotapp_api.values.quantities.duration import parse_us
+from robotapp_api.values.quantities.quantity import parse_milli
 
 SAME: Final = 0.2
 """An older figure may differ from the newest measurement by less than this share."""

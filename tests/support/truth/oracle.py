@@ -10,9 +10,9 @@ from tests.support.truth.screen import Screen, is_component, node_ready, replica
 from tests.support.truth.told import false_events
 from tests.support.world import Object
 
+from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.names import Label
 from robotapp_api.model.pool import DomainPool
-from robotapp_api.model.robotapp import RobotApp
 from robotapp_cli.main import app as command_line
 
 KUBECTL = {"get", "describe", "explain", "logs", "delete", "label", "annotate", "apply", "edit", "auth", "robotapp"}

@@ -9,7 +9,7 @@ from tests.support.truth.history import History
 from tests.support.truth.screen import Screen
 from tests.support.world import Object
 
-from robotapp_api.values.duration import parse_us
+from robotapp_api.values.quantities.duration import parse_us
 
 ABOUT_S: Final = 90.0
 """A status follows figures once a minute at most, so what it tells may be as old."""

@@ -13,8 +13,8 @@ from tests.support.clients import client_for, until
 from tests.support.virtual_time import run_virtually
 
 from robotapp_agent.shell.endpoints import Endpoints, Peer, is_address
-from robotapp_api.client import ApiClient
-from robotapp_api.client.api.resources import ENDPOINTSLICES
+from robotapp_client import ApiClient
+from robotapp_client.api.resources import ENDPOINTSLICES
 
 
 def endpoint(node: str | None, *addresses: str, zone: str = "", **conditions: bool) -> dict[str, Any]:

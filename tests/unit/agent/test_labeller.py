@@ -11,9 +11,9 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for, until
 
 from robotapp_agent.labeller.labeller import MANAGER, Labeller
-from robotapp_api.client import ApiClient
-from robotapp_api.client.api.resources import NODES, NODETELEMETRIES
-from robotapp_api.client.tools.event_recorder import EventRecorder
+from robotapp_client import ApiClient
+from robotapp_client.api.resources import NODES, NODETELEMETRIES
+from robotapp_client.tools.event_recorder import EventRecorder
 
 PREFIX = "hardware.robotics.io/"
 ARM = {"id": "serial-arm", "type": "serial", "model": "arm-7", "present": True}

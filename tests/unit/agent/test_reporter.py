@@ -13,7 +13,7 @@ from robotapp_agent.report.changes import Pace
 from robotapp_agent.report.readings import Load, Readings
 from robotapp_agent.report.status import LoadStatus, Status
 from robotapp_agent.shell.reporter import Reporter, explain, is_refusal
-from robotapp_api.client.transport.errors import (
+from robotapp_client.transport.errors import (
     ClientError,
     Conflict,
     Forbidden,

@@ -8,7 +8,7 @@ from tests.support.virtual_time import run_virtually
 
 from robotapp_agent.process.run import LOOK_S, first_write_s, look_around
 from robotapp_agent.shell.api_writer import Earlier
-from robotapp_api.client.transport.errors import Unreachable
+from robotapp_client.transport.errors import Unreachable
 
 
 class Silent:

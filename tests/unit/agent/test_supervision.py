@@ -7,7 +7,7 @@ import pytest
 from tests.support.virtual_time import run_virtually
 
 from robotapp_agent.process.supervision import supervised
-from robotapp_api.client.api.backoff import Backoff
+from robotapp_client.api.backoff import Backoff
 
 
 class Part:

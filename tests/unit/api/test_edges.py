@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from robotapp_api.checks.edges import edge_problems
-from robotapp_api.model.edge import Edge
+from robotapp_api.model.app.edge import Edge
 
 
 def problems(*edges: dict[str, Any]) -> list[tuple[str, str]]:

@@ -15,18 +15,18 @@ import msgspec
 import pytest
 from tests.support.factories import component, make_app
 
-from robotapp_api.claims.objects import Pool
+from robotapp_api.model.app.robotapp import RobotAppSpec
+from robotapp_api.model.app.status import RobotAppStatus
 from robotapp_api.model.base import Model
 from robotapp_api.model.claim import ClaimSpec, ClaimStatus
 from robotapp_api.model.instance import InstanceSpec, InstanceStatus, RobotAppInstance
 from robotapp_api.model.pool import DEFAULT_PARTICIPANTS, PoolSpec
-from robotapp_api.model.robotapp import RobotAppSpec
-from robotapp_api.model.status import RobotAppStatus
 from robotapp_api.model.telemetry import TelemetrySpec, TelemetryStatus
+from robotapp_claims.rules.objects import Pool
 from robotapp_operator.plan.spec.validate import notes_of
 
 ROOT: Final = Path(__file__).resolve().parents[3]
-CHECKS, CLAIMS = "crds/robotapp_api/checks", "crds/robotapp_api/claims"
+CHECKS, CLAIMS = "crds/robotapp_api/checks", "claims/robotapp_claims/rules"
 PLAN = "operator/robotapp_operator/plan"
 CORE = "scheduler/robotapp_scheduler/core"
 
@@ -101,7 +101,7 @@ READERS: Final[Mapping[str, str]] = {
 OBSERVED: Final[Mapping[str, str]] = {
     "operator/robotapp_operator/watch/cache.py": "telemetry.intervalSeconds telemetry.seq",
     "agent/robotapp_agent/shell/api_writer.py": "asked.probe",
-    "crds/robotapp_api/values/round_trips.py": """
+    "crds/robotapp_api/values/placement/round_trips.py": """
         telemetry.rtt.peer telemetry.rtt.p50Us telemetry.rtt.p95Us telemetry.rtt.lossPPM telemetry.rtt.seq telemetry.rtt.everyRounds""",
     f"{CORE}/robotics/device_index.py": """
         telemetry.devices.type telemetry.devices.model telemetry.devices.interface telemetry.devices.identity
@@ -119,9 +119,9 @@ OBSERVED: Final[Mapping[str, str]] = {
         claim.holder.uid claim.holder.instance claim.holder.component""",
     f"{CLAIMS}/device.py": "claim.device.identity",
     f"{CLAIMS}/release.py": "claimed.attempt",
-    "crds/robotapp_api/claiming/sweeper.py": "claimed.phase claimed.pod",
-    "crds/robotapp_api/claiming/claim_nodes.py": "claimed.nodes",
-    "crds/robotapp_api/claiming/writes.py": "claimed.node",
+    "claims/robotapp_claims/protocol/sweeper.py": "claimed.phase claimed.pod",
+    "claims/robotapp_claims/protocol/claim_nodes.py": "claimed.nodes",
+    "claims/robotapp_claims/protocol/writes.py": "claimed.node",
     "operator/robotapp_operator/watch/informers.py": "named.app named.appUID named.instance",
     "cli/robotapp_cli/reading/instances.py": "instance.phase instance.domain app.troubled.instance",
     "cli/robotapp_cli/commands/apps.py": """

@@ -13,6 +13,8 @@ from robotapp_api.model import names
 ROOT: Final = Path(__file__).resolve().parents[3]
 PACKAGES: Final = (
     "crds/robotapp_api",
+    "client/robotapp_client",
+    "claims/robotapp_claims",
     "operator/robotapp_operator",
     "scheduler/robotapp_scheduler",
     "agent/robotapp_agent",

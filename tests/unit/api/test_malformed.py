@@ -7,8 +7,8 @@ from pydantic import ValidationError
 from tests.support.cel_rules import broken_rules, with_defaults
 from tests.support.malformed import full_app, is_borrowed, malformed_apps, unused_fields
 
+from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.base import dump
-from robotapp_api.model.robotapp import RobotApp
 from robotapp_api.schema.crd import schema_of
 
 SCHEMA = schema_of(RobotApp)

@@ -6,10 +6,10 @@ import pytest
 from pydantic import ValidationError
 from tests.support.apiobjects import ROS
 
+from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.base import dump
 from robotapp_api.model.claim import RobotClaim
 from robotapp_api.model.pool import DomainPool
-from robotapp_api.model.robotapp import RobotApp
 
 
 def app(**spec: Any) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from robotapp_api.model.robotapp import RobotApp
+from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.schema import crd, vendor
 from robotapp_api.schema.__main__ import ROOT, check, write
 from robotapp_api.schema.output import chart_template, generate, to_yaml

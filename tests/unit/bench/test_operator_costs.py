@@ -22,7 +22,7 @@ def profile(*stacks: list[object], cpu_s: float = 10.0, calls: dict[str, int] | 
 def test_cpu_is_shared_out_by_the_samples_and_each_counts_once() -> None:
     found = profile(
         [5, "main", f"{CONTROLLER}._status", "json:dumps"],
-        [3, "main", "robotapp_api.client.transport.stream:data_received", EVENTS],
+        [3, "main", "robotapp_client.transport.stream:data_received", EVENTS],
         [2, "main"],
         calls={EVENTS: 1000},
     )

@@ -20,8 +20,8 @@ from tests.bench.speed.workloads import ROLE, WORKLOADS, Targets, filler, placed
 from tests.support.clients import client_for
 from tests.support.virtual_time import run_virtually
 
-from robotapp_api.client import Endpoint
-from robotapp_api.client.api.client import decoder
+from robotapp_client import Endpoint
+from robotapp_client.api.client import decoder
 
 THEIRS = {RATE: 100.0, CPU: 10.0}
 BARE_FIGURES = {RATE: 1000.0, CPU: 0.1, P99: 5.0}

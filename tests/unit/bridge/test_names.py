@@ -13,8 +13,9 @@ from rigel_bridge.render import scheduling
 from rigel_bridge.render.schema import robotapp_schema
 from rigel_bridge.render.workloads import pod_annotations
 from robotapp_agent.devices.kinds import TYPES
-from robotapp_api.model import component, names
-from robotapp_api.values.ranges import MAX_ID, is_safe_id
+from robotapp_api.model import names
+from robotapp_api.model.app import component
+from robotapp_api.values.quantities.ranges import MAX_ID, is_safe_id
 from robotapp_scheduler.core.api.ros import EXCLUSIVE_TYPES, TIERS
 from ros_profile.knowledge import hardware
 from ros_profile.main import CONTROL

@@ -6,10 +6,10 @@ import pytest
 from tests.support.claims_objects import app_json, deployment_json, labels, owners_json, pod, pod_json, pool_json
 from tests.support.sweep_world import World, number
 
-from robotapp_api.claiming.bind_check import check_bind_all
-from robotapp_api.claiming.domains import ensure_domain, find_claim
-from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.client.api.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_claims.protocol.bind_check import check_bind_all
+from robotapp_claims.protocol.domains import ensure_domain, find_claim
+from robotapp_claims.rules.domain import DomainRequest
+from robotapp_client.api.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
 
 Json = dict[str, Any]
 DEAD = owners_json(labels("app-that-is-gone"))

@@ -8,14 +8,14 @@ import pytest
 from tests.support.claims_objects import app_holder, app_json, deployment_json, pod, pod_holder, pool_json
 from tests.support.claims_store import Store
 
-from robotapp_api.claiming.bind_check import check_bind
-from robotapp_api.claiming.domains import ensure_domain, ensure_pod_domain, find_claim
-from robotapp_api.claiming.writes import delete_claim
-from robotapp_api.claims.domain import DomainOutcome, DomainRequest
-from robotapp_api.claims.identity import id_order
-from robotapp_api.client.api.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
-from robotapp_api.client.transport.errors import Forbidden, NotFound, Unreachable
 from robotapp_api.model.names import Reason
+from robotapp_claims.protocol.bind_check import check_bind
+from robotapp_claims.protocol.domains import ensure_domain, ensure_pod_domain, find_claim
+from robotapp_claims.protocol.writes import delete_claim
+from robotapp_claims.rules.domain import DomainOutcome, DomainRequest
+from robotapp_claims.rules.identity import id_order
+from robotapp_client.api.resources import DEPLOYMENTS, DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_client.transport.errors import Forbidden, NotFound, Unreachable
 
 
 def fresh(ids: str = "1-3", **spec: object) -> Store:

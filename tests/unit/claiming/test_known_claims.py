@@ -4,11 +4,11 @@ import msgspec
 from tests.support.claims_objects import app_holder, app_json, pool_json
 from tests.support.claims_store import Store
 
-from robotapp_api.claiming.domains import ensure_domain
-from robotapp_api.claims.domain import DomainOutcome, DomainRequest
-from robotapp_api.claims.objects import Claim
-from robotapp_api.client.api.resources import DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.model.names import Reason
+from robotapp_claims.protocol.domains import ensure_domain
+from robotapp_claims.rules.domain import DomainOutcome, DomainRequest
+from robotapp_claims.rules.objects import Claim
+from robotapp_client.api.resources import DOMAINPOOLS, ROBOTAPPS, ROBOTCLAIMS
 
 
 def fresh(ids: str = "1-3") -> Store:

@@ -5,13 +5,13 @@ from msgspec import convert
 from tests.support.claims_objects import app_holder, deployment_json, node_json, pod_holder, pod_json
 from tests.support.sweep_world import World, number
 
-from robotapp_api.claiming.bind_check import check_bind_all
-from robotapp_api.claiming.claim_nodes import IDLE_S
-from robotapp_api.claiming.domains import ensure_domain, ensure_pod_domain
-from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.claims.objects import Claim, Pod
-from robotapp_api.client.api.resources import DEPLOYMENTS, NODES, PODS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation, Reason
+from robotapp_claims.protocol.bind_check import check_bind_all
+from robotapp_claims.protocol.claim_nodes import IDLE_S
+from robotapp_claims.protocol.domains import ensure_domain, ensure_pod_domain
+from robotapp_claims.rules.domain import DomainRequest
+from robotapp_claims.rules.objects import Claim, Pod
+from robotapp_client.api.resources import DEPLOYMENTS, NODES, PODS, ROBOTAPPS, ROBOTCLAIMS
 
 
 class Robot(World):

@@ -7,12 +7,12 @@ import pytest
 from tests.support.claims_objects import app_holder, pod_holder, pod_json
 from tests.support.claims_store import Store
 
-from robotapp_api.claiming.devices import Reservation, reserve_devices
-from robotapp_api.claiming.release import give_back
-from robotapp_api.claiming.sweeper import Sweeper
-from robotapp_api.claims.device import chosen
-from robotapp_api.claims.objects import Claim, Holder, Pod
-from robotapp_api.client.api.resources import PODS, ROBOTCLAIMS
+from robotapp_claims.protocol.devices import Reservation, reserve_devices
+from robotapp_claims.protocol.release import give_back
+from robotapp_claims.protocol.sweeper import Sweeper
+from robotapp_claims.rules.device import chosen
+from robotapp_claims.rules.objects import Claim, Holder, Pod
+from robotapp_client.api.resources import PODS, ROBOTCLAIMS
 
 ME, OTHER = app_holder(component="driver"), app_holder("app-2", component="driver")
 
@@ -94,7 +94,7 @@ async def test_a_second_time_in_the_same_second_is_a_fence_too() -> None:
 
 
 async def test_a_write_that_changed_nothing_is_no_fence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robotapp_api.claiming.release.SECOND", timedelta())
+    monkeypatch.setattr("robotapp_claims.protocol.release.SECOND", timedelta())
     world = World()
     await world.reserve("can-a", "can-b")
     first, second = world.claims()

@@ -7,16 +7,16 @@ import pytest
 from tests.support.claims_objects import app_holder, app_json, deployment_json, device_claim, pod_json, pool_json
 from tests.support.claims_store import Store
 
-from robotapp_api.claiming.domains import ensure_domain
-from robotapp_api.claiming.errors import Troubles
-from robotapp_api.claiming.repair import repair
-from robotapp_api.claiming.sweep_snapshot import read_view
-from robotapp_api.claims.domain import DomainOutcome, DomainRequest
-from robotapp_api.claims.identity import claim_object, domain_spec, id_order
-from robotapp_api.claims.objects import Claim, Pod
-from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client.api.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.model.names import Reason
+from robotapp_claims.protocol.domains import ensure_domain
+from robotapp_claims.protocol.errors import Troubles
+from robotapp_claims.protocol.repair import repair
+from robotapp_claims.protocol.sweep_snapshot import read_view
+from robotapp_claims.rules.domain import DomainOutcome, DomainRequest
+from robotapp_claims.rules.identity import claim_object, domain_spec, id_order
+from robotapp_claims.rules.objects import Claim, Pod
+from robotapp_claims.rules.repair import ClaimConflict
+from robotapp_client.api.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
 
 Json = dict[str, object]
 

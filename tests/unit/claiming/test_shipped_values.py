@@ -12,15 +12,15 @@ from tests.support.claims_objects import app_holder, app_json, pod_json, pool_js
 from tests.support.claims_store import Store
 from tests.support.virtual_time import run_virtually
 
-from robotapp_api.claiming.devices import reserve_devices
-from robotapp_api.claiming.domains import ensure_domain
-from robotapp_api.claiming.sweep_snapshot import DEFAULT_QUARANTINE_S
-from robotapp_api.claiming.sweeper import HANDOVER_S, PERIOD_S, Sweeper
-from robotapp_api.claims.device import chosen
-from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.claims.objects import PoolSpec as SweptPoolSpec
-from robotapp_api.client.api.resources import DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_api.model.pool import PoolSpec
+from robotapp_claims.protocol.devices import reserve_devices
+from robotapp_claims.protocol.domains import ensure_domain
+from robotapp_claims.protocol.sweep_snapshot import DEFAULT_QUARANTINE_S
+from robotapp_claims.protocol.sweeper import HANDOVER_S, PERIOD_S, Sweeper
+from robotapp_claims.rules.device import chosen
+from robotapp_claims.rules.domain import DomainRequest
+from robotapp_claims.rules.objects import PoolSpec as SweptPoolSpec
+from robotapp_client.api.resources import DOMAINPOOLS, PODS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_operator.settings import Settings
 from robotapp_scheduler.config.flags import parse
 

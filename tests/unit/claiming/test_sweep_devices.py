@@ -5,11 +5,11 @@ import pytest
 from tests.support.claims_objects import pod_holder, pod_json
 from tests.support.sweep_world import World, number
 
-from robotapp_api.claiming.domains import ensure_pod_domain
-from robotapp_api.claiming.sweeper import Sweeper
-from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.claims.objects import Pod
-from robotapp_api.client.api.resources import (
+from robotapp_claims.protocol.domains import ensure_pod_domain
+from robotapp_claims.protocol.sweeper import Sweeper
+from robotapp_claims.rules.domain import DomainRequest
+from robotapp_claims.rules.objects import Pod
+from robotapp_client.api.resources import (
     PODS,
     ROBOTCLAIMS,
 )

@@ -4,10 +4,10 @@ import pytest
 from tests.support.claims_objects import app_holder, deployment_json, pod_json
 from tests.support.sweep_world import World, number
 
-from robotapp_api.claiming.domains import ensure_domain
-from robotapp_api.claiming.sweeper import Sweeper
-from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.client.api.resources import (
+from robotapp_claims.protocol.domains import ensure_domain
+from robotapp_claims.protocol.sweeper import Sweeper
+from robotapp_claims.rules.domain import DomainRequest
+from robotapp_client.api.resources import (
     DEPLOYMENTS,
     NODES,
     PODS,

@@ -4,11 +4,11 @@ import msgspec
 from tests.support.claims_objects import app_holder, pod_json, pool_json
 from tests.support.sweep_world import World, number
 
-from robotapp_api.claiming.domains import ensure_domain
-from robotapp_api.claims.domain import DomainRequest
-from robotapp_api.claims.identity import claim_object, domain_spec, holder_of_app
-from robotapp_api.claims.objects import Pod
-from robotapp_api.client.api.resources import DOMAINPOOLS, NODES, PODS, ROBOTCLAIMS
+from robotapp_claims.protocol.domains import ensure_domain
+from robotapp_claims.rules.domain import DomainRequest
+from robotapp_claims.rules.identity import claim_object, domain_spec, holder_of_app
+from robotapp_claims.rules.objects import Pod
+from robotapp_client.api.resources import DOMAINPOOLS, NODES, PODS, ROBOTCLAIMS
 
 
 def running(world: World, lock: str, *, uid: str = "", name: str = "runs") -> None:

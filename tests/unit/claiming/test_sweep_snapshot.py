@@ -8,8 +8,8 @@ import pytest
 from msgspec import ValidationError
 from tests.support.sweep_world import World
 
-from robotapp_api.claiming.sweep_snapshot import APPS_BY_NAME, View, read_view
-from robotapp_api.client.api.resources import ROBOTAPPS
+from robotapp_claims.protocol.sweep_snapshot import APPS_BY_NAME, View, read_view
+from robotapp_client.api.resources import ROBOTAPPS
 
 
 @pytest.mark.parametrize(

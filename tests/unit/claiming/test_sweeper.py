@@ -9,13 +9,13 @@ from tests.support.claims_objects import app_holder, app_json, pool_json
 from tests.support.clients import until
 from tests.support.sweep_world import World, refuse
 
-from robotapp_api.claiming.sweeper import PAUSE_S, Sweeper, pause_s
-from robotapp_api.client.api.resources import (
+from robotapp_claims.protocol.sweeper import PAUSE_S, Sweeper, pause_s
+from robotapp_client.api.resources import (
     DOMAINPOOLS,
     ROBOTAPPS,
     ROBOTCLAIMS,
 )
-from robotapp_api.client.transport.errors import Forbidden, NotFound, ServerError, TooManyRequests, Unreachable
+from robotapp_client.transport.errors import Forbidden, NotFound, ServerError, TooManyRequests, Unreachable
 
 
 @pytest.mark.parametrize("what", ["list robotclaims", "list deployments", "list replicasets", "list pods"])

@@ -1,9 +1,9 @@
 import pytest
 from tests.support.claims_objects import app_holder, domain_claim, labels, pod, pod_holder
 
-from robotapp_api.claims.bind import bind_verdict, needs_check, shared_verdict
-from robotapp_api.claims.objects import Claim, Container, EnvVar, Pod, PodSpec
 from robotapp_api.model.names import PodReason
+from robotapp_claims.rules.bind import bind_verdict, needs_check, shared_verdict
+from robotapp_claims.rules.objects import Claim, Container, EnvVar, Pod, PodSpec
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.claims_objects import app_holder, device_claim, pod
 
-from robotapp_api.claims import device
-from robotapp_api.claims.device import PREFERENCE, PodUse, Take, assign, busy_text, release_device, take_device
-from robotapp_api.claims.objects import App, AppSpec, Claim, Component, DeviceRequirement, Meta, Pod, TelemetryDevice
-from robotapp_api.claims.release import Release
+from robotapp_claims.rules import device
+from robotapp_claims.rules.device import PREFERENCE, PodUse, Take, assign, busy_text, release_device, take_device
+from robotapp_claims.rules.objects import App, AppSpec, Claim, Component, DeviceRequirement, Meta, Pod, TelemetryDevice
+from robotapp_claims.rules.release import Release
 
 ME = app_holder(component="driver")
 

@@ -4,11 +4,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.claims_objects import app_holder, deployment, domain_claim
 
-from robotapp_api.claims import domain
-from robotapp_api.claims.domain import DomainRequest, Fence, Step, plan_domain, wanted_id
-from robotapp_api.claims.identity import holder_of_pod, id_order
-from robotapp_api.claims.objects import Meta, Pool, PoolQuota, PoolSpec
 from robotapp_api.model.names import Reason
+from robotapp_claims.rules import domain
+from robotapp_claims.rules.domain import DomainRequest, Fence, Step, plan_domain, wanted_id
+from robotapp_claims.rules.identity import holder_of_pod, id_order
+from robotapp_claims.rules.objects import Meta, Pool, PoolQuota, PoolSpec
 
 ids = st.sets(st.integers(1, 12), max_size=6)
 requests = st.none() | st.integers(1, 12)

@@ -2,9 +2,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.claims_objects import app_holder, claim, device_claim, domain_claim
 
-from robotapp_api.claims.fullness import Fullness, fullness
-from robotapp_api.claims.identity import domain_spec
-from robotapp_api.claims.objects import Claim, Meta, Pool, PoolSpec
+from robotapp_claims.rules.fullness import Fullness, fullness
+from robotapp_claims.rules.identity import domain_spec
+from robotapp_claims.rules.objects import Claim, Meta, Pool, PoolSpec
 
 
 def pool(ids: str = "1-10", **spec: object) -> Pool:

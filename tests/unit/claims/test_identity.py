@@ -3,10 +3,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.claims_objects import app_holder, device_claim, domain_claim, pod_holder
 
-from robotapp_api.claims import identity
-from robotapp_api.claims.identity import Found
 from robotapp_api.model.claim import RobotClaim
 from robotapp_api.values.naming import DNS_LABEL
+from robotapp_claims.rules import identity
+from robotapp_claims.rules.identity import Found
 
 ids = st.sets(st.integers(0, 232), min_size=1, max_size=40)
 texts = st.text(min_size=1, max_size=80)
@@ -81,7 +81,7 @@ def test_a_device_is_named_by_node_and_id_alone() -> None:
 def test_the_object_fits_the_model_and_reads_back_as_the_same_claim(claim: object) -> None:
     import msgspec
 
-    from robotapp_api.claims.objects import Claim
+    from robotapp_claims.rules.objects import Claim
 
     assert isinstance(claim, Claim)
     obj = identity.claim_object(claim.spec)

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.claims.instances import (
+from robotapp_api.model.names import Annotation, Label
+from robotapp_claims.rules.instances import (
     Instance,
     Primary,
     RobotSelection,
@@ -16,8 +17,7 @@ from robotapp_api.claims.instances import (
     primary_node,
     too_many_missing,
 )
-from robotapp_api.claims.objects import Meta
-from robotapp_api.model.names import Annotation, Label
+from robotapp_claims.rules.objects import Meta
 
 ALL = {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}
 EACH = RobotSelection("u", "team", ALL)

@@ -4,10 +4,10 @@ import pytest
 from msgspec import structs
 from tests.support.claims_objects import claim, device_claim, domain_claim, pod, pod_holder
 
-from robotapp_api.claims import release
-from robotapp_api.claims.objects import App, AppSpec, Meta, Pod, Ros, Ros2, SharedApp
-from robotapp_api.claims.release import Release, release_domain
 from robotapp_api.model.names import ClaimPhase
+from robotapp_claims.rules import release
+from robotapp_claims.rules.objects import App, AppSpec, Meta, Pod, Ros, Ros2, SharedApp
+from robotapp_claims.rules.release import Release, release_domain
 
 
 @pytest.mark.parametrize("flags", list(itertools.product([True, False], repeat=4)))

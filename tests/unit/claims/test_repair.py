@@ -1,9 +1,9 @@
 import pytest
 from tests.support.claims_objects import app_holder, claim, device_claim, domain_claim, labels, pod, pod_holder
 
-from robotapp_api.claims.identity import claim_name_domain, domain_spec
-from robotapp_api.claims.objects import DomainThing, Meta, Pod
-from robotapp_api.claims.repair import conflicts, missing_claims, places_of, requested_places
+from robotapp_claims.rules.identity import claim_name_domain, domain_spec
+from robotapp_claims.rules.objects import DomainThing, Meta, Pod
+from robotapp_claims.rules.repair import conflicts, missing_claims, places_of, requested_places
 
 PLACES: dict[str, str] = {}
 LOCK = {"robotics.io/domain-claim": "dds.default.c.7"}

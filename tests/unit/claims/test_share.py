@@ -2,8 +2,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.claims.objects import App, AppSpec, Meta, Ros2, SharedApp
-from robotapp_api.claims.share import owner_of, sharer_instance
+from robotapp_claims.rules.objects import App, AppSpec, Meta, Ros2, SharedApp
+from robotapp_claims.rules.share import owner_of, sharer_instance
 
 
 def world(**shares: str) -> dict[tuple[str, str], App]:

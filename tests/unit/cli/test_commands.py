@@ -7,7 +7,7 @@ import pytest
 import yaml
 from tests.support.cli import ROBOTAPPS, STATUS, SUMMARY, UID, Stage, robotapp
 
-from robotapp_api.claims.identity import device_label
+from robotapp_claims.rules.identity import device_label
 
 
 def claim(name: str, *, namespace: str = "fleet", phase: str = "Reserved", **thing: Any) -> dict[str, Any]:

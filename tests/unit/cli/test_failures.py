@@ -2,8 +2,8 @@
 
 import pytest
 
-from robotapp_api.client.transport.errors import Forbidden, NotFound
 from robotapp_cli.failures import explained
+from robotapp_client.transport.errors import Forbidden, NotFound
 
 TENANT = 'is forbidden: User "tenant" cannot'
 EVERYWHERE, IN_ONE = "at the cluster scope", 'in the namespace "fleet"'

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robotapp_api.client.transport.kubeconfig import Endpoint
+from robotapp_client.transport.kubeconfig import Endpoint
 from robotapp_operator.main import main, run
 from robotapp_operator.settings import Settings
 
@@ -18,7 +18,7 @@ async def test_a_part_that_dies_ends_the_process_with_a_failure(
     async def dies(_: object) -> None:
         raise RuntimeError("boom")
 
-    monkeypatch.setattr("robotapp_api.client.informer.reflector.Reflector.run", dies)
+    monkeypatch.setattr("robotapp_client.informer.reflector.Reflector.run", dies)
     async with asyncio.timeout(60):
         status = await run(Settings(health_port=0), Endpoint("http://127.0.0.1:9"))
     assert status == 1

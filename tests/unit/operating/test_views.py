@@ -11,12 +11,12 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
 from tests.support.factories import app_body, domain_claim, make_node, make_pod, robots
 
-from robotapp_api.claims.objects import Pool
-from robotapp_api.client import ApiClient, NotFound
-from robotapp_api.client.api.resources import CONFIGMAPS, DOMAINPOOLS, NODETELEMETRIES, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import FLEET_CONFIG_MAP, OPERATOR_MANAGER, SCHEDULING_GATE, Label
-from robotapp_api.serving.access import Access, Caller
-from robotapp_api.serving.tls import TlsPort, loaded
+from robotapp_claims.rules.objects import Pool
+from robotapp_client import ApiClient, NotFound
+from robotapp_client.api.resources import CONFIGMAPS, DOMAINPOOLS, NODETELEMETRIES, PODS, ROBOTCLAIMS
+from robotapp_client.serving.access import Access, Caller
+from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_operator.health import Health
 from robotapp_operator.plan.spec.objects import Telemetry
 from robotapp_operator.queue.workqueue import Queue

@@ -8,9 +8,9 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
 from tests.unit.operating.reconcile.test_instance_reconciler import World
 
-from robotapp_api.claims.identity import domain_spec, holder_of_app
-from robotapp_api.claims.objects import Claim, ClaimStatus, Meta, Pool, PoolQuota, PoolSpec
 from robotapp_api.model.names import Reason
+from robotapp_claims.rules.identity import domain_spec, holder_of_app
+from robotapp_claims.rules.objects import Claim, ClaimStatus, Meta, Pool, PoolQuota, PoolSpec
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ from typing import Any
 
 from tests.support.scheduling import device_claim, make_info, make_pod
 
-from robotapp_api.claims.identity import domain_spec
-from robotapp_api.claims.objects import Claim, Meta
 from robotapp_api.model.names import Annotation, Label
+from robotapp_claims.rules.identity import domain_spec
+from robotapp_claims.rules.objects import Claim, Meta
 from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.api.ros import DeviceRequest, RosContext

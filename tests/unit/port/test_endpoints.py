@@ -13,10 +13,10 @@ from prometheus_client import CollectorRegistry
 from tests.support.clients import until
 from tests.support.scheduling import Clock
 
-from robotapp_api.client.transport.errors import Unreachable
 from robotapp_api.model.names import API_VERSION
-from robotapp_api.serving.access import Access, Caller
-from robotapp_api.serving.port import opened
+from robotapp_client.serving.access import Access, Caller
+from robotapp_client.serving.port import opened
+from robotapp_client.transport.errors import Unreachable
 from robotapp_scheduler.config.load import built_in
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.port.endpoints import DECIDE_AT_ONCE, DECIDE_PER_S, Endpoints, application

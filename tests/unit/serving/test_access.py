@@ -4,9 +4,9 @@ from typing import Any
 import pytest
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.transport.errors import Unreachable
-from robotapp_api.serving.access import REMEMBER_S, Access, Caller, Gatekeeper, User, certified
-from robotapp_api.serving.pages import caller
+from robotapp_client.serving.access import REMEMBER_S, Access, Caller, Gatekeeper, User, certified
+from robotapp_client.serving.pages import caller
+from robotapp_client.transport.errors import Unreachable
 
 USER = {"username": "eve", "uid": "1", "groups": ["devs"], "extra": {"k": ["v"]}}
 KNOWN = {"status": {"authenticated": True, "user": USER}}

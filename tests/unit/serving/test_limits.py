@@ -5,7 +5,7 @@ import contextlib
 import pytest
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.serving.access import (
+from robotapp_client.serving.access import (
     ADDRESS_AT_ONCE,
     CACHE_LIMIT,
     CALLER_AT_ONCE,

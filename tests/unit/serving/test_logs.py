@@ -4,7 +4,7 @@ import json
 import logging
 import sys
 
-from robotapp_api.serving.logs import JsonLines
+from robotapp_client.serving.logs import JsonLines
 
 
 def record(message: str, *args: object, **extra: object) -> logging.LogRecord:

@@ -6,8 +6,8 @@ import ssl
 import pytest
 from aiohttp import ClientSession, web
 
-from robotapp_api.serving.port import PortError, opened
-from robotapp_api.serving.tls import TlsPort, loaded
+from robotapp_client.serving.port import PortError, opened
+from robotapp_client.serving.tls import TlsPort, loaded
 
 
 def application() -> web.Application:

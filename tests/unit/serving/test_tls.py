@@ -12,9 +12,9 @@ from aiohttp import web
 from tests.support.certificates import Authority
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.transport.errors import Forbidden, LoginError
-from robotapp_api.serving.pages import caller
-from robotapp_api.serving.tls import TlsPort, client_authorities
+from robotapp_client.serving.pages import caller
+from robotapp_client.serving.tls import TlsPort, client_authorities
+from robotapp_client.transport.errors import Forbidden, LoginError
 
 
 @asynccontextmanager

@@ -8,7 +8,7 @@ import pytest
 from tests.support.apiserver import FakeApiServer, Key
 from tests.support.clients import client_for, configmap, until
 
-from robotapp_api.client.api.resources import CONFIGMAPS
+from robotapp_client.api.resources import CONFIGMAPS
 
 BOOKMARK_S = 0.005
 

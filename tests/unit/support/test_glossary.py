@@ -18,9 +18,11 @@ PACKAGES: Final = {
     "": ROOT / "scheduler" / "robotapp_scheduler",
     "op:": ROOT / "operator" / "robotapp_operator",
     "api:": ROOT / "crds" / "robotapp_api",
+    "client:": ROOT / "client" / "robotapp_client",
+    "claims:": ROOT / "claims" / "robotapp_claims",
 }
 """How the page begins a path, and what it stands for."""
-ROOMS: Final = (PACKAGES[""], PACKAGES["op:"], PACKAGES["api:"] / "client", PACKAGES["api:"] / "claiming")
+ROOMS: Final = (PACKAGES[""], PACKAGES["op:"], PACKAGES["client:"], PACKAGES["claims:"] / "protocol")
 """Where the old words must not be left without an explanation."""
 HOUSE_WORDS: Final = """
     advice alike answers asked beside best bindsteps cluster collector confined death decision dialing doubts easy engine excess

@@ -8,9 +8,9 @@ from tests.support.claims_weakened import ALL
 from tests.support.clients import client_for
 from tests.support.storm.program import Loser, command
 
-from robotapp_api.client.api.resources import PODS
-from robotapp_api.client.transport.errors import Unreachable
-from robotapp_api.client.transport.http_transport import HttpTransport
+from robotapp_client.api.resources import PODS
+from robotapp_client.transport.errors import Unreachable
+from robotapp_client.transport.http_transport import HttpTransport
 
 CLAIM = "/apis/robotics.io/v1alpha1/robotclaims/dds.default.c.7/status"
 

@@ -10,7 +10,7 @@ from robotapp_api.model.names import EventReason, PodReason, Reason
 
 ROOT: Final = Path(__file__).resolve().parents[3]
 PAGE: Final = (ROOT / "docs/troubleshooting.md").read_text(encoding="utf-8")
-SOURCES: Final = ("crds", "operator", "scheduler", "agent", "cli")
+SOURCES: Final = ("crds", "client", "claims", "operator", "scheduler", "agent", "cli")
 FINE: Final = {
     *(Reason.ACCEPTED, Reason.ALLOCATED, Reason.NOTHING_TO_ALLOCATE, Reason.PLACED, Reason.WAITING_FOR_PODS),
     *(Reason.WITHIN_BUDGET, Reason.ALL_READY, Reason.ROLLING_OUT, Reason.UP_TO_DATE, Reason.NOT_STALLED),

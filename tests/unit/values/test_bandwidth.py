@@ -2,8 +2,8 @@
 
 import pytest
 
-from robotapp_api.values.bandwidth import bandwidth_bps
-from robotapp_api.values.quantity import INT64_MAX
+from robotapp_api.values.quantities.bandwidth import bandwidth_bps
+from robotapp_api.values.quantities.quantity import INT64_MAX
 
 
 def test_what_is_written_counts_else_the_rate_times_the_bits_of_a_message() -> None:

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.values.better_node import BetterNode, edge_to, is_gain, parse_better_node, topic_of
-from robotapp_api.values.duration import LONGEST_US
+from robotapp_api.values.placement.better_node import BetterNode, edge_to, is_gain, parse_better_node, topic_of
+from robotapp_api.values.quantities.duration import LONGEST_US
 
 GOOD = BetterNode("edge-2", "/odom to driver", 61_000.0, 8_000.0, datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))
 

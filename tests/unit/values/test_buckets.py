@@ -1,6 +1,6 @@
 """Buckets that fill with time."""
 
-from robotapp_api.values.buckets import MOST_KEYS, Buckets
+from robotapp_api.values.quantities.buckets import MOST_KEYS, Buckets
 
 
 def test_a_bucket_gives_its_burst_and_then_its_rate() -> None:

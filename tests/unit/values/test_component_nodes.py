@@ -2,7 +2,7 @@
 
 import pytest
 
-from robotapp_api.values.component_nodes import may_be_on_robot, robot_tolerations, tier_terms
+from robotapp_api.values.placement.component_nodes import may_be_on_robot, robot_tolerations, tier_terms
 from robotapp_api.values.selector import matches_labels
 
 AMR = {"robotics.io/robot": "amr", "robotics.io/tier": "robot"}

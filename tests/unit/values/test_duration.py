@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotapp_api.model.scalars import DURATION_PATTERN
-from robotapp_api.values import duration
+from robotapp_api.values.quantities import duration
 
 SECONDS = {"us": Decimal("1e-6"), "ms": Decimal("1e-3"), "s": Decimal(1), "m": Decimal(60), "h": Decimal(3600)}
 PARTS = st.tuples(st.from_regex(r"[0-9]{1,5}(\.[0-9]{1,3})?", fullmatch=True), st.sampled_from(list(SECONDS)))

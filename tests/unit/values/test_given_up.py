@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.values.given_up import MAX_BYTES, MAX_EDGES, GivenUp, GivenUpEdge, parse_given_up
+from robotapp_api.values.placement.given_up import MAX_BYTES, MAX_EDGES, GivenUp, GivenUpEdge, parse_given_up
 
 EDGE = GivenUpEdge("/image", "detector", 30_000, 42_000.0, "measured", ("edge-1", "edge-2"))
 GOOD = GivenUp((EDGE,), "Robot", ("Edge",))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from kubernetes.utils.quantity import parse_quantity
 
-from robotapp_api.values.quantity import INT64_MAX, parse_bytes, parse_milli
+from robotapp_api.values.quantities.quantity import INT64_MAX, parse_bytes, parse_milli
 
 NUMBERS = st.from_regex(r"[0-9]{1,12}(\.[0-9]{1,9})?|\.[0-9]{1,9}", fullmatch=True)
 SUFFIXES = st.sampled_from(["", "n", "u", "m", "k", "M", "G", "T", "P", "E", "Ki", "Mi", "Gi", "Ti", "Pi", "Ei"])

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.values.ranges import parse_ids
+from robotapp_api.values.quantities.ranges import parse_ids
 
 
 def test_the_default_pool_has_119_ids() -> None:

@@ -3,7 +3,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from robotapp_api.values.requests import DEFAULT_CPU_MILLI, DEFAULT_MEMORY_BYTES, pod_requests
+from robotapp_api.values.quantities.requests import DEFAULT_CPU_MILLI, DEFAULT_MEMORY_BYTES, pod_requests
 from robotapp_scheduler.core.api.core_v1 import Pod, PodSpec
 from robotapp_scheduler.core.pods.in_place_resize import held_per_container
 from robotapp_scheduler.core.pods.pod_signature import requests_of

@@ -7,7 +7,7 @@ import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.values.round_trips import Figures, RoundTrips, Rtt, figures_of
+from robotapp_api.values.placement.round_trips import Figures, RoundTrips, Rtt, figures_of
 
 FAR = Figures(40_000.0, 60_000.0)
 

@@ -10,7 +10,7 @@ from tests.support.clients import client_for, until
 from tests.support.pod_groups import team_pod
 from tests.support.scheduling import Clock
 
-from robotapp_api.client.api.resources import COSCHEDULING_PODGROUPS, ROBOTAPPS, WORKLOAD_PODGROUPS
+from robotapp_client.api.resources import COSCHEDULING_PODGROUPS, ROBOTAPPS, WORKLOAD_PODGROUPS
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_group_index import COSCHEDULING, GroupRef

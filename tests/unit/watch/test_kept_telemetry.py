@@ -2,7 +2,7 @@
 
 from tests.support.scheduling import telemetry
 
-from robotapp_api.client.api.resources import NODETELEMETRIES
+from robotapp_client.api.resources import NODETELEMETRIES
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.watch.routes import robotics_routes
 

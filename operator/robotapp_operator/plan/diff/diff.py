@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from robotapp_api.claims.identity import domain_literal
-from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import Annotation, Label
+from robotapp_claims.rules.identity import domain_literal
+from robotapp_claims.rules.objects import ROS_DOMAIN_ID
 from robotapp_operator.plan.diff.newer import Held, amend, binding_rules, is_newer, written_by_newer
 from robotapp_operator.plan.diff.unowned import unowned_pointers
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child

@@ -12,9 +12,9 @@ from typing import Any, Final, NamedTuple
 
 from packaging.version import InvalidVersion, Version
 
-from robotapp_api.claims.identity import domain_literal
-from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import SCHEDULING_GATE, WAITING_STEP, Annotation
+from robotapp_claims.rules.identity import domain_literal
+from robotapp_claims.rules.objects import ROS_DOMAIN_ID
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Service, pod_annotations, pod_spec

@@ -7,7 +7,7 @@ hold (claims, rule 5): no pod of it would ever be bound.
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from robotapp_api.claims.objects import ROS_DOMAIN_ID
+from robotapp_claims.rules.objects import ROS_DOMAIN_ID
 from robotapp_operator.plan.spec.objects import pod_spec
 
 _PLACES = ("initContainers", "containers")

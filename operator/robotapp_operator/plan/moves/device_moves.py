@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from typing import Final
 
-from robotapp_api.model.component import Component
+from robotapp_api.model.app.component import Component
 from robotapp_operator.plan.moves.mass_loss import Losses
 from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, is_tied_to_robot, limits_of
 from robotapp_operator.plan.spec.desired import App

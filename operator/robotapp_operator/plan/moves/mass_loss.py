@@ -8,8 +8,8 @@ All are levels: an operator that restarts decides the same.
 import dataclasses
 from collections.abc import Iterable, Mapping
 
-from robotapp_api.claims.instances import are_many, too_many_missing
-from robotapp_api.claims.objects import Claim
+from robotapp_claims.rules.instances import are_many, too_many_missing
+from robotapp_claims.rules.objects import Claim
 
 Pods = frozenset[str]
 

@@ -10,11 +10,11 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
-from robotapp_api.model.component import Component
-from robotapp_api.values.better_node import MOST_USE, BetterNode, edge_to, is_gain, topic_of
-from robotapp_api.values.duration import time_text
-from robotapp_api.values.round_trips import Figures
-from robotapp_api.values.tiers import ROBOT
+from robotapp_api.model.app.component import Component
+from robotapp_api.values.placement.better_node import MOST_USE, BetterNode, edge_to, is_gain, topic_of
+from robotapp_api.values.placement.round_trips import Figures
+from robotapp_api.values.placement.tiers import ROBOT
+from robotapp_api.values.quantities.duration import time_text
 from robotapp_operator.plan.moves.move_record import Limits, MoveRecord
 from robotapp_operator.plan.spec.desired import NEVER, App
 from robotapp_operator.plan.status.latency import EdgeKey, EdgeView

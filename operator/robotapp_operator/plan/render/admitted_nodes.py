@@ -13,10 +13,10 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from robotapp_api.claims.identity import hash10
 from robotapp_api.model.names import Label
-from robotapp_api.values.component_nodes import is_in
+from robotapp_api.values.placement.component_nodes import is_in
 from robotapp_api.values.selector import matches_term
+from robotapp_claims.rules.identity import hash10
 from robotapp_operator.plan.spec.objects import Node, Struct
 
 MAX_NAMED: Final = 256

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from robotapp_api.model.component import Component
+from robotapp_api.model.app.component import Component
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child, component_labels, selector
 from robotapp_operator.plan.render.parameters import NONE, ParameterState
 from robotapp_operator.plan.render.pod_template import pod_template

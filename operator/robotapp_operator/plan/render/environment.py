@@ -10,7 +10,7 @@ from typing import Final
 from xml.sax.saxutils import quoteattr
 
 from robotapp_api.checks.middleware import BEFORE_IRON, CONNEXT, CYCLONE, CYCLONE_11, FAST_DDS
-from robotapp_api.claims.objects import ROS_DOMAIN_ID
+from robotapp_claims.rules.objects import ROS_DOMAIN_ID
 from robotapp_operator.plan.spec.desired import Desired, EnvVar
 
 DISCOVERY_SERVER_PORT: Final = 11811

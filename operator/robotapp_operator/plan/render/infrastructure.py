@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from robotapp_api.model.names import Label
-from robotapp_api.values.component_nodes import is_in, required_nodes, robot_tolerations
+from robotapp_api.values.placement.component_nodes import is_in, required_nodes, robot_tolerations
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child, role_labels, selector
 from robotapp_operator.plan.render.deployments import deployment_spec
 from robotapp_operator.plan.render.environment import DISCOVERY_SERVER_PORT, ZENOH_PORT

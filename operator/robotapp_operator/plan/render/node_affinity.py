@@ -4,12 +4,18 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from robotapp_api.checks.spec import neighbours_of
-from robotapp_api.model.component import Component
+from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import HARDWARE_PREFIX, SCHEDULING_GATE, Label
-from robotapp_api.values.component_nodes import is_in, may_be_on_robot, required_nodes, robot_tolerations, tier_terms
-from robotapp_api.values.neighbours import NO_NEIGHBOURS
+from robotapp_api.values.placement.component_nodes import (
+    is_in,
+    may_be_on_robot,
+    required_nodes,
+    robot_tolerations,
+    tier_terms,
+)
+from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS
+from robotapp_api.values.placement.tiers import KEEP, on_disconnect
 from robotapp_api.values.selector import matches_labels
-from robotapp_api.values.tiers import KEEP, on_disconnect
 from robotapp_api.values.toleration import HARD_EFFECTS, tolerates
 from robotapp_operator.plan.render.child import component_labels, selector
 from robotapp_operator.plan.spec.desired import Desired

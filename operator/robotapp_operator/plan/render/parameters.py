@@ -9,9 +9,9 @@ import hashlib
 from collections.abc import Mapping
 from typing import Any, Final
 
-from robotapp_api.model.component import Component
+from robotapp_api.model.app.component import Component
+from robotapp_api.model.app.parameters import ConfigMapKey, Parameters
 from robotapp_api.model.names import PARAMETERS_PATH, PARAMETERS_PREFIX, PARAMETERS_VOLUME, Annotation
-from robotapp_api.model.parameters import ConfigMapKey, Parameters
 from robotapp_operator.plan.spec.desired import App, Desired
 from robotapp_operator.plan.spec.objects import ConfigMap
 

@@ -2,7 +2,7 @@
 
 from typing import Any, Final
 
-from robotapp_api.model.component import Component
+from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import WAITING_STEP, Annotation
 from robotapp_operator.plan.render.child import component_labels
 from robotapp_operator.plan.render.environment import ros2_environment

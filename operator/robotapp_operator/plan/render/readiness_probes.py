@@ -7,8 +7,8 @@ in the graph would be better and needs an image of ours.
 import shlex
 from typing import Any, Final
 
-from robotapp_api.model.component import Component, ReadyTopic
-from robotapp_api.values.quantity import parse_milli
+from robotapp_api.model.app.component import Component, ReadyTopic
+from robotapp_api.values.quantities.quantity import parse_milli
 
 ROS_PERIOD_S: Final = 15
 ROS_TIMEOUT_S: Final = 10

@@ -10,7 +10,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robotapp_api.values.quantity import parse_milli
+from robotapp_api.values.quantities.quantity import parse_milli
 
 
 def content_hash(content: Any) -> str:

@@ -11,11 +11,11 @@ from datetime import timedelta
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
-from robotapp_api.claims.share import AppKey
+from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME
-from robotapp_api.model.robotapp import RobotAppSpec
-from robotapp_api.values.duration import parse_us
 from robotapp_api.values.naming import child_name
+from robotapp_api.values.quantities.duration import parse_us
+from robotapp_claims.rules.share import AppKey
 from robotapp_operator.plan.spec.covers import content_hash
 
 # Derived names of what is no component. A dot cannot occur in a component's name, so the hash differs from any of theirs.

@@ -2,10 +2,10 @@
 
 from collections.abc import Collection, Mapping
 
-from robotapp_api.claims import instances as rule
-from robotapp_api.claims.instances import Instance, RobotSelection
-from robotapp_api.claims.objects import Meta
 from robotapp_api.model.base import dump
+from robotapp_claims.rules import instances as rule
+from robotapp_claims.rules.instances import Instance, RobotSelection
+from robotapp_claims.rules.objects import Meta
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Node
 

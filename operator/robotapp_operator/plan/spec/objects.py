@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from robotapp_api.claims import objects as claims
-from robotapp_api.claims.instances import robot_of
-from robotapp_api.claims.objects import TelemetryDevice
-from robotapp_api.values.round_trips import Rtt
+from robotapp_api.values.placement.round_trips import Rtt
+from robotapp_claims.rules import objects as claims
+from robotapp_claims.rules.instances import robot_of
+from robotapp_claims.rules.objects import TelemetryDevice
 
 
 class Struct(msgspec.Struct, rename="camel", kw_only=True):

@@ -6,8 +6,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.names import SCHEDULER_NAME, Reason
-from robotapp_api.model.robotapp import RobotAppSpec
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import version_number
 from robotapp_operator.plan.spec.validate import Problem

@@ -6,11 +6,11 @@ from robotapp_api.checks.edges import bandwidth_field
 from robotapp_api.checks.pool import pool_notes
 from robotapp_api.checks.problem import Problem
 from robotapp_api.checks.spec import spec_notes, spec_problems
-from robotapp_api.claims.domain import DomainRequest, withheld
-from robotapp_api.claims.identity import holder_of_app
-from robotapp_api.claims.instances import robot_of
-from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_claims.rules.domain import DomainRequest, withheld
+from robotapp_claims.rules.identity import holder_of_app
+from robotapp_claims.rules.instances import robot_of
+from robotapp_claims.rules.objects import Claim, Pool
 from robotapp_operator.plan.spec.desired import NEVER, App
 from robotapp_operator.plan.spec.instances import allowed_robots, matching_robots, open_robots
 from robotapp_operator.plan.spec.objects import Node

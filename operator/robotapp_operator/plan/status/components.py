@@ -6,9 +6,9 @@ from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
-from robotapp_api.model.component import Component
+from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import Annotation, Reason
-from robotapp_api.values.given_up import GivenUp, parse_given_up
+from robotapp_api.values.placement.given_up import GivenUp, parse_given_up
 from robotapp_operator.plan.spec.objects import ContainerStatus, Deployment, ObjectCondition, Pod
 
 MAX_COMPONENT_CHARACTERS: Final = 1024

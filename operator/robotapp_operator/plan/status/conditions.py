@@ -3,10 +3,10 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
-from robotapp_api.claims.device import claimed
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import GPU, OUR_SCHEDULERS, SCHEDULER_NAME, Condition, Reason
-from robotapp_api.values.round_trips import is_unreachable
+from robotapp_api.values.placement.round_trips import is_unreachable
+from robotapp_claims.rules.device import claimed
 from robotapp_operator.plan.diff.newer import Held, version_key
 from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts

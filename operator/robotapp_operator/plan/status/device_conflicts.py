@@ -4,13 +4,13 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from robotapp_api.claims.device import busy_text, claimed, fits, is_device
-from robotapp_api.claims.identity import UNKNOWN_DEVICE_TYPE, claim_name_device, device_label
-from robotapp_api.claims.instances import Instance, closed_nodes
-from robotapp_api.claims.objects import Claim, DeviceThing
-from robotapp_api.model.component import Component
-from robotapp_api.model.device import Device
+from robotapp_api.model.app.component import Component
+from robotapp_api.model.app.device import Device
 from robotapp_api.model.names import GPU
+from robotapp_claims.rules.device import busy_text, claimed, fits, is_device
+from robotapp_claims.rules.identity import UNKNOWN_DEVICE_TYPE, claim_name_device, device_label
+from robotapp_claims.rules.instances import Instance, closed_nodes
+from robotapp_claims.rules.objects import Claim, DeviceThing
 from robotapp_operator.plan.render.node_affinity import nodes_for
 from robotapp_operator.plan.spec.desired import App, Desired, desired_of
 from robotapp_operator.plan.spec.objects import Node, Telemetry

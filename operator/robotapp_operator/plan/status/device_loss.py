@@ -8,9 +8,9 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
-from robotapp_api.claims.device import is_device
-from robotapp_api.claims.identity import device_label
-from robotapp_api.claims.objects import Claim
+from robotapp_claims.rules.device import is_device
+from robotapp_claims.rules.identity import device_label
+from robotapp_claims.rules.objects import Claim
 from robotapp_operator.plan.spec.objects import Telemetry
 
 MAX_BYTES: Final = 16 * 1024

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from robotapp_api.values.duration import time_text
-from robotapp_api.values.round_trips import is_unreachable
+from robotapp_api.values.placement.round_trips import is_unreachable
+from robotapp_api.values.quantities.duration import time_text
 from robotapp_operator.plan.spec.text import clip, stored_bytes
 from robotapp_operator.plan.status.conditions import MAX_BRIEF_BYTES, conditions, ready
 from robotapp_operator.plan.status.facts import AppFacts

@@ -2,7 +2,7 @@
 
 Measured means: the agents measured this very pair of nodes; a measured time may be infinite, where no probe was answered.
 Two ends on one node are 0.05 ms apart by definition, which is an estimate; what is neither is unknown here (estimates by zone
-belong to the scheduler). What a pair's time is and when it is too old: `robotapp_api.values.round_trips`.
+belong to the scheduler). What a pair's time is and when it is too old: `robotapp_api.values.placement.round_trips`.
 
 Times change with every measurement, and a status that followed them would be written for ever. So everything people see
 (edges, their order, conditions, summaries) is computed from published figures, which change seldom.
@@ -12,10 +12,10 @@ import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from robotapp_api.model.edge import Edge
+from robotapp_api.model.app.edge import Edge
 from robotapp_api.model.names import ROBOT_END
-from robotapp_api.values.duration import parse_us
-from robotapp_api.values.round_trips import MOVED, SAME_NODE, Figures, RoundTrips, is_unreachable
+from robotapp_api.values.placement.round_trips import MOVED, SAME_NODE, Figures, RoundTrips, is_unreachable
+from robotapp_api.values.quantities.duration import parse_us
 
 REST_S: Final = 60.0
 """Figures that moved are published at most this often, and so is a verdict that changes back and forth."""

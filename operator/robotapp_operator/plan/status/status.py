@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import Condition, Phase, Reason
-from robotapp_api.values.duration import time_text
+from robotapp_api.values.quantities.duration import time_text
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.spec.text import clip
 from robotapp_operator.plan.status.conditions import (

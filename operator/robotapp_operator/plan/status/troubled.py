@@ -7,9 +7,9 @@ from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.names import ROBOT_END, Label, Reason
-from robotapp_api.values.duration import format_us, time_text
-from robotapp_api.values.given_up import GivenUpEdge
-from robotapp_api.values.round_trips import is_unreachable
+from robotapp_api.values.placement.given_up import GivenUpEdge
+from robotapp_api.values.placement.round_trips import is_unreachable
+from robotapp_api.values.quantities.duration import format_us, time_text
 from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.status.facts import AppFacts, Grace, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView

@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from robotapp_api.model.names import SAFE_IDS, Annotation
-from robotapp_api.values.duration import parse_us
-from robotapp_api.values.ranges import is_safe_id
+from robotapp_api.values.quantities.duration import parse_us
+from robotapp_api.values.quantities.ranges import is_safe_id
 from robotapp_scheduler.core.api.ros import TIERS, Hardware, InvalidAnnotation, RosRequest
 
 MAX_BYTES: Final = 8 * 1024

@@ -2,7 +2,7 @@
 
 Only fields that a rule looks at are here, everything else is skipped by the decoder. The structs are `gc=False`
 (the collector would otherwise walk 50,000 pods) and are never changed after decoding.
-The RobotApp side (RobotApp, NodeTelemetry) is in `robotics_v1alpha1.py`, claims are in `robotapp_api.claims.objects`,
+The RobotApp side (RobotApp, NodeTelemetry) is in `robotics_v1alpha1.py`, claims are in `robotapp_claims.rules.objects`,
 a pod's volumes in `volume_source.py`.
 """
 
@@ -10,8 +10,8 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import Label
+from robotapp_claims.rules.objects import ROS_DOMAIN_ID
 from robotapp_scheduler.core.api.structs import Slim, SlimValue
 from robotapp_scheduler.core.api.volume_source import Volume, deciding
 

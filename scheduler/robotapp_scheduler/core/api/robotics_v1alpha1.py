@@ -2,13 +2,13 @@
 
 `robotapp_api.model` is the full, validated form; on the scheduler's hot path only the fields that decide a placement
 are decoded. Durations stay Go strings here and are parsed once per app in `robotics/app_index.py`. A RobotClaim and a component's
-devices are read as the claim rules read them, `robotapp_api.claims.objects`.
+devices are read as the claim rules read them, `robotapp_claims.rules.objects`.
 """
 
 import msgspec
 
-from robotapp_api.claims.objects import DeviceRequirement, TelemetryDevice
-from robotapp_api.values.round_trips import Rtt
+from robotapp_api.values.placement.round_trips import Rtt
+from robotapp_claims.rules.objects import DeviceRequirement, TelemetryDevice
 from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.ros import Hardware
 from robotapp_scheduler.core.api.structs import Slim, SlimValue

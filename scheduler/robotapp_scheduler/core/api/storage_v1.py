@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.values.requests import amount
+from robotapp_api.values.quantities.requests import amount
 from robotapp_scheduler.core.api.core_v1 import Metadata, NodeSelector, Quantity
 from robotapp_scheduler.core.api.csi_migration import Kind, handle_of, kind_of, translated
 from robotapp_scheduler.core.api.structs import Slim

@@ -11,8 +11,8 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.claims.objects import Claim
-from robotapp_api.values.round_trips import UNREACHABLE_US
+from robotapp_api.values.placement.round_trips import UNREACHABLE_US
+from robotapp_claims.rules.objects import Claim
 from robotapp_scheduler.core.api.core_v1 import Node, Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import NodeTelemetry, RobotApp
 from robotapp_scheduler.core.api.ros import SharedVolume

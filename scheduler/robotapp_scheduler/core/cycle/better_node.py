@@ -2,7 +2,7 @@
 
 The search (`better_node`) takes the pod off its node in a dry run, with the rest of the app where it is, and places it as a
 waiting pod would be: by all filters, the order of `runsOn` and all scores. So a pod that is evicted for the sake of the proposal
-finds a place. Whether anything is moved is the operator's decision (`robotapp_api.values.better_node`). During a search the nodes
+finds a place. Whether anything is moved is the operator's decision (`robotapp_api.values.placement.better_node`). During a search the nodes
 proposed to other pods count as if these pods were there already: else the operator would evict two pods for one free place.
 
 `BudgetWatch` decides what a pod's annotation `robotics.io/better-node` should be. It looks at instances when a time, a pod or the
@@ -26,7 +26,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from robotapp_api.model.names import Annotation
-from robotapp_api.values.better_node import BetterNode, is_gain, parse_better_node
+from robotapp_api.values.placement.better_node import BetterNode, is_gain, parse_better_node
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Reschedule
 from robotapp_scheduler.core.cache.cache import Cache

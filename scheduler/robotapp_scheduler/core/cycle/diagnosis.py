@@ -5,8 +5,8 @@
 
 from typing import Final
 
-from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation, PodReason
+from robotapp_claims.rules.objects import Claim
 from robotapp_scheduler.core.api.ros import InvalidAnnotation
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.given_up import held_text

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import isclose
 from typing import Final
 
-from robotapp_api.values.round_trips import is_unreachable
+from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_scheduler.core.api.ros import Endpoint, RosContext
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from robotapp_api.model.names import ROBOT_END
-from robotapp_api.values.duration import format_us, time_text
-from robotapp_api.values.given_up import GivenUp, GivenUpEdge
+from robotapp_api.values.placement.given_up import GivenUp, GivenUpEdge
+from robotapp_api.values.quantities.duration import format_us, time_text
 from robotapp_scheduler.core.api.ros import Endpoint
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.tiers import tier_ranks

@@ -6,7 +6,7 @@ from collections.abc import Hashable
 from typing import Final
 
 from robotapp_api.model.names import Label, PodReason
-from robotapp_api.values.tiers import FAILOVER, ROBOT, on_disconnect
+from robotapp_api.values.placement.tiers import FAILOVER, ROBOT, on_disconnect
 from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.pod_group import REPORT_AFTER_S
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from robotapp_api.claims.device import assign
+from robotapp_claims.rules.device import assign
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo

@@ -11,8 +11,8 @@ from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from robotapp_api.values.duration import parse_us
-from robotapp_api.values.neighbours import NO_NEIGHBOURS
+from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS
+from robotapp_api.values.quantities.duration import parse_us
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Edge as Connection
 from robotapp_scheduler.core.api.ros import BALANCE_SHARE

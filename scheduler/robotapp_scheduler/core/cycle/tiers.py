@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_api.model.names import Label
-from robotapp_api.values.tiers import ROBOT
+from robotapp_api.values.placement.tiers import ROBOT
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods.pod_info import PodInfo

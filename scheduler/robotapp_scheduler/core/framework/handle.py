@@ -11,7 +11,7 @@ from typing import Final, Protocol
 
 import msgspec
 
-from robotapp_api.claims.objects import Claim
+from robotapp_claims.rules.objects import Claim
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant

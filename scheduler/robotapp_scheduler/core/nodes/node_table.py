@@ -6,9 +6,9 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotapp_api.claims.instances import primary_node
 from robotapp_api.model.names import Label
-from robotapp_api.values.requests import amounts
+from robotapp_api.values.quantities.requests import amounts
+from robotapp_claims.rules.instances import primary_node
 from robotapp_scheduler.core.api.core_v1 import Node, Taint
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.nodes.columns import (

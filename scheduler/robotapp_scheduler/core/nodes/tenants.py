@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Mapping
 
-from robotapp_api.claims.instances import admitted
 from robotapp_api.model.names import Annotation, Label
+from robotapp_claims.rules.instances import admitted
 
 
 class Tenants:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from robotapp_api.values.requests import amount
+from robotapp_api.values.quantities.requests import amount
 from robotapp_scheduler.core.api.core_v1 import Container, ContainerStatus, Pod, PodStatus, Resources
 
 

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from robotapp_api.model.names import Label
-from robotapp_api.values.requests import PodRequests
+from robotapp_api.values.quantities.requests import PodRequests
 from robotapp_scheduler.core.api.annotations import any_read, parse_annotations
 from robotapp_scheduler.core.api.core_v1 import Affinity, NodeAffinity, OwnerReference, Pod, Toleration
 from robotapp_scheduler.core.api.ros import InvalidAnnotation, RosContext, RosRequest

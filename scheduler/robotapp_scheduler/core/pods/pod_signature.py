@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from robotapp_api.values.requests import PodRequests, pod_requests
+from robotapp_api.values.quantities.requests import PodRequests, pod_requests
 from robotapp_scheduler.core.api.core_v1 import Container, OwnerReference, Pod, PodSpec
 from robotapp_scheduler.core.nodes.columns import ResourceColumns
 from robotapp_scheduler.core.pods.cached_property import CachedProperty

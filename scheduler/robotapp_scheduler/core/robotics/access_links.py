@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from robotapp_api.model.names import ROBOT_END, Annotation
-from robotapp_api.values.bandwidth import parse_link_bandwidth
+from robotapp_api.values.quantities.bandwidth import parse_link_bandwidth
 from robotapp_scheduler.core.api.core_v1 import Node
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.nodes.node_facts import NodeFact

@@ -9,11 +9,11 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from robotapp_api.model.names import ROBOT_END, Label
-from robotapp_api.values.bandwidth import bandwidth_bps
-from robotapp_api.values.better_node import edge_to, topic_of
-from robotapp_api.values.duration import parse_us
-from robotapp_api.values.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
-from robotapp_api.values.tiers import ROBOT
+from robotapp_api.values.placement.better_node import edge_to, topic_of
+from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
+from robotapp_api.values.placement.tiers import ROBOT
+from robotapp_api.values.quantities.bandwidth import bandwidth_bps
+from robotapp_api.values.quantities.duration import parse_us
 from robotapp_scheduler.core.api.core_v1 import Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component, Edge, Reschedule, RobotApp
 from robotapp_scheduler.core.pods.pod_info import Member, member_of

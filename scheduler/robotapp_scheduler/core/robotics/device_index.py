@@ -8,10 +8,10 @@ good enough to choose a node, never to grant (the shell's create of the RobotCla
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from robotapp_api.claims.device import PREFERENCE, Take, assign, fits_kind, is_device, take_device
-from robotapp_api.claims.identity import UNKNOWN_DEVICE_TYPE, device_label, same_holder, shared_devices
-from robotapp_api.claims.node_devices import Device, devices_of_labels
-from robotapp_api.claims.objects import Claim, DeviceThing, TelemetryDevice
+from robotapp_claims.rules.device import PREFERENCE, Take, assign, fits_kind, is_device, take_device
+from robotapp_claims.rules.identity import UNKNOWN_DEVICE_TYPE, device_label, same_holder, shared_devices
+from robotapp_claims.rules.node_devices import Device, devices_of_labels
+from robotapp_claims.rules.objects import Claim, DeviceThing, TelemetryDevice
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceRequest
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple, Protocol
 
 from robotapp_api.model.names import ROBOT_END
-from robotapp_api.values.round_trips import SAME_NODE
+from robotapp_api.values.placement.round_trips import SAME_NODE
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.pod_info import Member
 from robotapp_scheduler.core.robotics.app_index import ON_BOARD, App, AppIndex, Connection, Link

@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 from math import inf
 from typing import Final
 
-from robotapp_api.values.duration import parse_us
+from robotapp_api.values.quantities.duration import parse_us
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Fallback
 from robotapp_scheduler.core.pods.pod_info import Member
 from robotapp_scheduler.core.robotics.app_index import App, AppIndex

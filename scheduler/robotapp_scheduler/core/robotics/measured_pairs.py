@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from robotapp_api.values.round_trips import Figures
+from robotapp_api.values.placement.round_trips import Figures
 from robotapp_scheduler.core.nodes.columns import FloatArray, order_of
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.joint.latencies import IndexArray, Measured

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from datetime import datetime
 from typing import Final, Protocol
 
-from robotapp_api.claims.device import claimed
 from robotapp_api.model.names import GPU, ROBOT_END, Label
-from robotapp_api.values.duration import parse_us
-from robotapp_api.values.neighbours import NO_NEIGHBOURS
+from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS
+from robotapp_api.values.quantities.duration import parse_us
+from robotapp_claims.rules.device import claimed
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component
 from robotapp_scheduler.core.api.ros import (
     DEFAULT_QOS_CLASS,

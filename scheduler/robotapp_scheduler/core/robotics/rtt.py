@@ -1,6 +1,6 @@
 """Round-trip times from a node to all rows: measured pairs first, estimates for the rest, else unknown.
 
-What a pair's time is and when it is too old is decided in `robotapp_api.values.round_trips`, for the operator too.
+What a pair's time is and when it is too old is decided in `robotapp_api.values.placement.round_trips`, for the operator too.
 """
 
 from collections.abc import Callable, Iterable
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_api.model.names import Label
-from robotapp_api.values.round_trips import Figures, RoundTrips, is_unreachable
+from robotapp_api.values.placement.round_trips import Figures, RoundTrips, is_unreachable
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Load, NodeTelemetry
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.nodes.node_table import NodeTable

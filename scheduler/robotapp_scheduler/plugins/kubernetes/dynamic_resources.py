@@ -6,7 +6,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from robotapp_api.values.duration import parse_go_ns
+from robotapp_api.values.quantities.duration import parse_go_ns
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.interface import BindContext, Code, FilterResult, PreFilter, Status

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from robotapp_api.model.names import Annotation
-from robotapp_api.values.duration import parse_us
+from robotapp_api.values.quantities.duration import parse_us
 from robotapp_scheduler.core.api.ros import Endpoint
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation, Label
+from robotapp_claims.rules.objects import Claim
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.ros import RosRequest
 from robotapp_scheduler.core.cache.snapshot import Snapshot

@@ -14,9 +14,9 @@ from typing import Any
 
 import msgspec
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import PODS
-from robotapp_api.client.transport.errors import (
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import PODS
+from robotapp_client.transport.errors import (
     ApiError,
     ClientError,
     Conflict,
@@ -25,7 +25,7 @@ from robotapp_api.client.transport.errors import (
     TooManyRequests,
     means_gone,
 )
-from robotapp_api.client.transport.http11 import Permitted, always
+from robotapp_client.transport.http11 import Permitted, always
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult
 

@@ -10,24 +10,24 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
-from robotapp_api.claiming.bind_check import check_bind_all
-from robotapp_api.claiming.device_sharing import begin_sharing, end_sharing, shared_by_others
-from robotapp_api.claiming.devices import Reservation, reserve_devices
-from robotapp_api.claiming.domain_allocation import PoolCapacity, capacity_of, full_pool
-from robotapp_api.claiming.domains import ensure_pod_domain
-from robotapp_api.claiming.release import give_back
-from robotapp_api.claiming.sweep_snapshot import find
-from robotapp_api.claims.bind import needs_check
-from robotapp_api.claims.device import Chosen, chosen
-from robotapp_api.claims.domain import DomainOutcome, DomainRequest
-from robotapp_api.claims.identity import grants, holder_of_app, holder_of_pod
-from robotapp_api.claims.objects import Claim, EnvVar, Holder, Meta, PodSpec, PodStatus, Pool
-from robotapp_api.claims.objects import Container as ClaimContainer
-from robotapp_api.claims.objects import Pod as ClaimPod
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import DOMAINPOOLS, PODS
-from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import GRANTED_PREFIX, Label, PodReason, Reason
+from robotapp_claims.protocol.bind_check import check_bind_all
+from robotapp_claims.protocol.device_sharing import begin_sharing, end_sharing, shared_by_others
+from robotapp_claims.protocol.devices import Reservation, reserve_devices
+from robotapp_claims.protocol.domain_allocation import PoolCapacity, capacity_of, full_pool
+from robotapp_claims.protocol.domains import ensure_pod_domain
+from robotapp_claims.protocol.release import give_back
+from robotapp_claims.protocol.sweep_snapshot import find
+from robotapp_claims.rules.bind import needs_check
+from robotapp_claims.rules.device import Chosen, chosen
+from robotapp_claims.rules.domain import DomainOutcome, DomainRequest
+from robotapp_claims.rules.identity import grants, holder_of_app, holder_of_pod
+from robotapp_claims.rules.objects import Claim, EnvVar, Holder, Meta, PodSpec, PodStatus, Pool
+from robotapp_claims.rules.objects import Container as ClaimContainer
+from robotapp_claims.rules.objects import Pod as ClaimPod
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import DOMAINPOOLS, PODS
+from robotapp_client.transport.errors import ClientError
 from robotapp_scheduler.core.api.core_v1 import Container
 from robotapp_scheduler.core.framework.handle import READY, Readiness, Reserved
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo

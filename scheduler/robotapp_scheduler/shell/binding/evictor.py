@@ -8,11 +8,11 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
-from robotapp_api.client.api.bodies import STRATEGIC
-from robotapp_api.client.api.client import ApiClient, Json
-from robotapp_api.client.api.resources import PODS
-from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, may_pass, means_another, means_gone
 from robotapp_api.model.names import EventReason
+from robotapp_client.api.bodies import STRATEGIC
+from robotapp_client.api.client import ApiClient, Json
+from robotapp_client.api.resources import PODS
+from robotapp_client.transport.errors import ApiError, ClientError, NotFound, may_pass, means_another, means_gone
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo

@@ -6,9 +6,9 @@ its own.
 
 import msgspec
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import RESOURCECLAIMS
-from robotapp_api.client.transport.errors import ClientError, Conflict
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import RESOURCECLAIMS
+from robotapp_client.transport.errors import ClientError, Conflict
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaim, trouble, wanted
 

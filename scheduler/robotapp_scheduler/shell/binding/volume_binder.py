@@ -9,10 +9,10 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import PERSISTENTVOLUMECLAIMS, PERSISTENTVOLUMES
-from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.values.selector import matches_node_terms
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import PERSISTENTVOLUMECLAIMS, PERSISTENTVOLUMES
+from robotapp_client.transport.errors import ClientError
 from robotapp_scheduler.core.api.storage_v1 import BOUND_BY_CONTROLLER, SELECTED_NODE, Claim, PersistentVolume
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change

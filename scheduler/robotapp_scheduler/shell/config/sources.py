@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import CONFIGMAPS
-from robotapp_api.client.informer.reflector import Change, Reflector
-from robotapp_api.client.tools.event_recorder import reference
-from robotapp_api.client.transport.errors import ApiError, ClientError, Forbidden, NotFound
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import CONFIGMAPS
+from robotapp_client.informer.reflector import Change, Reflector
+from robotapp_client.tools.event_recorder import reference
+from robotapp_client.transport.errors import ApiError, ClientError, Forbidden, NotFound
 from robotapp_scheduler.config.flags import Options
 
 log = logging.getLogger(__name__)

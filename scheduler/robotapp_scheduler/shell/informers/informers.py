@@ -12,15 +12,15 @@ from typing import Any
 
 import msgspec
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import (
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import (
     PODS,
     ROBOTAPPS,
     Resource,
 )
-from robotapp_api.client.informer.reflector import Change as Seen
-from robotapp_api.client.informer.reflector import Reflector
-from robotapp_api.client.transport.errors import ClientError, NotFound
+from robotapp_client.informer.reflector import Change as Seen
+from robotapp_client.informer.reflector import Reflector
+from robotapp_client.transport.errors import ClientError, NotFound
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change, Event

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection
 
-from robotapp_api.client.informer.reflector import Change as Seen
+from robotapp_client.informer.reflector import Change as Seen
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change, Event

@@ -3,8 +3,8 @@
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 
-from robotapp_api.claims.objects import Claim
-from robotapp_api.client.api.client import ApiClient
+from robotapp_claims.rules.objects import Claim
+from robotapp_client.api.client import ApiClient
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.shell.config.reload import Running

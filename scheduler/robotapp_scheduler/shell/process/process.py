@@ -10,14 +10,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from robotapp_api.claiming.sweeper import PENDING_S, Sweeper
-from robotapp_api.client.api.client import ApiClient, Json
-from robotapp_api.client.api.times import utc_now
-from robotapp_api.client.tools.event_recorder import reference
-from robotapp_api.client.tools.leader_election import LeaderElection, candidate_identity
-from robotapp_api.client.transport.connect import handle_loop_error
-from robotapp_api.client.transport.kubeconfig import load as login
 from robotapp_api.model.names import SCHEDULER_MANAGER, EventReason
+from robotapp_claims.protocol.sweeper import PENDING_S, Sweeper
+from robotapp_client.api.client import ApiClient, Json
+from robotapp_client.api.times import utc_now
+from robotapp_client.tools.event_recorder import reference
+from robotapp_client.tools.leader_election import LeaderElection, candidate_identity
+from robotapp_client.transport.connect import handle_loop_error
+from robotapp_client.transport.kubeconfig import load as login
 from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import Options
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig

@@ -35,7 +35,7 @@ MOST_SWALLOWED: Final = 3
 """How often a hook is interrupted in vain before the process ends."""
 DUMP_S: Final = 30.0
 DUMP_BEATS: Final = 5
-OURS: Final = frozenset({"robotapp_scheduler", "robotapp_api"})
+OURS: Final = frozenset({"robotapp_scheduler", "robotapp_api", "robotapp_client", "robotapp_claims"})
 
 
 LastWords = Callable[[str, str, PodInfo], None]

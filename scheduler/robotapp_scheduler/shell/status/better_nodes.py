@@ -8,10 +8,10 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import PODS
-from robotapp_api.client.transport.errors import ApiError, ClientError, Conflict, NotFound, means_another
 from robotapp_api.model.names import Annotation
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import PODS
+from robotapp_client.transport.errors import ApiError, ClientError, Conflict, NotFound, means_another
 from robotapp_scheduler.core.cycle.better_node import TICK_S, AnnotationWrite, BudgetWatch
 
 log = logging.getLogger(__name__)

@@ -4,10 +4,10 @@ import asyncio
 import socket
 from collections.abc import Iterable
 
-from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client.api.client import ApiClient, Json
-from robotapp_api.client.tools.event_recorder import EventRecorder, reference
 from robotapp_api.model.names import EventReason
+from robotapp_claims.rules.repair import ClaimConflict
+from robotapp_client.api.client import ApiClient, Json
+from robotapp_client.tools.event_recorder import EventRecorder, reference
 from robotapp_scheduler.core.api.core_v1 import Pod
 
 QUEUE = 20_000

@@ -8,10 +8,10 @@ import asyncio
 import logging
 from typing import Final
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import PODS
-from robotapp_api.client.transport.errors import ClientError
 from robotapp_api.model.names import EventReason
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import PODS
+from robotapp_client.transport.errors import ClientError
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.status import messages

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from robotapp_api.claims.identity import shown_name
 from robotapp_api.model.names import Label
+from robotapp_claims.rules.identity import shown_name
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.preemption.preemption import BY_SCHEDULER
 

@@ -9,12 +9,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from robotapp_api.client.api.backoff import Backoff
-from robotapp_api.client.api.bodies import STRATEGIC
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import WORKLOAD_PODGROUPS
-from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, may_pass, means_another
 from robotapp_api.model.names import PodReason
+from robotapp_client.api.backoff import Backoff
+from robotapp_client.api.bodies import STRATEGIC
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import WORKLOAD_PODGROUPS
+from robotapp_client.transport.errors import ApiError, ClientError, NotFound, may_pass, means_another
 from robotapp_scheduler.core.api.pod_group import INITIALLY_SCHEDULED, PodGroup
 from robotapp_scheduler.core.cycle.all_or_nothing import UNSCHEDULABLE_GROUP
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult

@@ -18,13 +18,13 @@ from typing import Generic, Protocol, TypeVar
 
 import msgspec
 
-from robotapp_api.client.api import times
-from robotapp_api.client.api.bodies import STRATEGIC
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import PODS
-from robotapp_api.client.transport.errors import ApiError, ClientError, NotFound, may_pass, means_another
 from robotapp_api.model.names import EventReason
-from robotapp_api.values.buckets import Buckets
+from robotapp_api.values.quantities.buckets import Buckets
+from robotapp_client.api import times
+from robotapp_client.api.bodies import STRATEGIC
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import PODS
+from robotapp_client.transport.errors import ApiError, ClientError, NotFound, may_pass, means_another
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.schedule_result import skipped_deleting
 from robotapp_scheduler.shell.status import messages

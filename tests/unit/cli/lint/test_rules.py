@@ -8,8 +8,8 @@ import yaml
 from tests.support.apiobjects import app, component, edge, pool
 from tests.support.rule_cases import CASES, RuleCase
 
-from robotapp_api.claims.objects import Pool
 from robotapp_api.model.names import Reason
+from robotapp_claims.rules.objects import Pool
 from robotapp_cli.lint.findings import Located, Severity
 from robotapp_cli.lint.linter import lint
 from robotapp_operator.plan.spec.validate import limit_note

@@ -11,7 +11,7 @@ from tests.support.gone_fields import GONE_FIELDS, GONE_VALUES, with_field
 from tests.support.malformed import full_app, malformed_apps
 from tests.support.seeds import third_of_today
 
-from robotapp_api.model.robotapp import RobotApp
+from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.schema.crd import schema_of
 from robotapp_cli.lint import wording
 from robotapp_cli.lint.definitions import KINDS, definition

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.client.api.backoff import Backoff
+from robotapp_client.api.backoff import Backoff
 
 
 def test_delays_double_up_to_the_cap() -> None:

@@ -8,11 +8,11 @@ import pytest
 from tests.support.clients import FakeTime, client_for, configmap, posted_soon
 from tests.support.scripted import ScriptedServer, hang_up, item, listing, raw, refusal, reply, silence
 
-from robotapp_api.client import Conflict, Forbidden, Gone, NotFound, ServerError, TooManyRequests, Unreachable
-from robotapp_api.client.api.bodies import JSON_PATCH
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import CONFIGMAPS, NODES, PODS, ROBOTAPPS, ROBOTCLAIMS
-from robotapp_api.client.transport.errors import AlreadyExists
+from robotapp_client import Conflict, Forbidden, Gone, NotFound, ServerError, TooManyRequests, Unreachable
+from robotapp_client.api.bodies import JSON_PATCH
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import CONFIGMAPS, NODES, PODS, ROBOTAPPS, ROBOTCLAIMS
+from robotapp_client.transport.errors import AlreadyExists
 
 BROKEN = b"HTTP/1.1 200 OK\r\nContent-Length: 100\r\n\r\n{"
 

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from robotapp_api.client.api.parallelize import at_once
+from robotapp_client.api.parallelize import at_once
 
 
 async def test_answers_come_in_order_and_not_more_are_under_way_than_allowed() -> None:

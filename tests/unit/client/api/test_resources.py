@@ -2,7 +2,7 @@
 
 import pytest
 
-from robotapp_api.client.api.resources import DEPLOYMENTS, EVENTS, NODES, PODS, ROBOTAPPS, ROBOTCLAIMS, Resource
+from robotapp_client.api.resources import DEPLOYMENTS, EVENTS, NODES, PODS, ROBOTAPPS, ROBOTCLAIMS, Resource
 
 
 @pytest.mark.parametrize(

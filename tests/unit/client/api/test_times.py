@@ -5,8 +5,8 @@ from datetime import UTC, datetime, timedelta, timezone
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from robotapp_api.client.api.bodies import encode
-from robotapp_api.client.api.times import as_micro_time, micro_time
+from robotapp_client.api.bodies import encode
+from robotapp_client.api.times import as_micro_time, micro_time
 
 ZONES = st.one_of(
     st.just(UTC), st.integers(-14 * 60, 14 * 60).map(lambda minutes: timezone(timedelta(minutes=minutes)))

@@ -22,9 +22,9 @@ from tests.support.proxy import (
 )
 from tests.support.proxy.calls import parse
 
-from robotapp_api.client import Reflector
-from robotapp_api.client.api.backoff import Backoff
-from robotapp_api.client.api.resources import CONFIGMAPS
+from robotapp_client import Reflector
+from robotapp_client.api.backoff import Backoff
+from robotapp_client.api.resources import CONFIGMAPS
 
 
 @pytest.fixture

@@ -18,8 +18,8 @@ from tests.support.scripted import (
     watch,
 )
 
-from robotapp_api.client import Change, Reflector
-from robotapp_api.client.api.resources import CONFIGMAPS, NODES
+from robotapp_client import Change, Reflector
+from robotapp_client.api.resources import CONFIGMAPS, NODES
 
 
 class Meta(msgspec.Struct, rename="camel"):

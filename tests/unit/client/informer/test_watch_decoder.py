@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.scripted import bookmark, error_event, event, item
 
-from robotapp_api.client.informer.watch_decoder import BOOKMARK, Identity, Lines, WatchDecoder, managed, shallow
-from robotapp_api.client.transport.errors import Gone, ServerError, Unreachable
+from robotapp_client.informer.watch_decoder import BOOKMARK, Identity, Lines, WatchDecoder, managed, shallow
+from robotapp_client.transport.errors import Gone, ServerError, Unreachable
 
 
 def split(pieces: list[bytes], *, at_once: int = 1, **settings: int) -> list[list[bytes]]:

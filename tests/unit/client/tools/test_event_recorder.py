@@ -14,7 +14,7 @@ from tests.support.clients import client_for
 from tests.support.memory import ManualTime, MemoryTransport, Mishap, memory_client, settle
 from tests.support.scripted import ScriptedServer, reply
 
-from robotapp_api.client.tools.event_recorder import IN_FLIGHT, NOTE_BYTES, EventRecorder, _fit, reference
+from robotapp_client.tools.event_recorder import IN_FLIGHT, NOTE_BYTES, EventRecorder, _fit, reference
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
 POD = reference(api_version="v1", kind="Pod", namespace="robots", name="driver-0", uid="u1")
@@ -274,7 +274,7 @@ async def test_draining_waits_for_what_is_queued_but_not_for_ever() -> None:
 
 
 async def test_memory_is_bounded_by_what_happened_lately(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robotapp_api.client.tools.event_recorder.REMEMBERED", 10)
+    monkeypatch.setattr("robotapp_client.tools.event_recorder.REMEMBERED", 10)
     async with desk() as made:
         for number in range(50):
             made.say(regarding=POD | {"uid": f"u{number}"})

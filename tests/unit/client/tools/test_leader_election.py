@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.support.apiserver import Key, Store
 from tests.support.memory import ManualTime, MemoryTransport, Mishap, memory_client, settle
 
-from robotapp_api.client.tools.leader_election import LeaderElection, boot_time, candidate_identity
+from robotapp_client.tools.leader_election import LeaderElection, boot_time, candidate_identity
 
 KEY = Key("coordination.k8s.io/leases", "robots", "scheduler")
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from robotapp_api.client.transport import connect
-from robotapp_api.client.transport.connect import Dialer, handle_loop_error
-from robotapp_api.client.transport.kubeconfig import Endpoint
+from robotapp_client.transport import connect
+from robotapp_client.transport.connect import Dialer, handle_loop_error
+from robotapp_client.transport.kubeconfig import Endpoint
 
 
 class Speaker:

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from robotapp_api.client.transport import errors
-from robotapp_api.client.transport.errors import ApiError, Status, describe, error_from_response, error_from_status
+from robotapp_client.transport import errors
+from robotapp_client.transport.errors import ApiError, Status, describe, error_from_response, error_from_status
 
 
 def answer(code: int, **status: object) -> ApiError:

@@ -9,11 +9,11 @@ from contextlib import asynccontextmanager
 import pytest
 from tests.support.clients import until
 
-from robotapp_api.client.transport.connect import NotSentError
-from robotapp_api.client.transport.http11 import Answer, BrokenError
-from robotapp_api.client.transport.http_transport import HttpTransport
-from robotapp_api.client.transport.kubeconfig import Endpoint
-from robotapp_api.client.transport.pool import Connections
+from robotapp_client.transport.connect import NotSentError
+from robotapp_client.transport.http11 import Answer, BrokenError
+from robotapp_client.transport.http_transport import HttpTransport
+from robotapp_client.transport.kubeconfig import Endpoint
+from robotapp_client.transport.pool import Connections
 
 REQUEST = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 OK = b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\nRetry-After: 7\r\n\r\nok"
@@ -286,7 +286,7 @@ async def test_an_idle_connection_that_grew_old_is_not_trusted(monkeypatch: pyte
     script = Script()
     async with talking_to(script) as connections:
         await ask(connections)
-        monkeypatch.setattr("robotapp_api.client.transport.pool.KEEPALIVE_S", 0.0)
+        monkeypatch.setattr("robotapp_client.transport.pool.KEEPALIVE_S", 0.0)
         await ask(connections)
     assert script.connections == 2
 

@@ -8,11 +8,11 @@ import pytest
 from tests.support.clients import client_for, posted_soon
 from tests.support.scripted import ScriptedServer, hang_up, item, refusal, reply, silence, watch
 
-from robotapp_api.client import Endpoint, Unauthorized, Unreachable
-from robotapp_api.client.api.resources import NODES
-from robotapp_api.client.transport.credentials import Credentials, Token
-from robotapp_api.client.transport.errors import LoginError
-from robotapp_api.client.transport.http_transport import HttpTransport
+from robotapp_client import Endpoint, Unauthorized, Unreachable
+from robotapp_client.api.resources import NODES
+from robotapp_client.transport.credentials import Credentials, Token
+from robotapp_client.transport.errors import LoginError
+from robotapp_client.transport.http_transport import HttpTransport
 
 
 def numbered_tokens() -> Credentials:

@@ -14,10 +14,10 @@ import pytest
 import yaml
 from tests.support.clients import FakeTime
 
-from robotapp_api.client.transport.credentials import Credentials, ExecPlugin, Token, file_source
-from robotapp_api.client.transport.errors import LoginError
-from robotapp_api.client.transport.kubeconfig import default_kubeconfigs, load
-from robotapp_api.client.transport.tls_sessions import SessionResumption
+from robotapp_client.transport.credentials import Credentials, ExecPlugin, Token, file_source
+from robotapp_client.transport.errors import LoginError
+from robotapp_client.transport.kubeconfig import default_kubeconfigs, load
+from robotapp_client.transport.tls_sessions import SessionResumption
 
 
 @pytest.fixture(scope="module")

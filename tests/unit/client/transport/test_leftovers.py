@@ -12,7 +12,7 @@ import pytest
 from tests.support.certificates import Authority
 from tests.support.clients import client_for, until
 
-from robotapp_api.client import ApiClient, Endpoint, Unreachable
+from robotapp_client import ApiClient, Endpoint, Unreachable
 
 HEAD = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n"
 

@@ -20,8 +20,8 @@ from tests.support.proxy import (
     truncate,
 )
 
-from robotapp_api.client import AlreadyExists, ApiClient, Conflict, NotFound, ServerError, TooManyRequests, Unreachable
-from robotapp_api.client.api.resources import CONFIGMAPS, LEASES
+from robotapp_client import AlreadyExists, ApiClient, Conflict, NotFound, ServerError, TooManyRequests, Unreachable
+from robotapp_client.api.resources import CONFIGMAPS, LEASES
 
 KEY = Key("/configmaps", "default", "a")
 

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.client import Endpoint, Unreachable
-from robotapp_api.client.transport import stream as streaming
-from robotapp_api.client.transport.connect import Dialer
-from robotapp_api.client.transport.stream import Streaming, Streams
+from robotapp_client import Endpoint, Unreachable
+from robotapp_client.transport import stream as streaming
+from robotapp_client.transport.connect import Dialer
+from robotapp_client.transport.stream import Streaming, Streams
 
 REQUEST = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 HEAD = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\nRetry-After: 7\r\n\r\n"

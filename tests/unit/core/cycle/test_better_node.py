@@ -9,8 +9,8 @@ from tests.support.late_apps import COMPONENTS, edge, measure, placed, planner, 
 from tests.support.scheduling import make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Label
-from robotapp_api.values.better_node import is_gain
-from robotapp_api.values.round_trips import SAME_NODE
+from robotapp_api.values.placement.better_node import is_gain
+from robotapp_api.values.placement.round_trips import SAME_NODE
 from robotapp_scheduler.core.cycle.better_node import Proposal, better_node, settled
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.robotics.edge_times import movable, worst_late

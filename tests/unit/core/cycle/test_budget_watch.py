@@ -13,7 +13,7 @@ from tests.support.late_apps import COMPONENTS, annotate, edge, measure, placed,
 from tests.support.scheduling import Clock, app_object, chain, make_node, make_pod, member_pod, telemetry
 
 from robotapp_api.model.names import Annotation
-from robotapp_api.values.better_node import BetterNode, parse_better_node
+from robotapp_api.values.placement.better_node import BetterNode, parse_better_node
 from robotapp_scheduler.core.api.core_v1 import Node
 from robotapp_scheduler.core.cycle.better_node import (
     LOOKS,

@@ -9,7 +9,7 @@ from tests.support.fallback_apps import ROBOT, Day, core_of, decide, give_app, g
 from tests.support.pod_groups import arrive
 from tests.support.scheduling import Clock, make_node, member_pod, telemetry
 
-from robotapp_api.values.given_up import GivenUp, GivenUpEdge
+from robotapp_api.values.placement.given_up import GivenUp, GivenUpEdge
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.given_up import given_up
 from robotapp_scheduler.core.cycle.re_evaluate import re_evaluate

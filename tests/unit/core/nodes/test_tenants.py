@@ -1,8 +1,8 @@
 """Which nodes a namespace may use: the annotation of one computer holds for its whole robot."""
 
-from robotapp_api.claims.instances import closed_nodes
-from robotapp_api.claims.objects import Meta
 from robotapp_api.model.names import Annotation, Label
+from robotapp_claims.rules.instances import closed_nodes
+from robotapp_claims.rules.objects import Meta
 from robotapp_scheduler.core.nodes.tenants import Tenants
 
 ALLOWED = str(Annotation.ALLOWED_NAMESPACES)

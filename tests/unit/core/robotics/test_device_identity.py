@@ -6,8 +6,8 @@ import msgspec
 import pytest
 from tests.support.scheduling import device_claim, make_cluster, make_node, telemetry
 
-from robotapp_api.claims.node_devices import Device
-from robotapp_api.claims.objects import Claim, DeviceThing, TelemetryDevice
+from robotapp_claims.rules.node_devices import Device
+from robotapp_claims.rules.objects import Claim, DeviceThing, TelemetryDevice
 from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceRequest
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant, DeviceIndex
 

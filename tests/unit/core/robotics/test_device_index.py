@@ -1,11 +1,11 @@
 import pytest
 from tests.support.scheduling import device_claim, make_cluster, make_node, make_pod, telemetry
 
-from robotapp_api.claims.device import fits_kind
-from robotapp_api.claims.identity import device_label
-from robotapp_api.claims.node_devices import Device, devices_of_labels
-from robotapp_api.claims.objects import TelemetryDevice
 from robotapp_api.model.names import Annotation
+from robotapp_claims.rules.device import fits_kind
+from robotapp_claims.rules.identity import device_label
+from robotapp_claims.rules.node_devices import Device, devices_of_labels
+from robotapp_claims.rules.objects import TelemetryDevice
 from robotapp_scheduler.core.api.ros import DeviceHolder, DeviceRequest
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.robotics import device_index

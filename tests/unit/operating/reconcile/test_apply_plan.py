@@ -6,9 +6,9 @@ import pytest
 from tests.support.factories import VERSION, after, make_app
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.claims.domain import Fence
-from robotapp_api.client import AlreadyExists, Conflict, Forbidden, Invalid, NotFound
 from robotapp_api.model.names import Reason
+from robotapp_claims.rules.domain import Fence
+from robotapp_client import AlreadyExists, Conflict, Forbidden, Invalid, NotFound
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, plan, wanted_children
 from robotapp_operator.plan.spec.desired import Domain, desired_of
 from robotapp_operator.plan.spec.objects import ChildRef

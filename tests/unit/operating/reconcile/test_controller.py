@@ -8,10 +8,10 @@ from tests.support.claims_objects import pool_json
 from tests.support.controlling import World
 from tests.support.factories import app_body, make_app, make_deployment, robots
 
-from robotapp_api.claims.domain import DomainOutcome
-from robotapp_api.claims.objects import Pool
-from robotapp_api.client import TooManyRequests, Unreachable
 from robotapp_api.model.names import Label, Reason
+from robotapp_claims.rules.domain import DomainOutcome
+from robotapp_claims.rules.objects import Pool
+from robotapp_client import TooManyRequests, Unreachable
 from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.queue.work import StartOver, Work
 from robotapp_operator.queue.workqueue import Key

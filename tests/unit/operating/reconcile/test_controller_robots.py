@@ -6,8 +6,8 @@ import pytest
 from tests.support.controlling import World
 from tests.support.factories import app_body, domain_claim, make_node, robots
 
-from robotapp_api.claims.objects import OwnerReference
 from robotapp_api.model.names import API_VERSION, Label
+from robotapp_claims.rules.objects import OwnerReference
 from robotapp_operator.plan.spec.objects import Deployment, Meta
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key

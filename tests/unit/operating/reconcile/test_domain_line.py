@@ -4,9 +4,9 @@ import msgspec
 from tests.support import claims_objects as make
 from tests.support.factories import app_body
 
-from robotapp_api.claims.domain import DomainOutcome
-from robotapp_api.claims.objects import Pool
 from robotapp_api.model.names import Reason
+from robotapp_claims.rules.domain import DomainOutcome
+from robotapp_claims.rules.objects import Pool
 from robotapp_operator.reconcile.domain_pools import Line
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache

@@ -12,8 +12,8 @@ from tests.support.controlling import place
 from tests.support.factories import app_body, domain_claim, make_app, make_node, robots, telemetry
 from tests.support.instance_writing import REFUSED, World
 
-from robotapp_api.client import NotFound
-from robotapp_api.client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
+from robotapp_client import NotFound
+from robotapp_client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_operator.plan.render.instance_object import object_name, wanted_object
 from robotapp_operator.plan.status.latency import REST_S
 from robotapp_operator.plan.status.pace import MOST_START_REST_S, SETTLED_S, STILL_S, URGENT_REST_S

@@ -13,9 +13,10 @@ from tests.support.clients import client_for, configmap
 from tests.support.factories import app_body, make_node
 from tests.support.factories import robots as robot_nodes
 
-from robotapp_api.claims.objects import Claim
-from robotapp_api.client import ApiClient, Forbidden, NotFound
-from robotapp_api.client.api.resources import (
+from robotapp_api.model.names import API_VERSION, Annotation, Label, Reason
+from robotapp_claims.rules.objects import Claim
+from robotapp_client import ApiClient, Forbidden, NotFound
+from robotapp_client.api.resources import (
     CONFIGMAPS,
     DEPLOYMENTS,
     DOMAINPOOLS,
@@ -24,7 +25,6 @@ from robotapp_api.client.api.resources import (
     ROBOTCLAIMS,
     SERVICES,
 )
-from robotapp_api.model.names import API_VERSION, Annotation, Label, Reason
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, Service
 from robotapp_operator.queue.work import StartOver

@@ -12,12 +12,12 @@ from tests.support.apiserver.store import Key
 from tests.support.clients import client_for
 from tests.support.factories import UID, app_body, component, make_node, telemetry
 
-from robotapp_api.claims.objects import Claim, TelemetryDevice
-from robotapp_api.client import ApiClient, ServerError
-from robotapp_api.client.api.resources import DEPLOYMENTS, PODS
-from robotapp_api.client.tools.event_recorder import EventRecorder
 from robotapp_api.model.names import Annotation, Label
-from robotapp_api.values.better_node import BetterNode
+from robotapp_api.values.placement.better_node import BetterNode
+from robotapp_claims.rules.objects import Claim, TelemetryDevice
+from robotapp_client import ApiClient, ServerError
+from robotapp_client.api.resources import DEPLOYMENTS, PODS
+from robotapp_client.tools.event_recorder import EventRecorder
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet, Taint
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.mover import LOST_S, MASS_LOSS_S, REFUSED_S, SETTLED_S, STAYS_S, Mover, concerns

@@ -8,9 +8,9 @@ import pytest
 from tests.support.controlling import place
 from tests.support.factories import app_body, domain_claim, make_app, make_deployment, make_node, make_pod, telemetry
 
-from robotapp_api.claims.domain import DomainOutcome
-from robotapp_api.claims.objects import Claim, OwnerReference
 from robotapp_api.model.names import Label, Reason
+from robotapp_claims.rules.domain import DomainOutcome
+from robotapp_claims.rules.objects import Claim, OwnerReference
 from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.spec.desired import LONGEST_S, App
 from robotapp_operator.plan.spec.objects import ConfigMap, Node, ReplicaSet, Telemetry

@@ -8,8 +8,8 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
 from tests.unit.operating.reconcile.test_instance_reconciler import VERSION, World
 
-from robotapp_api.client.api.resources import DEPLOYMENTS
 from robotapp_api.model.names import Annotation
+from robotapp_client.api.resources import DEPLOYMENTS
 
 
 @pytest.fixture

@@ -9,9 +9,9 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
 from tests.support.factories import app_body, make_node
 
-from robotapp_api.client import ApiClient, NotFound
-from robotapp_api.client.api.resources import PODS
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
+from robotapp_client import ApiClient, NotFound
+from robotapp_client.api.resources import PODS
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates

@@ -11,11 +11,11 @@ from tests.support.clients import client_for
 from tests.support.controlling import place
 from tests.support.factories import app_body, domain_claim, robots, telemetry
 
-from robotapp_api.claims.domain import DomainOutcome
-from robotapp_api.client import ApiClient
-from robotapp_api.client.api.resources import ROBOTAPPS
+from robotapp_api.model.app.status import RobotAppStatus
 from robotapp_api.model.names import Reason
-from robotapp_api.model.status import RobotAppStatus
+from robotapp_claims.rules.domain import DomainOutcome
+from robotapp_client import ApiClient
+from robotapp_client.api.resources import ROBOTAPPS
 from robotapp_operator.plan.spec.record import parse_record
 from robotapp_operator.plan.status.pace import BURST, CROWD_REST_S, START_REST_S
 from robotapp_operator.reconcile import observer, status_reporter

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.factories import app_body, domain_claim, make_app, make_deployment, make_node, make_pod
 
-from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation, Label
+from robotapp_claims.rules.objects import Claim
 from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet
 from robotapp_operator.watch.cache import MOST_ENDED, Cache

@@ -10,8 +10,8 @@ from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for, configmap, until
 from tests.support.factories import make_app
 
-from robotapp_api.client import ApiClient
-from robotapp_api.client.api.resources import CONFIGMAPS
+from robotapp_client import ApiClient
+from robotapp_client.api.resources import CONFIGMAPS
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.queue.work import StartOver, Work
 from robotapp_operator.queue.workqueue import Key, Queue

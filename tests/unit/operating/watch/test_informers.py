@@ -6,9 +6,9 @@ import msgspec
 import pytest
 from tests.support.factories import app_body, domain_claim, make_app, make_node, make_pod, robots
 
-from robotapp_api.claims.objects import Meta, Pool
-from robotapp_api.client import ApiClient, Change, Endpoint
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
+from robotapp_claims.rules.objects import Meta, Pool
+from robotapp_client import ApiClient, Change, Endpoint
 from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet
 from robotapp_operator.queue.work import BACKGROUND, Work

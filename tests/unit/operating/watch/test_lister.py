@@ -19,10 +19,10 @@ from tests.support.factories import (
     robots,
 )
 
-from robotapp_api.claims.domain import DomainOutcome
-from robotapp_api.claims.identity import claim_name_device, id_order
-from robotapp_api.claims.objects import Claim, Pool
 from robotapp_api.model.names import Reason
+from robotapp_claims.rules.domain import DomainOutcome
+from robotapp_claims.rules.identity import claim_name_device, id_order
+from robotapp_claims.rules.objects import Claim, Pool
 from robotapp_operator.plan.diff.diff import Observed, plan, wanted_children
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, ReplicaSet, Telemetry

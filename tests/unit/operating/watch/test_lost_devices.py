@@ -8,9 +8,9 @@ import pytest
 from tests.support.claims_objects import device_claim
 from tests.support.factories import UID, app_body, make_node
 
-from robotapp_api.claims.identity import holder_of_app
-from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Annotation, Label
+from robotapp_claims.rules.identity import holder_of_app
+from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.status.facts import InstanceFacts
 from robotapp_operator.watch.cache import Cache

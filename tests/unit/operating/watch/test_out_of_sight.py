@@ -6,8 +6,8 @@ import msgspec
 import pytest
 from tests.support.factories import app_body, domain_claim, make_app, make_deployment, make_node, robots
 
-from robotapp_api.claims.objects import Holder, OwnerReference
 from robotapp_api.model.names import Label
+from robotapp_claims.rules.objects import Holder, OwnerReference
 from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.watch.cache import Cache

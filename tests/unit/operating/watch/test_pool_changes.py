@@ -2,8 +2,8 @@
 
 from tests.support.factories import app_body
 
-from robotapp_api.claims.objects import Meta, Pool, PoolSpec
-from robotapp_api.client import ApiClient, Change, Endpoint
+from robotapp_claims.rules.objects import Meta, Pool, PoolSpec
+from robotapp_client import ApiClient, Change, Endpoint
 from robotapp_operator.queue.work import BACKGROUND, Work
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.watch.cache import Cache

@@ -2,9 +2,9 @@
 
 from tests.support.factories import make_pod
 
-from robotapp_api.claims.identity import holder_of_app, holder_of_pod
-from robotapp_api.claims.objects import Holder
-from robotapp_api.claims.repair import ClaimConflict
+from robotapp_claims.rules.identity import holder_of_app, holder_of_pod
+from robotapp_claims.rules.objects import Holder
+from robotapp_claims.rules.repair import ClaimConflict
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.sweep_callbacks import Conflicts, granted_pods
 

@@ -5,8 +5,8 @@ import pytest
 from tests.support.factories import app_body, make_node, make_pod, telemetry
 from tests.unit.operating.watch.test_informers import EACH, OBSERVED, World, pod
 
-from robotapp_api.client import Change
 from robotapp_api.model.names import Label
+from robotapp_client import Change
 from robotapp_operator.plan.spec.objects import Telemetry
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key

@@ -11,8 +11,8 @@ import pytest
 from tests.support.factories import VERSION, after, component, make_app
 from tests.unit.plan.diff.test_diff import bent, planned, settled_world, wanted
 
-from robotapp_api.claims.objects import ROS_DOMAIN_ID
 from robotapp_api.model.names import WAITING_STEP, Annotation, Label
+from robotapp_claims.rules.objects import ROS_DOMAIN_ID
 from robotapp_operator.plan.diff.diff import Observed, Plan, deployment_domain, template_env
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE
 from robotapp_operator.plan.spec.desired import App, Domain

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.claims.objects import Claim
+from robotapp_claims.rules.objects import Claim
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
 
 Held = tuple[str, str, bool]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.factories import component, make_app, round_trips, telemetry
 
-from robotapp_api.values.better_node import BetterNode
+from robotapp_api.values.placement.better_node import BetterNode
 from robotapp_operator.plan.moves.move_record import NO_MOVES, MoveRecord
 from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, reschedule
 from robotapp_operator.plan.status.latency import between, edge_views

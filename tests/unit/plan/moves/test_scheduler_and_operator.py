@@ -15,8 +15,8 @@ from tests.support.late_apps import annotate, edge, placed
 from tests.support.scheduling import Clock, app_object, chain, make_core, make_node, member_pod, telemetry
 
 from robotapp_api.model.names import Annotation, Label
-from robotapp_api.values.better_node import parse_better_node
-from robotapp_api.values.round_trips import Figures
+from robotapp_api.values.placement.better_node import parse_better_node
+from robotapp_api.values.placement.round_trips import Figures
 from robotapp_operator.plan.moves.move_record import parse_moves
 from robotapp_operator.plan.moves.rescheduling import Move, Running, reschedule
 from robotapp_operator.plan.status.latency import BudgetTimes, EdgeView

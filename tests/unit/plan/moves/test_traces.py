@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.factories import component, make_app
 
-from robotapp_api.values.better_node import BetterNode
-from robotapp_api.values.round_trips import Figures
+from robotapp_api.values.placement.better_node import BetterNode
+from robotapp_api.values.placement.round_trips import Figures
 from robotapp_operator.plan.moves.move_record import parse_moves
 from robotapp_operator.plan.moves.rescheduling import Move, Running, reschedule
 from robotapp_operator.plan.spec.desired import App

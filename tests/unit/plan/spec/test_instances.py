@@ -3,7 +3,7 @@
 import pytest
 from tests.support.factories import by_name, make_app, make_node, robots
 
-from robotapp_api.claims.instances import Instance
+from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.spec.instances import allowed_robots, instances_of, matching_robots
 
 ALL = {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}

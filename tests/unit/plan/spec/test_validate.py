@@ -7,8 +7,8 @@ import pytest
 from tests.support.claims_objects import domain_claim
 from tests.support.factories import by_name, component, make_app, make_node, robots
 
-from robotapp_api.claims.objects import Meta, Pool, PoolSpec
 from robotapp_api.model.names import Annotation, Reason
+from robotapp_claims.rules.objects import Meta, Pool, PoolSpec
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Node
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, notes_of, problems_alone, problems_with

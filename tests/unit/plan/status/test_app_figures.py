@@ -5,7 +5,7 @@ import random
 
 from tests.support.factories import make_app, round_trips, telemetry
 
-from robotapp_api.claims.instances import Instance
+from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.status.app_figures import Shown, steady
 from robotapp_operator.plan.status.components import ComponentView
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts

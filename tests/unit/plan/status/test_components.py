@@ -7,7 +7,7 @@ import pytest
 from tests.support.factories import component, make_app, make_deployment, make_pod
 
 from robotapp_api.model.names import Annotation, Reason
-from robotapp_api.values.given_up import GivenUp
+from robotapp_api.values.placement.given_up import GivenUp
 from robotapp_operator.plan.spec.objects import Deployment, Pod
 from robotapp_operator.plan.status.components import ComponentView, component_view, cut_off
 

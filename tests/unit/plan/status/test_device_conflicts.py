@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from tests.support.factories import component, make_app, make_node
 from tests.support.work_unit import is_within
 
-from robotapp_api.claims.identity import claim_name_device
-from robotapp_api.claims.instances import Instance
-from robotapp_api.claims.objects import Claim
 from robotapp_api.model.names import Annotation
+from robotapp_claims.rules.identity import claim_name_device
+from robotapp_claims.rules.instances import Instance
+from robotapp_claims.rules.objects import Claim
 from robotapp_operator.plan.spec.desired import App, desired_of
 from robotapp_operator.plan.spec.objects import Telemetry
 from robotapp_operator.plan.status import device_conflicts as devices

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.factories import make_app
 
-from robotapp_api.claims.instances import Instance
-from robotapp_api.claims.objects import Claim
+from robotapp_claims.rules.instances import Instance
+from robotapp_claims.rules.objects import Claim
 from robotapp_operator.plan.spec.objects import Telemetry
 from robotapp_operator.plan.status.conditions import allocated
 from robotapp_operator.plan.status.device_loss import lost_devices, parse_record, record_text

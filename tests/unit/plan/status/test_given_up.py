@@ -6,7 +6,7 @@ import math
 from tests.unit.plan.status.test_status import UP, condition, instance, message, status_of
 
 from robotapp_api.model.names import ROBOT_END, Condition, Reason
-from robotapp_api.values.given_up import GivenUp, GivenUpEdge
+from robotapp_api.values.placement.given_up import GivenUp, GivenUpEdge
 from robotapp_operator.plan.status.components import ComponentView
 
 HERE = GivenUp((GivenUpEdge("/image", "detector", 30_000, 42_000.0, "estimated", ("edge-1", "edge-2")),))

@@ -8,10 +8,10 @@ import pytest
 from tests.support.factories import make_app, round_trips, telemetry
 from tests.support.largest import largest_status
 
-from robotapp_api.claims.instances import Instance
 from robotapp_api.model.instance import InstanceStatus
 from robotapp_api.model.names import Condition, Phase, Reason
-from robotapp_api.values.round_trips import RoundTrips
+from robotapp_api.values.placement.round_trips import RoundTrips
+from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.spec.text import stored_bytes
 from robotapp_operator.plan.spec.validate import Problem
 from robotapp_operator.plan.status.components import ComponentView

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from tests.support.factories import make_app, round_trips, telemetry
 
-from robotapp_api.values.duration import LONGEST_US, time_text
+from robotapp_api.values.quantities.duration import LONGEST_US, time_text
 from robotapp_operator.plan.status.latency import (
     EdgeKey,
     EdgeView,

@@ -5,8 +5,8 @@ from typing import Any
 
 from tests.support.factories import make_app
 
-from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Phase, Reason
+from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.status.components import ComponentView
 from robotapp_operator.plan.status.facts import AppFacts, Grace, InstanceFacts
 from robotapp_operator.plan.status.status import render_status

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 from tests.support.factories import component, make_app, round_trips, telemetry
 
-from robotapp_api.claims.instances import Instance
+from robotapp_api.model.app.status import RobotAppStatus
 from robotapp_api.model.names import Condition, Phase, Reason
-from robotapp_api.model.status import RobotAppStatus
+from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.spec.text import stored_bytes
 from robotapp_operator.plan.spec.validate import Problem

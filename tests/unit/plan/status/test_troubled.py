@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.factories import make_app, round_trips, telemetry
 
-from robotapp_api.claims.instances import Instance
 from robotapp_api.model.names import Reason
+from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.spec.validate import Problem
 from robotapp_operator.plan.status.components import ComponentView
 from robotapp_operator.plan.status.device_loss import LostDevice

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.transport.errors import (
+from robotapp_client.transport.errors import (
     ClientError,
     Conflict,
     Forbidden,

@@ -10,12 +10,12 @@ import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
 
-from robotapp_api.claims.identity import claim_object, domain_spec, holder_of_app
-from robotapp_api.claims.node_devices import Device
-from robotapp_api.claims.objects import Claim
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_api.model.names import Annotation, Label, PodReason
+from robotapp_claims.rules.identity import claim_object, domain_spec, holder_of_app
+from robotapp_claims.rules.node_devices import Device
+from robotapp_claims.rules.objects import Claim
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.handle import Readiness, Reserved
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo

@@ -9,7 +9,7 @@ from tests.support.queue_checks import check_queue
 from tests.support.scheduling import make_core, make_info, make_node, make_pod
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.transport.errors import ApiError, Conflict, Forbidden, Invalid, NotFound, Unreachable
+from robotapp_client.transport.errors import ApiError, Conflict, Forbidden, Invalid, NotFound, Unreachable
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan

@@ -7,7 +7,7 @@ import pytest
 from tests.support.scheduling import make_info
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.transport.errors import Conflict, NotFound
+from robotapp_client.transport.errors import Conflict, NotFound
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.pods.resource_claims import ResourceClaim
 from robotapp_scheduler.shell.binding.resource_claim_users import TRIES, ClaimUsers

@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 from tests.support.placing import BINDING, Rig
 
-from robotapp_api.claims.identity import holder_of_pod
-from robotapp_api.claims.objects import Claim, ClaimSpec, Meta
+from robotapp_claims.rules.identity import holder_of_pod
+from robotapp_claims.rules.objects import Claim, ClaimSpec, Meta
 from robotapp_scheduler.core.api.core_v1 import ClaimReference
 from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult, Readiness, Reserved
 from robotapp_scheduler.core.framework.interface import Code, Status

@@ -9,7 +9,7 @@ from tests.support.scheduling import make_node
 from tests.support.scripted_client import ScriptedClient
 from tests.support.volumes import make_claim, make_volume, mounting
 
-from robotapp_api.client.transport.errors import Conflict
+from robotapp_client.transport.errors import Conflict
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 from robotapp_scheduler.shell.binding.volume_binder import VolumeWriter, claim_patch, volume_patch

@@ -3,9 +3,9 @@
 from tests.support.placing import Rig
 from tests.support.scheduling import make_info
 
-from robotapp_api.claims.identity import device_spec, domain_spec, holder_of_pod
-from robotapp_api.claims.objects import Claim, Meta
 from robotapp_api.model.names import PodReason
+from robotapp_claims.rules.identity import device_spec, domain_spec, holder_of_pod
+from robotapp_claims.rules.objects import Claim, Meta
 from robotapp_scheduler.core.cycle.diagnosis import DEVICE_PLUGIN, FULL_POOL
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.handle import Readiness, Reserved

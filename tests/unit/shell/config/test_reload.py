@@ -10,7 +10,7 @@ import yaml
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for, configmap, until
 
-from robotapp_api.client.api.resources import CONFIGMAPS
+from robotapp_client.api.resources import CONFIGMAPS
 from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import parse
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig

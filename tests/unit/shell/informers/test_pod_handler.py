@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.queue_checks import check_queue
 
-from robotapp_api.client.informer.reflector import Change as Seen
+from robotapp_client.informer.reflector import Change as Seen
 from robotapp_scheduler.core.api.core_v1 import Metadata, Node, NodeStatus, Pod, PodSpec, PodStatus
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.pods.pod_info import PodInfo

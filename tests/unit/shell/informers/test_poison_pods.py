@@ -13,9 +13,9 @@ from tests.support.queue_checks import check_queue
 from tests.support.scheduling import make_core, make_node, make_pod
 from tests.support.work_unit import is_within
 
-from robotapp_api.client.informer.reflector import Change as Seen
-from robotapp_api.client.informer.watch_decoder import ADDED, WatchDecoder
 from robotapp_api.model.names import SCHEDULER_NAME
+from robotapp_client.informer.reflector import Change as Seen
+from robotapp_client.informer.watch_decoder import ADDED, WatchDecoder
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult

@@ -6,7 +6,7 @@ from prometheus_client.exposition import generate_latest
 from tests.support import apiobjects
 from tests.support.scheduling import device_claim, make_core, make_info, make_node
 
-from robotapp_api.claims.objects import Claim
+from robotapp_claims.rules.objects import Claim
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.queue.queued_pod_info import QueuedPodInfo, Rejection
 from robotapp_scheduler.shell.metrics.metrics import MOST_SERIES, AttemptResult, Metrics

@@ -13,10 +13,10 @@ from prometheus_client.exposition import generate_latest
 from tests.support.apiserver import FakeApiServer, Key
 from tests.support.clients import client_for, until
 
-from robotapp_api.client.api.client import ApiClient
-from robotapp_api.client.api.resources import DEPLOYMENTS, LEASES, NODES, NODETELEMETRIES, PODS, REPLICASETS, ROBOTAPPS
 from robotapp_api.model.names import Annotation, Label
-from robotapp_api.values.better_node import parse_better_node
+from robotapp_api.values.placement.better_node import parse_better_node
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import DEPLOYMENTS, LEASES, NODES, NODETELEMETRIES, PODS, REPLICASETS, ROBOTAPPS
 from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import Options, parse
 from robotapp_scheduler.plugins.registry import catalogue

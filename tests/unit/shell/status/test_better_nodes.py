@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.transport.errors import ApiError, Conflict, Forbidden, NotFound, Unreachable
-from robotapp_api.values.better_node import BetterNode
+from robotapp_api.values.placement.better_node import BetterNode
+from robotapp_client.transport.errors import ApiError, Conflict, Forbidden, NotFound, Unreachable
 from robotapp_scheduler.core.api.core_v1 import Metadata, Pod
 from robotapp_scheduler.core.cycle.better_node import TICK_S, AnnotationWrite
 from robotapp_scheduler.shell.status.better_nodes import BetterNodes

@@ -7,10 +7,10 @@ import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
 
-from robotapp_api.claims.identity import holder_of_app, holder_of_pod
-from robotapp_api.claims.repair import ClaimConflict
-from robotapp_api.client import ApiClient
-from robotapp_api.client.api.resources import EVENTS
+from robotapp_claims.rules.identity import holder_of_app, holder_of_pod
+from robotapp_claims.rules.repair import ClaimConflict
+from robotapp_client import ApiClient
+from robotapp_client.api.resources import EVENTS
 from robotapp_scheduler.shell.status.event_recorder import PodEvents
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.transport.errors import NotFound
+from robotapp_client.transport.errors import NotFound
 from robotapp_scheduler.core.api.core_v1 import Metadata, Pod, PodSpec, PodStatus
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.status.kubelet_rejections import KubeletRejections

@@ -9,7 +9,7 @@ from tests.support.pod_groups import announce, arrive, depart, pod_group, team_p
 from tests.support.scheduling import make_core, make_node
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.transport.errors import (
+from robotapp_client.transport.errors import (
     ClientError,
     Conflict,
     Forbidden,

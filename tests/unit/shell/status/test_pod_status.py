@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 from tests.support.scripted_client import ScriptedClient
 
-from robotapp_api.client.transport.errors import ClientError, Conflict, Forbidden, Invalid, NotFound, Unreachable
+from robotapp_client.transport.errors import ClientError, Conflict, Forbidden, Invalid, NotFound, Unreachable
 from robotapp_scheduler.core.api.core_v1 import Metadata, Pod, PodCondition, PodSpec, PodStatus
 from robotapp_scheduler.shell.status import messages as texts
 from robotapp_scheduler.shell.status.pod_status import CHANGE_S, CHANGES, NOTE_S, Reporter

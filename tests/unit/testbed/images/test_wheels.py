@@ -26,7 +26,15 @@ def test_our_wheel_is_made_from_all_its_packages_and_the_project_file() -> None:
     names = {path.name for path in wheels.sources()}
     folders = {part for path in wheels.sources() for part in path.parts}
     assert {"pyproject.toml", "README.md"} <= names
-    assert {"robotapp_api", "robotapp_operator", "robotapp_scheduler", "robotapp_cli", "rigel_bridge"} <= folders
+    assert {
+        "robotapp_api",
+        "robotapp_client",
+        "robotapp_claims",
+        "robotapp_operator",
+        "robotapp_scheduler",
+        "robotapp_cli",
+        "rigel_bridge",
+    } <= folders
     assert "__pycache__" not in folders
 
 

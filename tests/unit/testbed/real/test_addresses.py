@@ -3,7 +3,7 @@ import ipaddress
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_testbed.real.addresses import CLUSTERS, NODES, POD_NETWORK, Addresses
+from robotapp_testbed.real.config.addresses import CLUSTERS, NODES, POD_NETWORK, Addresses
 
 clusters = st.integers(0, CLUSTERS - 1)
 nodes = st.integers(1, NODES)

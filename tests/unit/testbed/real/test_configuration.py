@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from robotapp_testbed.control_plane.components import SERVICE_NETWORK
-from robotapp_testbed.real import containerd, kubelet, network, services
-from robotapp_testbed.real.addresses import API_SERVICE_IP, DNS_SERVICE_IP, POD_BRIDGE, Addresses
+from robotapp_testbed.real.config import containerd, kubelet, network, services
+from robotapp_testbed.real.config.addresses import API_SERVICE_IP, DNS_SERVICE_IP, POD_BRIDGE, Addresses
 
 ADDRESSES = Addresses(3)
 

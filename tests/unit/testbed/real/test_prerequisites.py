@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from robotapp_testbed.real import prerequisites, try_kernel
+from robotapp_testbed.real import prerequisites
 from robotapp_testbed.real.prerequisites import Package, missing
+from robotapp_testbed.real.scripts import try_kernel
 
 THERE = Package("runc", lambda: True)
 ABSENT = Package("containerd", lambda: False)

@@ -7,8 +7,9 @@ import pytest
 from tests.support.work_unit import is_in_time
 
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.real import slots, sweep
-from robotapp_testbed.real.addresses import CLUSTERS
+from robotapp_testbed.real import slots
+from robotapp_testbed.real.config.addresses import CLUSTERS
+from robotapp_testbed.real.scripts import sweep
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from robotapp_api.values.requests import amounts
+from robotapp_api.values.quantities.requests import amounts
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change, Event

@@ -1,0 +1,1 @@
+"""The parts of a RobotApp, one module per group of fields."""

@@ -1,0 +1,189 @@
+"""Components: the processes of an app. Each becomes one Deployment per instance.
+
+Fields borrowed from PodSpec and Container stay plain JSON in Python; their schema is the vendored core schema.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from robotapp_api.model.app.device import Device, Requirement
+from robotapp_api.model.app.edge import Durability, Liveliness, Reliability
+from robotapp_api.model.app.parameters import ParameterFiles
+from robotapp_api.model.app.template import Json, JsonList, Template
+from robotapp_api.model.base import Model
+from robotapp_api.model.markers import Core, ListMap, ListSet, Rule
+from robotapp_api.model.scalars import DnsLabel, DnsName, Duration, Image, Quantity, TopicName
+
+Tier = Literal["Robot", "Edge", "Cloud"]
+QosClass = Literal["realtime", "sensor_data", "system_default", "best_effort"]
+OnDisconnect = Literal["Keep", "Failover", "Stop"]
+Words = tuple[str, ...]
+
+
+class Policies(Model):
+    """Policies of a component without edges of its own: the fields of the thesis, kept without loss."""
+
+    latency_budget: Duration | None = None
+    """Round-trip time allowed between the component and its peers."""
+    deadline: Duration | None = None
+    """Longest time between two messages of the component."""
+    reliability: Reliability | None = None
+    """DDS reliability of the component's topics. Says nothing about scheduling: that is qosClass."""
+    durability: Durability | None = None
+    """DDS durability of the component's topics."""
+    liveliness: Liveliness | None = None
+    """DDS liveliness of the component's topics."""
+    queue_size: Annotated[int, Field(ge=0, le=100_000)] | None = None
+    """ROS 1 queue size."""
+    tcp_nodelay: bool | None = None
+    """ROS 1 TCP_NODELAY: send small messages at once."""
+
+
+class SharedData(Model):
+    """Who works on the same data as the component and should sit near it."""
+
+    with_: Annotated[tuple[DnsLabel, ...], ListSet(), Field(alias="with", max_length=16)] = ()
+    """Components of this app."""
+    peer_pods: Annotated[tuple[DnsName, ...], ListSet(), Field(max_length=16)] = ()
+    """Pods or Deployments of this namespace that belong to no RobotApp."""
+    claim_names: Annotated[tuple[DnsName, ...], ListSet(), Field(max_length=16)] = ()
+    """PersistentVolumeClaims of this namespace beside whose data it runs; template.spec.volumes and volumeMounts mount them."""
+
+
+class ReadyTopic(Model):
+    """A topic on which messages must arrive."""
+
+    name: TopicName
+    """Name of the topic, such as /odom."""
+    min_rate: Quantity | None = None
+    """Messages per second that must arrive at least, such as 20 or "0.5"; absent means one message."""
+
+
+class Ready(Model):
+    """When ROS itself says that the component is ready: exactly one kind of check."""
+
+    RULES = (
+        Rule(
+            rule="[has(self.topic), has(self.lifecycle)].exists_one(x, x)",
+            message="write exactly one of topic and lifecycle; commands, HTTP and TCP checks are readinessProbe",
+        ),
+    )
+
+    topic: ReadyTopic | None = None
+    """Messages arrive on this topic."""
+    lifecycle: Literal["Active"] | None = None
+    """Lifecycle state the node must have reached."""
+
+
+Peers = Annotated[tuple[DnsLabel, ...], ListSet(), Field(max_length=8)]
+
+
+class Component(Model):
+    """One ROS process group with its image, needs and wishes."""
+
+    RULES = (
+        Rule(
+            rule="!has(self.colocateWith) || !has(self.separateFrom) || !self.colocateWith.exists(n, n in self.separateFrom)",
+            message="a component cannot be both in colocateWith and in separateFrom; remove it from one of them",
+            expression="'component %s: %s is both in colocateWith and in separateFrom; remove it from one of them'.format([self.name, self.colocateWith.filter(n, n in self.separateFrom)[0]])",
+            path=".separateFrom",
+        ),
+        Rule(
+            rule="(!has(self.colocateWith) || !(self.name in self.colocateWith)) && (!has(self.separateFrom) || !(self.name in self.separateFrom))",
+            message="a component must not name itself in colocateWith or separateFrom; remove its own name",
+            expression="'component %s names itself in colocateWith or separateFrom; remove it there'.format([self.name])",
+        ),
+        Rule(
+            rule="self.replicas == 1 || !has(self.devices) || self.devices.all(d, d.sharing != 'Exclusive')",
+            message="an exclusive device allows one replica; write replicas: 1, or sharing: Cluster on the device",
+            expression="'component %s: %d replicas cannot share the exclusive device %s; write replicas: 1, or sharing: Cluster on the device'.format([self.name, self.replicas, self.devices.filter(d, d.sharing == 'Exclusive')[0].name])",
+            path=".replicas",
+        ),
+        Rule(
+            rule="!has(self.env) || !self.env.exists(e, e.name == 'ROS_DOMAIN_ID')",
+            message="ROS_DOMAIN_ID is set by the operator from the claimed domain; drop it from env and write spec.ros2.domain if you need a certain number",
+            expression="'component %s: ROS_DOMAIN_ID is set by the operator from the claimed domain; drop it from env and write spec.ros2.domain if you need a certain number'.format([self.name])",
+            path=".env",
+            reason="FieldValueForbidden",
+        ),
+        Rule(
+            rule="!has(self.ready) || !has(self.readinessProbe)",
+            message="ready and readinessProbe both decide when the component is ready; write one of them",
+            expression="'component %s: ready and readinessProbe both decide when it is ready; write one of them'.format([self.name])",
+            path=".ready",
+        ),
+    )
+
+    name: DnsLabel
+    """Name of the component within the app."""
+    image: Image
+    """Container image; a digest keeps robots on exactly what you tested."""
+    command: Annotated[Words, Core("Container", "command")] = ()
+    """Entry point in place of the image's own."""
+    args: Annotated[Words, Core("Container", "args")] = ()
+    """Arguments of the entry point."""
+    working_dir: Annotated[str, Core("Container", "workingDir")] | None = None
+    """Directory the entry point starts in."""
+    env: Annotated[JsonList, Core("Container", "env")] = ()
+    """Environment variables; the operator adds the ROS ones."""
+    env_from: Annotated[JsonList, Core("Container", "envFrom")] = ()
+    """ConfigMaps and Secrets of this namespace whose keys become environment variables."""
+    ports: Annotated[JsonList, Core("Container", "ports")] = ()
+    """Ports of the container; host ports are not possible."""
+    volume_mounts: Annotated[JsonList, Core("Container", "volumeMounts")] = ()
+    """Where the volumes of template.spec appear in the container."""
+    resources: Annotated[Json, Core("Container", "resources")] = Field(default_factory=dict)
+    """CPU, memory and extended resources the container asks for and may use at most."""
+    image_pull_policy: (
+        Annotated[Literal["Always", "IfNotPresent", "Never"], Core("Container", "imagePullPolicy")] | None
+    ) = None
+    """When the image is pulled: Always, IfNotPresent or Never."""
+    security_context: Annotated[Json, Core("Container", "securityContext")] | None = None
+    """Security options of the container."""
+    liveness_probe: Annotated[Json, Core("Container", "livenessProbe")] | None = None
+    """Check whose failure restarts the container."""
+    readiness_probe: Annotated[Json, Core("Container", "readinessProbe")] | None = None
+    """Check that must succeed before the component counts as ready."""
+    startup_probe: Annotated[Json, Core("Container", "startupProbe")] | None = None
+    """Check that must succeed once before the others begin."""
+    lifecycle: Annotated[Json, Core("Container", "lifecycle")] | None = None
+    """What runs in the container after its start and before it is asked to stop, for example publishing zero velocity."""
+    parameters: ParameterFiles = ()
+    """ROS parameter files in the order in which they are passed; a later one wins. A change of what inline and
+    configMapKeyRef hold rolls the pod."""
+    template: Template = Field(default_factory=Template)
+    """Everything else of the pod."""
+    runs_on: Annotated[
+        tuple[Tier, ...],
+        Field(max_length=3),
+        Rule(
+            rule="self.all(t, self.exists_one(o, o == t))",
+            message="a tier stands twice in runsOn; write each once, best first, for example [Edge, Robot]",
+        ),
+    ] = ()
+    """Tiers of nodes the component may run on, best first: Robot, Edge, Cloud (node label robotics.io/tier). Absent means
+    any. [Edge, Robot] runs on board where no edge node will do."""
+    qos_class: QosClass = "system_default"
+    """Scheduling tier: realtime, sensor_data, system_default, best_effort, in the order they are served."""
+    policies: Policies = Policies()
+    """Policies for components without edges."""
+    devices: Annotated[tuple[Device, ...], ListMap("name"), Field(max_length=16)] = ()
+    """Devices of the node the component uses; exclusive ones are claimed."""
+    requires: Annotated[tuple[Requirement, ...], ListMap("type", "model", "interface"), Field(max_length=16)] = ()
+    """Capabilities the node must have, not claimed."""
+    shared_data: SharedData | None = None
+    """Who works on the same data."""
+    ready: Ready | None = None
+    """When ROS itself says that the component is ready; absent means what readinessProbe says, or that its container runs."""
+    colocate_with: Peers = ()
+    """Components that must be on the same node as this one."""
+    separate_from: Peers = ()
+    """Components that must be on another node than this one."""
+    replicas: Annotated[int, Field(ge=1, le=32)] = 1
+    """Identical copies; more than 1 only without exclusive devices."""
+    on_disconnect: OnDisconnect | None = None
+    """What happens when the node is unreachable for connectivity.grace: Keep the pod; Failover to another node; or Stop: the pod
+    ends, and its successor starts when the node is back and the pod there has ended. Absent means Keep where
+    runsOn is [Robot], else Failover, but a pod on a robot is waited for, because it may still drive: only Failover that is
+    written starts a second one beside it."""

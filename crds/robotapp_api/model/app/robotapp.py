@@ -1,0 +1,151 @@
+"""RobotApp: a robot application as one object."""
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, StringConstraints
+
+from robotapp_api.model import names
+from robotapp_api.model.app.component import Component
+from robotapp_api.model.app.edge import Edge
+from robotapp_api.model.app.placement import Placement
+from robotapp_api.model.app.robots import Robots
+from robotapp_api.model.app.ros import Ros, Ros1, Ros2
+from robotapp_api.model.app.status import RobotAppStatus
+from robotapp_api.model.base import Model, ObjectMeta
+from robotapp_api.model.markers import Column, Kind, ListMap, Rule
+from robotapp_api.model.scalars import Duration
+
+_NAMES = "self.components.map(c, c.name)"
+
+
+def _known(field: str, *, has: str, advice: str) -> Rule:
+    """Every name in a list of components exists. `in` and sets.contains keep the static cost 400 times below nested exists."""
+    wrong = f"self.components.filter(c, {has} && !sets.contains({_NAMES}, c.{field}))"
+    return Rule(
+        rule=f"self.components.all(c, !({has}) || sets.contains({_NAMES}, c.{field}))",
+        message=f"{field} must name components of this app; {advice}",
+        expression=f"'{field} of %s is %s, but the components are %s; {advice}'.format([{wrong}.map(c, c.name), {wrong}.map(c, c.{field}), {_NAMES}])",
+        path=".components",
+    )
+
+
+class Update(Model):
+    """How a new operator version reaches running pods."""
+
+    operator: Literal["Automatic", "OnDemand"] = "Automatic"
+    """Automatic rolls pods when a new operator version renders them differently. OnDemand waits until the annotation
+    robotics.io/approve-update names that version. Your own edits always roll at once."""
+
+
+class Connectivity(Model):
+    """What counts as disconnected."""
+
+    grace: Duration = "5m"
+    """How long a robot's node may be not Ready before its instance counts as Offline and pods that fail over move, and how long
+    the robot may be out of sight (no node of its name; Offline at once) before its instance ends."""
+
+
+class RobotAppSpec(Model):
+    """What is wanted; only its author writes it."""
+
+    RULES = (
+        Rule(
+            rule=f"!has(self.edges) || sets.contains({_NAMES} + ['{names.ROBOT_END}'], self.edges.map(e, e.from) + self.edges.map(e, e.to))",
+            message="from and to of an edge must name a component of this app or @robot",
+            expression=f"'edges have unknown ends (topic, from, to): %s; write the name of a component or @robot'.format([self.edges.filter(e, !(e.from in {_NAMES} + ['{names.ROBOT_END}'] && e.to in {_NAMES} + ['{names.ROBOT_END}'])).map(e, [e.topic, e.from, e.to])])",
+            path=".edges",
+        ),
+        _known("colocateWith", has="has(c.colocateWith)", advice="write the name of a component"),
+        _known("separateFrom", has="has(c.separateFrom)", advice="write the name of a component"),
+        _known(
+            "sharedData.with",
+            has="has(c.sharedData) && has(c.sharedData.with)",
+            advice="write the name of a component; foreign pods belong in sharedData.peerPods",
+        ),
+        Rule(
+            rule="self.components.all(c, !has(c.colocateWith) || !self.components.exists(o, has(o.separateFrom) && o.name in c.colocateWith && c.name in o.separateFrom))",
+            message="one component wants to be with another that wants to be apart from it; remove one of the two names",
+            expression="'colocateWith of %s contradicts separateFrom of the component it names; remove one of the two names'.format([self.components.filter(c, has(c.colocateWith) && self.components.exists(o, has(o.separateFrom) && o.name in c.colocateWith && c.name in o.separateFrom)).map(c, c.name)])",
+            path=".components",
+        ),
+        Rule(
+            rule=f"has(self.robots) || !has(self.edges) || self.edges.all(e, e.from != '{names.ROBOT_END}' && e.to != '{names.ROBOT_END}')",
+            message="an edge to @robot needs a robot; write robots.nodeSelector, or the name of a component in place of @robot",
+            path=".edges",
+        ),
+        Rule(
+            rule="!has(self.ros2) || !has(self.ros2.domain) || !has(self.robots) || self.robots.assignment != 'Each' || self.ros2.isolation == 'Discovery'",
+            message="one domain for every robot would let all of them obey one /cmd_vel; drop ros2.domain, or write robots.assignment: Any or ros2.isolation: Discovery",
+            expression="'domain %d for every robot would let all of them obey one /cmd_vel; drop ros2.domain, or write robots.assignment: Any or ros2.isolation: Discovery'.format([self.ros2.domain])",
+            path=".ros2.domain",
+        ),
+    )
+
+    suspend: bool = False
+    """true removes all pods, keeps the domain and gives the devices back."""
+    ros: Ros
+    """ROS version and distribution."""
+    robots: Robots | None = None
+    """Robots the app runs for; absent means one instance that belongs to no robot."""
+    components: Annotated[tuple[Component, ...], ListMap("name"), Field(min_length=1, max_length=64)]
+    """Processes of the app; each becomes one Deployment per instance."""
+    edges: Annotated[tuple[Edge, ...], ListMap("kind", "topic", "from", "to"), Field(max_length=256)] = ()
+    """Who talks to whom, and how fast it must be."""
+    placement: Placement = Placement()
+    """Placement of the whole app."""
+    ros2: Ros2 | None = None
+    """Domain, middleware and discovery of a ROS 2 app; absent means defaults. Not for ROS 1."""
+    ros1: Ros1 | None = None
+    """Master of a ROS 1 app. Only with a ROS 1 distribution."""
+    update: Update = Update()
+    """How new operator versions reach running pods."""
+    connectivity: Connectivity = Connectivity()
+    """What counts as disconnected."""
+    scheduler_name: Annotated[str, StringConstraints(min_length=1, max_length=253)] | None = None
+    """Scheduler of the pods; absent means the operator's setting, ros-aware-scheduler unless the cluster's operator chose
+    otherwise. With another scheduler ROS placement rules and device claims are off."""
+
+
+class RobotApp(Model):
+    """A robot application: ROS components that share a domain, sit close enough to each other and to the robot, and own
+    the devices they need.
+    """
+
+    RULES = (
+        Rule(
+            rule="size(self.metadata.name) <= 40",
+            message="metadata.name may have at most 40 characters, because names of children are derived from it; write a shorter name",
+            expression="'metadata.name has %d characters; names of children are derived from it, write at most 40'.format([size(self.metadata.name)])",
+        ),
+    )
+    CRD: ClassVar = Kind(
+        plural="robotapps",
+        singular="robotapp",
+        short_names=("ra", "rapp"),
+        namespaced=True,
+        columns=(
+            Column("Ready", ".status.summary.ready"),
+            Column("Phase", ".status.phase"),
+            Column("Domain", ".status.summary.domain"),
+            Column("Robots", ".status.summary.robots"),
+            Column("Budget", ".status.summary.budget"),
+            Column("Devices", ".status.summary.devices"),
+            Column("Age", ".metadata.creationTimestamp", type="date"),
+            Column("RMW", ".status.summary.rmw", wide=True),
+            Column("Discovery", ".status.summary.discovery", wide=True),
+            Column("Nodes", ".status.summary.nodes", wide=True),
+            Column("Message", ".status.summary.message", wide=True),
+        ),
+        selectable=(".spec.schedulerName", ".status.phase"),
+    )
+
+    api_version: Literal["robotics.io/v1alpha1"] = names.API_VERSION
+    """Version of the schema this object is written in."""
+    kind: Literal["RobotApp"] = "RobotApp"
+    """Kind of this object."""
+    metadata: ObjectMeta = ObjectMeta()
+    """Name, namespace, labels and annotations."""
+    spec: RobotAppSpec
+    """What is wanted; only its author writes it."""
+    status: RobotAppStatus = RobotAppStatus()
+    """The observation; only the operator writes it."""

@@ -1,0 +1,122 @@
+"""What a component asks of its pod beside its own container: core's names, core's schema."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, StringConstraints, WithJsonSchema
+
+from robotapp_api.model.app.robots import LABEL_KEY
+from robotapp_api.model.base import Model
+from robotapp_api.model.markers import Core, Rule
+from robotapp_api.model.scalars import LABEL_VALUE_PATTERN
+
+Json = dict[str, Any]
+JsonList = tuple[Json, ...]
+
+_FREE_KEYS = (
+    Rule(
+        rule=f"self.all(key, key.matches('{LABEL_KEY}'))",
+        message="a key is no label or annotation key; write for example example.com/team",
+    ),
+    Rule(
+        rule="self.all(key, !key.matches('^([^/]*[.])?robotics[.]io/') && !key.startsWith('app.kubernetes.io/'))",
+        message="keys of robotics.io and app.kubernetes.io/ belong to the operator; write a key of your own, for example example.com/team",
+        expression="'%s: keys of robotics.io and app.kubernetes.io/ belong to the operator; write a key of your own, for example example.com/team'.format([self.filter(key, key.matches('^([^/]*[.])?robotics[.]io/') || key.startsWith('app.kubernetes.io/'))[0]])",
+        reason="FieldValueForbidden",
+    ),
+)
+LabelValue = Annotated[str, StringConstraints(max_length=63, pattern=LABEL_VALUE_PATTERN)]
+_OBJECTS: dict[str, Any] = {
+    "type": "array",
+    "maxItems": 16,
+    "items": {"type": "object", "x-kubernetes-preserve-unknown-fields": True},
+}
+
+
+def _refused(field: str, instead: str, *, empty: str) -> Rule:
+    """A pod field that has no place in an app. It stands in the schema so that the refusal can name what to write."""
+    return Rule(
+        rule=empty,
+        message=f"{field} cannot be set in the template; {instead}",
+        reason="FieldValueForbidden",
+    )
+
+
+class TemplateMetadata(Model):
+    """Labels and annotations of the component's pods, beside the operator's own."""
+
+    labels: Annotated[dict[str, LabelValue], Field(max_length=32), *_FREE_KEYS] = Field(default_factory=dict)
+    """Labels for selectors of your own, such as those of a NetworkPolicy or a PodMonitor."""
+    annotations: Annotated[
+        dict[str, Annotated[str, StringConstraints(max_length=4096)]], Field(max_length=32), *_FREE_KEYS
+    ] = Field(default_factory=dict)
+    """Annotations for other programs, such as prometheus.io/scrape."""
+
+
+class TemplateSpec(Model):
+    """Fields of the pod with core's names and meaning."""
+
+    volumes: Annotated[JsonList, Core("PodSpec", "volumes")] = ()
+    """Volumes of the pod: configMap, secret, emptyDir, persistentVolumeClaim, projected or downwardAPI."""
+    image_pull_secrets: Annotated[JsonList, Core("PodSpec", "imagePullSecrets")] = ()
+    """Secrets of this namespace that let the node pull the image."""
+    init_containers: Annotated[JsonList, Core("PodSpec", "initContainers")] = ()
+    """Containers that run before the component."""
+    tolerations: Annotated[JsonList, Core("PodSpec", "tolerations")] = ()
+    """Node taints the component puts up with."""
+    node_selector: Annotated[dict[str, str], Core("PodSpec", "nodeSelector")] = Field(default_factory=dict)
+    """Labels the node must have, beside what runsOn and requires ask for."""
+    priority_class_name: Annotated[str, Core("PodSpec", "priorityClassName")] | None = None
+    """PriorityClass of the pod; it comes before qosClass in the scheduler's queue."""
+    service_account_name: Annotated[str, Core("PodSpec", "serviceAccountName")] | None = None
+    """ServiceAccount of this namespace the pod runs as. Its token is mounted, except that of `default`, which is also what a
+    pod without this field runs as: name an account of its own for a component that talks to the API server."""
+    security_context: Annotated[Json, Core("PodSpec", "securityContext")] | None = None
+    """Security options of the pod; those of the container stand beside its image."""
+    runtime_class_name: Annotated[str, Core("PodSpec", "runtimeClassName")] | None = None
+    """RuntimeClass the pod runs with."""
+    termination_grace_period_seconds: Annotated[int, Core("PodSpec", "terminationGracePeriodSeconds")] | None = None
+    """Seconds between the request to stop and the kill."""
+    node_name: Annotated[
+        Annotated[str, StringConstraints(max_length=253)] | None,
+        _refused("nodeName", "write nodeSelector, or robots and runsOn of the component", empty="self == ''"),
+    ] = None
+    """Refused: a pod with a node never meets the scheduler. Write nodeSelector, or robots and runsOn."""
+    scheduler_name: Annotated[
+        Annotated[str, StringConstraints(max_length=253)] | None,
+        _refused("schedulerName", "write spec.schedulerName, which is for all components", empty="self == ''"),
+    ] = None
+    """Refused: write spec.schedulerName, which is for all components."""
+    restart_policy: Annotated[
+        Literal["Always", "OnFailure", "Never"] | None,
+        _refused("restartPolicy", "components always restart: leave it out", empty="self == 'Always'"),
+    ] = None
+    """Refused unless Always: components always restart."""
+    resource_claims: Annotated[
+        JsonList,
+        WithJsonSchema(_OBJECTS),
+        _refused("resourceClaims", "write devices of the component", empty="size(self) == 0"),
+    ] = ()
+    """Refused: write devices of the component."""
+    scheduling_gates: Annotated[
+        JsonList,
+        WithJsonSchema(_OBJECTS),
+        _refused("schedulingGates", "write spec.suspend: true to hold an app back", empty="size(self) == 0"),
+    ] = ()
+    """Refused: write spec.suspend: true to hold an app back."""
+    ephemeral_containers: Annotated[
+        JsonList,
+        WithJsonSchema(_OBJECTS),
+        _refused(
+            "ephemeralContainers", "leave it out: kubectl debug adds them to a running pod", empty="size(self) == 0"
+        ),
+    ] = ()
+    """Refused: kubectl debug adds them to a running pod."""
+
+
+class Template(Model):
+    """The component's pod."""
+
+    metadata: TemplateMetadata = Field(default_factory=TemplateMetadata)
+    """Labels and annotations of the pods."""
+    spec: TemplateSpec = Field(default_factory=TemplateSpec)
+    """Fields of the pod."""

@@ -1,0 +1,1 @@
+"""Configuration of the programs and links of real nodes. Pure: text in, text out."""
