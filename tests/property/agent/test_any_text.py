@@ -4,7 +4,7 @@ import json
 
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.agents import readings
+from tests.support.agent.agents import readings
 
 from robotapp_agent.report.load import Sample, Traffic, cpu_times, gpu_percent, load_between, memory_percent
 from robotapp_agent.report.power import Sensor, battery, temperatures

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.bpf import accepts
-from tests.support.probes import (
+from tests.support.agent.bpf import accepts
+from tests.support.agent.probes import (
     OTHER_SECRET,
     SECRET,
     SESSION,

@@ -4,7 +4,7 @@ import random
 
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.agents import status, trip
+from tests.support.agent.agents import status, trip
 
 from robotapp_agent.report.changes import Pace, Urgency, soon_s, urgency
 from robotapp_agent.report.readings import Load

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.apiobjects import app, pool
-from tests.support.cel_rules import broken_rules
+from tests.support.schemas import broken_rules
 
 from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.pool import DomainPool

@@ -7,8 +7,9 @@ from collections import Counter
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.support.claims_weakened import one_phase
-from tests.support.claims_world import Director, World
+
+from campaigns.claims.claims_weakened import one_phase
+from campaigns.claims.claims_world import Director, World
 
 APPS = ("a", "b", "c")
 

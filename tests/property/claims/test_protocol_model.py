@@ -1,13 +1,13 @@
 """The claim protocol, state by state, with the product's own decision functions; mutants of each must be caught."""
 
 import pytest
-from tests.support.claims_model.device import DeviceModel
-from tests.support.claims_model.domain import DomainModel
-from tests.support.claims_model.domain_rules import AUTO, DomainRules
-from tests.support.claims_model.explore import explore
-from tests.support.claims_model.scenarios import ALL, IN_TURN, Scenario
 from tests.support.seeds import third_of_today
 
+from campaigns.claims.model.device import DeviceModel
+from campaigns.claims.model.domain import DomainModel
+from campaigns.claims.model.domain_rules import AUTO, DomainRules
+from campaigns.claims.model.explore import explore
+from campaigns.claims.model.scenarios import ALL, IN_TURN, Scenario
 from robotapp_claims.rules.domain import DomainPlan
 
 quick = [scenario for name, scenario in ALL.items() if scenario.quick and name not in IN_TURN]

@@ -7,9 +7,9 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.claims_store import Client, Store
-from tests.support.claims_world import Actor, Director
+from tests.support.claims.store import Client, Store
 
+from campaigns.claims.claims_world import Actor, Director
 from robotapp_claims.protocol import device_sharing
 from robotapp_claims.protocol.devices import Reservation
 from robotapp_claims.protocol.sweeper import Sweeper

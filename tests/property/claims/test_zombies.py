@@ -1,11 +1,12 @@
-"""Processes that sleep through a change of hands and go on with what they knew: tests/support/claims_zombies.py."""
+"""Processes that sleep through a change of hands and go on with what they knew: e2e/campaigns/claims/claims_zombies.py."""
 
 from dataclasses import replace
 
 import pytest
-from tests.support.claims_weakened import ONE_SLEEPER, Weakened
-from tests.support.claims_zombies import CASES, SLEEPERS, first_failure
 from tests.support.seeds import third_of_today
+
+from campaigns.claims.claims_weakened import ONE_SLEEPER, Weakened
+from campaigns.claims.claims_zombies import CASES, SLEEPERS, first_failure
 
 FOUND_BY = {
     "no_bind_check": "operator 1 a sleeps after 5 requests, new, then delete",

@@ -6,11 +6,11 @@ A third of the cases each day; ROBOTAPP_SAMPLES=all takes all of them.
 from typing import Any
 
 import pytest
-from tests.support.cluster_cases import FAMILIES, seeded_case
-from tests.support.reference_comparison import differences
-from tests.support.reference_scheduler import Config
 from tests.support.seeds import third_of_today
 
+from campaigns.cluster_cases import FAMILIES, seeded_case
+from campaigns.reference_scheduler import Config
+from campaigns.reference_scheduler.comparison import differences
 from robotapp_scheduler.config.load import parse
 from robotapp_scheduler.config.model import API_VERSION, KIND
 from robotapp_scheduler.plugins.kubernetes.common.arguments import OLD

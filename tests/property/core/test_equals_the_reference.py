@@ -3,11 +3,12 @@
 import random
 
 from hypothesis import HealthCheck, given, settings
-from tests.support.cluster_cases import FAMILIES, Case, cases, seeded_case
-from tests.support.cluster_cases.regressions import regressions
-from tests.support.reference_comparison import build, compare, differences, feed
-from tests.support.reference_scheduler import ClusterDump, decide
-from tests.support.reference_scheduler.model import Json
+
+from campaigns.cluster_cases import FAMILIES, Case, cases, seeded_case
+from campaigns.cluster_cases.regressions import regressions
+from campaigns.reference_scheduler import ClusterDump, decide
+from campaigns.reference_scheduler.comparison import build, compare, differences, feed
+from campaigns.reference_scheduler.model import Json
 
 CHECKS = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 SAMPLE = 400

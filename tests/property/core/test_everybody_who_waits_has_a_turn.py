@@ -4,7 +4,7 @@ from math import ceil, log2
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.support.queue_checks import check_queue
+from tests.support.scheduler.queue_checks import check_queue
 from tests.support.scheduling import Clock, make_info, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event

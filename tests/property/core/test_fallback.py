@@ -8,7 +8,7 @@ from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.support.fallback_apps import ROBOT, START, Day, core_of, decide, give_app, give_pod, places, prefer
+from tests.support.scheduler.fallback_apps import ROBOT, START, Day, core_of, decide, give_app, give_pod, places, prefer
 from tests.support.scheduling import app_object, chain, make_cluster, make_node, member_pod
 
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Fallback

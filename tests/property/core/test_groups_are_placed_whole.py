@@ -4,8 +4,8 @@ from random import Random
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.support.pod_groups import announce, arrive, confirm, pod_group, run, team_pod
-from tests.support.queue_checks import check_queue
+from tests.support.scheduler.pod_groups import announce, arrive, confirm, pod_group, run, team_pod
+from tests.support.scheduler.queue_checks import check_queue
 from tests.support.scheduling import make_core, make_node
 
 from robotapp_scheduler.core.api.core_v1 import Pod

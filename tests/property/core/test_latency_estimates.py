@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.support.latency_networks import Network, cluster_of, network
+from tests.property.core.latency_networks import Network, cluster_of, network
 from tests.support.scheduling import Clock, telemetry
 
 from robotapp_scheduler.core.cache.cache import Cache

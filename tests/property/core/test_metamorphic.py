@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.support.cluster_cases import FAMILIES, Case, cases
-from tests.support.cluster_cases.scene import Json, make_node
-from tests.support.reference_comparison import build
-from tests.support.reference_scheduler import decide
-from tests.support.reference_scheduler.quantities import exact
 
+from campaigns.cluster_cases import FAMILIES, Case, cases
+from campaigns.cluster_cases.scene import Json, make_node
+from campaigns.reference_scheduler import decide
+from campaigns.reference_scheduler.comparison import build
+from campaigns.reference_scheduler.quantities import exact
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 

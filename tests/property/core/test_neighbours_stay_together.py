@@ -7,7 +7,7 @@ from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.support.pod_groups import arrive, confirm, depart
+from tests.support.scheduler.pod_groups import arrive, confirm, depart
 from tests.support.scheduling import app_object, chain, make_core, make_node, make_pod, member_pod, telemetry
 
 from robotapp_api.model.names import Label

@@ -4,11 +4,11 @@ import random
 
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.bench.parity_ros import campaign
-from tests.support.cluster_cases import seeded_case
-from tests.support.ros_surroundings import both, decided
 from tests.support.scheduling import make_info
 
+from campaigns.cluster_cases import seeded_case
+from campaigns.parity.ros import campaign
+from campaigns.parity.ros_surroundings import both, decided
 from robotapp_scheduler.plugins.kubernetes.queue_sort import PrioritySort
 from robotapp_scheduler.plugins.ros.queue_sort import ROSQueueSort
 

@@ -8,12 +8,12 @@ from typing import Final
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.support.cluster_cases import FAMILIES, Case, cases, seeded_case
-from tests.support.reference_comparison import compare, feed
-from tests.support.reference_scheduler import ClusterDump, Config, decide
-from tests.support.reference_scheduler.model import Json
 from tests.support.scheduling import Clock, app_object, chain, default_profiles, make_cluster, owner, to_pod
 
+from campaigns.cluster_cases import FAMILIES, Case, cases, seeded_case
+from campaigns.reference_scheduler import ClusterDump, Config, decide
+from campaigns.reference_scheduler.comparison import compare, feed
+from campaigns.reference_scheduler.model import Json
 from robotapp_api.model.names import SCHEDULER_NAME, Label
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.framework.profiles import PluginRef, PluginSet, ProfileSpec

@@ -7,12 +7,12 @@ import msgspec
 import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.support.cluster_cases import Case, cases
-from tests.support.reference_comparison import build
-from tests.support.reference_scheduler import Config
-from tests.support.reference_scheduler.resources import balance_score, fit_score
-from tests.support.reference_scheduler.state import State
 
+from campaigns.cluster_cases import Case, cases
+from campaigns.reference_scheduler import Config
+from campaigns.reference_scheduler.comparison import build
+from campaigns.reference_scheduler.resources import balance_score, fit_score
+from campaigns.reference_scheduler.state import State
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.framework.interface import MAX_SCORE
 from robotapp_scheduler.core.nodes.node_table import Row

@@ -1,6 +1,6 @@
 """Spread and pod affinity as columns against the scalar reference: in one cluster, and along a history of it.
 
-The families of tests/support/cluster_cases are what a cluster may hold; here labels are odd, selectors blank, and
+The families of e2e/campaigns/cluster_cases are what a cluster may hold; here labels are odd, selectors blank, and
 columns are repaired after every change.
 """
 
@@ -8,11 +8,11 @@ from typing import Any
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.support import topology_worlds as worlds
-from tests.support.reference_comparison import compare, feed
-from tests.support.reference_scheduler import ClusterDump, Config, decide
+from tests.property.core import topology_worlds as worlds
 from tests.support.scheduling import make_core, to_pod
 
+from campaigns.reference_scheduler import ClusterDump, Config, decide
+from campaigns.reference_scheduler.comparison import compare, feed
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 

@@ -4,8 +4,7 @@ from typing import Any
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.support.scheduling import Clock, default_profiles, make_cluster, make_node
-from tests.support.volumes import (
+from tests.support.scheduler.volumes import (
     make_capacity,
     make_claim,
     make_class,
@@ -14,6 +13,7 @@ from tests.support.volumes import (
     make_volume,
     mounting,
 )
+from tests.support.scheduling import Clock, default_profiles, make_cluster, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cache.snapshot import Snapshot

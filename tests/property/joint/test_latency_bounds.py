@@ -5,7 +5,7 @@ from random import Random
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.joint_problems import latencies
+from tests.support.scheduler.joint_problems import latencies
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -6,7 +6,7 @@ from random import Random
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.support.joint_problems import latencies
+from tests.support.scheduler.joint_problems import latencies
 
 RANDOM = st.integers(0, 2**32).map(Random)
 

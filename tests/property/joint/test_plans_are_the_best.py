@@ -4,7 +4,7 @@ from random import Random
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.support.joint_problems import (
+from tests.support.scheduler.joint_problems import (
     brute_force,
     brute_force_in_order,
     crowded,

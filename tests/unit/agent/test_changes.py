@@ -5,7 +5,7 @@ from collections import Counter
 
 import msgspec
 import pytest
-from tests.support.agents import CAMERA, cpu, readings, status, trip
+from tests.support.agent.agents import CAMERA, cpu, readings, status, trip
 
 from robotapp_agent.devices.device import Device
 from robotapp_agent.report.changes import ROUND_JITTER, Pace, Urgency, interval_for, round_s, urgency

@@ -1,4 +1,4 @@
-"""The labeller against an API server that refuses, fails and loses nodes; the real one is in tests/integration/agent."""
+"""The labeller against an API server that refuses, fails and loses nodes; the real one is in tests/live/agent."""
 
 import asyncio
 import contextlib

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable
 
 import pytest
-from tests.support.agents import cpu, readings, trip
+from tests.support.agent.agents import cpu, readings, trip
 from tests.support.virtual_time import run_virtually
 
 from robotapp_agent.report.changes import Pace

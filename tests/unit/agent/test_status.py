@@ -4,7 +4,7 @@ import json
 from typing import Any
 
 import msgspec
-from tests.support.agents import CAMERA, readings, status, trip
+from tests.support.agent.agents import CAMERA, readings, status, trip
 
 from robotapp_agent.devices.device import Device
 from robotapp_agent.report.readings import Battery, Load, Readings, Temperature

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from tests.support.gone_fields import GONE_FIELDS, GONE_VALUES, object_around
 from tests.support.schemas import SCHEMAS
+from tests.support.wrong_input.gone_fields import GONE_FIELDS, GONE_VALUES, object_around
 
 
 def fields(schema: dict[str, Any], path: str) -> Iterator[str]:

@@ -4,8 +4,8 @@ import re
 
 import pytest
 from pydantic import ValidationError
-from tests.support.cel_rules import broken_rules, with_defaults
-from tests.support.malformed import full_app, is_borrowed, malformed_apps, unused_fields
+from tests.support.schemas import broken_rules, with_defaults
+from tests.support.wrong_input.malformed import full_app, is_borrowed, malformed_apps, unused_fields
 
 from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.base import dump

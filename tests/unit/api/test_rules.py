@@ -3,9 +3,8 @@
 import re
 
 import pytest
-from tests.support.cel_rules import all_rules, broken_rules
-from tests.support.rule_cases import CASES, RuleCase
-from tests.support.schemas import SCHEMAS
+from tests.support.schemas import SCHEMAS, all_rules, broken_rules
+from tests.support.wrong_input.rule_cases import CASES, RuleCase
 
 PARAMETERS = [pytest.param(kind, case, id=f"{kind}: {case}") for kind, cases in CASES.items() for case in cases]
 

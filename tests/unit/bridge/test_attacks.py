@@ -6,8 +6,8 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.jobfiles import with_block
-from tests.support.rigelfiles import ONE, orchestration, refusal, rendered, spec
+from tests.support.rigel.jobfiles import with_block
+from tests.support.rigel.rigelfiles import ONE, orchestration, refusal, rendered, spec
 
 from rigel_bridge.document import template
 from rigel_bridge.document.failures import BridgeError, control_character

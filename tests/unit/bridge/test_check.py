@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-from tests.support.jobfiles import G3
-from tests.support.rigelfiles import ONE, orchestration
+from tests.support.rigel.jobfiles import G3
+from tests.support.rigel.rigelfiles import ONE, orchestration
 
 from rigel_bridge.main import main
 

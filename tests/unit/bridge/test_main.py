@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.support.jobfiles import G3
-from tests.support.rigelfiles import ONE, orchestration
+from tests.support.rigel.jobfiles import G3
+from tests.support.rigel.rigelfiles import ONE, orchestration
 
 from rigel_bridge.main import _arguments, _parser, main
 from rigel_bridge.verbs.table import VERBS

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-from tests.support.bridge_watch import run
-from tests.support.rigelfile_cases import mutated
+from tests.support.rigel.cases import mutated
 from tests.support.work_unit import is_within
 
+from campaigns.bridge.bridge_watch import run
 from rigel_bridge.document.failures import Exit
 
 

@@ -3,7 +3,7 @@
 from typing import Any, get_args
 
 import pytest
-from tests.support.rigelfiles import orchestration, spec
+from tests.support.rigel.rigelfiles import orchestration, spec
 
 from rigel_bridge import names as bridge
 from rigel_bridge.document.distros import distros

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import yaml
-from tests.support.rigelfiles import refusal, rendered
+from tests.support.rigel.rigelfiles import refusal, rendered
 
 from rigel_bridge.main import main
 from rigel_bridge.render.workloads import workloads

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.support.rigelfiles import ONE, TWO, orchestration
+from tests.support.rigel.rigelfiles import ONE, TWO, orchestration
 from tests.support.ros_sources import package, write
 
 from rigel_bridge import inferences, source

@@ -1,7 +1,7 @@
 """The format of Rigel 0.2: what is read, what is said about the rest; templates."""
 
 import pytest
-from tests.support.rigelfiles import ONE, TWO, orchestration, refusal, rendered, spec
+from tests.support.rigel.rigelfiles import ONE, TWO, orchestration, refusal, rendered, spec
 
 
 def test_a_package_becomes_a_component_with_its_command_as_arguments() -> None:

@@ -2,7 +2,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.support.cli import Stage
+from tests.unit.cli.running import Stage
 
 
 @pytest.fixture

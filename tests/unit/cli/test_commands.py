@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 import yaml
-from tests.support.cli import ROBOTAPPS, STATUS, SUMMARY, UID, Stage, robotapp
+from tests.unit.cli.running import ROBOTAPPS, STATUS, SUMMARY, UID, Stage, robotapp
 
 from robotapp_claims.rules.identity import device_label
 

@@ -3,7 +3,7 @@
 import pytest
 import typer
 from click import Command
-from tests.support.cli import INSTANCES, ROBOTAPPS, Stage, instance, robotapp
+from tests.unit.cli.running import INSTANCES, ROBOTAPPS, Stage, instance, robotapp
 
 from robotapp_cli.completion import complete_names, complete_nodes, complete_pairs, complete_robots
 

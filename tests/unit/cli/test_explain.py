@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.support.cli import INSTANCES, ROBOTAPPS, Stage, instance, pod, robotapp
+from tests.unit.cli.running import INSTANCES, ROBOTAPPS, Stage, instance, pod, robotapp
 
 from robotapp_cli.commands.explain import InstanceView, Row, note_of
 from robotapp_cli.reading.scheduler_link import Link

@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from tests.support.cli import INSTANCES, ROBOTAPPS, Stage, instance, pod, robotapp
+from tests.unit.cli.running import INSTANCES, ROBOTAPPS, Stage, instance, pod, robotapp
 
 EDGE = {"topic": "/cmd_vel", "from": "panel", "to": "driver", "latency": {"budget": "30ms"}}
 OBSERVED = {"topic": "/cmd_vel", "from": "panel", "to": "driver", "budget": "30ms", "nodes": ["edge-1", "amr-07"]}

@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from tests.support.cli import INSTANCES, ROBOTAPPS, STATUS, UID, Stage, instance, robotapp
+from tests.unit.cli.running import INSTANCES, ROBOTAPPS, STATUS, UID, Stage, instance, robotapp
 
 EDGE = {
     "topic": "/cmd_vel",

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable
 
 import pytest
-from tests.support.cli import ROBOTAPPS, Stage, robotapp
+from tests.unit.cli.running import ROBOTAPPS, Stage, robotapp
 
 from robotapp_cli.kubectl_completion import main
 

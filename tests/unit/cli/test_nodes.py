@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 from rich.cells import cell_len
-from tests.support.cli import Stage
+from tests.unit.cli.running import Stage
 
 Json = dict[str, Any]
 TELEMETRY = "robotics.io/nodetelemetries"

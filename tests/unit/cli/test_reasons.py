@@ -2,7 +2,7 @@
 
 import msgspec
 import pytest
-from tests.support.cli import robotapp
+from tests.unit.cli.running import robotapp
 
 from robotapp_cli.commands.reasons import Peer, budgets, hardware, refusals
 from robotapp_scheduler.core.explain.record import EdgeView, Example, Record, Refusal, as_json

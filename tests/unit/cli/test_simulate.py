@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 import yaml
-from tests.support.cli import Json, Stage
+from tests.unit.cli.running import Json, Stage
 
 from robotapp_cli.commands.simulate import thinned
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Component

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 import yaml
-from tests.support.cli import Json, Stage
+from tests.unit.cli.running import Json, Stage
 
 from robotapp_cli.commands import what_if
 

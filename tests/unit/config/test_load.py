@@ -4,8 +4,8 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support import configurations
-from tests.support.configurations import profile
+from tests.support.wrong_input import configurations
+from tests.support.wrong_input.configurations import profile
 
 from robotapp_api.model.names import SCHEDULER_NAME, THESIS_SCHEDULER_NAME
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig, built_in, load, parse_text
@@ -236,7 +236,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 def test_a_third_party_plugin_is_loaded_by_module_and_class_with_its_arguments() -> None:
-    name = "tests.support.third_party_plugin:PreferQuietNodes"
+    name = "tests.support.scheduler.third_party_plugin:PreferQuietNodes"
     found = config(
         **profile(
             plugins={"multiPoint": {"enabled": [{"name": name, "weight": 7}]}},

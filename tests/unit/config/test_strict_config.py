@@ -4,9 +4,9 @@ from functools import partial
 from typing import Any
 
 import pytest
-from tests.support import configurations
-from tests.support.broken_plugins import UNUSABLE
-from tests.support.configurations import profile
+from tests.support.scheduler.broken_plugins import UNUSABLE
+from tests.support.wrong_input import configurations
+from tests.support.wrong_input.configurations import profile
 
 from robotapp_scheduler.config.model import API_VERSION
 from robotapp_scheduler.plugins.kubernetes.node.added_affinity import PREFERRED, REQUIRED
@@ -98,7 +98,7 @@ def test_profiles_must_give_the_queue_sort_plugin_the_same_arguments() -> None:
 
 @pytest.mark.parametrize(("plugin", "said"), UNUSABLE.items(), ids=lambda value: getattr(value, "__name__", ""))
 def test_a_plugin_that_cannot_work_is_a_mistake_of_the_configuration(plugin: type, said: str) -> None:
-    enabled = {"enabled": [{"name": f"tests.support.broken_plugins:{plugin.__name__}"}]}
+    enabled = {"enabled": [{"name": f"tests.support.scheduler.broken_plugins:{plugin.__name__}"}]}
     (problem,) = problems(**profile(plugins={"multiPoint": enabled}))
     assert problem.startswith("profiles[0].plugins: ")
     assert said in problem

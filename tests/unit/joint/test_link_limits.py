@@ -3,7 +3,7 @@
 from random import Random
 
 import numpy as np
-from tests.support.joint_problems import small_problem
+from tests.support.scheduler.joint_problems import small_problem
 
 from robotapp_scheduler.joint.link_limits import LinkLimits, overloading
 from robotapp_scheduler.joint.problem import INF, UNPLACED

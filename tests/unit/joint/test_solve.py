@@ -5,7 +5,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from tests.support.joint_problems import brute_force, crowded, field_problem
+from tests.support.scheduler.joint_problems import brute_force, crowded, field_problem
 
 from robotapp_scheduler.joint.latencies import Latencies, Measured
 from robotapp_scheduler.joint.message import decode_problem, decode_solution, encode_problem, encode_solution

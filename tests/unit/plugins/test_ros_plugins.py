@@ -3,8 +3,8 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from tests.support.scheduler.volumes import make_volume
 from tests.support.scheduling import device_claim, make_cluster, make_core, make_info, make_node, make_pod, telemetry
-from tests.support.volumes import make_volume
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.ros import (

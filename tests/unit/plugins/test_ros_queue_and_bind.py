@@ -1,7 +1,7 @@
 """The order of the queue under each configuration, and what a binding carries."""
 
 import pytest
-from tests.support.placing import Scripted, handle_of
+from tests.support.scheduler.placing import Scripted, handle_of
 from tests.support.scheduling import make_info
 
 from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult, Readiness, Reserved

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 import msgspec
-from tests.support.pod_groups import announce, arrive, pod_group, run, team_pod
+from tests.support.scheduler.pod_groups import announce, arrive, pod_group, run, team_pod
 from tests.support.scheduling import Clock, make_core, make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Annotation

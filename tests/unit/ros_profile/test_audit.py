@@ -5,9 +5,8 @@ import sys
 import time
 from pathlib import Path
 
-from tests.support.auditing import watched
-from tests.support.hostile_package import SECRET, Hostile, everything, seconds
-
+from campaigns.profile.auditing import watched
+from campaigns.profile.hostile_package import SECRET, Hostile, everything, seconds
 from ros_profile.generate import generate_profile
 
 SAMPLE = 40

@@ -4,9 +4,9 @@ import os
 from pathlib import Path
 
 import pytest
-from tests.support.auditing import watched
 from tests.support.ros_sources import loaded, manifest, package, write
 
+from campaigns.profile.auditing import watched
 from ros_profile.files import walk
 from ros_profile.files.load import load
 from ros_profile.generate import generate_profile

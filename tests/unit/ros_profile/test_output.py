@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
-from tests.support.rigelfiles import ONE, rendered
+from tests.support.rigel.rigelfiles import ONE, rendered
 from tests.support.ros_sources import package, python_node, setup_py
 
 from rigel_bridge.render.schema import problems, robotapp_schema

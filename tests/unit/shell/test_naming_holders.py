@@ -1,6 +1,6 @@
 """DeviceBusy names who has the device, also when the holder's claim was still on its way when the pod was refused."""
 
-from tests.support.placing import Rig
+from tests.support.scheduler.placing import Rig
 from tests.support.scheduling import device_claim
 
 from robotapp_api.model.names import HARDWARE_PREFIX, EventReason

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.support import broken_plugin
 from tests.support.scheduling import node_json, pod_json
+from tests.unit.simulation import broken_plugin
 
 from robotapp_scheduler import main as program
 from robotapp_scheduler.simulation import bench_command, command
@@ -132,7 +132,9 @@ def bench(*argv: str) -> tuple[int, str]:
 
 
 def test_a_third_party_plugin_is_measured_with_and_without_reuse() -> None:
-    status, text = bench("tests.support.third_party_plugin:PreferQuietNodes", "--args", "{quiet: very}", "--json")
+    status, text = bench(
+        "tests.support.scheduler.third_party_plugin:PreferQuietNodes", "--args", "{quiet: very}", "--json"
+    )
     assert status == 0
     reused, fresh = json.loads(text)
     assert (reused["reuse"], fresh["reuse"]) == (True, False)
@@ -154,11 +156,11 @@ def test_the_table_names_nodes_load_and_share() -> None:
     ("argv", "said"),
     [
         (["no.such.module:Plugin"], "cannot be loaded"),
-        (["tests.support.third_party_plugin:PreferQuietNodes", "--args", "{quiet: 3}"], "args"),
-        (["tests.support.third_party_plugin:PreferQuietNodes", "--args", "[1]"], "must be a mapping"),
-        (["tests.support.third_party_plugin:PreferQuietNodes", "--args", "[]"], "must be a mapping"),
-        (["tests.support.third_party_plugin:PreferQuietNodes", "--args", "{quiet"], "--args: "),
-        (["tests.support.broken_plugins:CannotStart"], "no route to the laboratory"),
+        (["tests.support.scheduler.third_party_plugin:PreferQuietNodes", "--args", "{quiet: 3}"], "args"),
+        (["tests.support.scheduler.third_party_plugin:PreferQuietNodes", "--args", "[1]"], "must be a mapping"),
+        (["tests.support.scheduler.third_party_plugin:PreferQuietNodes", "--args", "[]"], "must be a mapping"),
+        (["tests.support.scheduler.third_party_plugin:PreferQuietNodes", "--args", "{quiet"], "--args: "),
+        (["tests.support.scheduler.broken_plugins:CannotStart"], "no route to the laboratory"),
         (["ROSQueueSort"], "orders the queue"),
     ],
 )
@@ -181,10 +183,10 @@ def test_a_plugin_that_raises_ends_with_1_and_says_what(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(broken_plugin.ScoresOfOne, "score", lambda *_: 1 / 0)
-    assert bench("tests.support.broken_plugin:ScoresOfOne")[0] == 1
+    assert bench("tests.unit.simulation.broken_plugin:ScoresOfOne")[0] == 1
     assert "plugin ScoresOfOne: score raised ZeroDivisionError" in capsys.readouterr().err
 
 
 def test_a_plugin_that_answers_nonsense_ends_with_1_and_says_what(capsys: pytest.CaptureFixture[str]) -> None:
-    assert bench("tests.support.broken_plugin:ScoresOfOne")[0] == 1
+    assert bench("tests.unit.simulation.broken_plugin:ScoresOfOne")[0] == 1
     assert "score must answer a number array of shape (20,)" in capsys.readouterr().err

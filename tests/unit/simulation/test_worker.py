@@ -11,7 +11,7 @@ from tests.support.scheduling import node_json, pod_json
 from robotapp_scheduler.simulation.worker import Order, answer
 
 HEAD = {"apiVersion": "kubescheduler.config.k8s.io/v1", "kind": "KubeSchedulerConfiguration"}
-OURS = "tests.support.third_party_plugin:PreferQuietNodes"
+OURS = "tests.support.scheduler.third_party_plugin:PreferQuietNodes"
 
 
 def ask(body: Any, **order: Any) -> Any:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for, until
-from tests.support.pod_groups import team_pod
+from tests.support.scheduler.pod_groups import team_pod
 from tests.support.scheduling import Clock
 
 from robotapp_client.api.resources import COSCHEDULING_PODGROUPS, ROBOTAPPS, WORKLOAD_PODGROUPS

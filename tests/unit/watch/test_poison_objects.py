@@ -7,11 +7,11 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.poison import pod_body
-from tests.support.poison_objects import POISON_OBJECTS
-from tests.support.queue_checks import check_queue
+from tests.support.scheduler.poison import pod_body
+from tests.support.scheduler.queue_checks import check_queue
 from tests.support.scheduling import make_core, make_node, to_pod
 from tests.support.work_unit import is_within
+from tests.unit.watch.poison_objects import POISON_OBJECTS
 
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.watch.routes import Route, group_routes, plain_routes, robotics_routes, storage_routes

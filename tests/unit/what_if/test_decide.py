@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from tests.support.late_apps import COMPONENTS, edge, measure, placed, robot_and_servers
+from tests.support.scheduler.late_apps import COMPONENTS, edge, measure, placed, robot_and_servers
 from tests.support.scheduling import (
     app_object,
     chain,

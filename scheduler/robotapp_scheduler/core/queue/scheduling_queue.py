@@ -1,6 +1,6 @@
 """Pods that wait for a node: active, backoff, unschedulable and gated, with upstream's rules.
 
-Every known pod is in exactly one place at any time (tests/support/queue_checks.py): no pod is ever lost. The clock is injected,
+Every known pod is in exactly one place at any time (tests/support/scheduler/queue_checks.py): no pod is ever lost. The clock is injected,
 nothing here sleeps; the shell calls `tick` once a second and `pop` whenever it can schedule.
 """
 

@@ -1,5 +1,5 @@
 import pytest
-from tests.support.probes import OTHER_SECRET, SECRET, SESSION, ring
+from tests.support.agent.probes import OTHER_SECRET, SECRET, SESSION, ring
 
 from robotapp_agent.probe.keys import key_of
 from robotapp_agent.probe.packets import (

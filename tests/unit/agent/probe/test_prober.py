@@ -1,5 +1,5 @@
 import pytest
-from tests.support.probes import TIMEOUT_NS, prober, reply_of, request_of, responder, ring
+from tests.support.agent.probes import TIMEOUT_NS, prober, reply_of, request_of, responder, ring
 
 from robotapp_agent.probe.keys import KeyRing
 from robotapp_agent.probe.packets import REPLY, REQUEST, Packet, node_id, open_packet, seal

@@ -1,5 +1,5 @@
 import pytest
-from tests.support.probes import OTHER_SECRET, SECRET, prober, reply_of, request_of, responder, ring
+from tests.support.agent.probes import OTHER_SECRET, SECRET, prober, reply_of, request_of, responder, ring
 
 from robotapp_agent.probe.keys import KeyRing
 from robotapp_agent.probe.packets import REPLY, node_id, open_packet

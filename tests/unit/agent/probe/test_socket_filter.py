@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from tests.support.bpf import accepts
-from tests.support.probes import OTHER_SECRET, SECRET, prober, reply_of, request_of, responder, ring
+from tests.support.agent.bpf import accepts
+from tests.support.agent.probes import OTHER_SECRET, SECRET, prober, reply_of, request_of, responder, ring
 
 from robotapp_agent.probe.keys import MOST_KEYS, KeyRing, key_of
 from robotapp_agent.probe.packets import REPLY, REQUEST, SIZE_BYTES, VERSION, node_id

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 
 import pytest
-from tests.support.probes import OTHER_SECRET, SECRET, prober, request_of, ring
+from tests.support.agent.probes import OTHER_SECRET, SECRET, prober, request_of, ring
 
 from robotapp_agent.probe.keys import KEPT_S, KeyRing
 from robotapp_agent.probe.packets import REPLY, REQUEST, SIZE_BYTES, node_id, open_packet, seal

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from tests.support.fake_cluster import FakeCluster, app
+from tests.unit.bridge.fake_cluster import FakeCluster, app
 
 from rigel_bridge.cluster.deployment import deploy, roll_back
 from rigel_bridge.cluster.kubectl import ClusterError, Refusal

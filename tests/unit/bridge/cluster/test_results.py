@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.support.fake_cluster import FakeCluster, app
+from tests.unit.bridge.fake_cluster import FakeCluster, app
 
 from rigel_bridge.cluster import results
 from rigel_bridge.cluster.deployment import deploy

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.support.fake_cluster import FakeCluster, app
+from tests.unit.bridge.fake_cluster import FakeCluster, app
 
 from rigel_bridge.cluster.kubectl import ClusterError, Refusal
 from rigel_bridge.cluster.takeover import Limits, annotate, read, restorable, take_over

@@ -3,8 +3,8 @@
 import time
 
 import pytest
-from tests.support.jobfiles import with_block
-from tests.support.rigelfiles import refusal, rendered, spec
+from tests.support.rigel.jobfiles import with_block
+from tests.support.rigel.rigelfiles import refusal, rendered, spec
 from tests.support.work_unit import unit_us
 
 

@@ -1,8 +1,8 @@
 """Which generation a file is, and what is read from files with jobs."""
 
 import pytest
-from tests.support.jobfiles import G3, with_block
-from tests.support.rigelfiles import ONE, TWO, orchestration, refusal, rendered, rendered_all, spec
+from tests.support.rigel.jobfiles import G3, with_block
+from tests.support.rigel.rigelfiles import ONE, TWO, orchestration, refusal, rendered, rendered_all, spec
 
 from rigel_bridge.document.tree import parse
 from rigel_bridge.generations.detect import detect

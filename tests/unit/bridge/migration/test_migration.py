@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import yaml
-from tests.support.rigelfiles import orchestration, rendered
+from tests.support.rigel.rigelfiles import orchestration, rendered
 
 from rigel_bridge.main import main
 from rigel_bridge.migration.found import Scene, scene

@@ -7,8 +7,8 @@ from typing import Any, Protocol
 
 import pytest
 import yaml
-from tests.support.fake_cluster import FakeCluster
-from tests.support.rigelfiles import ONE, orchestration
+from tests.support.rigel.rigelfiles import ONE, orchestration
+from tests.unit.bridge.fake_cluster import FakeCluster
 
 import rigel_bridge
 from rigel_bridge.document.failures import BridgeError

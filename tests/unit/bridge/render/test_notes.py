@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from tests.support.jobfiles import with_block
-from tests.support.rigelfiles import ONE, TWO, orchestration, rendered
+from tests.support.rigel.jobfiles import with_block
+from tests.support.rigel.rigelfiles import ONE, TWO, orchestration, rendered
 
 from rigel_bridge import render
 from rigel_bridge.main import main

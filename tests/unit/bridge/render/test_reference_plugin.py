@@ -1,8 +1,8 @@
 """Settings of Rigel's orchestration plugin: what is checked, what is merged how, what is said about the rest."""
 
 import pytest
-from tests.support.jobfiles import with_block
-from tests.support.rigelfiles import TWO, orchestration, refusal, rendered, spec
+from tests.support.rigel.jobfiles import with_block
+from tests.support.rigel.rigelfiles import TWO, orchestration, refusal, rendered, spec
 
 
 def block(settings: str) -> str:

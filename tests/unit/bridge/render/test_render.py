@@ -6,7 +6,7 @@ from contextlib import suppress
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.rigelfiles import ONE, TWO, orchestration, refusal, rendered, spec
+from tests.support.rigel.rigelfiles import ONE, TWO, orchestration, refusal, rendered, spec
 
 from rigel_bridge.document.failures import BridgeError
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from tests.support.rigelfiles import orchestration, refusal
+from tests.support.rigel.rigelfiles import orchestration, refusal
 
 from rigel_bridge.render.schema import _PATTERNS, problems, robotapp_schema
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 import yaml
-from tests.support.jobfiles import G3, with_block
-from tests.support.rigelfiles import ONE, TWO, orchestration, rendered
+from tests.support.rigel.jobfiles import G3, with_block
+from tests.support.rigel.rigelfiles import ONE, TWO, orchestration, rendered
 
 from rigel_bridge.render.workloads import workloads
 

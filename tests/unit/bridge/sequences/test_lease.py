@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.fake_cluster import app
-from tests.support.sequence_world import LIST, World
+from tests.unit.bridge.fake_cluster import app
+from tests.unit.bridge.sequence_world import LIST, World
 
 from rigel_bridge.cluster.deployment import deploy, roll_back
 from rigel_bridge.cluster.kubectl import ClusterError, Refusal

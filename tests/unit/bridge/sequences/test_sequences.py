@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.fake_cluster import app
-from tests.support.rigelfiles import ONE
-from tests.support.sequence_world import LIST, THREE, WISHES, World, read
+from tests.support.rigel.rigelfiles import ONE
+from tests.unit.bridge.fake_cluster import app
+from tests.unit.bridge.sequence_world import LIST, THREE, WISHES, World, read
 
 from rigel_bridge.cluster.deployment import deploy
 from rigel_bridge.cluster.kubectl import ClusterError

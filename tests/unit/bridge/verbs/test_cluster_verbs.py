@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.support.fake_cluster import FakeCluster
-from tests.support.rigelfiles import ONE, orchestration
+from tests.support.rigel.rigelfiles import ONE, orchestration
+from tests.unit.bridge.fake_cluster import FakeCluster
 
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
 from rigel_bridge.main import main

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.support.fake_cluster import FakeCluster
-from tests.support.sequence_world import LIST
+from tests.unit.bridge.fake_cluster import FakeCluster
+from tests.unit.bridge.sequence_world import LIST
 
 from rigel_bridge.main import main
 from rigel_bridge.verbs import completion

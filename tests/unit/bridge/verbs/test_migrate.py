@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.support.fake_cluster import FakeCluster
+from tests.unit.bridge.fake_cluster import FakeCluster
 
 from rigel_bridge.cluster.kubectl import ClusterError, Refusal
 from rigel_bridge.cluster.waiting import Clock

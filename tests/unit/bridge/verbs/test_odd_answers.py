@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from tests.support.rigelfiles import orchestration
+from tests.support.rigel.rigelfiles import orchestration
 
 from rigel_bridge.main import main
 

@@ -8,7 +8,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.support.apiobjects import pool
-from tests.support.malformed import full_app
+from tests.support.wrong_input.malformed import full_app
 
 from robotapp_cli.lint.linter import lint
 

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 import yaml
 from tests.support.apiobjects import app, component, edge, pool
-from tests.support.rule_cases import CASES, RuleCase
+from tests.support.wrong_input.rule_cases import CASES, RuleCase
 
 from robotapp_api.model.names import Reason
 from robotapp_claims.rules.objects import Pool

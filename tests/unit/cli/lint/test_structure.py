@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 import yaml
 from tests.support.apiobjects import app, component, edge, pool
-from tests.support.gone_fields import GONE_FIELDS, GONE_VALUES, with_field
-from tests.support.malformed import full_app, malformed_apps
 from tests.support.seeds import third_of_today
+from tests.support.wrong_input.gone_fields import GONE_FIELDS, GONE_VALUES, with_field
+from tests.support.wrong_input.malformed import full_app, malformed_apps
 
 from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.schema.crd import schema_of

@@ -3,7 +3,6 @@
 import msgspec
 import pytest
 from tests.support.clients import client_for, until
-from tests.support.mirrors import Mirror, mirror
 from tests.support.scripted import (
     Play,
     ScriptedServer,
@@ -17,6 +16,7 @@ from tests.support.scripted import (
     reply,
     watch,
 )
+from tests.unit.client.mirrors import Mirror, mirror
 
 from robotapp_client import Change, Reflector
 from robotapp_client.api.resources import CONFIGMAPS, NODES

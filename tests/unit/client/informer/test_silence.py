@@ -2,8 +2,8 @@
 
 import pytest
 from tests.support.clients import until
-from tests.support.mirrors import mirror
 from tests.support.scripted import bookmark, hang_up, listing, watch
+from tests.unit.client.mirrors import mirror
 
 
 async def test_after_silence_beyond_the_bookmarks_the_watch_is_opened_anew_at_once(

@@ -9,10 +9,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-from tests.support.certificates import Authority
 from tests.support.clients import client_for, until
 
 from robotapp_client import ApiClient, Endpoint, Unreachable
+from robotapp_testbed.control_plane.authority import Authority
 
 HEAD = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n"
 

@@ -7,13 +7,13 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
-from tests.support.certificates import Authority
 from tests.support.clients import until
 
 from robotapp_client import Endpoint
 from robotapp_client.transport.connect import Dialer
 from robotapp_client.transport.http11 import Answer, Connection, Exchange, Outcome
 from robotapp_client.transport.tls_sessions import SessionResumption, with_resumption
+from robotapp_testbed.control_plane.authority import Authority
 
 ANSWER = b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n"
 

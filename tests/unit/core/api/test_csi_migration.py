@@ -4,8 +4,8 @@ import json
 
 import msgspec
 import pytest
-from tests.support.volume_worlds import Json, world
-from tests.support.volumes import make_csi_node
+from tests.support.scheduler.volume_worlds import Json, world
+from tests.support.scheduler.volumes import make_csi_node
 
 from robotapp_scheduler.core.api.core_v1 import OLD_REGION, OLD_ZONE, REGION, ZONE
 from robotapp_scheduler.core.api.csi_migration import handle_of, kind_of

@@ -1,7 +1,7 @@
 """Every wrong annotation is refused in words that let its author mend it."""
 
 import pytest
-from tests.support.malformed_annotations import Wrong, malformed_annotations
+from tests.support.wrong_input.malformed_annotations import Wrong, malformed_annotations
 
 from robotapp_scheduler.core.api.annotations import parse_annotations
 from robotapp_scheduler.core.api.ros import InvalidAnnotation

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.support.fallback_apps import ROBOT, core_of, decide, give_app, give_pod, places, prefer, tier_node
+from tests.support.scheduler.fallback_apps import ROBOT, core_of, decide, give_app, give_pod, places, prefer, tier_node
 from tests.support.scheduling import default_profiles, make_node, make_pod
 
 from robotapp_api.model.names import SCHEDULER_NAME

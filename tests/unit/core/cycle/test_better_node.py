@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.late_apps import COMPONENTS, edge, measure, placed, planner, robot_and_servers
+from tests.support.scheduler.late_apps import COMPONENTS, edge, measure, placed, planner, robot_and_servers
 from tests.support.scheduling import make_node, make_pod, telemetry
 
 from robotapp_api.model.names import Label

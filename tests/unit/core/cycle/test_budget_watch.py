@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.late_apps import COMPONENTS, annotate, edge, measure, placed, planner, robot_and_servers
+from tests.support.scheduler.late_apps import COMPONENTS, annotate, edge, measure, placed, planner, robot_and_servers
 from tests.support.scheduling import Clock, app_object, chain, make_node, make_pod, member_pod, telemetry
 
 from robotapp_api.model.names import Annotation

@@ -5,8 +5,19 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.fallback_apps import ROBOT, Day, core_of, decide, give_app, give_pod, made, places, prefer, tier_node
-from tests.support.pod_groups import arrive
+from tests.support.scheduler.fallback_apps import (
+    ROBOT,
+    Day,
+    core_of,
+    decide,
+    give_app,
+    give_pod,
+    made,
+    places,
+    prefer,
+    tier_node,
+)
+from tests.support.scheduler.pod_groups import arrive
 from tests.support.scheduling import Clock, make_node, member_pod, telemetry
 
 from robotapp_api.values.placement.given_up import GivenUp, GivenUpEdge

@@ -1,6 +1,6 @@
 from typing import Any
 
-from tests.support.pod_groups import arrive, tell
+from tests.support.scheduler.pod_groups import arrive, tell
 from tests.support.scheduling import (
     Clock,
     app_object,

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from tests.support.pod_groups import arrive
+from tests.support.scheduler.pod_groups import arrive
 from tests.support.scheduling import app_object, chain, make_core, make_info, make_node, member_pod, telemetry
 
 from robotapp_api.model.names import Label

@@ -4,7 +4,7 @@ from itertools import product
 from random import Random
 from typing import Any
 
-from tests.support.pod_groups import arrive
+from tests.support.scheduler.pod_groups import arrive
 from tests.support.scheduling import app_object, chain, device_claim, make_core, make_node, member_pod, telemetry
 
 from robotapp_api.model.names import Label

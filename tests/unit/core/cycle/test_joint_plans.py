@@ -4,7 +4,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from tests.support.pod_groups import arrive
+from tests.support.scheduler.pod_groups import arrive
+from tests.support.scheduler.volumes import make_claim
 from tests.support.scheduling import (
     Clock,
     app_object,
@@ -16,7 +17,6 @@ from tests.support.scheduling import (
     member_pod,
     telemetry,
 )
-from tests.support.volumes import make_claim
 
 from robotapp_api.model.names import SCHEDULER_NAME, Label
 from robotapp_scheduler.core.cycle.group_cycle import GroupPlacement, placement_of

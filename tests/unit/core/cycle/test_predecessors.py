@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from tests.support.pod_groups import arrive, depart, run, tell
+from tests.support.scheduler.pod_groups import arrive, depart, run, tell
 from tests.support.scheduling import app_object, chain, make_core, make_node, member_pod
 
 from robotapp_api.model.names import Label, PodReason

@@ -4,8 +4,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from tests.support.broken_plugins import ANSWERS, breaking
-from tests.support.pod_groups import announce, arrive, pod_group, team_pod
+from tests.support.scheduler.broken_plugins import ANSWERS, breaking
+from tests.support.scheduler.pod_groups import announce, arrive, pod_group, team_pod
 from tests.support.scheduling import Clock, make_cluster, make_info, make_node
 
 from robotapp_api.model.names import SCHEDULER_NAME, PodReason

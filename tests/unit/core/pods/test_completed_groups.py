@@ -1,6 +1,6 @@
 """Groups of which enough pods were seen bound: told once, and only while it is about the group that is there."""
 
-from tests.support.pod_groups import announce, arrive, depart, pod_group, team_pod
+from tests.support.scheduler.pod_groups import announce, arrive, depart, pod_group, team_pod
 from tests.support.scheduling import make_core
 
 from robotapp_scheduler.core.api.core_v1 import Pod

@@ -2,10 +2,10 @@
 
 import pytest
 from hypothesis import given
-from tests.support.cluster_cases import FAMILIES, Case, cases
-from tests.support.poison import poison_pods
+from tests.support.scheduler.poison import poison_pods
 from tests.support.scheduling import make_core, make_node, make_pod, to_pod
 
+from campaigns.cluster_cases import FAMILIES, Case, cases
 from robotapp_scheduler.core.cycle.diagnosis import EXCESSIVE_POD
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.pods.limits import exceeded_limit

@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.pod_groups import (
+from tests.support.scheduler.pod_groups import (
     announce,
     arrive,
     confirm,
@@ -16,7 +16,7 @@ from tests.support.pod_groups import (
     workload_group,
     workload_pod,
 )
-from tests.support.queue_checks import check_queue
+from tests.support.scheduler.queue_checks import check_queue
 from tests.support.scheduling import Clock, app_object, make_core, make_info, make_node, make_pod, member_pod
 
 from robotapp_api.model.names import Label, PodReason

@@ -2,7 +2,7 @@
 
 import msgspec
 import pytest
-from tests.support.queue_checks import check_queue
+from tests.support.scheduler.queue_checks import check_queue
 from tests.support.scheduling import app_object, chain, make_core, make_info, make_node, make_pod, member_pod, pod_json
 
 from robotapp_scheduler.core.api.core_v1 import Pod

@@ -3,8 +3,8 @@
 from typing import Any
 
 import pytest
+from tests.support.scheduler.volumes import make_claim, make_csi_node, make_volume
 from tests.support.scheduling import make_core, make_info, make_node, make_pod
-from tests.support.volumes import make_claim, make_csi_node, make_volume
 
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 

@@ -4,7 +4,7 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from tests.support.pod_groups import arrive, depart, run, tell
+from tests.support.scheduler.pod_groups import arrive, depart, run, tell
 from tests.support.scheduling import Clock, app_object, chain, make_core, make_node, member_pod, telemetry
 
 from robotapp_api.model.names import Annotation, Label

@@ -2,8 +2,8 @@ import json
 from typing import Any
 
 import pytest
+from tests.support.scheduler.volumes import make_claim
 from tests.support.scheduling import app_object, chain, make_cluster, make_info, make_node, make_pod, member_pod
-from tests.support.volumes import make_claim
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.ros import DeviceHolder, Endpoint, Hardware, RosContext, thesis_tier, tier

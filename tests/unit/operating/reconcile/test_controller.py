@@ -4,9 +4,9 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.claims_objects import pool_json
-from tests.support.controlling import World
+from tests.support.claims.objects import pool_json
 from tests.support.factories import app_body, make_app, make_deployment, robots
+from tests.unit.operating.controlling import World
 
 from robotapp_api.model.names import Label, Reason
 from robotapp_claims.rules.domain import DomainOutcome

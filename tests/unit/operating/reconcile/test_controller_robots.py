@@ -3,8 +3,8 @@
 from typing import Any
 
 import pytest
-from tests.support.controlling import World
 from tests.support.factories import app_body, domain_claim, make_node, robots
+from tests.unit.operating.controlling import World
 
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_claims.rules.objects import OwnerReference

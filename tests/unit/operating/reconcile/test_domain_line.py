@@ -1,7 +1,7 @@
 """Of those who wait for a domain as many try as there are ids, in turn; who waits for something else is always asked."""
 
 import msgspec
-from tests.support import claims_objects as make
+from tests.support.claims import objects as make
 from tests.support.factories import app_body
 
 from robotapp_api.model.names import Reason

@@ -8,9 +8,9 @@ import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.apiserver.store import Key as Stored
 from tests.support.clients import client_for
-from tests.support.controlling import place
 from tests.support.factories import app_body, domain_claim, make_app, make_node, robots, telemetry
-from tests.support.instance_writing import REFUSED, World
+from tests.unit.operating.controlling import place
+from tests.unit.operating.instance_writing import REFUSED, World
 
 from robotapp_client import NotFound
 from robotapp_client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS

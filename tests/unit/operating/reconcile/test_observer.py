@@ -5,8 +5,8 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.controlling import place
 from tests.support.factories import app_body, domain_claim, make_app, make_deployment, make_node, make_pod, telemetry
+from tests.unit.operating.controlling import place
 
 from robotapp_api.model.names import Label, Reason
 from robotapp_claims.rules.domain import DomainOutcome

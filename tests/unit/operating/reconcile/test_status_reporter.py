@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
-from tests.support.controlling import place
 from tests.support.factories import app_body, domain_claim, robots, telemetry
+from tests.unit.operating.controlling import place
 
 from robotapp_api.model.app.status import RobotAppStatus
 from robotapp_api.model.names import Reason

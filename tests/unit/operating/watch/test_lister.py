@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.claims_objects import pool_json
+from tests.support.claims.objects import pool_json
 from tests.support.factories import (
     VERSION,
     after,

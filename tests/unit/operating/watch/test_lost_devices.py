@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.claims_objects import device_claim
+from tests.support.claims.objects import device_claim
 from tests.support.factories import UID, app_body, make_node
 
 from robotapp_api.model.names import Annotation, Label

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.factories import component, make_app
-from tests.support.late_apps import annotate, edge, placed
+from tests.support.scheduler.late_apps import annotate, edge, placed
 from tests.support.scheduling import Clock, app_object, chain, make_core, make_node, member_pod, telemetry
 
 from robotapp_api.model.names import Annotation, Label

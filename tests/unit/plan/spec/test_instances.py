@@ -1,4 +1,4 @@
-"""The shared rule on the operator's objects; the rule itself is tested in tests/unit/claims/test_instances.py."""
+"""The shared rule on the operator's objects; the rule itself is tested in tests/unit/claims/rules/test_instances.py."""
 
 import pytest
 from tests.support.factories import by_name, make_app, make_node, robots

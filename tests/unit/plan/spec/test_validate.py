@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from tests.support.claims_objects import domain_claim
+from tests.support.claims.objects import domain_claim
 from tests.support.factories import by_name, component, make_app, make_node, robots
 
 from robotapp_api.model.names import Annotation, Reason

@@ -5,8 +5,8 @@ import time
 from collections.abc import Callable
 
 import pytest
-from tests.support.damage import mutated
 
+from campaigns.profile.damage import mutated
 from ros_profile.model.package import SourceFile
 from ros_profile.read.cmake import read_cmake
 from ros_profile.read.cpp import read_cpp

@@ -4,7 +4,7 @@ import asyncio
 from typing import Any
 
 import pytest
-from tests.support.placing import Rig
+from tests.support.scheduler.placing import Rig
 
 from robotapp_api.model.names import Annotation, PodReason
 from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult, Readiness, Reserved

@@ -2,8 +2,8 @@ import asyncio
 from typing import Any
 
 import pytest
-from tests.support.placing import Rig
-from tests.support.pod_groups import pod_group
+from tests.support.scheduler.placing import Rig
+from tests.support.scheduler.pod_groups import pod_group
 
 from robotapp_api.model.names import Label, PodReason
 from robotapp_scheduler.core.api.core_v1 import ClaimReference

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from tests.support.queue_checks import check_queue
+from tests.support.scheduler.queue_checks import check_queue
 from tests.support.scheduling import make_core, make_info, make_node, make_pod
 from tests.support.scripted_client import ScriptedClient
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import generate_latest
-from tests.support.placing import Scripted, handle_of
+from tests.support.scheduler.placing import Scripted, handle_of
 from tests.support.scheduling import make_info
 from tests.support.virtual_time import run_virtually
 

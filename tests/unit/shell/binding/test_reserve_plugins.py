@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from prometheus_client import CollectorRegistry
-from tests.support.placing import BINDING, OURS, POINTS, Rig, Scripted, handle_of
+from tests.support.scheduler.placing import BINDING, OURS, POINTS, Rig, Scripted, handle_of
 from tests.support.scheduling import make_info
 
 from robotapp_api.model.names import Label, PodReason

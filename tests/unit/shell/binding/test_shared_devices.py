@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from tests.support.placing import BINDING, Rig
+from tests.support.scheduler.placing import BINDING, Rig
 
 from robotapp_claims.rules.identity import holder_of_pod
 from robotapp_claims.rules.objects import Claim, ClaimSpec, Meta

@@ -5,9 +5,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from tests.support.scheduler.volumes import make_claim, make_volume, mounting
 from tests.support.scheduling import make_node
 from tests.support.scripted_client import ScriptedClient
-from tests.support.volumes import make_claim, make_volume, mounting
 
 from robotapp_client.transport.errors import Conflict
 from robotapp_scheduler.core.cache.cache import Cache

@@ -1,6 +1,6 @@
 """Hundreds of bare pods may wait for one pool: only an id that is given back wakes them, and no node is looked for in vain."""
 
-from tests.support.placing import Rig
+from tests.support.scheduler.placing import Rig
 from tests.support.scheduling import make_info
 
 from robotapp_api.model.names import PodReason

@@ -1,5 +1,5 @@
 import pytest
-from tests.support import configurations
+from tests.support.wrong_input import configurations
 
 from robotapp_scheduler.config.load import parse
 from robotapp_scheduler.plugins import registry

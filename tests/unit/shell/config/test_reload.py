@@ -103,7 +103,7 @@ async def test_a_plugin_that_cannot_be_made_is_refused_like_any_other_mistake() 
 
 async def test_a_plugin_that_breaks_while_it_is_made_leaves_the_old_configuration_at_work() -> None:
     bench = Bench(text())
-    broken = {"enabled": [{"name": "tests.support.broken_plugins:CannotStart"}]}
+    broken = {"enabled": [{"name": "tests.support.scheduler.broken_plugins:CannotStart"}]}
     assert await bench.take(text(profiles=[{"plugins": {"multiPoint": broken}}])) is Outcome.INVALID
     assert "no route to the laboratory" in bench.told[0][1]
     assert bench.swapped == []

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.queue_checks import check_queue
+from tests.support.scheduler.queue_checks import check_queue
 
 from robotapp_client.informer.reflector import Change as Seen
 from robotapp_scheduler.core.api.core_v1 import Metadata, Node, NodeStatus, Pod, PodSpec, PodStatus

@@ -8,8 +8,8 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 import pytest
-from tests.support.poison import Poison, pod_body, poison_pods
-from tests.support.queue_checks import check_queue
+from tests.support.scheduler.poison import Poison, pod_body, poison_pods
+from tests.support.scheduler.queue_checks import check_queue
 from tests.support.scheduling import make_core, make_node, make_pod
 from tests.support.work_unit import is_within
 

@@ -8,7 +8,7 @@ from random import Random
 from typing import Any
 
 from tests.support.clients import until
-from tests.support.joint_problems import field_problem
+from tests.support.scheduler.joint_problems import field_problem
 
 from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.shell.planner.planner import PAUSE_S, Planner

@@ -15,7 +15,7 @@ def python_as_before() -> Iterator[None]:
     yield
     memory_tuning.released()
     gc.set_threshold(*thresholds)
-    gc.freeze()  # as tests/conftest.py left it
+    gc.freeze()  # as conftest.py left it
 
 
 class Knot:

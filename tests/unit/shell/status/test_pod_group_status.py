@@ -5,7 +5,15 @@ import logging
 from typing import Any
 
 import pytest
-from tests.support.pod_groups import announce, arrive, depart, pod_group, team_pod, workload_group, workload_pod
+from tests.support.scheduler.pod_groups import (
+    announce,
+    arrive,
+    depart,
+    pod_group,
+    team_pod,
+    workload_group,
+    workload_pod,
+)
 from tests.support.scheduling import make_core, make_node
 from tests.support.scripted_client import ScriptedClient
 

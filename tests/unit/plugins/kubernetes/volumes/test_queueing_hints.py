@@ -3,8 +3,7 @@
 from typing import Any
 
 import pytest
-from tests.support.scheduling import make_cluster, make_info, make_node, make_pod
-from tests.support.volumes import (
+from tests.support.scheduler.volumes import (
     make_attachment,
     make_capacity,
     make_claim,
@@ -14,6 +13,7 @@ from tests.support.volumes import (
     make_volume,
     mounting,
 )
+from tests.support.scheduling import make_cluster, make_info, make_node, make_pod
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.plugins.kubernetes.node.declared_features import NodeDeclaredFeatures

@@ -3,8 +3,8 @@
 from typing import Any
 
 import pytest
-from tests.support.volume_worlds import Json, decide, refusals, scores, world
-from tests.support.volumes import (
+from tests.support.scheduler.volume_worlds import Json, decide, refusals, scores, world
+from tests.support.scheduler.volumes import (
     make_capacity,
     make_claim,
     make_class,

@@ -1,9 +1,8 @@
 """Volumes on a node: one pod only, zones, limits, and the features a node declares; in upstream's words."""
 
 import pytest
-from tests.support.scheduling import make_core, make_info, make_node, make_pod
-from tests.support.volume_worlds import Json, decide, refusals, world
-from tests.support.volumes import (
+from tests.support.scheduler.volume_worlds import Json, decide, refusals, world
+from tests.support.scheduler.volumes import (
     make_attachment,
     make_claim,
     make_class,
@@ -12,6 +11,7 @@ from tests.support.volumes import (
     make_volume,
     mounting,
 )
+from tests.support.scheduling import make_core, make_info, make_node, make_pod
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore

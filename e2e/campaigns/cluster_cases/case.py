@@ -1,0 +1,80 @@
+"""A case: what to create, what comes back, and how it was drawn."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hypothesis import strategies as st
+
+from campaigns.cluster_cases.admission import admitted
+from campaigns.cluster_cases.catalogue import FAMILIES, clash
+from campaigns.cluster_cases.choices import Choices, DrawnChoices, ReplayedChoices, SeededChoices
+from campaigns.cluster_cases.scene import Scene, draw_scene
+from campaigns.reference_scheduler import ClusterDump
+
+Json = dict[str, Any]
+MORE = 2
+"""Families mixed in beside the first."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """families: the first is at the centre. numbers: the choices, enough to build the case again."""
+
+    families: tuple[str, ...]
+    objects: tuple[Json, ...]
+    numbers: tuple[int, ...] = ()
+
+    @property
+    def pod(self) -> Json:
+        """The pod to place, as the API server gives it back."""
+        return admitted(self.objects[-1])
+
+    @property
+    def cluster(self) -> ClusterDump:
+        """All other objects, as the API server gives them back."""
+        return ClusterDump.of(admitted(each) if each["kind"] == "Pod" else each for each in self.objects[:-1])
+
+    def __repr__(self) -> str:
+        return f"Case({'+'.join(self.families)}):\n{json.dumps(self.objects, indent=1)}"
+
+
+def build_case(
+    choices: Choices, families: Sequence[str], *, first: str = "", nodes: int = 12, placed: int = 30
+) -> Case:
+    """With `first` at the centre, else any of `families`."""
+    chosen = [first or choices.pick(families)]
+    for _ in range(choices.pick((0, 1, MORE))):
+        one = choices.pick(families)
+        if one not in chosen and not any(clash(one, other) for other in chosen):
+            chosen.append(one)
+    scene = draw_scene(choices, nodes=nodes, placed=placed)
+    for name in sorted(chosen, key=list(FAMILIES).index):
+        FAMILIES[name].apply(choices, scene)
+    return Case(tuple(chosen), _objects(scene))
+
+
+def _objects(scene: Scene) -> tuple[Json, ...]:
+    return (*scene.objects, *scene.nodes, *scene.placed, scene.pod)
+
+
+def seeded_case(seed: str, *, number: int, families: Sequence[str], nodes: int = 12, placed: int = 30) -> Case:
+    """Number `number` of a run: the families take turns at the centre."""
+    first = families[number % len(families)]
+    choices = SeededChoices(f"{seed}/{number}/{first}")
+    case = build_case(choices, families, first=first, nodes=nodes, placed=placed)
+    return Case(case.families, case.objects, tuple(choices.taken))
+
+
+def replayed_case(numbers: Sequence[int], *, first: str, families: Sequence[str]) -> Case:
+    """From recorded choices, which may have been made smaller."""
+    choices = ReplayedChoices(numbers)
+    case = build_case(choices, families, first=first)
+    return Case(case.families, case.objects, tuple(choices.taken))
+
+
+@st.composite
+def cases(draw: st.DrawFn, families: Sequence[str], *, nodes: int = 6, placed: int = 8) -> Case:
+    """For hypothesis: smaller than seeded ones, so that many can be drawn and shrunk."""
+    return build_case(DrawnChoices(draw), families, nodes=nodes, placed=placed)

@@ -1,0 +1,299 @@
+"""One app on a thousand robots: are all its instances visible, how often is each written, and what does that cost?
+
+Nodes, kubelets and telemetry are simulated; operator, scheduler and API server are real. Every robot has an instance of
+some components, the first on board and the others on edge servers, with a latency budget between each of them and the first.
+Claims are swept as often as by default.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from campaigns.common import options
+from campaigns.common.figures import percentile
+from campaigns.fleet.wobble import Wobbling
+from campaigns.operating.reconcile_parts import costs
+from campaigns.rigs import process_use, quiet
+from campaigns.rigs.appwatch import condition
+from campaigns.rigs.world import APIS, Object, World, plain_app
+from campaigns.scheduler.cpu_samples import Profile
+from robotapp_api.model.names import API_VERSION, Condition, Label
+from robotapp_testbed import ControlPlane, wait_until
+from robotapp_testbed.binaries.pins import REPOSITORY
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.servers import Program
+from robotapp_testbed.machines.topology import edge, robot
+
+PODS_PER_EDGE: Final = 100
+HALLS: Final = 20
+POOL: Final = "shared"
+MOST_WRITES_TO_READY: Final = 4
+MOST_STATUS_PER_S: Final = 1.0
+MOST_STATUS_BYTES: Final = 64 * 1024
+MOST_RSS_BYTES: Final = 500_000_000
+ROUND_S: Final = 10.0
+SWEEP_S: Final = 30
+MEASURED_S: Final = 600.0
+"""Until each budget is measured. An agent learns with its next heartbeat what it is asked to measure; with 5000 simulated ones that is every 100 s."""
+CALM_S: Final = 240.0
+"""Until the last latency figures are published, and then a while in which nothing is written."""
+NODE_LEASE_S: Final = 600
+"""The simulated kubelets must not be late beside a busy API server: pods of a node that was NotReady stay so under kwok."""
+INSTANCES: Final = "robotappinstances"
+Figures = dict[str, Any]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    arguments = _parser().parse_args(argv)
+    with ControlPlane(audit=True, node_lease_s=NODE_LEASE_S) as cp, tempfile.TemporaryDirectory() as folder:
+        product.install(cp)
+        spec = {"scope": "Cluster", "ids": "1-50", "sharedIds": "60-101", "quarantineSeconds": 1}
+        pool = {"apiVersion": API_VERSION, "kind": "DomainPool", "metadata": {"name": POOL}, "spec": spec}
+        cp.api.create(f"{APIS}/domainpools", pool)
+        samples = Path(folder) / "samples.json"
+        flags = {"sweep_seconds": SWEEP_S}
+        with World(
+            cp,
+            _nodes(arguments.robots, arguments.nodes, arguments.components),
+            operator_flags={**flags, **(_sampled(samples) if arguments.profile else {})},
+            scheduler_flags=flags,
+            tidy=False,
+        ) as world:
+            figures, problems = run(world, arguments)
+            if arguments.profile:
+                world.operator.stop()
+                writes, robots = figures["start"]["writes_by_kind"], arguments.robots
+                figures["profile"] = costs(Profile.read(samples), writes=writes, instances=robots)
+    print(json.dumps(figures, indent=2))
+    for problem in problems:
+        print(f"MISSED: {problem}", file=sys.stderr)
+    if arguments.json:
+        arguments.json.write_text(json.dumps({**figures, "problems": problems}, indent=2) + "\n")
+    return 1 if problems else 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="scripts/bench fleet", description=__doc__)
+    parser.add_argument("--robots", type=options.count(1, 5000), default=1000)
+    parser.add_argument(
+        "--components", type=options.count(2, 16), default=2, help="of each instance, one of them on board"
+    )
+    parser.add_argument(
+        "--nodes", type=options.count(2, 10_000), help="robots and edge servers; as many servers as needed by default"
+    )
+    parser.add_argument("--quiet-seconds", type=options.amount, default=60.0, help="how long nothing changes")
+    parser.add_argument("--noise", type=options.amount, default=20.0, help="by how many percent round trips wobble")
+    parser.add_argument("--noise-seconds", type=options.amount, default=120.0, help="how long they wobble")
+    parser.add_argument(
+        "--within", type=options.amount, default=900.0, help="seconds until all instances must be Ready"
+    )
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--profile", action="store_true", help="share the operator's CPU out by what it is spent on")
+    parser.add_argument("--json", type=options.report, help="also write the figures to this file")
+    return parser
+
+
+def run(world: World, arguments: argparse.Namespace) -> tuple[Figures, list[str]]:
+    """Start, rest and noise, one after the other."""
+    began, before = datetime.now(UTC), _cpu_s(world)
+    start, problems = _start(world, arguments, began)
+    start |= _writes_to_ready(world, began, robots=arguments.robots, seconds=start["ready_s"])
+    start["cpu_s"] = _spent(world, before)
+    start["operator_ms_per_instance"] = start["cpu_s"]["operator"] * 1000 / arguments.robots
+    if start["writes_per_instance_median"] > MOST_WRITES_TO_READY:
+        problems.append(f"{start['writes_per_instance_median']} writes per instance until it was Ready")
+    if start["status_writes_per_s"] > MOST_STATUS_PER_S:
+        problems.append(f"{start['status_writes_per_s']:.2f} statuses of the app per second")
+    _say(f"{start}")
+    began_s = time.monotonic()
+    if not wait_until(lambda: not _unmeasured(world), timeout_s=MEASURED_S, poll_s=5.0):
+        problems.append(f"budgets of {len(_unmeasured(world))} instances are not measured after {MEASURED_S:.0f} s")
+    start["measured_after_ready_s"] = time.monotonic() - began_s
+    if not quiet.until_quiet(world.cp, quiet_s=quiet.REST_S, within_s=CALM_S, namespace=world.namespace):
+        problems.append(f"it did not come to rest within {CALM_S:.0f} s")
+    before = _cpu_s(world)
+    records = quiet.writes_during(world.cp, arguments.quiet_seconds, namespace=world.namespace)
+    counts = quiet.by_object(records)
+    rest = {"seconds": arguments.quiet_seconds, "writes": len(records), "cpu_s": _spent(world, before)}
+    _say(f"at rest: {rest} {counts.most_common(3)}")
+    problems += [f"{count} writes at rest: {name}" for name, count in counts.most_common(3)]
+    noise = _noise(world, arguments)
+    _say(f"noise: {noise}")
+    if noise["writes_within_a_minute_max"] > 1:
+        problems.append(f"{noise['writes_within_a_minute_max']} writes of one instance within a minute under noise")
+    figures = {
+        "robots": arguments.robots,
+        "components": arguments.components,
+        "nodes": len(world.nodes),
+        "start": start,
+        "rest": rest,
+        "noise": noise,
+    }
+    for process in (world.operator, world.scheduler):
+        figures[process.name] = used = process_use.usage(process)
+        if used["peak_rss_bytes"] >= MOST_RSS_BYTES:
+            problems.append(f"{process.name}: {used['peak_rss_bytes'] / 1e6:.0f} MB")
+    return figures, problems
+
+
+def _start(world: World, arguments: argparse.Namespace, began: datetime) -> tuple[Figures, list[str]]:
+    """Apply the app and wait until it and all its instances are Ready."""
+    robots, components = arguments.robots, arguments.components
+    sent_s = world.create(_app(components))
+    world.watch.until_ready("fleet", within_s=arguments.within)
+    ready_s = time.monotonic() - sent_s
+    whole = wait_until(lambda: len(_ready(_instances(world))) == robots, timeout_s=60, poll_s=0.5)
+    found, pods = _instances(world), world.pods()
+    app = world.app("fleet")
+    size = max((len(json.dumps(each["status"])) for each in (*found, app)), default=0)
+    placed = sum(bool(pod["spec"].get("nodeName")) for pod in pods)
+    took_s = [_ready_after_s(each, began) for each in _ready(found)] or [0.0]
+    figures = {
+        "ready_s": ready_s,
+        "instance_ready_p50_s": percentile(took_s, 50),
+        "instance_ready_p95_s": percentile(took_s, 95),
+        "instances": len(found),
+        "ready": len(_ready(found)),
+        "pods": len(pods),
+        "placed": placed,
+        "largest_status_bytes": size,
+        "counts": app["status"]["instanceCounts"],
+    }
+    problems = [] if whole else [f"{len(_ready(found))} of {robots} instances are visible and Ready"]
+    if placed != robots * components:
+        problems.append(f"{placed} of {robots * components} pods are placed")
+    if size > MOST_STATUS_BYTES:
+        problems.append(f"a status of {size} bytes")
+    return figures, problems
+
+
+def _ready_after_s(instance: Object, began: datetime) -> float:
+    """By the condition's own time, which has whole seconds."""
+    return (datetime.fromisoformat(condition(instance, Condition.READY)["lastTransitionTime"]) - began).total_seconds()
+
+
+def _writes_to_ready(world: World, began: datetime, *, robots: int, seconds: float) -> Figures:
+    """By the audit log: writes per instance and of which kinds, writes per instance object, statuses of the app."""
+    records = quiet.writes_since(world.cp, began, namespace=world.namespace)
+    per_instance = [len(times) for times in _times(records).values()]
+    statuses = [each for each in records if each["objectRef"]["resource"] == "robotapps"]
+    kinds = Counter(" ".join(name.split()[:3]) for name in quiet.by_object(records).elements())
+    return {
+        "writes": len(records),
+        "writes_per_instance": len(records) / robots,
+        "writes_by_kind": dict(kinds.most_common()),
+        "writes_per_instance_median": statistics.median(per_instance or [0]),
+        "writes_per_instance_max": max(per_instance, default=0),
+        "status_writes": len(statuses),
+        "status_writes_per_s": len(statuses) / seconds,
+    }
+
+
+def _noise(world: World, arguments: argparse.Namespace) -> Figures:
+    """Round trips between the nodes in use wobble, without a budget changing its verdict."""
+    nodes = world.nodes
+    assert isinstance(nodes, Wobbling)
+    used = {pod["spec"]["nodeName"] for pod in world.pods() if pod["spec"].get("nodeName")}
+    names = sorted(used | {node.name for node in nodes if node.robot})
+    began, before = datetime.now(UTC), _cpu_s(world)
+    began_s = time.monotonic()
+    reports = 0
+    while (round_began_s := time.monotonic()) < began_s + arguments.noise_seconds:
+        nodes.wobble(arguments.noise / 100, seed=arguments.seed + reports)
+        world.telemetry.write(*names)
+        reports += len(names)
+        time.sleep(max(0.0, ROUND_S - (time.monotonic() - round_began_s)))
+    records = quiet.writes_since(world.cp, began, namespace=world.namespace)
+    seconds = time.monotonic() - began_s  # the last round may take long
+    times = _times(records)
+    return {
+        "percent": arguments.noise,
+        "seconds": seconds,
+        "reports": reports,
+        "writes": len(records),
+        "writes_within_a_minute_max": max(map(quiet.most_within_a_minute, times.values()), default=0),
+        "writes_per_instance_minute_mean": sum(map(len, times.values())) / arguments.robots / (seconds / 60),
+        "status_writes": sum(each["objectRef"]["resource"] == "robotapps" for each in records),
+        "cpu_s": _spent(world, before),
+    }
+
+
+def _times(records: Iterable[Mapping[str, Any]]) -> Mapping[str, list[datetime]]:
+    """When each instance was written, in order."""
+    times: dict[str, list[datetime]] = {}
+    for each in records:
+        if each["objectRef"]["resource"] == INSTANCES:
+            received = datetime.fromisoformat(each["requestReceivedTimestamp"])
+            times.setdefault(each["objectRef"].get("name", ""), []).append(received)
+    return {name: sorted(mine) for name, mine in times.items()}
+
+
+def _cpu_s(world: World) -> Mapping[str, float]:
+    """CPU seconds so far."""
+    processes = (world.operator, world.scheduler, world.cp.process(Program.API))
+    return {process.name: process.cpu_seconds() for process in processes}
+
+
+def _spent(world: World, before: Mapping[str, float]) -> dict[str, float]:
+    return {name: round(now_s - before[name], 2) for name, now_s in _cpu_s(world).items()}
+
+
+def _sampled(path: Path) -> dict[str, Any]:
+    """Flags with which the operator notes where its CPU goes."""
+    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
+    return {"program": ("campaigns.scheduler.cpu_samples", str(path)), "env": {"PYTHONPATH": paths}}
+
+
+def _app(components: int) -> Object:
+    everybody = {"matchExpressions": [{"key": Label.ROBOT, "operator": "Exists"}]}
+    parts = ("drive", *(f"watch-{number}" for number in range(1, components)))
+    app = plain_app(
+        "fleet",
+        parts=parts,
+        robots={"nodeSelector": everybody},
+        ros2={"pool": POOL, "isolation": "Discovery", "rmw": "rmw_cyclonedds_cpp"},
+        edges=[{"topic": "/odom", "from": "drive", "to": other, "latency": {"budget": "100ms"}} for other in parts[1:]],
+    )
+    for part in app["spec"]["components"]:
+        part["runsOn"] = ["Robot" if part["name"] == "drive" else "Edge"]
+    return app
+
+
+def _nodes(robots: int, nodes: int | None, components: int) -> Wobbling:
+    """Robots and edge servers, spread over the halls alike."""
+    servers = robots * (components - 1) // PODS_PER_EDGE + 1 if nodes is None else max(1, nodes - robots)
+    halls = min(servers, HALLS)
+    made = [robot(f"amr-{number:04}", zone=f"hall-{number % halls + 1}") for number in range(robots)]
+    made += [edge(f"edge-{number:04}", zone=f"hall-{number % halls + 1}") for number in range(servers)]
+    return Wobbling(made)
+
+
+def _instances(world: World) -> list[Object]:
+    found: list[Object] = world.cp.api.get(f"{APIS}/namespaces/{world.namespace}/{INSTANCES}")["items"]
+    return found
+
+
+def _unmeasured(world: World) -> list[Object]:
+    """Instances of which it is not known yet whether they keep their budgets: that will be written when it is."""
+    return [each for each in _instances(world) if condition(each, Condition.BUDGET_MET).get("status") == "Unknown"]
+
+
+def _ready(instances: Sequence[Object]) -> list[Object]:
+    return [each for each in instances if condition(each, Condition.READY).get("status") == "True"]
+
+
+def _say(text: str) -> None:
+    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,316 @@
+"""Throws random objects at a running product and watches whether it stays well."""
+
+import random
+import re
+import secrets
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from statistics import median
+from typing import Any
+
+from tests.support.rigel.cases import ENVIRONMENT, first_generation, mutated
+
+from campaigns.fuzz.asking import Pulse, ask
+from campaigns.fuzz.claims import Claims
+from campaigns.fuzz.generator import Generator
+from campaigns.fuzz.judging import CACHES_BYTES, Samples, memory_problems, time_problems
+from campaigns.rigs.process_use import tree_rss_bytes, usage
+from campaigns.rigs.world import APIS, World, plain_app
+from rigel_bridge.document.failures import BridgeError
+from rigel_bridge.document.tree import parse
+from rigel_bridge.generations.load import load
+from rigel_bridge.generations.model import Options
+from rigel_bridge.render.app import Naming, Rendered, render
+from robotapp_api.model.app.robotapp import RobotApp
+from robotapp_api.model.names import Annotation
+from robotapp_api.model.telemetry import NodeTelemetry
+from robotapp_api.schema.crd import schema_of
+from robotapp_testbed import Process, wait_until
+from robotapp_testbed.failures import ApiStatusError
+
+LOT = 25
+TRACE = re.compile(r"Traceback \(most recent call last\)|\bcontroller_bug\b")
+WITHIN_S = 60.0
+AS_DRAWN = 0.3
+"""Share of Rigelfiles that are sent as the first draw has them."""
+MOST_DRAWN = 40
+BARE = 3
+"""Deployments of one pod, as many as a healthy app has components."""
+
+
+@dataclass(slots=True)
+class Report:
+    """`sent` objects by kind and outcome; `ready_s` of the healthy app beside each lot; `problems` in words.
+
+    `slowest_answer_s` and `memory` are by process.
+    """
+
+    sent: Counter[str] = field(default_factory=Counter)
+    ready_s: list[float] = field(default_factory=list)
+    slowest_answer_s: dict[str, float] = field(default_factory=dict)
+    """Without the time in which the process had no processor."""
+    slowest_wait_s: dict[str, float] = field(default_factory=dict)
+    """With it."""
+    bare_s: list[float] = field(default_factory=list)
+    """Of bare Deployments of as many pods, beside each healthy app."""
+    memory: dict[str, Samples] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+    use: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def objects(self) -> int:
+        return sum(self.sent.values())
+
+
+class Campaign:
+    """`seed` decides every object but its name; healthy apps take their domains from `pool`. The world's own processes are watched."""
+
+    def __init__(self, world: World, *, seed: int, pool: str) -> None:
+        self._world = world
+        self._pool = pool
+        self._make = Generator(seed)
+        self._random = random.Random(seed)
+        self._apps = schema_of(RobotApp)
+        self._telemetry = schema_of(NodeTelemetry)["properties"]["status"]
+        self._processes = {"operator": world.operator, "scheduler": world.scheduler}
+        self._pids = {name: process.pid for name, process in self._processes.items()}
+        self._beside = ThreadPoolExecutor(1)
+        self._living: list[str] = []
+        living = lambda: self._living[-1] if self._living else ""  # noqa: E731
+        self._claims = Claims(world, self._make, seed=seed, pool=pool, living=living)
+        self.report = Report(memory={name: Samples(CACHES_BYTES.get(name, 0)) for name in self._processes})
+
+    def run(self, objects: int, *, tell: Callable[[Report], None] = lambda _: None) -> Report:
+        """Send that many, in lots; after each lot a healthy app must become Ready, and `tell` gets what is so far."""
+        with self._answers():
+            while self.report.objects < objects and not self.report.problems:
+                self._lot(min(LOT, objects - self.report.objects))
+                tell(self.report)
+        self._check()
+        self.report.problems += memory_problems(self.report.memory)
+        self.report.problems += time_problems(
+            self.report.ready_s, self.report.slowest_answer_s, bare_s=self.report.bare_s
+        )
+        return self.report
+
+    def _lot(self, count: int) -> None:
+        makers = (
+            self._app,
+            self._rigelfile,
+            self._app,
+            self._edit,
+            self._claim,
+            self._pod,
+            self._app,
+            self._claim,
+            self._node_telemetry,
+        )
+        names: list[str] = []
+        self._living = names
+        self._claims.begin()
+        for number in range(count):
+            kind, outcome = makers[number % len(makers)](names)
+            self.report.sent[f"{kind} {outcome}"] += 1
+        healthy = f"healthy-{secrets.token_hex(3)}"
+        bare = self._beside.submit(self._bare)
+        sent_s = self._world.create(plain_app(healthy, ros2={"pool": self._pool}))
+        try:
+            self.report.ready_s.append(self._world.watch.until_ready(healthy, within_s=WITHIN_S) - sent_s)
+        except TimeoutError as late:
+            self.report.problems.append(f"a healthy app was not Ready: {late}")
+        self.report.bare_s.append(bare.result())
+        if not wait_until(lambda: self._claims.swept, timeout_s=WITHIN_S, poll_s=0.2):
+            self.report.problems.append(f"the claim of an app that is gone was not swept within {WITHIN_S:.0f} s")
+        self._claims.clear()
+        for kind in ("pods", "persistentvolumeclaims"):
+            self._world.cp.api.delete(f"/api/v1/namespaces/{self._world.namespace}/{kind}")
+        self._world.clear()
+        self._check()
+
+    def _app(self, names: list[str]) -> tuple[str, str]:
+        name = f"fuzz-{secrets.token_hex(4)}"
+        outcome = self._tried(lambda: self._world.create(self._make.app(self._apps, name)))
+        if outcome == "accepted":
+            names.append(name)
+        return "RobotApp", outcome
+
+    def _edit(self, names: list[str]) -> tuple[str, str]:
+        if not names:
+            return self._app(names)
+        spec = self._make.app(self._apps, "x")["spec"]
+        path = f"{self._world.apps_path}/{names[-1]}"
+        return "edit", self._tried(lambda: self._world.cp.api.patch(path, {"spec": spec}))
+
+    def _bare(self) -> float:
+        """Seconds until bare Deployments run whose pods name their node: what the machine needs for it in this minute."""
+        api, path = self._world.cp.api, f"/apis/apps/v1/namespaces/{self._world.namespace}/deployments"
+        node = next(node.name for node in self._world.nodes if not node.robot)
+        names = [f"bare-{secrets.token_hex(3)}" for _ in range(BARE)]
+        began_s = time.monotonic()
+        api.each(lambda name: api.create(path, _bare_deployment(name, node)), names)
+
+        def run() -> bool:
+            return all(api.get(f"{path}/{name}").get("status", {}).get("readyReplicas") == 1 for name in names)
+
+        wait_until(run, timeout_s=WITHIN_S, poll_s=0.05)
+        took_s = time.monotonic() - began_s
+        api.each(lambda name: api.delete(f"{path}/{name}"), names)
+        return took_s
+
+    def _claim(self, _: list[str]) -> tuple[str, str]:
+        return "RobotClaim", self._tried(self._claims.create)
+
+    def _rigelfile(self, names: list[str]) -> tuple[str, str]:
+        """A Rigelfile, and what the bridge makes of it. Three of four random ones make nothing, so most are drawn again."""
+        tries = 1 if self._random.random() < AS_DRAWN else MOST_DRAWN
+        maker = _well_formed if self._random.random() < 2 / 3 else mutated
+        found: list[Rendered] = []
+        for seed in (self._random.randrange(2**31) for _ in range(tries)):
+            try:
+                found = _bridged(maker(seed))
+            except BridgeError:
+                continue
+            except Exception as error:  # noqa: BLE001 - that is what is looked for
+                self.report.problems.append(f"the bridge ended with {type(error).__name__} ({error}): {maker} {seed}")
+                return "Rigelfile", "ended the bridge"
+            break
+        outcomes = [self._rendered(one, names) for one in found] or ["refused"]
+        return "Rigelfile", next((each for each in outcomes if each != "accepted"), "accepted")
+
+    def _rendered(self, one: Rendered, names: list[str]) -> str:
+        name = f"fuzz-{secrets.token_hex(4)}"
+        path = f"/api/v1/namespaces/{self._world.namespace}/persistentvolumeclaims"
+
+        def send() -> None:
+            for number, claim in enumerate(one.claims):
+                self._world.cp.api.create(path, {**claim, "metadata": {"name": f"{name}-{number}"}})
+            self._world.create({**one.app, "metadata": {**one.app["metadata"], "name": name}})
+
+        outcome = self._tried(send)
+        if outcome == "accepted":
+            names.append(name)
+        return outcome
+
+    def _pod(self, _: list[str]) -> tuple[str, str]:
+        keys = (
+            Annotation.POLICIES,
+            Annotation.TOPOLOGY,
+            Annotation.AFFINITY,
+            Annotation.SHARED_DATA,
+            Annotation.DDS_DOMAIN,
+        )
+        texts = {str(key): self._json() for key in keys if self._random.random() < 0.5}
+        body = {
+            "apiVersion": "v1",
+            "kind": "Pod",
+            "metadata": {"name": f"fuzz-{secrets.token_hex(4)}", "annotations": texts},
+            "spec": {"schedulerName": "ros-aware-scheduler", "containers": [{"name": "c", "image": "x"}]},
+        }
+        path = f"/api/v1/namespaces/{self._world.namespace}/pods"
+        return "pod", self._tried(lambda: self._world.cp.api.create(path, body))
+
+    def _json(self) -> str:
+        found = self._make.value({"type": "string", "maxLength": 200})
+        return (
+            f'{{"latency_budget": "{found}", "peer_pods": ["{found}"]}}' if self._random.random() < 0.5 else str(found)
+        )
+
+    def _node_telemetry(self, _: list[str]) -> tuple[str, str]:
+        node = next(iter(self._world.nodes)).name
+        status = self._make.value(self._telemetry)
+        path = f"{APIS}/nodetelemetries/{node}/status"
+        return "telemetry", self._tried(lambda: self._world.cp.api.patch(path, {"status": status}))
+
+    @staticmethod
+    def _tried(send: Any) -> str:
+        try:
+            send()
+        except ApiStatusError as refused:
+            return "refused" if refused.status in (400, 403, 409, 413, 422) else f"answered with {refused.status}"
+        return "accepted"
+
+    def _check(self) -> None:
+        """Processes live on, and no log has a traceback."""
+        for name, process in self._processes.items():
+            if not process.running or process.pid != self._pids[name]:
+                self.report.problems.append(f"{name} ended with {process.returncode}")
+            found = TRACE.search(process.log_text())
+            if found:
+                at = process.log_text()[max(0, found.start() - 200) : found.start() + 2000]
+                self.report.problems.append(f"{name} logged: {at}")
+            self.report.use[name] = usage(process)
+            self.report.memory[name].objects.append(self.report.objects)
+            self.report.memory[name].rss_bytes.append(tree_rss_bytes(process.pid))
+
+    @contextmanager
+    def _answers(self) -> Iterator[None]:
+        """Meanwhile ask operator and scheduler whether they live: a loop that is held answers late.
+
+        The scheduler's port is a process of its own, which passes this question on to the loop that places pods.
+        """
+        stop, pulse = threading.Event(), Pulse()
+        threads = [
+            threading.Thread(target=self._ask, args=(name, process, pulse, stop), daemon=True)
+            for name, process in self._processes.items()
+        ]
+        with pulse:
+            for thread in threads:
+                thread.start()
+            try:
+                yield
+            finally:
+                stop.set()
+                for thread in threads:
+                    thread.join()
+
+    def _ask(self, name: str, process: Process, pulse: Pulse, stop: threading.Event) -> None:
+        report = self.report
+        while not stop.wait(0.1):
+            took_s, held_s = ask(process, pulse)
+            report.slowest_wait_s[name] = max(report.slowest_wait_s.get(name, 0.0), took_s)
+            report.slowest_answer_s[name] = max(report.slowest_answer_s.get(name, 0.0), held_s)
+
+
+def _well_formed(seed: int) -> bytes:
+    return first_generation(seed).encode()
+
+
+def _bridged(content: bytes) -> list[Rendered]:
+    """Raises BridgeError."""
+    rigelfile = load(parse(content, "Rigelfile"), Options(environment=ENVIRONMENT))
+    return [render(target, Naming("fuzz", override=False)) for target in rigelfile.targets]
+
+
+def _bare_deployment(name: str, node: str) -> dict[str, Any]:
+    labels = {"bare": name}
+    spec = {"nodeName": node, "containers": [{"name": "c", "image": "x"}]}
+    return {
+        "apiVersion": "apps/v1",
+        "kind": "Deployment",
+        "metadata": {"name": name},
+        "spec": {
+            "selector": {"matchLabels": labels},
+            "template": {"metadata": {"labels": labels}, "spec": spec},
+        },
+    }
+
+
+def as_json(report: Report) -> Mapping[str, Any]:
+    ready = sorted(report.ready_s)
+    return {
+        "objects": report.objects,
+        "sent": dict(sorted(report.sent.items())),
+        "healthy_ready_s": {"median": ready[len(ready) // 2], "most": ready[-1]} if ready else {},
+        "slowest_wait_for_livez_s": {name: round(seconds, 3) for name, seconds in report.slowest_wait_s.items()},
+        "slowest_livez_s": {name: round(seconds, 3) for name, seconds in report.slowest_answer_s.items()},
+        "bare_deployments_ready_s": round(median(report.bare_s), 2) if report.bare_s else None,
+        "grown_mb": {name: round(found.since_warm[1] / 1e6, 1) for name, found in report.memory.items()},
+        "objects_after_warm_up": {name: found.since_warm[0] for name, found in report.memory.items()},
+        "use": report.use,
+        "problems": report.problems,
+    }

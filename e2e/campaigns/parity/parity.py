@@ -1,0 +1,107 @@
+"""Differential: random clusters and pods of all feature families through kube-scheduler and through ours, live.
+
+Compared are the feasible nodes, the FailedScheduling text character by character (on clusters of one node that is the
+node's first reason), the weighted score of every plugin, that our choice is among kube-scheduler's best, and who is
+evicted for which node. With --reference ours is compared with the scalar reference instead, without a cluster.
+"""
+
+import argparse
+import asyncio
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from campaigns.cluster_cases.regressions import keep
+from campaigns.parity import live as parity_live
+from campaigns.parity import reference as parity_reference
+from campaigns.parity import ros as parity_ros
+from campaigns.parity.report import Report
+
+Json = dict[str, Any]
+SHOWN = 20
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="scripts/bench parity", description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", type=int, help="3000, with --reference 20000")
+    parser.add_argument("--seed", default="1")
+    parser.add_argument("--json", type=Path, help="write counts per family and every difference to this file")
+    parser.add_argument("--case", type=int, metavar="N", help="this one case of the seed alone")
+    parser.add_argument("--family", action="append", help="only cases with this family at the centre")
+    parser.add_argument("--keep", action="store_true", help="keep what differs, made small, as regression cases")
+    parser.add_argument(
+        "--reference", action="store_true", help="against the scalar reference instead, without a cluster"
+    )
+    parser.add_argument(
+        "--ros-plugins",
+        action="store_true",
+        help="pods without ROS fields, with against without ROS plugins, no cluster",
+    )
+    arguments = parser.parse_args(argv)
+    if arguments.ros_plugins:
+        return _with_against_without(arguments)
+    return _against_reference(arguments) if arguments.reference else _against_kube_scheduler(arguments)
+
+
+def _with_against_without(arguments: argparse.Namespace) -> int:
+    report = parity_ros.campaign(cases=arguments.cases or 1000, seed=arguments.seed, say=_say)
+    _write(arguments.json, report.as_json())
+    return _told(report)
+
+
+def _against_reference(arguments: argparse.Namespace) -> int:
+    seed = arguments.seed
+    if arguments.case is not None:
+        print(parity_reference.one(seed=seed, number=arguments.case))
+        return 0
+    report = parity_reference.campaign(cases=arguments.cases or 20_000, seed=seed, say=_say)
+    _write(arguments.json, report.as_json())
+    print(report.table())
+    for each in report.found[:SHOWN]:
+        print(json.dumps(each))
+    if report.smallest:
+        print(f"the first of them, made small:\n{report.smallest}")
+    total = report.counts.total()
+    print(f"{total} cases, seed {seed}: {len(report.found)} differences, {report.seconds:.0f} s")
+    return 1 if report.found else 0
+
+
+def _against_kube_scheduler(arguments: argparse.Namespace) -> int:
+    seed = arguments.seed
+    families = arguments.family or parity_live.LIVE
+    cases = parity_live.campaign(seed, arguments.cases or 3000, families)
+    if arguments.case is not None:
+        cases = iter([parity_live.numbered(seed, arguments.case, families)])
+    with parity_live.control_plane() as cp:
+        report = asyncio.run(parity_live.run(cp, cases, seed=seed, say=_say))
+    _write(arguments.json, report.as_json())
+    for each in report.found if arguments.keep else ():
+        path = keep(each["objects"], why="; ".join(each["differences"]), profile=each["profile"])
+        print(f"kept as {path}")
+    for family, why in report.invalid.items():
+        print(f"refused by the API server, {family}: {why}")
+    return _told(report)
+
+
+def _told(report: Report) -> int:
+    for each in report.found[:SHOWN]:
+        print(json.dumps(each))
+    print(report.table())
+    print(report.summary())
+    return 1 if report.found else 0
+
+
+def _write(path: Path | None, document: Json) -> None:
+    if path is not None:
+        path.write_text(json.dumps(document, indent=2) + "\n")
+
+
+def _say(text: str) -> None:
+    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,270 @@
+"""Apps and pods come and go by the second while programs are killed, answers get lost and strangers forge what they may."""
+
+import logging
+import os
+import random
+import secrets
+import time
+from collections.abc import Collection
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from campaigns.rigs.world import Object, World
+from campaigns.storm import program
+from campaigns.storm.churn import Churn, Wish, path_of
+from campaigns.storm.cpu import Cpu
+from campaigns.storm.forger import Forger
+from campaigns.storm.history import Judge, Verdict
+from campaigns.storm.misfortune import Misfortune
+from campaigns.storm.recorder import Recorder
+from campaigns.storm.stall import Stall
+from campaigns.storm.wishes import is_pod
+from robotapp_api.model.names import API_VERSION, SCHEDULER_MANAGER, SYSTEM_NAMESPACE
+from robotapp_testbed import ControlPlane, Process, wait_until
+from robotapp_testbed.binaries.pins import REPOSITORY
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.topology import Device, fleet
+
+log = logging.getLogger(__name__)
+
+DEVICES_PER_ROBOT: Final = 5
+LOOK_S: Final = 0.5
+"""How often what happened is judged, and whether a program is to be hurt."""
+WAIT_S: Final = 300.0
+TELL_S: Final = 20.0
+SAMPLE_S: Final = 2.0
+"""How often the CPU of all programs is read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How many wish at a time, for which devices; `every` grants one program is hurt; `lose` is a share of answers.
+
+    `weakened` names a rule that all programs break (claims_weakened); the campaign must notice.
+    """
+
+    wanted: int = 500
+    robots: int = 10
+    every: int = 200
+    lose: float = 0.01
+    kept: int = 20
+    """So many apps, and as many pods, stay when the storm is over; there must be ids for all of them."""
+    seed: int = 1
+    weakened: str = ""
+    full_churn: bool = False
+    """A tenth goes each second, even where few hold something."""
+    most_s: float = float("inf")
+    """The storm ends then, with however few grants."""
+
+
+@dataclass(slots=True)
+class Report:
+    verdict: Verdict
+    seconds: float
+    figures: dict[str, Any]
+    stalled: str = ""
+    """Nothing was granted any more, in words."""
+    gaps: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
+    left: list[str] = field(default_factory=list)
+
+    @property
+    def problems(self) -> list[str]:
+        stalled = [self.stalled] if self.stalled else []
+        return [*self.verdict.broken[:20], *stalled, *self.gaps, *self.lost, *self.left]
+
+
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    """All who take part."""
+
+    world: World
+    churn: Churn
+    forger: Forger
+    recorder: Recorder
+    judge: Judge
+    misfortune: Misfortune
+    cpu: Cpu
+
+
+class Storm:
+    """Many wish for the domains of pool default and for some devices. The plan's seed decides who comes, goes and is hurt."""
+
+    def __init__(self, cp: ControlPlane, plan: Plan) -> None:
+        self._cp = cp
+        self._plan = plan
+        self._random = random.Random(plan.seed)
+        self._mark = secrets.token_hex(2)
+        names = [f"amr-{self._mark}-{number}" for number in range(plan.robots)]
+        cans = [Device(f"can-can{i}", "can", interface=f"can{i}") for i in range(DEVICES_PER_ROBOT)]
+        self._nodes = fleet(robots=names, edges=2, clouds=0, devices=dict.fromkeys(names, cans))
+
+    def run(self, grants: int) -> Report:
+        """Until so many claims were made, or a rule is broken; then quiet, then nothing.
+
+        Programs that are weakened end with the storm: what they leave behind is no news, and taken away.
+        """
+        with ExitStack() as stack:
+            scene = self._scene(stack)
+            began_s = time.monotonic()
+            stalled = self._rage(scene, grants)
+            seconds = time.monotonic() - began_s
+            figures = _figures(scene, seconds)
+            lost, left = self._aftermath(scene, stack)
+            figures["answers lost"] = scene.misfortune.lost_answers()
+        scene.judge.hear(scene.recorder.ripe(all_of_them=True))
+        gaps = scene.recorder.problems
+        return Report(scene.judge.verdict, seconds, figures, stalled=stalled, gaps=gaps, lost=lost, left=left)
+
+    def _aftermath(self, scene: _Scene, stack: ExitStack) -> tuple[list[str], list[str]]:
+        if self._plan.weakened:
+            stack.callback(self._clear, scene)
+            scene.misfortune.kill_all()
+            return [], []
+        scene.misfortune.end()
+        return self._lost(scene), self._left(scene)
+
+    def _clear(self, scene: _Scene) -> None:
+        world = scene.world
+        for path in (world.apps_path, path_of(world, "pod"), f"/apis/{API_VERSION}/robotclaims"):
+            self._cp.api.delete(path)
+
+    def _scene(self, stack: ExitStack) -> _Scene:
+        world = stack.enter_context(self._world())
+        stranger = f"stranger-{self._mark}"
+        stack.enter_context(created(self._cp, stranger))
+        processes = [world.operator, world.another_operator(**self._flags(2)), world.scheduler]
+        processes.append(self._second_scheduler(stack))
+        recorder = stack.enter_context(Recorder(self._cp))
+        churn = Churn(
+            world,
+            wanted=self._plan.wanted,
+            chance=self._chance("churn"),
+            holders=recorder.holders,
+            full=self._plan.full_churn,
+        )
+        return _Scene(
+            world=world,
+            churn=churn,
+            forger=Forger(world, stranger, chance=self._chance("forger"), wishes=lambda: churn.there),
+            recorder=recorder,
+            judge=Judge(namespaces={world.namespace}, strangers={stranger}),
+            misfortune=Misfortune(processes, every=self._plan.every, chance=self._chance("misfortune")),
+            cpu=Cpu(),
+        )
+
+    def _chance(self, whose: str) -> random.Random:
+        """Each draws from a source of its own, because they act side by side."""
+        return random.Random(f"{whose} {self._plan.seed}")
+
+    def _world(self) -> World:
+        return World(self._cp, self._nodes, operator_flags=self._flags(1), scheduler_flags=self._flags(3), tidy=False)
+
+    def _second_scheduler(self, stack: ExitStack) -> Process:
+        """A Lease of its own lets it work at the same time as the first."""
+        space = stack.enter_context(created(self._cp, f"second-{self._mark}"))
+        user = f"--user=system:serviceaccount:{SYSTEM_NAMESPACE}:{SCHEDULER_MANAGER}"
+        self._cp.kubectl("-n", space, "create", "role", "leases", "--verb=*", "--resource=leases.coordination.k8s.io")
+        self._cp.kubectl("-n", space, "create", "rolebinding", "own-lease", "--role=leases", user)
+        flags: dict[str, Any] = {"sweep_seconds": 1, "lease_namespace": space, **self._flags(4)}
+        second = product.start_scheduler(self._cp, name="scheduler-2", **flags)
+        stack.callback(second.kill)
+        return second
+
+    def _flags(self, number: int) -> dict[str, Any]:
+        seed = self._plan.seed * 10 + number
+        return {
+            "program": program.command(lose=self._plan.lose, seed=seed, weakened=self._plan.weakened),
+            "env": {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])},
+        }
+
+    def _rage(self, scene: _Scene, grants: int) -> str:
+        """Until it is enough, or nothing is granted any more: then that is told."""
+        recorder, broken = scene.recorder, scene.judge.verdict.broken
+        end_s = time.monotonic() + self._plan.most_s
+        sample_s, tell_s = time.monotonic() + SAMPLE_S, time.monotonic() + TELL_S
+        stall, stalled = Stall(time.monotonic), ""
+        scene.cpu.begin()
+        with scene.churn, scene.forger:
+            while recorder.claims < grants and not (recorder.problems or broken or stalled):
+                if time.monotonic() > end_s:
+                    break
+                scene.misfortune.strike(recorder.claims)
+                scene.judge.hear(recorder.ripe())
+                scene.churn.check()
+                scene.forger.check()
+                stalled = stall.look(grants=recorder.claims, wishes=scene.churn.made)
+                if time.monotonic() > sample_s:
+                    sample_s += SAMPLE_S
+                    scene.cpu.sample()
+                if time.monotonic() > tell_s:
+                    tell_s += TELL_S
+                    log.info("%d grants, %r, %r", recorder.claims, scene.churn, scene.misfortune)
+                time.sleep(LOOK_S)
+        return stalled
+
+    def _lost(self, scene: _Scene) -> list[str]:
+        """With fewer wishes than there is, everybody who stays must be served."""
+        there = [[what for what in scene.churn.there if what[0] == kind] for kind in ("app", "pod")]
+        kept = [what for some in there for what in some[: self._plan.kept]]
+        scene.churn.keep(kept)
+
+        def waiting() -> list[str]:
+            return [text for kind in ("app", "pod") for text in self._waiting(scene.world, kind, kept)]
+
+        wait_until(lambda: not waiting(), timeout_s=WAIT_S, poll_s=0.5)
+        return waiting()
+
+    def _waiting(self, world: World, kind: str, kept: Collection[Wish]) -> list[str]:
+        """Those of a kind who are not served, and what the product says about it."""
+        names = {name for each, name in kept if each == kind}
+        found = {each["metadata"]["name"]: each for each in self._cp.api.get(path_of(world, kind))["items"]}
+        served = _bound if is_pod(kind) else _served
+        return [
+            f"{kind} {name} was never served: {found.get(name, {}).get('status')}"
+            for name in sorted(names)
+            if not served(found.get(name))
+        ]
+
+    def _left(self, scene: _Scene) -> list[str]:
+        world = scene.world
+        scene.forger.clear()
+        self._cp.api.delete(world.apps_path)
+        self._cp.api.delete(f"/api/v1/namespaces/{world.namespace}/pods")
+
+        def left() -> list[str]:
+            return [claim["metadata"]["name"] for claim in world.claims()]
+
+        wait_until(lambda: not left(), timeout_s=WAIT_S, poll_s=0.5)
+        return [f"claim {name} is left" for name in left()]
+
+
+def _figures(scene: _Scene, seconds: float) -> dict[str, Any]:
+    recorder, churn, misfortune = scene.recorder, scene.churn, scene.misfortune
+    scene.cpu.sample()
+    used, grants = scene.cpu.by_program(), max(1, recorder.claims)
+    return {
+        "grants/s": round(recorder.claims / seconds, 2),
+        "CPU s per grant": round(sum(used.values()) / grants, 4),
+        "of which": {name: round(cpu_s / grants, 4) for name, cpu_s in used.items() if cpu_s / grants > 0.0005},
+        "revisions": recorder.revisions,
+        "wishes": churn.made,
+        "churn/s": round(churn.per_second, 4),
+        "churn limited by": churn.limit,
+        "requests without answer": churn.unanswered,
+        "kills": misfortune.kills,
+        "stops": misfortune.stops,
+        "forged": scene.forger.forged,
+        "forgeries refused": scene.forger.refused,
+    }
+
+
+def _served(app: Object | None) -> bool:
+    conditions = {each["type"]: each for each in (app or {}).get("status", {}).get("conditions", ())}
+    return bool(conditions.get("Ready", {}).get("status") == "True")
+
+
+def _bound(pod: Object | None) -> bool:
+    return bool(pod and pod["spec"].get("nodeName"))

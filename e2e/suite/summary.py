@@ -1,0 +1,98 @@
+"""One closing summary of several pytest runs: `python -m suite.summary PART=REPORT...`.
+
+A report is a JUnit file (`junit_family=xunit1`, which names the test's file). The last line printed has the form of pytest's
+own closing line and counts all parts. Exit status 1 when a test failed or a part left no report or
+found no tests.
+"""
+
+import sys
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+WIDTH = 80
+BAD = {"failure": "failed", "error": "error"}
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What one pytest run came to; `seconds` is None when it ended without a report (killed, or wrongly called)."""
+
+    name: str
+    counts: Counter[str]
+    bad: tuple[str, ...] = ()
+    seconds: float | None = None
+
+    @property
+    def missing(self) -> bool:
+        """Nothing is known of it, or it found no tests: an error, whatever the other parts say."""
+        return self.seconds is None or not self.counts
+
+
+def read(name: str, path: Path) -> Part:
+    """The part as its report tells it; a test that fails and then fails again in its teardown counts once."""
+    try:
+        suite = ET.parse(path).getroot().find("testsuite")  # noqa: S314 - written by our own pytest
+    except (OSError, ET.ParseError):
+        suite = None
+    if suite is None:
+        return Part(name, Counter())
+    outcomes: dict[str, str] = {}
+    for case in suite.iter("testcase"):
+        said = [BAD.get(child.tag, child.tag) for child in case]
+        outcome = next((word for word in ("failed", "error", "skipped") if word in said), "passed")
+        known = outcomes.setdefault(_test_id(case), outcome)
+        if known == "passed":
+            outcomes[_test_id(case)] = outcome
+    bad = tuple(test for test, outcome in outcomes.items() if outcome in BAD.values())
+    return Part(name, Counter(outcomes.values()), bad, float(suite.get("time", 0)))
+
+
+def _test_id(case: ET.Element) -> str:
+    file, name, where = (case.get(key, "") for key in ("file", "name", "classname"))
+    if not where:
+        return file or name  # a file that could not be collected
+    classes = where.removeprefix(file.removesuffix(".py").replace("/", ".")).strip(".")
+    return "::".join(filter(None, (file, *classes.split("."), name)))
+
+
+def summary(parts: Sequence[Part]) -> Iterable[str]:
+    """The lines: a table of the parts, what failed, and a closing line that counts everything."""
+    wide = max(len(part.name) for part in parts)
+    yield f"{'part':{wide}}  passed  failed  skipped  seconds"
+    for part in parts:
+        if part.missing:
+            yield f"{part.name:{wide}}  {'did not finish' if part.seconds is None else 'found no tests'}"
+            continue
+        counts, seconds = part.counts, part.seconds or 0
+        yield f"{part.name:{wide}}  {counts['passed']:6}  {len(part.bad):6}  {counts['skipped']:7}  {seconds:7.1f}"
+    for part in parts:
+        for test in part.bad:
+            yield f"FAILED {test}"
+    yield closing(parts)
+
+
+def closing(parts: Sequence[Part]) -> str:
+    """pytest's closing line, over all parts."""
+    total = sum((part.counts for part in parts), Counter[str]())
+    errors = total.pop("error", 0) + sum(part.missing for part in parts)
+    total["error" if errors == 1 else "errors"] = errors
+    words = ("failed", "passed", "skipped", "error", "errors")
+    said = ", ".join(f"{total[word]} {word}" for word in words if total[word])
+    seconds = sum(part.seconds or 0 for part in parts)
+    spelt = f" ({timedelta(seconds=int(seconds))})" if seconds >= 60 else ""
+    return f" {said or 'no tests ran'} in {seconds:.2f}s{spelt} ".center(WIDTH, "=")
+
+
+def main(arguments: Sequence[str] = sys.argv) -> int:
+    named = (argument.rpartition("=") for argument in arguments[1:])
+    parts = [read(name, Path(path)) for name, _, path in named]
+    sys.stdout.write("\n".join(("", *summary(parts), "")))
+    return int(any(part.missing or part.bad for part in parts))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,175 @@
+"""The tools that judge must be right themselves."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from campaigns.cluster_cases import FAMILIES, Case, seeded_case
+from campaigns.cluster_cases.eviction_families import set_priority
+from campaigns.cluster_cases.scene import Scene, make_node, make_pod
+from campaigns.common.figures import medians, percentile
+from campaigns.parity.live import LIVE, NOT_LIVE, campaign, numbered, visible
+from campaigns.parity.oracle import OracleLog
+from campaigns.parity.probe import probe, told, weighted
+from campaigns.parity.profiles import PROFILES
+from campaigns.parity.report import Report
+from campaigns.parity.verdict import FOUND, Verdict, differences, judged
+
+LOG = """\
+I1121 00:00:00.1 7 schedule_one.go:1] "Plugin scored node for pod" pod="a/p" plugin="NodeAffinity" node="n1" score=20
+I1121 00:00:00.1 7 schedule_one.go:1] "Plugin scored node for pod" pod="a/p" plugin="NodeAffinity" node="n2" score=0
+I1121 00:00:00.1 7 schedule_one.go:1] "Calculated node's final score for pod" pod="a/p" node="n1" score=320
+I1121 00:00:00.1 7 schedule_one.go:1] "Calculated node's final score for pod" pod="a/p" node="n2" score=300
+I1121 00:00:00.1 7 round_trippers.go:1] "Response" body="Plugin scored node for pod"
+"""
+
+
+def test_the_log_of_the_oracle_gives_feasible_nodes_scores_and_the_best(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    path.write_text(LOG)
+    found = OracleLog(path).read()["a/p"]
+    assert found.plugins == {"n1": {"NodeAffinity": 20}, "n2": {"NodeAffinity": 0}}
+    assert found.best == {"n1"}
+
+
+def test_a_line_that_is_still_being_written_is_read_when_it_is_complete(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    log = OracleLog(path)
+    path.write_text(LOG[:130])
+    log.read()
+    path.write_text(LOG)
+    assert len(log.read()["a/p"].totals) == 2
+
+
+SCORES = {"n1": {"Fit": 90}, "n2": {"Fit": 80}}
+
+
+@pytest.mark.parametrize(
+    ("ours", "found"),
+    [
+        (Verdict("n1", "", SCORES), ""),
+        (Verdict("n2", "", SCORES), "choice"),
+        (Verdict("n1", "", {"n1": {"Fit": 90}, "n2": {"Fit": 81}}), "scores of n2"),
+        (Verdict("n1", "", {"n1": {"Fit": 90}}), "feasible"),
+        (Verdict("", "0/2 nodes are available."), "text"),
+        (Verdict("n1", "", SCORES, victims=("p0",)), "victims"),
+    ],
+)
+def test_every_kind_of_difference_is_found(ours: Verdict, found: str) -> None:
+    theirs = Verdict("n1", "", SCORES, best=frozenset({"n1"}))
+    problems = differences(theirs, ours)
+    assert (found in problems[0]) if found else problems == []
+
+
+def test_one_space_more_in_a_text_is_a_difference() -> None:
+    assert differences(Verdict("", "0/1 nodes"), Verdict("", "0/1  nodes"))
+
+
+def test_a_plugin_that_scores_nothing_is_the_same_as_one_that_was_skipped() -> None:
+    theirs = Verdict("n1", "", {"n1": {"Fit": 90, "ImageLocality": 0}, "n2": {"Fit": 80}}, best=frozenset({"n1"}))
+    assert differences(theirs, Verdict("n1", "", SCORES)) == []
+
+
+def test_weighted_scores_are_read_from_the_columns_of_an_explanation() -> None:
+    top = {"nodes": ["n1", "n2"], "weights": {"Taint": 3}, "scores": {"Taint": [100, 50]}}
+    assert weighted(top) == {"n1": {"Taint": 300}, "n2": {"Taint": 150}}
+
+
+def full_nodes(*cpu: str) -> Case:
+    """A node per amount, full of one pod of low priority; the pod to place needs one of them to go."""
+    scene = Scene(pod=make_pod("new", cpu="3"))
+    set_priority(scene, scene.pod, 100)
+    for index, amount in enumerate(cpu):
+        scene.nodes.append(make_node(f"n{index}"))
+        scene.placed.append(make_pod(f"low{index}", node=f"n{index}", cpu=amount))
+        set_priority(scene, scene.placed[-1], 0)
+    return Case(("preemption",), (*scene.objects, *scene.nodes, *scene.placed, scene.pod))
+
+
+def preempting(node: str, *victims: str) -> Verdict:
+    text = f"0/2 nodes are available: 2 Insufficient cpu. {FOUND} for pod on node {node}, preempting 1 victims"
+    return Verdict(node, text, victims=victims)
+
+
+def test_another_node_of_the_same_price_is_no_difference_and_a_dearer_one_is() -> None:
+    theirs, ours = preempting("n0", "low0"), preempting("n1", "low1")
+    equal = full_nodes("2", "2")
+    assert judged(equal, theirs, ours) == []
+    dearer = full_nodes("2", "2")
+    dearer.objects[-2]["spec"]["priority"] = 10
+    assert judged(dearer, theirs, ours)
+
+
+def test_the_wrong_victim_is_a_difference_wherever_it_was() -> None:
+    case = full_nodes("2", "2")
+    assert judged(case, preempting("n0", "low0"), preempting("n0", "low1"))
+    assert judged(case, preempting("n0", "low0"), preempting("n1", "low0"))
+
+
+def condition(message: str, reason: str = "Unschedulable") -> dict[str, str]:
+    return {"type": "PodScheduled", "status": "False", "reason": reason, "message": message}
+
+
+@pytest.mark.parametrize(
+    ("spec", "status", "promised", "expected"),
+    [
+        ({}, {}, "", None),
+        ({"nodeName": "n1"}, {}, "", ("n1", "")),
+        ({}, {"conditions": [condition("0/1 nodes")], "nominatedNodeName": "n1"}, "", ("", "0/1 nodes")),
+        ({}, {"conditions": [condition(FOUND)], "nominatedNodeName": "n1"}, "", ("n1", FOUND)),
+        ({}, {"conditions": [condition("gated", "SchedulingGated")]}, "", None),
+        ({}, {"nominatedNodeName": "n1"}, "", ("n1", "")),
+        ({}, {"nominatedNodeName": "n1"}, "n1", None),
+    ],
+)
+def test_a_pod_tells_its_decision(
+    spec: dict[str, str], status: dict[str, object], promised: str, expected: tuple[str, str] | None
+) -> None:
+    assert told({"spec": spec, "status": status}, promised=promised) == expected
+
+
+def test_a_promised_pod_starts_behind_a_gate_so_that_the_promise_is_there_first() -> None:
+    case = full_nodes("1")
+    assert "schedulingGates" not in probe(case, "new-1", "ours")["spec"]
+    case.objects[-1]["status"]["nominatedNodeName"] = "n0"
+    assert probe(case, "new-1", "ours")["spec"]["schedulingGates"]
+
+
+def test_a_promise_is_left_out_only_where_nobody_could_see_that_it_was_kept() -> None:
+    case = full_nodes("1")
+    case.objects[-1]["status"]["nominatedNodeName"] = "n0"
+    assert visible(case) is case
+    claim = {"kind": "PersistentVolumeClaim", "metadata": {"name": "c"}, "status": {"phase": "Pending"}}
+    waiting = replace(case, objects=(claim, *case.objects))
+    assert "nominatedNodeName" not in visible(waiting).objects[-1]["status"]
+    assert case.objects[-1]["status"]["nominatedNodeName"] == "n0"
+
+
+def test_equal_seeds_give_equal_campaigns_and_every_family_and_profile_takes_its_turn() -> None:
+    cases = [each for each in campaign("7", 400) if each.number is not None]
+    assert cases == [each for each in campaign("7", 400) if each.number is not None]
+    assert cases[17] == numbered("7", 17)
+    assert {each.case.families[0] for each in cases} == set(LIVE)
+    assert {each.profile for each in cases} == set(PROFILES)
+    assert len(LIVE) >= 20
+    assert set(LIVE) | set(NOT_LIVE) == set(FAMILIES)
+
+
+def test_a_report_counts_what_was_compared() -> None:
+    report = Report("1")
+    case = seeded_case("1", number=0, families=["cordons"], nodes=1, placed=0)
+    report.take(case, Verdict("", "0/1 nodes are available"))
+    report.take(case, Verdict("n0"))
+    report.refused_by_server(case, "invalid")
+    report.differs(case, {"differences": ["text"]})
+    assert report.families["cordons"] == {"refused": 1, "bound": 1, "invalid": 1, "differences": 1}
+    assert report.compared["first reasons on one node"] == 1
+    assert "2 cases of 1 families, seed 1: 1 differences" in report.summary()
+    assert "cordons" in report.table()
+
+
+def test_percentiles_and_medians() -> None:
+    assert percentile([5, 1, 3, 2, 4], 50) == 3
+    assert percentile([1, 2], 99) == 2
+    assert medians([{"a": 1}, {"a": 3}, {"a": 2, "b": 9}]) == {"a": 2, "b": 9}

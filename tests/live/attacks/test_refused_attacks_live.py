@@ -1,0 +1,105 @@
+"""Every attack of the table, over every road a write can take, as the identity it names: refused for the reason it names."""
+
+import json
+import re
+import secrets
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from campaigns.attacks import ATTACKS, Attack, Road, Stop
+from campaigns.attacks.escalations import REFERENCES
+from campaigns.attacks.kinds import POLICY, ROBOTAPP
+from campaigns.attacks.world import World, attacked
+from robotapp_testbed import ControlPlane, wait_until
+from robotapp_testbed.failures import ApiStatusError
+
+pytestmark = pytest.mark.live
+
+
+@pytest.fixture(scope="module")
+def world(installed_plane: ControlPlane) -> Iterator[World]:
+    end = secrets.token_hex(3)
+    with attacked(installed_plane, f"attacker-{end}", f"victim-{end}") as found:
+        yield found
+
+
+@pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.key)
+def test_an_attack_is_refused_over_every_road(world: World, attack: Attack) -> None:
+    wrong = []
+    for road in Road:
+        try:
+            world.attempt(attack, road)
+        except ApiStatusError as error:
+            if not re.search(attack.message, error.message):
+                wrong.append(f"{road}: refused for another reason: {error.status} {error.message}")
+        else:
+            wrong.append(f"{road}: accepted")
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize(
+    "attack", [each for each in ATTACKS if each.stop is Stop.SCHEMA], ids=lambda attack: attack.key
+)
+def test_a_field_that_does_not_exist_is_dropped_where_nobody_wants_it_refused(world: World, attack: Attack) -> None:
+    wrong = []
+    for road in Road:
+        try:
+            stored = world.attempt(attack, road, validation="Ignore", suffix="-dropped")
+        except ApiStatusError as error:
+            if not re.search(f"{attack.message}|is invalid", error.message):
+                wrong.append(f"{road}: refused for another reason: {error.status} {error.message}")
+        else:
+            if attack.holds(stored):
+                wrong.append(f"{road}: stored {stored['spec']}")
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("attack", REFERENCES, ids=lambda attack: attack.key)
+def test_who_may_create_pods_may_name_accounts_and_secrets(world: World, attack: Attack) -> None:
+    for road in Road:
+        assert attack.holds(world.attempt(attack, road, who="tenant", suffix="-tenant"))
+
+
+def test_suspend_and_metadata_stay_free_for_who_may_write_the_app(world: World) -> None:
+    namespace = world.namespaces["own"]
+    account = next(attack for attack in REFERENCES if attack.key == "account")
+    name = world.attempt(account, Road.CREATE, who="tenant", suffix="-suspended")["metadata"]["name"]
+    path, clerk = ROBOTAPP.path(namespace, name), world.apis["clerk"]
+    for suspend in (True, False):
+        assert clerk.patch(path, {"spec": {"suspend": suspend}})["spec"]["suspend"] is suspend
+    assert clerk.patch(path, {"metadata": {"labels": {"team": "a"}}})["metadata"]["labels"] == {"team": "a"}
+    cleared = {"spec": {"components": [{"name": "driver", "image": "ros:humble"}]}}
+    assert "template" not in clerk.patch(path, cleared)["spec"]["components"][0], (
+        "taking the reference out is no escalation"
+    )
+
+
+def test_an_app_as_large_as_the_api_server_takes_it_is_within_the_policys_cost(world: World) -> None:
+    """A policy that runs out of its budget refuses: who names no Secret must not be refused for the length of his app."""
+    env = [{"name": f"A{index}"} for index in range(128)]
+    first = [{"name": f"i{index}", "image": "x", "env": env} for index in range(7)]
+    component = {"image": "x", "env": env, "template": {"spec": {"initContainers": first}}}
+    app = {
+        "apiVersion": ROBOTAPP.version,
+        "kind": ROBOTAPP.kind,
+        "metadata": {"name": "large"},
+        "spec": {"ros": {"distro": "humble"}, "components": [{"name": f"c{n}", **component} for n in range(64)]},
+    }
+    assert len(json.dumps(app)) > 1_000_000
+    stored = world.apis["clerk"].create(f"{ROBOTAPP.path(world.namespaces['own'])}?dryRun=All", app)
+    assert len(stored["spec"]["components"]) == 64
+
+
+def test_the_api_servers_type_checker_has_nothing_to_say_about_our_policies(world: World) -> None:
+    def checked() -> list[dict[str, Any]]:
+        items = world.admin.get(POLICY.path(""))["items"]
+        return [
+            item for item in items if item.get("status", {}).get("observedGeneration") == item["metadata"]["generation"]
+        ]
+
+    names = {"robotapp-references", "robotapp-membership", "robotapp-instances", "robotapp-grants-pods"}
+    assert wait_until(lambda: names <= {item["metadata"]["name"] for item in checked()}, timeout_s=60)
+    warnings = {item["metadata"]["name"]: item["status"].get("typeChecking", {}) for item in checked()}
+    assert not {name: found for name, found in warnings.items() if found.get("expressionWarnings")}

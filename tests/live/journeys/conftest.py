@@ -1,0 +1,47 @@
+"""The world journeys run in: operator and scheduler of this module's own on the session's control plane."""
+
+import secrets
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+
+from campaigns.rigs.world import World
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.machines.topology import fleet
+
+ROBOTS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Pools:
+    """Names of pools that only this module uses: two of twelve ids, one of four."""
+
+    twelve: str
+    dozen: str
+    four: str
+
+
+@pytest.fixture(scope="module")
+def pools() -> Pools:
+    mark = secrets.token_hex(3)
+    return Pools(f"twelve-{mark}", f"dozen-{mark}", f"four-{mark}")
+
+
+@pytest.fixture(scope="module")
+def running(installed_plane: ControlPlane, pools: Pools) -> Iterator[World]:
+    mark = secrets.token_hex(2)
+    nodes = fleet(
+        robots=[f"amr-{mark}-{number}" for number in range(ROBOTS)],
+        edges=[f"edge-{mark}-{number}" for number in range(2)],
+        clouds=[f"cloud-{mark}"],
+    )
+    with World(installed_plane, nodes, pools={pools.twelve: "1-12", pools.dozen: "1-12", pools.four: "1-4"}) as world:
+        yield world
+
+
+@pytest.fixture
+def world(running: World) -> Iterator[World]:
+    """Without apps at the beginning; whatever the test applied is deleted afterwards, claims included."""
+    yield running
+    running.clear()

@@ -1,0 +1,130 @@
+"""Rules of one component and of its pod."""
+
+from typing import Any
+
+from tests.support.apiobjects import app, component
+from tests.support.wrong_input.rule_cases.case import Object, RuleCase
+
+PROBE = {"httpGet": {"path": "/healthz", "port": 8080}}
+FROM_CONFIG_MAP = {"configMapKeyRef": {"name": "drv", "key": "$(ROBOTAPP_ROBOT).yaml", "optional": True}}
+FROM_SECRET = {"secretKeyRef": {"name": "s", "key": "p.yaml"}}
+
+
+def _mates(**fields: Any) -> Object:
+    return app(components=[component("a", **fields), component("b"), component("c")])
+
+
+def _ready(**fields: Any) -> Object:
+    return app(components=[component(ready=fields)])
+
+
+def _metadata(**fields: Any) -> Object:
+    return app(components=[component(template={"metadata": fields})])
+
+
+def _pod(**fields: Any) -> Object:
+    return app(components=[component(template={"spec": fields})])
+
+
+def _files(*files: Object) -> Object:
+    return app(components=[component(parameters=list(files))])
+
+
+def _refused(field: str, bad: Any, advice: str, *, good: Any) -> RuleCase:
+    """A field of the pod that has no place in an app, with the only value the API server lets through."""
+    says = f"{field} cannot be set in the template; {advice}"
+    return RuleCase(f"{field} is not the template's", _pod(**{field: good}), _pod(**{field: bad}), says)
+
+
+COMPONENT = [
+    RuleCase(
+        "a mate is not kept apart",
+        _mates(colocateWith=["b"], separateFrom=["c"]),
+        _mates(colocateWith=["b"], separateFrom=["b"]),
+        "component a: b is both in colocateWith and in separateFrom; remove it from one of them",
+    ),
+    RuleCase(
+        "not itself",
+        _mates(colocateWith=["b"]),
+        _mates(separateFrom=["a"]),
+        "component a names itself in colocateWith or separateFrom; remove it there",
+    ),
+    RuleCase(
+        "exclusive devices are not shared by replicas",
+        app(components=[component(replicas=2, devices=[{"name": "cam", "type": "usb", "sharing": "Cluster"}])]),
+        app(components=[component(replicas=2, devices=[{"name": "cam", "type": "usb"}])]),
+        "component driver: 2 replicas cannot share the exclusive device cam; write replicas: 1, or sharing: Cluster on the device",
+    ),
+    RuleCase(
+        "the domain is not set by hand",
+        app(components=[component(env=[{"name": "RCUTILS_COLORIZED_OUTPUT", "value": "1"}])]),
+        app(components=[component(env=[{"name": "ROS_DOMAIN_ID", "value": "7"}])]),
+        "component driver: ROS_DOMAIN_ID is set by the operator from the claimed domain; drop it from env and write spec.ros2.domain if you need a certain number",
+    ),
+    RuleCase(
+        "one check of ROS",
+        _ready(topic={"name": "/odom", "minRate": "0.5"}),
+        _ready(topic={"name": "/odom"}, lifecycle="Active"),
+        "write exactly one of topic and lifecycle; commands, HTTP and TCP checks are readinessProbe",
+    ),
+    RuleCase(
+        "no check at all",
+        _ready(lifecycle="Active"),
+        _ready(),
+        "write exactly one of topic and lifecycle; commands, HTTP and TCP checks are readinessProbe",
+    ),
+    RuleCase(
+        "ready or readinessProbe",
+        app(components=[component(readinessProbe=PROBE)]),
+        app(components=[component(readinessProbe=PROBE, ready={"lifecycle": "Active"})]),
+        "component driver: ready and readinessProbe both decide when it is ready; write one of them",
+    ),
+    RuleCase(
+        "a tier stands once",
+        app(components=[component(runsOn=["Edge", "Robot", "Cloud"])]),
+        app(components=[component(runsOn=["Edge", "Robot", "Edge"])]),
+        "a tier stands twice in runsOn; write each once, best first, for example [Edge, Robot]",
+    ),
+    RuleCase(
+        "a parameter file is one",
+        _files({"inline": "/**: {ros__parameters: {v: 1.0}}"}, FROM_CONFIG_MAP, FROM_SECRET),
+        _files({"inline": "{}", **FROM_CONFIG_MAP}),
+        "an entry of parameters is one file; write exactly one of inline, configMapKeyRef, secretKeyRef",
+    ),
+    RuleCase(
+        "a parameter file is none",
+        _files(FROM_SECRET),
+        _files({}),
+        "an entry of parameters is one file; write exactly one of inline, configMapKeyRef, secretKeyRef",
+    ),
+    RuleCase(
+        "label keys of the template",
+        _metadata(labels={"example.com/team": "a", "robotics.io.example.com/x": "b", "my-robotics.io/x": "c"}),
+        _metadata(labels={"example.com/": "a"}),
+        "a key is no label or annotation key; write for example example.com/team",
+    ),
+    RuleCase(
+        "labels of the operator",
+        _metadata(labels={"team": "a"}),
+        _metadata(labels={"robotics.io/app": "other"}),
+        "robotics.io/app: keys of robotics.io and app.kubernetes.io/ belong to the operator; write a key of your own, for example example.com/team",
+    ),
+    RuleCase(
+        "annotations of the scheduler",
+        _metadata(annotations={"prometheus.io/scrape": "true"}),
+        _metadata(annotations={"granted.robotics.io/devices": "can-can0"}),
+        "granted.robotics.io/devices: keys of robotics.io and app.kubernetes.io/ belong to the operator; write a key of your own, for example example.com/team",
+    ),
+    RuleCase(
+        "recommended labels",
+        _metadata(labels={"helm.sh/chart": "fleet"}),
+        _metadata(labels={"app.kubernetes.io/name": "driver"}),
+        "app.kubernetes.io/name: keys of robotics.io and app.kubernetes.io/ belong to the operator; write a key of your own, for example example.com/team",
+    ),
+    _refused("nodeName", "amr-07", "write nodeSelector, or robots and runsOn of the component", good=""),
+    _refused("schedulerName", "other", "write spec.schedulerName, which is for all components", good=""),
+    _refused("restartPolicy", "Never", "components always restart: leave it out", good="Always"),
+    _refused("resourceClaims", [{"name": "gpu"}], "write devices of the component", good=[]),
+    _refused("schedulingGates", [{"name": "x.io/y"}], "write spec.suspend: true to hold an app back", good=[]),
+    _refused("ephemeralContainers", [{"name": "x"}], "leave it out: kubectl debug adds them to a running pod", good=[]),
+]
