@@ -88,9 +88,9 @@ def _items(plane: ControlPlane, collection: str) -> list[dict[str, Any]]:
 @contextmanager
 def leaving_nothing_behind(plane: Callable[[], ControlPlane | None]) -> Iterator[None]:
     """Fails when what runs inside leaves objects in the control plane that other modules would meet."""
-    running = plane()
-    before = leftovers(running) if running else set()
+    control_plane = plane()
+    before = leftovers(control_plane) if control_plane else set()
     yield
-    running = plane()
-    remaining = settled(running, before) if running else set()
-    assert not remaining, f"other modules would meet what this one leaves: {sorted(remaining)}"
+    control_plane = plane()
+    objects = settled(control_plane, before) if control_plane else set()
+    assert not objects, f"other modules would meet what this one leaves: {sorted(objects)}"
