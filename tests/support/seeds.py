@@ -8,7 +8,11 @@ from typing import Final, TypeVar
 T = TypeVar("T")
 TODAY: Final = "ROBOTAPP_TODAY"
 """Variable in which a run keeps the day on which it began."""
+EXAMPLES: Final = "ROBOTAPP_EXAMPLES"
+"""Variable: `few` makes property tests try fewer examples, as plain `scripts/test` does."""
 _THIRDS: Final = 3
+_FEW_SHARE: Final = 4
+_FEWEST: Final = 5
 
 
 def daily_seed() -> int:
@@ -22,3 +26,10 @@ def third_of_today(items: Iterable[T]) -> list[T]:
     if os.environ.get("ROBOTAPP_SAMPLES") == "all":
         return list(items)
     return list(items)[daily_seed() % _THIRDS :: _THIRDS]
+
+
+def count_examples(count: int) -> int:
+    """Returns how many examples a property test tries: `count`, or a quarter of it where few are asked for."""
+    if os.environ.get(EXAMPLES) == "few":
+        return max(min(count, _FEWEST), count // _FEW_SHARE)
+    return count

@@ -7,6 +7,7 @@ from typing import Any, cast
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.support.seeds import count_examples
 
 from robotapp_api.model.telemetry import NodeTelemetry
 from robotapp_testbed import ApiStatusError, ControlPlane, TestbedError, wait_until
@@ -169,7 +170,7 @@ def test_large_fleets_write_less_often(count: int, interval_s: int) -> None:
     assert writer.status("edge-0")["intervalSeconds"] == interval_s
 
 
-@settings(max_examples=30)
+@settings(max_examples=count_examples(30))
 @given(count=st.integers(1, 150), zones=st.integers(1, 80), asked=st.lists(st.integers(0, 200), max_size=16))
 def test_peers_are_bounded_distinct_others_and_those_asked_for_come_first(
     count: int, zones: int, asked: list[int]

@@ -17,6 +17,7 @@ from tests.support.scheduling import (
     make_pod,
     telemetry,
 )
+from tests.support.seeds import count_examples
 
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
@@ -137,7 +138,11 @@ def compare(core: SchedulerCore, fresh: ProfileRunner, pod: PodInfo) -> None:
                 assert left.score_of(one, positions) == right.score_of(other, positions)
 
 
-@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@settings(
+    max_examples=count_examples(120),
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
 @given(st.lists(NODE_STEPS, min_size=2, max_size=5), st.lists(STEPS, min_size=3, max_size=14))
 def test_cached_and_fresh_evaluations_agree_after_any_history(start: list[Any], history: list[Any]) -> None:
     clock = Clock()
@@ -160,7 +165,11 @@ def told(record: Record) -> Json:
     return {key: value for key, value in plain.items() if key not in {"atS", "attempt"}}
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@settings(
+    max_examples=count_examples(25),
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
 @given(st.lists(NODE_STEPS, min_size=2, max_size=5), st.lists(STEPS, max_size=10))
 def test_an_explanation_read_later_is_the_one_of_its_moment(start: list[Any], history: list[Any]) -> None:
     clock = Clock()
@@ -184,7 +193,11 @@ def test_an_explanation_read_later_is_the_one_of_its_moment(start: list[Any], hi
         assert told(found) == expected
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@settings(
+    max_examples=count_examples(100),
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
 @given(st.lists(NODE_STEPS, min_size=2, max_size=5), st.lists(STEPS, max_size=15))
 def test_a_pod_without_ros_fields_decides_the_same_with_all_ros_plugins_and_with_none(
     start: list[Any], history: list[Any]

@@ -7,6 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 from tests.support.scheduling import Clock, make_cluster, make_info, make_node, make_pod
+from tests.support.seeds import count_examples
 
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Pod
@@ -209,7 +210,7 @@ def told(record: Record) -> Json:
     return {key: value for key, value in plain.items() if key not in {"atS", "attempt"}}
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=SLOW)
+@settings(max_examples=count_examples(100), deadline=None, suppress_health_check=SLOW)
 @given(sizes=NODES, profile=PROFILES, kinds=CHOSEN, history=HISTORY)
 def test_every_decision_and_its_explanation_is_that_of_an_engine_that_remembers_nothing(
     sizes: list[tuple[Json, str]],

@@ -3,6 +3,7 @@
 import random
 
 from hypothesis import HealthCheck, given, settings
+from tests.support.seeds import count_examples
 
 from campaigns.cluster_cases import FAMILIES, Case, cases, seeded_case
 from campaigns.cluster_cases.regressions import regressions
@@ -22,7 +23,7 @@ def test_hundreds_of_seeded_cases_equal_the_reference() -> None:
         assert differences(case) == [], f"--seed {seed} --case {number}: {case.families}"
 
 
-@settings(CHECKS, max_examples=200)
+@settings(CHECKS, max_examples=count_examples(200))
 @given(cases(list(FAMILIES)))
 def test_drawn_cases_equal_the_reference(case: Case) -> None:
     assert differences(case) == []
@@ -38,7 +39,7 @@ def _node_of(pod: Json) -> str:
     return str(pod["spec"].get("nodeName") or "")
 
 
-@settings(CHECKS, max_examples=60)
+@settings(CHECKS, max_examples=count_examples(60))
 @given(cases(list(FAMILIES), nodes=4, placed=3), cases(list(FAMILIES), nodes=4, placed=3))
 def test_cached_classes_stay_equal_to_the_reference_while_the_cluster_changes(first: Case, second: Case) -> None:
     """One core sees pods come and go and nodes change: repaired columns must equal columns made anew."""

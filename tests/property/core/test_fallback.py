@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.scheduler.fallback_apps import ROBOT, START, Day, core_of, decide, give_app, give_pod, places, prefer
 from tests.support.scheduling import app_object, chain, make_cluster, make_node, member_pod
+from tests.support.seeds import count_examples
 
 from robotapp_scheduler.core.api.robotics_v1alpha1 import Fallback
 from robotapp_scheduler.core.robotics.app_index import read_app
@@ -103,7 +104,7 @@ def time_ms(world: Mapping[str, Any], one: str, other: str) -> float | None:
     return 0 if one == other else world["rtt"].get(tuple(sorted((one, other))))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=count_examples(60), deadline=None)
 @given(worlds())
 def test_pods_that_are_placed_while_budgets_are_held_meet_every_one_that_was_measured(world: dict[str, Any]) -> None:
     where = outcome(world, waited_s=0, fallback={"after": "10s"})
@@ -114,13 +115,13 @@ def test_pods_that_are_placed_while_budgets_are_held_meet_every_one_that_was_mea
             assert ms is None or ms <= BUDGET_MS, (edge, where)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=count_examples(60), deadline=None)
 @given(worlds())
 def test_after_the_wait_an_app_is_placed_as_if_it_had_no_fallback(world: dict[str, Any]) -> None:
     assert outcome(world, waited_s=10, fallback={"after": "10s"}) == outcome(world, waited_s=10, fallback=None)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=count_examples(30), deadline=None)
 @given(worlds())
 def test_held_budgets_decide_as_required_ones_do(world: dict[str, Any]) -> None:
     required = [edge | {"latency": edge["latency"] | {"enforce": "Required"}} for edge in world["edges"]]

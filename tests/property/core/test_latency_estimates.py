@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.property.core.latency_networks import Network, cluster_of, network
 from tests.support.scheduling import Clock, telemetry
+from tests.support.seeds import count_examples
 
 from robotapp_scheduler.core.cache.cache import Cache
 
@@ -56,14 +57,14 @@ def errors(net: Network, found: dict[tuple[str, str], float]) -> list[float]:
     ]
 
 
-@settings(max_examples=40)
+@settings(max_examples=count_examples(40))
 @given(seeds)
 def test_a_typical_estimate_of_a_robot_is_within_a_fifth(seed: int) -> None:
     net = drawn(seed)
     assert median(errors(net, estimates_ms(cluster_of(net), net))) < 0.2
 
 
-@settings(max_examples=10)
+@settings(max_examples=count_examples(10))
 @given(st.lists(seeds, min_size=4, max_size=4, unique=True))
 def test_a_typical_estimate_of_a_robot_is_off_by_less_than_half_of_what_zones_alone_give(several: list[int]) -> None:
     """Over several networks: in a single one whose robots are alike, both can be off by no more than the readings are."""
@@ -73,7 +74,7 @@ def test_a_typical_estimate_of_a_robot_is_off_by_less_than_half_of_what_zones_al
     assert median(ours) < median(zones) / 2
 
 
-@settings(max_examples=20)
+@settings(max_examples=count_examples(20))
 @given(seeds, st.sampled_from((0.5, 2.0, 8.0)), st.sampled_from((50, 95)))
 def test_when_all_times_are_longer_all_estimates_are(seed: int, factor: float, percentile: int) -> None:
     """Exactly so: the factors are powers of two and all times whole microseconds before and after, so nothing is rounded
@@ -84,7 +85,7 @@ def test_when_all_times_are_longer_all_estimates_are(seed: int, factor: float, p
     assert longer == {pair: factor * ms for pair, ms in once.items()}
 
 
-@settings(max_examples=20)
+@settings(max_examples=count_examples(20))
 @given(seeds, st.sampled_from((50, 95)))
 def test_no_order_matters(seed: int, percentile: int) -> None:
     """Neither that in which nodes come, nor that of the agents, nor that of the peers in a report."""
@@ -99,7 +100,7 @@ def test_no_order_matters(seed: int, percentile: int) -> None:
     assert estimates_ms(cluster_of(other, order=agents), net, percentile) == first
 
 
-@settings(max_examples=20)
+@settings(max_examples=count_examples(20))
 @given(seeds)
 def test_what_was_estimated_before_does_not_matter(seed: int) -> None:
     """Terms are fitted to the readings alone, however often that was done on the way."""
@@ -113,7 +114,7 @@ def test_what_was_estimated_before_does_not_matter(seed: int) -> None:
     assert estimates_ms(cluster, net) == estimates_ms(cluster_of(net), net)
 
 
-@settings(max_examples=20)
+@settings(max_examples=count_examples(20))
 @given(seeds)
 def test_an_agent_that_is_gone_leaves_no_evidence(seed: int) -> None:
     net, clock = drawn(seed), Clock()
@@ -127,7 +128,7 @@ def test_an_agent_that_is_gone_leaves_no_evidence(seed: int) -> None:
     assert estimates_ms(cluster, left) == estimates_ms(cluster_of(left), left)
 
 
-@settings(max_examples=20)
+@settings(max_examples=count_examples(20))
 @given(seeds)
 def test_estimates_are_the_same_from_both_ends_and_a_p95_is_never_below_the_p50(seed: int) -> None:
     net = drawn(seed)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.support.seeds import count_examples
 
 from campaigns.cluster_cases import FAMILIES, Case, cases
 from campaigns.cluster_cases.scene import Json, make_node
@@ -16,7 +17,9 @@ from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.runtime.profile_runner import ProfileRunner
 
 CHECKS = settings(
-    max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
+    max_examples=count_examples(80),
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 WITHOUT_IMAGES = [name for name in FAMILIES if name != "images"]
 """ImageLocality does depend on the number of nodes and of containers."""

@@ -16,6 +16,7 @@ from tests.property.core.test_classes_that_take_turns_decide_as_without_memory i
     World,
 )
 from tests.support.scheduling import Clock, make_cluster, make_info, telemetry
+from tests.support.seeds import count_examples
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cache.snapshot import Snapshot
@@ -205,7 +206,7 @@ class Zoo(World):
             self.core.cluster.apply_node(self.made_node(index))
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=SLOW)
+@settings(max_examples=count_examples(25), deadline=None, suppress_health_check=SLOW)
 @given(
     sizes=NODES, args=st.sampled_from((ARGS[0], *ARGS)), kinds=CHOSEN, others=OTHERS,
     without=st.sets(st.sampled_from(WITHOUT), max_size=2), history=HISTORY,

@@ -7,6 +7,7 @@ import msgspec
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.scheduling import make_core, make_node, make_pod
+from tests.support.seeds import count_examples
 
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
 from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
@@ -179,7 +180,7 @@ def rank(victims: list[Pod], violations: int) -> tuple[Any, ...]:
     return violations, top, sum(pod.spec.priority + 2**31 for pod in victims), len(victims), latest_first
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=count_examples(150), deadline=None)
 @given(worlds(), st.booleans())
 def test_the_plan_is_the_best_of_what_trying_each_node_finds(world: World, again: bool) -> None:
     core = core_of(world, world.placed, nominated=world.nominated)

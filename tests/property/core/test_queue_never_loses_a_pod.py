@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 from tests.support.scheduler.queue_checks import check_queue
 from tests.support.scheduling import Clock, make_info, make_pod
+from tests.support.seeds import count_examples
 
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.framework.registered_plugin import QueueingHint
@@ -166,4 +167,4 @@ class QueueMachine(RuleBasedStateMachine):
 
 
 TestQueue = QueueMachine.TestCase
-TestQueue.settings = settings(max_examples=150, stateful_step_count=40, deadline=None)
+TestQueue.settings = settings(max_examples=count_examples(150), stateful_step_count=40, deadline=None)

@@ -9,6 +9,7 @@ from typing import Final
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.support.scheduling import Clock, app_object, chain, default_profiles, make_cluster, owner, to_pod
+from tests.support.seeds import count_examples
 
 from campaigns.cluster_cases import FAMILIES, Case, cases, seeded_case
 from campaigns.reference_scheduler import ClusterDump, Config, decide
@@ -94,7 +95,7 @@ def test_hundreds_of_seeded_cases_equal_the_reference() -> None:
         assert unequal == [], f"seed {seed} case {number}: {case.families}, {tiers}"
 
 
-@settings(CHECKS, max_examples=60)
+@settings(CHECKS, max_examples=count_examples(60))
 @given(cases(list(FAMILIES), nodes=5, placed=3), cases(list(FAMILIES), nodes=5, placed=3), DRAWN, DRAWN, ORDERS)
 def test_repaired_caches_stay_equal_to_the_reference_while_pods_and_tiers_change(
     first: Case, second: Case, before: list[str], after: list[str], tiers: tuple[str, ...]
@@ -130,7 +131,7 @@ def test_repaired_caches_stay_equal_to_the_reference_while_pods_and_tiers_change
         check(nodes[1:])
 
 
-@settings(CHECKS, max_examples=40)
+@settings(CHECKS, max_examples=count_examples(40))
 @given(cases(list(FAMILIES)), DRAWN, st.sampled_from([(), *((tier,) for tier in TIERS)]))
 def test_one_tier_or_none_decides_as_kube_scheduler_does(case: Case, labels: list[str], tiers: tuple[str, ...]) -> None:
     cluster, pod = with_tiers(case, labels)

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.support.seeds import count_examples
 
 from campaigns.cluster_cases import Case, cases
 from campaigns.reference_scheduler import Config
@@ -32,7 +33,9 @@ RESOURCES = st.dictionaries(
 )
 SHAPES = st.lists(st.tuples(st.integers(0, 100), st.integers(0, 10)), min_size=1, max_size=4, unique_by=lambda p: p[0])
 CHECKS = settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
+    max_examples=count_examples(150),
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 Rule = Callable[[State, list[dict[str, Any]]], dict[str, int] | None]
 

@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.property.core import topology_worlds as worlds
 from tests.support.scheduling import make_core, to_pod
+from tests.support.seeds import count_examples
 
 from campaigns.reference_scheduler import ClusterDump, Config, decide
 from campaigns.reference_scheduler.comparison import compare, feed
@@ -32,7 +33,7 @@ def core_of(cluster: ClusterDump) -> SchedulerCore:
     return core
 
 
-@settings(max_examples=200, **SETTINGS)
+@settings(max_examples=count_examples(200), **SETTINGS)
 @given(worlds.worlds())
 def test_decisions_in_odd_clusters_equal_the_reference(case: tuple[ClusterDump, Json]) -> None:
     cluster, pod = case
@@ -49,7 +50,7 @@ STEPS = st.one_of(
 )
 
 
-@settings(max_examples=100, **SETTINGS)
+@settings(max_examples=count_examples(100), **SETTINGS)
 @given(
     worlds.worlds(),
     st.lists(worlds.pods("more", node="n0"), min_size=6, max_size=6),

@@ -14,6 +14,7 @@ from tests.support.scheduler.volumes import (
     mounting,
 )
 from tests.support.scheduling import Clock, default_profiles, make_cluster, make_node
+from tests.support.seeds import count_examples
 
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.cache.snapshot import Snapshot
@@ -129,7 +130,11 @@ def check_plan(core: SchedulerCore, pod: PodInfo, name: str, row: int) -> None:
         assert terms is None or name in terms.node_selector_terms[0].match_expressions[0].values
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@settings(
+    max_examples=count_examples(60),
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
 @given(
     st.lists(NODE_STEPS, min_size=1, max_size=4),
     st.lists(STEPS, min_size=2, max_size=14),

@@ -6,12 +6,13 @@ import msgspec
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.support.scheduling import make_core, make_info, make_node, make_pod
+from tests.support.seeds import count_examples
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Selecting
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 
-CHECKS = settings(deadline=None, max_examples=80, suppress_health_check=[HealthCheck.too_slow])
+CHECKS = settings(deadline=None, max_examples=count_examples(80), suppress_health_check=[HealthCheck.too_slow])
 CPU_MILLI, MEMORY_MIB = 16_000, 32_768
 POD_CPU_MILLI, POD_MEMORY_MIB = 500, 1_024
 PODS: Final = 6

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.apiserver import Key, Store
+from tests.support.seeds import count_examples
 from tests.unit.client.memory import ManualTime, MemoryTransport, Mishap, memory_client, settle
 
 from robotapp_client.tools.leader_election import LeaderElection, boot_time, candidate_identity
@@ -309,7 +310,7 @@ async def test_periods_that_cannot_work_are_refused(wrong: dict[str, float]) -> 
         LeaderElection(client, "n", "l", "")
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=count_examples(50), deadline=None)
 @given(seed=st.integers(0, 2**32), trouble=st.floats(0, 0.9))
 def test_whatever_happens_to_requests_two_never_lead_at_once(seed: int, trouble: float) -> None:
     chance = random.Random(seed)
