@@ -18,7 +18,7 @@ LEFT_OUT: Final = {
     "NodeTable.versions": "only grow: what was read during the moves must never pass for what is so now",
     "Volumes.revision": "likewise",
     "NodeTable.rows": "a memo by these versions",
-    "Cache.resource_arrays": "follows the ledger from the change log (tests/property/core/test_mirror_stays_true.py)",
+    "Cache.resource_arrays": "follows the ledger from the change log (tests/property/core/memory/test_mirror_stays_true.py)",
     "Cache.minimum_free": "likewise",
     "Cache.amount_codes": "likewise",
     "Cache.by_priority": "compared below as it is read",

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import msgspec
 import pytest
-from tests.property.core.cache_dump import differences, dump
+from tests.property.core.memory.cache_dump import differences, dump
 from tests.support.scheduler.pod_groups import announce, arrive, pod_group, team_pod
 from tests.support.scheduling import app_object, chain, make_core, make_info, make_node, make_pod, member_pod
 

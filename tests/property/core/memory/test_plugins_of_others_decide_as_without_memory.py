@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.property.core.test_classes_that_take_turns_decide_as_without_memory import (
+from tests.property.core.memory.test_classes_that_take_turns_decide_as_without_memory import (
     ARGS,
     CHOSEN,
     KINDS,

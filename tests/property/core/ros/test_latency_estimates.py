@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.property.core.latency_networks import Network, cluster_of, network
+from tests.property.core.ros.latency_networks import Network, cluster_of, network
 from tests.support.scheduling import Clock, telemetry
 from tests.support.seeds import count_examples
 

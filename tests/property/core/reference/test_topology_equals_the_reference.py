@@ -8,7 +8,7 @@ from typing import Any
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.property.core import topology_worlds as worlds
+from tests.property.core.reference import topology_worlds as worlds
 from tests.support.scheduling import make_core, to_pod
 from tests.support.seeds import count_examples
 

@@ -11,7 +11,7 @@ from itertools import pairwise
 from random import Random
 from typing import Any, Final
 
-from tests.property.core.latency_networks import Network, network
+from tests.property.core.ros.latency_networks import Network, network
 from tests.support.scheduler.pod_groups import arrive, depart
 from tests.support.scheduling import Clock, app_object, chain, make_core, make_node, make_pod, member_pod, telemetry
 
