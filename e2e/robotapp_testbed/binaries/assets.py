@@ -30,7 +30,7 @@ class Assets:
         self._progress = progress or Progress()
         self._base_urls = {**release.base_urls(env), **(base_urls or {})}
 
-    def resolve(self, names: Iterable[str] = pins.NAMES) -> dict[str, Path]:
+    def resolve(self, names: Iterable[str]) -> dict[str, Path]:
         """Paths of all `names`, downloading or compiling what is missing; TestbedError says what to do if it cannot."""
         wanted = sorted(map(pins.binary, names), key=pins.BINARIES.index)  # what they cost is known in this order
         found = self.present(binary.name for binary in wanted)
