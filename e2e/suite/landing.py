@@ -43,7 +43,7 @@ def list_changed_files(landed: str) -> list[str] | None:
 
 def list_test_modules() -> list[str]:
     """Returns the modules of live tests, those of the tools included, as git has them or would add them."""
-    patterns = ("tests/live/*/test_*.py", "e2e/tests/live/*/test_*.py")
+    patterns = (":(glob)tests/live/**/test_*.py", ":(glob)e2e/tests/live/**/test_*.py")
     names = _run_git("ls-files", "--cached", "--others", "--exclude-standard", *patterns).splitlines()
     return sorted(name for name in set(names) if (REPOSITORY / name).is_file())
 

@@ -18,7 +18,7 @@ EXCLUSIVE: Final = (
     "tests/live/nodes",
     "tests/live/speed",
     "tests/live/images",
-    "tests/live/scheduling/test_cost_per_pod.py",
+    "tests/live/scheduling/pods/test_cost_per_pod.py",
     "e2e/tests/live/switch",
 )
 """Folders and modules that measure the machine or fill it: nothing else runs beside them."""

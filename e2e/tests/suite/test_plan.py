@@ -55,7 +55,7 @@ def test_essential_tests_and_the_rest_are_all_tests_and_share_none(whole: set[st
 
 def test_groups_of_a_folder_are_one_process_and_exclusive_ones_stay_apart() -> None:
     modules = [
-        "tests/live/scheduling/test_cost_per_pod.py",
+        "tests/live/scheduling/pods/test_cost_per_pod.py",
         "tests/live/scheduling/test_a.py",
         "tests/live/scheduling/test_b.py",
     ]

@@ -12,7 +12,7 @@ from e2e.tests.testbed.release_server import ReleaseServer, serving
 from tests.support.work_unit import is_in_time
 
 from robotapp_testbed import TestbedError
-from robotapp_testbed.binaries import cache, pins
+from robotapp_testbed.binaries import cache, durations, pins
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.progress import Progress
 
@@ -127,7 +127,7 @@ def test_unreachable_sources_are_asked_once_each_and_cost_seconds_at_most(
     server.stop.set()
     server.files.clear()
     started = time.monotonic()
-    found = machine.assets({**urls, "kubernetes": f"{urls['kubernetes']}/absent"}).resolve()
+    found = machine.assets({**urls, "kubernetes": f"{urls['kubernetes']}/absent"}).resolve(pins.NAMES)
     assert is_in_time(time.monotonic() - started, 5)
     assert set(found) == set(pins.NAMES)
     assert sum("/absent/" in path for path in server.requests) == 1, "four Kubernetes binaries, one question"
@@ -155,7 +155,7 @@ def test_an_interrupted_build_goes_on_where_it_was(machine: Machine) -> None:
 def test_two_callers_at_once_compile_each_binary_once(machine: Machine, tmp_path: Path) -> None:
     machine.install_go(f'{COMPILES}; echo "$8" >> {tmp_path}/compiled')
     results: list[dict[str, Path]] = []
-    threads = [threading.Thread(target=lambda: results.append(machine.assets().resolve())) for _ in range(2)]
+    threads = [threading.Thread(target=lambda: results.append(machine.assets().resolve(pins.NAMES))) for _ in range(2)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -205,3 +205,19 @@ def test_a_cache_that_cannot_be_written_is_explained(machine: Machine) -> None:
 def test_present_only_looks(machine: Machine) -> None:
     assert machine.assets().present() == {}
     assert not machine.home.exists()
+
+
+def test_the_next_compile_is_expected_to_take_what_this_one_took(machine: Machine) -> None:
+    packages = "\n".join(f"example.org/package-{number}" for number in range(6))
+    machine.install_go(f"{COMPILES}; echo 'go: downloading m v1\n{packages}' >&2")
+    machine.assets().resolve(["kube-scheduler"])
+    measurement = durations.read_measurements(machine.home)["kube-scheduler"]
+    assert measurement.packages == 6
+    scheduler = pins.binary("kube-scheduler")
+    assert durations.expect_durations([scheduler], machine.home) == {"kube-scheduler": measurement.seconds}
+
+
+def test_binaries_are_compiled_in_the_order_in_which_their_shares_were_measured(machine: Machine) -> None:
+    machine.install_go()
+    machine.assets().resolve(["helm", "kwok", "etcd"])
+    assert machine.said.getvalue().startswith("Control plane: getting etcd, kwok, helm into ")

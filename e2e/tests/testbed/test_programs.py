@@ -60,6 +60,10 @@ def test_a_compiled_program_serves_whatever_go_is_there_later(
     assert built(tmp_path) == 1
 
 
+def test_every_program_has_an_expected_duration() -> None:
+    assert set(programs._COSTS) == {*programs.FOLDERS, *programs.TOOLS}
+
+
 def test_every_folder_is_a_go_module() -> None:
     for folder in programs.FOLDERS.values():
         assert (pins.REPOSITORY / "e2e" / folder / "go.mod").is_file()

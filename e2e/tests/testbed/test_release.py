@@ -67,6 +67,7 @@ def test_an_archive_without_the_program_is_refused(server: ReleaseServer, tmp_pa
         name="helm",
         package="",
         compile_s=1,
+        packages=1,
         release=release.pins.Release("helm", "helm.tar.gz", "helm.tar.gz.sha256", "missing"),
     )
     server.publish(other, b"helm")
@@ -74,6 +75,7 @@ def test_an_archive_without_the_program_is_refused(server: ReleaseServer, tmp_pa
         name="helm",
         package="",
         compile_s=1,
+        packages=1,
         release=release.pins.Release("helm", "helm.tar.gz", "helm.tar.gz.sha256", "elsewhere"),
     )
     with pytest.raises(ReleaseProblem, match="holds no elsewhere"):

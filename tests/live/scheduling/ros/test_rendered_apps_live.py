@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import yaml
-from tests.live.scheduling import rendered_ros_cases as cases
+from tests.live.scheduling.ros import rendered_ros_cases as cases
 from tests.support.seeds import third_of_today
 
 from campaigns.rigs.live import eventually

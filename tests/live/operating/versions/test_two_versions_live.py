@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import pytest
-from tests.live.operating import newer_wheel
+from tests.live.operating.versions import newer_wheel
 from tests.support.seeds import third_of_today
 
 from campaigns.rigs.live import eventually

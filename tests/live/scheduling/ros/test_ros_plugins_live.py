@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.live.scheduling.ros_plugin_cases import (
+from tests.live.scheduling.ros.ros_plugin_cases import (
     APP,
     CAN,
     DARK,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.live.operating import newer_wheel
+from tests.live.operating.versions import newer_wheel
 
 from campaigns.rigs.live import Tenant, eventually, part
 from robotapp_operator import __version__
