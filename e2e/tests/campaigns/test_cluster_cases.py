@@ -6,7 +6,7 @@ A third of the families each day; ROBOTAPP_SAMPLES=all takes all of them.
 from collections import Counter
 
 import pytest
-from tests.support.seeds import third_of_today
+from tests.support.seeds import choose_for_today
 
 from campaigns.cluster_cases import FAMILIES, Case, replayed_case, seeded_case
 from campaigns.cluster_cases.admission import admitted
@@ -63,7 +63,7 @@ def test_names_and_uids_are_unique_in_every_case(family: str) -> None:
         assert len(set(uids)) == len(uids)
 
 
-@pytest.mark.parametrize("family", third_of_today(name for name, each in FAMILIES.items() if not each.alone))
+@pytest.mark.parametrize("family", choose_for_today(name for name, each in FAMILIES.items() if not each.alone))
 def test_a_family_lets_pods_in_and_keeps_pods_out(family: str) -> None:
     found = Counter(outcome(decide(case.cluster, case.pod)) for case in of(family))
     assert found["placed"] >= 3
@@ -72,7 +72,7 @@ def test_a_family_lets_pods_in_and_keeps_pods_out(family: str) -> None:
 
 @pytest.mark.parametrize(
     "family",
-    third_of_today(["preemption", "disruption-budgets", "nominations", "crowded-nominations", "crowded-volumes"]),
+    choose_for_today(["preemption", "disruption-budgets", "nominations", "crowded-nominations", "crowded-volumes"]),
 )
 def test_preemption_finds_victims_and_sometimes_none(family: str) -> None:
     found = Counter(outcome(decide(case.cluster, case.pod)) for case in of(family, 200))
@@ -80,7 +80,7 @@ def test_preemption_finds_victims_and_sometimes_none(family: str) -> None:
     assert found["nowhere"] >= 20
 
 
-@pytest.mark.parametrize("family", third_of_today(EVERY))
+@pytest.mark.parametrize("family", choose_for_today(EVERY))
 def test_resources_are_what_an_api_server_takes(family: str) -> None:
     """Extended resources come with equal limits, ports and constraints once, pod-level requests cover the containers."""
     for case in of(family, 30):

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from tests.live.operating.versions import newer_wheel
-from tests.support.seeds import third_of_today
+from tests.support.seeds import choose_for_today
 
 from campaigns.rigs.live import eventually
 from campaigns.rigs.world import World, plain_app
@@ -77,7 +77,7 @@ def suspend(world: World, value: str) -> None:
     world.kubectl("patch", "ra", "life", "--type=merge", "-p", f'{{"spec": {{"suspend": {value}}}}}')
 
 
-@pytest.mark.parametrize("case", third_of_today(["newer scheduler", "newer operator", "newer CRDs"]))
+@pytest.mark.parametrize("case", choose_for_today(["newer scheduler", "newer operator", "newer CRDs"]))
 def test_an_app_lives_while_versions_are_mixed(
     installed_plane: ControlPlane, request: pytest.FixtureRequest, case: str
 ) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 from tests.live.scheduling.ros import rendered_ros_cases as cases
-from tests.support.seeds import third_of_today
+from tests.support.seeds import choose_for_today
 
 from campaigns.rigs.live import eventually
 from campaigns.rigs.world import World
@@ -125,7 +125,7 @@ def test_the_plugin_acts_on_an_app_that_the_operator_rendered(played: Played, pl
     assert played.shipped[plugin] == expected
 
 
-@pytest.mark.parametrize("plugin", third_of_today(cases.PLUGINS))
+@pytest.mark.parametrize("plugin", choose_for_today(cases.PLUGINS))
 def test_without_the_plugin_the_same_app_fares_otherwise(played: Played, plugin: str) -> None:
     """So it was this plugin. Without the two that check and hand over domains and devices, no app is placed at all."""
     _, expected = cases.outcomes(plugin)

@@ -6,7 +6,7 @@ A third of the cases each day; ROBOTAPP_SAMPLES=all takes all of them.
 from typing import Any
 
 import pytest
-from tests.support.seeds import third_of_today
+from tests.support.seeds import choose_for_today
 
 from campaigns.cluster_cases import FAMILIES, seeded_case
 from campaigns.reference_scheduler import Config
@@ -91,7 +91,7 @@ STORAGE = ("static-volumes", "storage-capacity")
     ],
 )
 def test_decisions_with_arguments(families: tuple[str, ...], config: Config, args: dict[str, Json]) -> None:
-    for number in third_of_today(range(CASES)):
+    for number in choose_for_today(range(CASES)):
         case = seeded_case("arguments", number=number, families=families)
         assert differences(case, config=config, args=args) == [], f"case {number}: {case.families}"
 
@@ -103,7 +103,7 @@ def test_the_formulas_of_1_35_in_whole_decisions() -> None:
     (profile,) = parse(document, catalogue=catalogue()).profiles
     args = profile.plugin_config
     newer = 0
-    cases = third_of_today(range(4 * len(families)))
+    cases = choose_for_today(range(4 * len(families)))
     for number in cases:
         case = seeded_case("1.35", number=number, families=families)
         assert differences(case, config=Config(compat_version=OLD), args=args) == [], f"case {number}: {case.families}"
