@@ -30,6 +30,10 @@ EXAMPLES: Final = "ROBOTAPP_EXAMPLES"
 """Variable that makes property tests try `few` examples."""
 TOUCHED_BUDGET_S: Final = 900.0
 """At most so many seconds of tests that a landing's files concern, by measured durations; more waits for its part."""
+QUICK: Final = "unit and property tests"
+EVERYTHING: Final = "everything"
+REAL_NODES: Final = ("tests/live/nodes", "tests/live/images", "e2e/tests/live")
+"""Groups that start kubelets or build images; all others do with the programs of simulated nodes."""
 TOOLS: Final = ("testbed", "campaigns", "ros_nodes", "suite")
 EPILOG: Final = """\
 examples:
@@ -103,7 +107,7 @@ def make_plan(options: argparse.Namespace, entries: list[str]) -> Plan:
     rest = _plan_tools(seconds_by_name) + plan_rest(landing.list_test_modules(), entries, seconds_by_name)
     essential = [_plan_quick(seconds_by_name), *plan_essential(entries, seconds_by_name)]
     if options.all:
-        return Plan([*essential[1:], *join_groups(rest)], "everything")
+        return Plan([*essential[1:], *join_groups(rest)], EVERYTHING)
     if options.part:
         number, count = options.part
         return Plan(join_groups(cut_parts(rest, count)[number - 1]), f"part {number}/{count}")
@@ -135,9 +139,9 @@ def _name_folders(groups: Sequence[Group]) -> str:
 
 def _plan_quick(seconds_by_name: dict[str, float]) -> Group:
     return Group(
-        "unit and property tests",
+        QUICK,
         QUICK_FOLDERS,
-        seconds_by_name.get("unit and property tests", 180.0),
+        seconds_by_name.get(QUICK, 180.0),
         on_all_cores=True,
     )
 
@@ -164,27 +168,42 @@ def _print_plan(groups: Sequence[Group]) -> None:
 def _run(plan: Plan, entries: list[str], *, record: bool) -> int:
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="robotapp-test-") as folder:
-        quick = [group for group in plan.groups if group.name == "unit and property tests"]
-        other = [group for group in plan.groups if group not in quick]
+        quick = [group for group in plan.groups if group.name == QUICK]
+        others = [group for group in plan.groups if group.name != QUICK]
         lanes = Lanes(Path(folder))
         lanes.run(quick, {**os.environ, EXAMPLES: "few"})
-        if any(not group.on_all_cores for group in other):
-            subprocess.run([sys.executable, "-m", "robotapp_testbed", "build"], check=True)
-        lanes.run(other, os.environ)
+        if _build_binaries(others):
+            lanes.run(others, os.environ)
+        else:
+            lanes.give_up(others)
         if record:
-            _record(lanes, entries)
+            _record(lanes, plan, entries)
         sys.stdout.write("\n".join(("", *summary(lanes.parts), "")))
     _print_last_line(plan, time.monotonic() - began)
     return 0 if lanes.succeeded else 1
 
 
-def _record(lanes: Lanes, entries: list[str]) -> None:
+def _build_binaries(groups: Sequence[Group]) -> bool:
+    """Gets or compiles the programs of the control plane that the groups start. Returns False when that failed."""
+    live = [group for group in groups if not group.on_all_cores]
+    if not live:
+        return True
+    real = any(group.name.startswith(REAL_NODES) for group in live)
+    purpose = () if real else ("--for", "simulated")
+    return subprocess.run([sys.executable, "-m", "robotapp_testbed", "build", *purpose], check=False).returncode == 0
+
+
+def _record(lanes: Lanes, plan: Plan, entries: list[str]) -> None:
+    """Keeps the measured durations. A module is measured only when all of its tests ran."""
     seconds_by_name = durations.read_reports(lanes.reports, entries)
+    if plan.ran != EVERYTHING:
+        for entry in entries:
+            module, _, test = entry.partition("::")
+            if test:
+                seconds_by_name.pop(module, None)
     seconds_by_name |= {part.name: part.seconds for part in lanes.parts if part.seconds is not None}
     tools = [group.name for group in _plan_tools({})]
-    durations.save_durations(
-        seconds_by_name, [*landing.list_test_modules(), *entries, *tools, "unit and property tests"]
-    )
+    durations.save_durations(seconds_by_name, [*landing.list_test_modules(), *entries, *tools, QUICK])
 
 
 def _print_last_line(plan: Plan, seconds: float) -> None:
@@ -195,4 +214,7 @@ def _print_last_line(plan: Plan, seconds: float) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -21,6 +22,8 @@ from suite.summary import Part, read
 LANES: Final = 2
 """Control planes at a time: two cores carry two, and live tests wait for half of their time."""
 ON_ALL_CORES: Final = ("--numprocesses=auto", "--maxprocesses=4", "--dist=worksteal")
+REPORT_S: Final = 30.0
+"""Seconds between two lines that name what is running."""
 NO_TESTS_COLLECTED: Final = 5
 """pytest's exit status when everything in a group was deselected."""
 
@@ -35,6 +38,7 @@ class Lanes:
     _printing: threading.Lock = field(default_factory=threading.Lock)
     _numbers: Iterator[int] = field(default_factory=itertools.count)
     _started: float = field(default_factory=time.monotonic)
+    _running: dict[str, float] = field(default_factory=dict)
     _expected_s: float = 0.0
     _done_s: float = 0.0
 
@@ -49,10 +53,21 @@ class Lanes:
         self._expected_s = sum(group.seconds for group in groups)
         side_by_side = [group for group in groups if not group.exclusive and not group.on_all_cores]
         alone = [group for group in groups if group.exclusive or group.on_all_cores]
-        with ThreadPoolExecutor(max_workers=LANES) as executor:
-            list(executor.map(lambda group: self._run_group(group, environment), side_by_side))
-        for group in alone:
-            self._run_group(group, environment)
+        stop_event = threading.Event()
+        reporter = threading.Thread(target=self._report_running, args=(stop_event,), daemon=True)
+        reporter.start()
+        try:
+            with ThreadPoolExecutor(max_workers=LANES) as executor:
+                list(executor.map(lambda group: self._run_group(group, environment), side_by_side))
+            for group in alone:
+                self._run_group(group, environment)
+        finally:
+            stop_event.set()
+            reporter.join()
+
+    def give_up(self, groups: Sequence[Group]) -> None:
+        """Counts groups as not stop_event, because what they need could not be had."""
+        self.parts += [Part(group.name, Counter()) for group in groups]
 
     def _run_group(self, group: Group, environment: Mapping[str, str]) -> None:
         words = re.sub(r"\W+", "-", group.name)
@@ -63,11 +78,12 @@ class Lanes:
         deselections = [f"--deselect={entry}" for entry in group.deselected]
         command = [sys.executable, "-m", "pytest", f"--junitxml={report}", *workers, *deselections, *group.selectors]
         self._print(f"begins   {group.name} (about {group.seconds:.0f} s)")
-        began = time.monotonic()
+        began = self._running[group.name] = time.monotonic()
         with output.open("wb") as stream:
             status = subprocess.run(
                 command, stdout=stream, stderr=subprocess.STDOUT, env=dict(environment), check=False
             ).returncode
+        del self._running[group.name]
         self._finish(group, read(group.name, report), output, time.monotonic() - began, status)
 
     def _finish(self, group: Group, part: Part, output: Path, seconds: float, status: int) -> None:
@@ -81,6 +97,13 @@ class Lanes:
             self._print(output.read_text(errors="replace"))
         counts = ", ".join(f"{count} {word}" for word, count in sorted(part.counts.items())) or "no result"
         self._print(f"ended    {group.name}: {counts} in {seconds:.0f} s{self._describe_remaining()}")
+
+    def _report_running(self, stop_event: threading.Event) -> None:
+        """Prints what runs and for how long, until everything has finished."""
+        while not stop_event.wait(REPORT_S):
+            now = time.monotonic()
+            names = ", ".join(f"{name} for {now - began:.0f} s" for name, began in list(self._running.items()))
+            self._print(f"running  {names}{self._describe_remaining()}")
 
     def _describe_remaining(self) -> str:
         """Returns the time that is left if the rest goes on at the pace of what has ended."""
