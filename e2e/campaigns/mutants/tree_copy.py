@@ -92,8 +92,15 @@ class TreeCopy:
         started_s = time.monotonic()
         with (self.path / ".venv" / "output").open("w+b") as output:
             environment = self.environment() | {REPORT: str(report)}
+            # A group of its own and no session: the leader of a session is hung up by a test that closes a terminal.
             process = subprocess.Popen(
-                command, cwd=self.path, env=environment, stdout=output, stderr=output, start_new_session=True
+                command,
+                cwd=self.path,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                process_group=0,
             )
             is_over = _wait(process, most_s)
             output.seek(0)
@@ -106,7 +113,8 @@ class TreeCopy:
             return PytestRun("", True, seconds)
         if process.returncode in _FAILED and failed:
             return PytestRun(failed, True, seconds)
-        return PytestRun("(pytest does not start)", True, seconds, "\n".join(lines[-15:]))
+        last = f"pytest ended with status {process.returncode}"
+        return PytestRun("(pytest does not start)", True, seconds, "\n".join([*lines[-15:], last]))
 
 
 def _wait(process: subprocess.Popen[bytes], most_s: float) -> bool:
