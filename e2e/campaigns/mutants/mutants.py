@@ -41,14 +41,14 @@ class Campaign:
             yield result
 
     def _try_fault(self, fault: Fault, ends_s: float) -> Result:
-        started_s, stage_name = time.monotonic(), ""
+        seconds, stage_name = 0.0, ""
         for stage in plan_stages(fault, self._copy.path, rest=self._rest):
             stage_name = stage.name
             answer = self._run_stage(fault, stage, ends_s)
-            seconds = time.monotonic() - started_s
+            seconds += answer.seconds
             if answer.failed or not answer.is_over:
                 return Result(fault, answer.failed, stage.name, stage.is_daily, seconds, answer.is_over)
-        return Result(fault, "", stage_name, is_daily=False, seconds=time.monotonic() - started_s)
+        return Result(fault, "", stage_name, is_daily=False, seconds=seconds)
 
     def _run_stage(self, fault: Fault, stage: Stage, ends_s: float) -> PytestRun:
         """Runs one stage with the fault until a test fails that passes without it."""
