@@ -267,6 +267,28 @@ async def test_two_that_see_an_abandoned_lease_do_not_both_get_it() -> None:
         assert store.objects[KEY]["spec"]["leaseTransitions"] == 1
 
 
+async def test_who_finds_the_lease_taken_between_reading_and_writing_it_does_not_lead(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with candidates("dead", "b") as (store, _, b):
+        request, overtaken = b.network.request, []
+
+        async def overtake(method: str, path: str, **sent: Any) -> Any:
+            if method == "PUT":
+                overtaken.append(path)
+                lease = store.get(KEY)
+                lease["spec"] |= {"holderIdentity": "c", "renewTime": str(len(overtaken))}
+                store.update(KEY, lease)
+            return await request(method, path, **sent)
+
+        monkeypatch.setattr(b.network, "request", overtake)
+        await pass_time(20, b)
+        assert overtaken
+        assert not b.leads
+        assert b.said == []
+        assert store.objects[KEY]["spec"]["holderIdentity"] == "c"
+
+
 async def test_a_renewal_that_hangs_is_given_up_at_the_deadline() -> None:
     store = Store()
     network = MemoryTransport(store)
