@@ -10,7 +10,7 @@ from robotapp_testbed.machines import fleet_file
 from robotapp_testbed.machines.fleet_file import topology_of
 from robotapp_testbed.machines.nodes import Device
 
-EXAMPLE = Path(__file__).parents[3] / "examples" / "fleet" / "factory.yaml"
+EXAMPLE = Path(__file__).parents[4] / "examples" / "fleet" / "factory.yaml"
 
 
 def test_the_example_has_the_robot_and_the_bus_of_the_other_examples() -> None:
