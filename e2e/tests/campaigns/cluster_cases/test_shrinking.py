@@ -5,7 +5,7 @@ from typing import Any
 
 from campaigns.cluster_cases import seeded_case
 from campaigns.cluster_cases.regressions import keep, regressions
-from campaigns.cluster_cases.shrinking import reduction, shrunk, size
+from campaigns.cluster_cases.shrinking import shrunk, size
 
 Json = dict[str, Any]
 
@@ -22,26 +22,6 @@ def test_only_what_the_difference_needs_is_left() -> None:
     assert [each["kind"] for each in small] == ["Node", "Pod"]
     assert small[-1]["spec"] == {"tolerations": []}
     assert size(small) < 500
-
-
-def test_a_difference_that_never_goes_away_ends_with_the_attempts() -> None:
-    case = seeded_case("3", number=0, families=["taints"])
-    asked = []
-    shrunk(case.objects, lambda objects: not asked.append(objects), attempts=5)
-    assert len(asked) == 5
-
-
-def test_a_difference_that_needs_everything_stays_as_it_was() -> None:
-    case = seeded_case("3", number=0, families=["taints"], nodes=2, placed=1)
-    assert shrunk(case.objects, lambda _: False, attempts=10_000) == case.objects
-
-
-def test_the_pod_to_place_and_the_case_itself_are_not_touched() -> None:
-    case = seeded_case("3", number=4, families=["host-ports"])
-    before = repr(case)
-    for candidate in [next(reduction(case.objects, attempts=5))]:
-        assert candidate[-1]["kind"] == "Pod"
-    assert repr(case) == before
 
 
 def test_a_kept_case_is_read_again_under_a_name_made_of_its_content(tmp_path: Path) -> None:

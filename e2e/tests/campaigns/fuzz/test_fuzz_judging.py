@@ -19,10 +19,6 @@ def test_growth_beyond_the_noise_and_what_is_kept_for_an_object_is_told() -> Non
     assert problem.startswith("scheduler grew by ")
 
 
-def test_a_campaign_of_one_lot_has_nothing_to_compare() -> None:
-    assert list(memory_problems({"operator": samples(80), "scheduler": samples()})) == []
-
-
 def test_times_are_allowed_what_the_machine_needs_more_for_any_work() -> None:
     ready_s, held_s = [0.5, 2.5, 3.0], {"operator": 1.4}
     told = list(time_problems(ready_s, held_s, bare_s=[0.2, 0.3]))

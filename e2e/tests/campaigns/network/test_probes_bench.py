@@ -6,13 +6,6 @@ from campaigns.network import probes
 from campaigns.network.probes import Accuracy, Cost, Loss, Notice
 from campaigns.network.probing import is_as_ping, is_likely
 
-GOOD = (
-    [Accuracy(15, 33_000, [33_500, 32_000])],
-    [Loss(0.05, 31, 600)],
-    Notice([2, 3], [1, 2]),
-    [Cost(3, 0.002), Cost(16, 0.01)],
-    3.0,
-)
 BAD = (
     [Accuracy(0, 120, [430, None])],
     [Loss(0.05, 60, 600)],
@@ -20,10 +13,6 @@ BAD = (
     [Cost(3, 0.006)],
     60.0,
 )
-
-
-def test_what_keeps_the_bounds_is_no_problem() -> None:
-    assert probes.verdict(*GOOD) == []
 
 
 def test_what_falls_short_is_said_in_a_sentence() -> None:
@@ -34,13 +23,6 @@ def test_what_falls_short_is_said_in_a_sentence() -> None:
         "3 peers cost 0.60% of a core, more than 0.5%",
         "a forged datagram costs 60 us",
     ]
-
-
-def test_the_report_has_every_figure(capsys: pytest.CaptureFixture[str]) -> None:
-    probes.report(*GOOD)
-    told = capsys.readouterr().out
-    for figure in ("33.000", "32.000 … 33.500", "5.17%", "0.20%", "3.0 us", "down [2, 3], up [1, 2]"):
-        assert figure in told
 
 
 @pytest.mark.parametrize(

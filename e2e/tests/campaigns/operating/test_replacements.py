@@ -34,14 +34,6 @@ def test_a_pod_that_is_gone_or_has_ended_runs_no_more(end: tuple[dict[str, Any],
     assert heard((pod("a", "n1"), False), end, (pod("b", "n2"), False)).overlaps == []
 
 
-def test_other_components_and_apps_have_pods_of_their_own() -> None:
-    other = {**DRIVER, Label.APP.value: "lane-2"}
-    server = {**DRIVER, Label.COMPONENT.value: "discovery"}
-    found = heard((pod("a", "n"), False), (pod("b", "n", labels=other), False), (pod("c", "n", labels=server), False))
-    assert found.overlaps == []
-    assert found.pods == {"lane-1": ["a"], "lane-2": ["b"]}
-
-
 @pytest.mark.parametrize(
     ("kind", "lost", "revisions", "promised"),
     [

@@ -1,19 +1,16 @@
 """The tools that judge must be right themselves."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from campaigns.cluster_cases import FAMILIES, Case, seeded_case
+from campaigns.cluster_cases import FAMILIES, Case
 from campaigns.cluster_cases.eviction_families import set_priority
 from campaigns.cluster_cases.scene import Scene, make_node, make_pod
-from campaigns.common.figures import medians, percentile
-from campaigns.parity.live import LIVE, NOT_LIVE, campaign, numbered, visible
+from campaigns.parity.live import LIVE, NOT_LIVE, campaign, numbered
 from campaigns.parity.oracle import OracleLog
-from campaigns.parity.probe import probe, told, weighted
+from campaigns.parity.probe import told
 from campaigns.parity.profiles import PROFILES
-from campaigns.parity.report import Report
 from campaigns.parity.verdict import FOUND, Verdict, differences, judged
 
 LOG = """\
@@ -64,16 +61,6 @@ def test_every_kind_of_difference_is_found(ours: Verdict, found: str) -> None:
 
 def test_one_space_more_in_a_text_is_a_difference() -> None:
     assert differences(Verdict("", "0/1 nodes"), Verdict("", "0/1  nodes"))
-
-
-def test_a_plugin_that_scores_nothing_is_the_same_as_one_that_was_skipped() -> None:
-    theirs = Verdict("n1", "", {"n1": {"Fit": 90, "ImageLocality": 0}, "n2": {"Fit": 80}}, best=frozenset({"n1"}))
-    assert differences(theirs, Verdict("n1", "", SCORES)) == []
-
-
-def test_weighted_scores_are_read_from_the_columns_of_an_explanation() -> None:
-    top = {"nodes": ["n1", "n2"], "weights": {"Taint": 3}, "scores": {"Taint": [100, 50]}}
-    assert weighted(top) == {"n1": {"Taint": 300}, "n2": {"Taint": 150}}
 
 
 def full_nodes(*cpu: str) -> Case:
@@ -129,23 +116,6 @@ def test_a_pod_tells_its_decision(
     assert told({"spec": spec, "status": status}, promised=promised) == expected
 
 
-def test_a_promised_pod_starts_behind_a_gate_so_that_the_promise_is_there_first() -> None:
-    case = full_nodes("1")
-    assert "schedulingGates" not in probe(case, "new-1", "ours")["spec"]
-    case.objects[-1]["status"]["nominatedNodeName"] = "n0"
-    assert probe(case, "new-1", "ours")["spec"]["schedulingGates"]
-
-
-def test_a_promise_is_left_out_only_where_nobody_could_see_that_it_was_kept() -> None:
-    case = full_nodes("1")
-    case.objects[-1]["status"]["nominatedNodeName"] = "n0"
-    assert visible(case) is case
-    claim = {"kind": "PersistentVolumeClaim", "metadata": {"name": "c"}, "status": {"phase": "Pending"}}
-    waiting = replace(case, objects=(claim, *case.objects))
-    assert "nominatedNodeName" not in visible(waiting).objects[-1]["status"]
-    assert case.objects[-1]["status"]["nominatedNodeName"] == "n0"
-
-
 def test_equal_seeds_give_equal_campaigns_and_every_family_and_profile_takes_its_turn() -> None:
     cases = [each for each in campaign("7", 400) if each.number is not None]
     assert cases == [each for each in campaign("7", 400) if each.number is not None]
@@ -154,22 +124,3 @@ def test_equal_seeds_give_equal_campaigns_and_every_family_and_profile_takes_its
     assert {each.profile for each in cases} == set(PROFILES)
     assert len(LIVE) >= 20
     assert set(LIVE) | set(NOT_LIVE) == set(FAMILIES)
-
-
-def test_a_report_counts_what_was_compared() -> None:
-    report = Report("1")
-    case = seeded_case("1", number=0, families=["cordons"], nodes=1, placed=0)
-    report.take(case, Verdict("", "0/1 nodes are available"))
-    report.take(case, Verdict("n0"))
-    report.refused_by_server(case, "invalid")
-    report.differs(case, {"differences": ["text"]})
-    assert report.families["cordons"] == {"refused": 1, "bound": 1, "invalid": 1, "differences": 1}
-    assert report.compared["first reasons on one node"] == 1
-    assert "2 cases of 1 families, seed 1: 1 differences" in report.summary()
-    assert "cordons" in report.table()
-
-
-def test_percentiles_and_medians() -> None:
-    assert percentile([5, 1, 3, 2, 4], 50) == 3
-    assert percentile([1, 2], 99) == 2
-    assert medians([{"a": 1}, {"a": 3}, {"a": 2, "b": 9}]) == {"a": 2, "b": 9}

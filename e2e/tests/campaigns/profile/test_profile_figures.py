@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from campaigns.profile.profile_figures import Case, calibration_error, figures, folds, misses, reliability, report
+from campaigns.profile.profile_figures import Case, calibration_error, figures, folds, reliability
 
 GOOD = Case("r/p", "o/r", "high", "realtime", "realtime", 0.95, ("serial",), ("serial",), 0.9, "robot", "robot")
 
@@ -10,11 +10,6 @@ GOOD = Case("r/p", "o/r", "high", "realtime", "realtime", 0.95, ("serial",), ("s
 def all_right() -> list[Case]:
     names = ("realtime", "sensor_data", "system_default", "best_effort")
     return [replace(GOOD, want_class=name, got_class=name) for name in names]
-
-
-def test_all_right_fails_nothing() -> None:
-    found = figures(all_right())
-    assert (found["qos"], found["macro_f1"], found["hardware_bearing_exact"], found["failed"]) == (1.0, 1.0, 1.0, [])
 
 
 def test_an_abstention_and_a_missing_checkout_count_as_wrong() -> None:
@@ -38,9 +33,3 @@ def test_the_calibration_error_is_the_distance_of_stated_and_seen() -> None:
 def test_a_repository_is_in_one_fold_only() -> None:
     cases = [replace(GOOD, repo=f"o/{index % 7}") for index in range(30)]
     assert sum(fold["packages"] for fold in folds(cases)) == 30
-
-
-def test_the_report_and_the_misses_name_what_was_wrong() -> None:
-    wrong = replace(GOOD, got_class="best_effort", got_hardware=(), reason="word:tool")
-    assert "QoS 0.0%" in report("rules", figures([wrong]) | {"folds": folds([wrong])})
-    assert "best_effort (0.95: word:tool), labelled realtime" in misses([wrong])

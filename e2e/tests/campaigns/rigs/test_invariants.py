@@ -56,15 +56,6 @@ def test_a_pod_that_ended_uses_nothing(phase: str) -> None:
     assert broken_rules([device_claim()], [old, new]) == []
 
 
-def test_a_pod_without_a_node_uses_nothing() -> None:
-    assert broken_rules([], [pod("driver", node="", devices="can-can0", domain="7")]) == []
-
-
-def test_the_same_id_on_two_nodes_is_two_devices() -> None:
-    found = [device_claim(), device_claim(node="edge-2")]
-    assert broken_rules(found, [pod("a", devices="can-can0"), pod("b", node="edge-2", devices="can-can0")]) == []
-
-
 def test_pods_of_one_app_share_its_domain_and_those_of_two_may_not() -> None:
     ours, peer, stranger = pod("a", domain="7"), pod("b", domain="7"), pod("c", app="app-2", domain="7")
     assert broken_rules([domain_claim(7)], [ours, peer]) == []

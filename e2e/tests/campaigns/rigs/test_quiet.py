@@ -11,13 +11,5 @@ def _times(*seconds: float) -> list[datetime]:
     return [_START + timedelta(seconds=each) for each in seconds]
 
 
-def test_one_write_a_minute_is_one_however_long_the_watch_is() -> None:
-    assert most_within_a_minute(_times(0, 60, 120, 180)) == 1
-
-
 def test_writes_that_come_closer_are_counted_together() -> None:
     assert most_within_a_minute(_times(0, 60, 90, 118, 180)) == 3
-
-
-def test_no_write_is_none() -> None:
-    assert most_within_a_minute([]) == 0

@@ -3,9 +3,6 @@
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import pytest
-
-from campaigns.speed.chart import chart
 from campaigns.speed.contestants import BARE, KUBE_SCHEDULER, OURS
 from campaigns.speed.page import BEGIN, DOCS, END, main, replaced
 from campaigns.speed.result import Result, Row
@@ -38,17 +35,5 @@ def test_the_page_keeps_what_stands_outside_the_marks(tmp_path: Path) -> None:
     ET.parse(tmp_path / "chart.svg")  # noqa: S314 - our own file
 
 
-def test_a_page_without_marks_is_not_touched() -> None:
-    with pytest.raises(ValueError, match="no lines"):
-        replaced("nothing", "text")
-
-
 def test_our_page_has_the_marks() -> None:
     assert "new" in replaced((DOCS / "performance.md").read_text(), "new")
-
-
-def test_the_chart_of_all_rows_is_small_and_always_the_same() -> None:
-    rows = [measured(name, 1234.5) for name in WORKLOADS]
-    assert chart(rows) == chart(rows)
-    assert len(chart(rows)) < 30_000
-    assert chart([]).startswith("<svg")

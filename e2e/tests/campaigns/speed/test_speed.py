@@ -1,25 +1,18 @@
-"""The speed bench judges others: its verdicts, rates and files must be right themselves."""
+"""The verdicts of the speed bench, and the figures they are made from."""
 
 import asyncio
-import math
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from tests.support.clients import client_for
 from tests.support.virtual_time import run_virtually
 
-from campaigns.scheduler.scheduler import _command, main
-from campaigns.speed.console import line, table
-from campaigns.speed.contestants import BARE, KUBE_SCHEDULER, OURS
-from campaigns.speed.result import Result, Row, merged, read
-from campaigns.speed.run import pods_for, rate
 from campaigns.speed.usage import family, usage
 from campaigns.speed.verdict import CPU, P99, RATE, judge
 from campaigns.speed.watches import PodWatch, SeenPod
-from campaigns.speed.workloads import ROLE, WORKLOADS, Targets, filler, placed, pod, seed
+from campaigns.speed.workloads import Targets
 from robotapp_client import Endpoint
 from robotapp_client.api.client import decoder
 
@@ -49,26 +42,6 @@ def test_cpu_p99_and_lost_pods_are_judged_on_their_own() -> None:
     assert judge(Targets(12), ours | {"never bound": 0.0}, THEIRS, BARE_FIGURES).met
 
 
-def test_without_anybody_to_compare_with_nothing_is_missed() -> None:
-    verdict = judge(Targets(12, 50, 10), {RATE: 1.0, CPU: 1.0, P99: 1.0}, {}, {})
-    assert verdict.met
-    assert math.isnan(verdict.rate_ratio)
-
-
-def test_the_first_pod_starts_the_clock() -> None:
-    assert rate(11, 2.0) == 5.0
-    assert rate(1, 2.0) == rate(5, 0.0) == 0.0
-
-
-def test_kube_scheduler_gets_fewer_pods_only_where_it_is_slow() -> None:
-    slow, basic = WORKLOADS["anti-affinity-waiting"], WORKLOADS["basic"]
-    assert pods_for(slow, KUBE_SCHEDULER, pods=None, vs_pods=None) == slow.slow_pods < slow.pods
-    assert pods_for(slow, OURS, pods=None, vs_pods=None) == slow.pods
-    assert pods_for(basic, KUBE_SCHEDULER, pods=None, vs_pods=None) == basic.pods
-    assert pods_for(slow, KUBE_SCHEDULER, pods=100, vs_pods=None) == 100
-    assert pods_for(slow, KUBE_SCHEDULER, pods=100, vs_pods=50) == 50
-
-
 @pytest.mark.parametrize(("pods", "all_of_them"), [(300, True), (301, False)])
 def test_refusing_may_take_as_long_as_it_goes_on(pods: int, all_of_them: bool) -> None:
     """300 pods are refused, one each second."""
@@ -89,42 +62,6 @@ def test_refusing_may_take_as_long_as_it_goes_on(pods: int, all_of_them: bool) -
     assert run_virtually(refuse()) is all_of_them
 
 
-def test_each_row_of_a_file_is_read_back_and_a_later_file_replaces_it(tmp_path: Path) -> None:
-    results = []
-    for number in (1, 2):
-        row = Row("basic")
-        row.add(OURS.name, 10, {RATE: 100.0 * number, "lost": math.nan})
-        result = Result("scripts/bench scheduler", {"nodes": 5}, {"cores": "2"}, [row])
-        result.write(tmp_path / f"{number}.json")
-        results.append(read(tmp_path / f"{number}.json"))
-    (only,) = merged(results)
-    assert only.median(OURS.name)[RATE] == 200
-    assert merged([results[1], results[0]])[0].median(OURS.name)[RATE] == 100
-
-
-def test_the_table_has_a_line_for_each_row_and_a_dash_for_what_was_not_measured() -> None:
-    row = Row("basic")
-    row.add(OURS.name, 10, {RATE: 1234.0})
-    made = table([row, Row("churn")])
-    assert made.row_count == 2
-    assert next(iter(made.columns[1].cells)) == "1,234 / -"
-    assert line({"a": math.nan, "b": 0.5}) == "a -, b 0.5"
-
-
-def test_every_workload_makes_pods_that_say_what_they_are_for() -> None:
-    for workload in WORKLOADS.values():
-        made = pod("p", "measured", BARE.scheduler_name, workload.pod)
-        assert made["metadata"]["labels"][ROLE] == "measured"
-        assert "cpu" not in made["spec"]
-        assert "labels" not in made["spec"]
-        assert made["spec"]["containers"][0]["resources"]["requests"]["cpu"]
-
-
-def test_scenery_is_bound_from_the_start() -> None:
-    assert all(obj["spec"]["nodeName"] for obj in (placed(7, 100), filler(3, 1), seed(11, 100)))
-    assert {seed(index, 100)["spec"]["nodeName"][-1] for index in range(30)} == {"0"}  # all in zone-0
-
-
 def test_a_refused_pod_is_one_whose_condition_says_so() -> None:
     refused = b'{"metadata":{},"spec":{},"status":{"conditions":[{"type":"PodScheduled","status":"False"}]}}'
     assert decoder(SeenPod).decode(refused).refused
@@ -139,17 +76,3 @@ def test_the_usage_of_a_process_counts_its_children() -> None:
         assert child.pid in family(os.getpid())
         assert usage(child.pid).rss_bytes > usage(family(child.pid)[1]).rss_bytes
         child.communicate(b"\n")
-
-
-def test_the_help_says_what_differs_and_lists_every_workload(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["--help"])
-    text = capsys.readouterr().out
-    assert "differences" in text
-    assert all(name in text for name in WORKLOADS)
-
-
-def test_the_command_that_is_kept_does_not_name_the_file() -> None:
-    assert _command(["--rounds", "1", "--json", "a b.json", "--workload", "x"]) == (
-        "scripts/bench scheduler --rounds 1 --workload x"
-    )

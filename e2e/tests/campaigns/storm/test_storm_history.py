@@ -71,15 +71,6 @@ def test_a_pod_that_ended_uses_nothing() -> None:
     assert broken(("RobotClaim", claim(7, app="b"), False), ("Pod", ended, False)) == []
 
 
-def test_each_claim_counts_once_however_often_it_changes() -> None:
-    events = [
-        Event(revision, "RobotClaim", False, claim(7, app="a", uid=uid)) for revision, uid in enumerate("aab", start=1)
-    ]
-    judge = Judge(namespaces=set())
-    judge.hear(events)
-    assert judge.verdict.grants == 2
-
-
 def test_a_stranger_s_pod_may_not_even_be_bound() -> None:
     event = Event(5, "Pod", False, pod("p", app="a", domain="7"))
     judge = Judge(namespaces=set(), strangers={"ours"})

@@ -3,8 +3,6 @@
 import json
 from typing import Any, Self
 
-import pytest
-
 from campaigns.storm.recorder import Recorder
 
 
@@ -55,10 +53,3 @@ def test_a_change_is_handed_over_once_when_both_watches_have_passed_it() -> None
     heard(recorder, "RobotClaim", line("RobotClaim", 12, what="BOOKMARK"))
     assert [event.revision for event in recorder.ripe()] == [9]
     assert recorder.ripe(all_of_them=True) == []
-
-
-@pytest.mark.parametrize(("what", "holders"), [("MODIFIED", {"holder-of-c"}), ("DELETED", set())])
-def test_the_holders_are_those_of_the_claims_that_are_there(what: str, holders: set[str]) -> None:
-    recorder = Recorder(None)  # type: ignore[arg-type]
-    heard(recorder, "RobotClaim", line("RobotClaim", 5, name="c"), line("RobotClaim", 6, name="c", what=what))
-    assert (recorder.holders(), recorder.claims) == (holders, 1)

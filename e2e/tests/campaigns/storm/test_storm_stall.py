@@ -18,13 +18,3 @@ def test_it_is_told_when_both_time_and_wishes_have_passed_without_a_grant() -> N
     assert stall.look(grants=5, wishes=100 + STALL_WISHES - 1) == "", "who is slow makes few wishes"
     told = stall.look(grants=5, wishes=100 + STALL_WISHES)
     assert told == f"after 5 grants nothing was granted for 61 s, while {STALL_WISHES} wishes came"
-
-
-def test_each_grant_begins_the_wait_anew() -> None:
-    clock = Clock()
-    stall = Stall(clock)
-    for grants in range(1, 20):
-        clock.now_s += STALL_S - 1
-        assert stall.look(grants=grants, wishes=grants * 1000) == ""
-    clock.now_s += STALL_S - 1
-    assert stall.look(grants=19, wishes=50_000) == ""

@@ -27,41 +27,6 @@ def build(go: Go, target: Path, lines: list[str] | None = None) -> None:
     gobuild.build(go, HELM, target, on_line=found.append, module_dir=target.parent)
 
 
-# `-o TARGET` are the arguments 6 and 7 of the command line.
-WRITES = 'echo "net/http" >&2; echo "$GOFLAGS $CGO_ENABLED" >&2; printf program > "$7"'
-
-
-def test_the_compiler_writes_the_target_and_its_lines_are_passed_on(tmp_path: Path) -> None:
-    lines: list[str] = []
-    build(fake_go(tmp_path, WRITES), tmp_path / "helm", lines)
-    assert (tmp_path / "helm").read_text() == "program"
-    assert lines == ["net/http", "-mod=readonly 0"]
-
-
-def test_the_command_pins_flags_and_package() -> None:
-    command = gobuild.command(Go(program=Path("/go/bin/go"), version="1.26"), HELM, Path("/cache/helm"))
-    assert command[:4] == ["/go/bin/go", "build", "-v", "-trimpath"]
-    assert command[-3:] == ["-o", "/cache/helm", "helm.sh/helm/v4/cmd/helm"]
-
-
-def test_the_users_proxy_stays_and_what_changes_the_result_is_fixed() -> None:
-    env = gobuild.build_environment(
-        {"GOPROXY": "https://mine", "GOFLAGS": "-mod=vendor", "GOWORK": "/w", "PATH": "/bin"}
-    )
-    assert env["GOPROXY"] == "https://mine"
-    assert (env["GOFLAGS"], env["GOWORK"], env["GOTOOLCHAIN"], env["CGO_ENABLED"]) == (
-        "-mod=readonly",
-        "off",
-        "local",
-        "0",
-    )
-
-
-def test_variables_of_the_users_own_cross_compiling_change_nothing() -> None:
-    theirs = {"GOOS": "windows", "GOARCH": "riscv64", "GOAMD64": "v4", "GOARM64": "v9.0"}
-    assert gobuild.build_environment(theirs) == gobuild.build_environment({})
-
-
 @pytest.mark.parametrize(
     ("output", "advice"),
     [
@@ -78,19 +43,6 @@ def test_a_failure_ends_with_a_sentence_that_says_what_to_do(output: str, advice
     assert first == output
     assert last.startswith("helm could not be compiled: ")
     assert advice in last
-
-
-def test_an_interrupt_ends_the_compiler(tmp_path: Path) -> None:
-    go = fake_go(tmp_path, 'echo "$$" >&2; exec sleep 600')
-    pids: list[str] = []
-
-    def interrupt(line: str) -> None:
-        pids.append(line)
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        gobuild.build(go, HELM, tmp_path / "helm", on_line=interrupt, module_dir=tmp_path)
-    assert not Path(f"/proc/{pids[0]}").exists()
 
 
 def test_a_killed_caller_takes_the_compiler_along(tmp_path: Path) -> None:

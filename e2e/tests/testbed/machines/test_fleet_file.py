@@ -20,15 +20,6 @@ def test_the_example_has_the_robot_and_the_bus_of_the_other_examples() -> None:
     assert fleet.rtt_ms("amr-07", "edge-1") < fleet.rtt_ms("amr-07", "cloud-1")
 
 
-def test_a_device_on_usb_is_called_by_its_serial_and_fields_of_a_node_count() -> None:
-    camera = {"type": "video", "identity": "046d:082d:5F1A33BF", "model": "C920", "path": "/dev/video2"}
-    bus = {"name": "arm", "zone": "cell", "cpu": "8", "labels": {"example.com/a": "b"}, "devices": [camera]}
-    (node,) = topology_of({"robots": [bus]})
-    assert (node.zone, node.cpu, node.all_labels()["example.com/a"]) == ("cell", "8", "b")
-    assert [each.id for each in node.devices] == ["video-046d-082d-5f1a33bf"]
-    assert node.devices[0].path == "/dev/video2"
-
-
 @pytest.mark.parametrize(
     ("document", "reason"),
     [
