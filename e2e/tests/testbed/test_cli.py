@@ -3,15 +3,17 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 
 import pytest
 
-from robotapp_testbed import cli
+from robotapp_testbed import ControlPlane, cli
+from robotapp_testbed.binaries import pins, programs
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.processes.detached import Cluster, Holder
+from robotapp_testbed.real import RealNodes, prerequisites
 
 
 @pytest.fixture(autouse=True)
@@ -26,6 +28,8 @@ def _home(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPa
         (["up", "--fleet", "a,b,c"], "is not three numbers"),
         (["build", "--release-url", "docker=http://x"], "SOURCE one of kubernetes, etcd, helm"),
         (["build", "--release-url", "etcd"], "is not SOURCE=URL"),
+        (["build", "minikube"], "there is no 'minikube', known are etcd, kube-apiserver"),
+        (["build", "--for", "nothing"], "choose from"),
         (["rebuild"], "invalid choice"),
         ([], "required"),
     ],
@@ -35,6 +39,57 @@ def test_wrong_arguments_are_explained(command: list[str], reason: str, capsys: 
         cli.main(command)
     assert ended.value.code == 2
     assert reason in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "names"),
+    [
+        (["etcd", "kubectl", "etcd"], {"etcd", "kubectl"}),
+        (["pause"], {"pause"}),
+        (["cel-cost"], {"cel-cost"}),
+        (["--for", "simulated"], {*ControlPlane(kube_scheduler=True).binary_names}),
+        (["--for", "real"], {*RealNodes(["node-1"]).binary_names, *programs.FOLDERS}),
+        (["--for", "real", "--for", "simulated"], {*pins.NAMES, *programs.FOLDERS}),
+        (["pause", "--for", "simulated"], {*ControlPlane(kube_scheduler=True).binary_names, "pause"}),
+    ],
+)
+def test_build_gets_what_it_is_asked_for(
+    options: list[str], names: set[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(Assets, "resolve", lambda _, names: dict.fromkeys(names, "/somewhere"))
+    monkeypatch.setattr(programs, "build", lambda name: f"/compiled/{name}")
+    assert cli.main(["build", *options]) == 0
+    assert {line.split()[0] for line in capsys.readouterr().out.splitlines()} == names
+
+
+SIMULATED = {"etcd", "kube-apiserver", "kube-controller-manager", "kwok", "kubectl", "helm"}
+REAL = SIMULATED - {"kwok"} | {"kube-scheduler", "kubelet", "kube-proxy"}
+
+
+@pytest.mark.parametrize(
+    ("options", "names"),
+    [
+        ([], SIMULATED),
+        (["--run", "--fleet", "2,2,1"], SIMULATED),
+        (["--kube-scheduler"], SIMULATED | {"kube-scheduler"}),
+        (["--nodes", "2"], REAL),
+        (["--nodes", "2", "--fleet", "1,0,0"], REAL | {"kwok"}),
+    ],
+)
+@pytest.mark.parametrize("held", [[], ["--hold"]])
+def test_up_gets_the_binaries_of_its_nodes_and_no_others(
+    options: list[str], names: set[str], held: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wanted: list[str] = []
+
+    def stop(_: Assets, names: Iterable[str]) -> None:
+        wanted.extend(names)
+        raise TestbedError("nothing is started")
+
+    monkeypatch.setattr(Assets, "resolve", stop)
+    monkeypatch.setattr(prerequisites, "require", lambda: None)
+    assert cli.main(["up", *options, *held]) == 1
+    assert set(wanted) == names
 
 
 @pytest.mark.parametrize("command", ["env", "status"])
@@ -62,7 +117,7 @@ def test_a_failure_is_one_message_without_a_traceback(
 def test_an_interrupt_says_that_nothing_is_lost(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(_: Assets) -> None:
+    def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Assets, "resolve", interrupted)

@@ -67,7 +67,7 @@ def test_what_cannot_start_is_refused_at_once(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(
-        "robotapp_testbed.binaries.assets.Assets.resolve", lambda _: pytest.fail("nothing is to be built")
+        "robotapp_testbed.binaries.assets.Assets.resolve", lambda *_: pytest.fail("nothing is to be built")
     )
     assert cli.main(["up", *options, *held]) == 1
     assert capsys.readouterr().err == f"{reason}\n"
@@ -82,7 +82,7 @@ def test_a_machine_that_cannot_is_told_before_anything_is_made(
     monkeypatch.setattr(prerequisites, "require", refuse)
     monkeypatch.setattr(programs, "build", lambda _: pytest.fail("nothing is to be compiled"))
     monkeypatch.setattr(
-        "robotapp_testbed.binaries.assets.Assets.resolve", lambda _: pytest.fail("no minutes of compiling")
+        "robotapp_testbed.binaries.assets.Assets.resolve", lambda *_: pytest.fail("no minutes of compiling")
     )
     assert cli.main(["up", "--nodes", "2"]) == 1
     assert capsys.readouterr().err == "real nodes need root\n"

@@ -6,7 +6,7 @@ A third of the families each day; ROBOTAPP_SAMPLES=all takes all of them.
 from collections import Counter
 
 import pytest
-from tests.support.seeds import third_of_today
+from tests.support.seeds import choose_for_today
 
 from campaigns.cluster_cases import FAMILIES, Case, replayed_case, seeded_case
 from campaigns.reference_scheduler import Decision, decide
@@ -34,7 +34,7 @@ def test_a_case_comes_back_from_its_recorded_choices() -> None:
     assert replayed_case(case.numbers, first=case.families[0], families=EVERY) == case
 
 
-@pytest.mark.parametrize("family", third_of_today(name for name, each in FAMILIES.items() if not each.alone))
+@pytest.mark.parametrize("family", choose_for_today(name for name, each in FAMILIES.items() if not each.alone))
 def test_a_family_lets_pods_in_and_keeps_pods_out(family: str) -> None:
     found = Counter(outcome(decide(case.cluster, case.pod)) for case in of(family))
     assert found["placed"] >= 3
@@ -43,7 +43,7 @@ def test_a_family_lets_pods_in_and_keeps_pods_out(family: str) -> None:
 
 @pytest.mark.parametrize(
     "family",
-    third_of_today(["preemption", "disruption-budgets", "nominations", "crowded-nominations", "crowded-volumes"]),
+    choose_for_today(["preemption", "disruption-budgets", "nominations", "crowded-nominations", "crowded-volumes"]),
 )
 def test_preemption_finds_victims_and_sometimes_none(family: str) -> None:
     found = Counter(outcome(decide(case.cluster, case.pod)) for case in of(family, 200))

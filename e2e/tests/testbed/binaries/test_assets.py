@@ -9,7 +9,7 @@ import pytest
 from e2e.tests.testbed.release_server import ReleaseServer, serving
 
 from robotapp_testbed import TestbedError
-from robotapp_testbed.binaries import cache, pins
+from robotapp_testbed.binaries import cache, durations, pins
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.progress import Progress
 
@@ -108,3 +108,19 @@ def test_a_cache_that_cannot_be_written_is_explained(machine: Machine) -> None:
     machine.home.write_text("a file is in the way")
     with pytest.raises(TestbedError, match="set XDG_CACHE_HOME to a folder you may write"):
         machine.assets().resolve(["etcd"])
+
+
+def test_the_next_compile_is_expected_to_take_what_this_one_took(machine: Machine) -> None:
+    packages = "\n".join(f"example.org/package-{number}" for number in range(6))
+    machine.install_go(f"{COMPILES}; echo 'go: downloading m v1\n{packages}' >&2")
+    machine.assets().resolve(["kube-scheduler"])
+    measurement = durations.read_measurements(machine.home)["kube-scheduler"]
+    assert measurement.packages == 6
+    scheduler = pins.binary("kube-scheduler")
+    assert durations.expect_durations([scheduler], machine.home) == {"kube-scheduler": measurement.seconds}
+
+
+def test_binaries_are_compiled_in_the_order_in_which_their_shares_were_measured(machine: Machine) -> None:
+    machine.install_go()
+    machine.assets().resolve(["helm", "kwok", "etcd"])
+    assert machine.said.getvalue().startswith("Control plane: getting etcd, kwok, helm into ")

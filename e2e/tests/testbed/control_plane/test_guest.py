@@ -6,7 +6,7 @@ import pytest
 
 from journeys.world import confine
 from robotapp_testbed import TestbedError
-from robotapp_testbed.control_plane.guest import GUEST_LABEL, TAINT, OwnKubectl
+from robotapp_testbed.control_plane.guest import GUEST_LABEL, TAINT, GuestPlane, OwnKubectl
 
 
 def test_every_component_is_kept_on_the_simulated_nodes() -> None:
@@ -25,3 +25,9 @@ def test_every_component_is_kept_on_the_simulated_nodes() -> None:
 def test_a_missing_kubeconfig_is_named(tmp_path: Path) -> None:
     with pytest.raises(TestbedError, match="there is no kubeconfig"):
         OwnKubectl(tmp_path / "absent")
+
+
+def test_a_guest_needs_no_control_plane_of_its_own(tmp_path: Path) -> None:
+    (tmp_path / "kubeconfig").touch()
+    guest = GuestPlane(tmp_path / "kubeconfig", nodes=[], namespaces=[])
+    assert guest.binary_names == ["kwok", "kubectl", "helm"]
