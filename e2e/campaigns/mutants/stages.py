@@ -10,7 +10,7 @@ ESSENTIAL: Final = "tests/essential.txt"
 """Live tests of `scripts/test`: a path or an id of pytest on each line, # begins a remark."""
 LIVE: Final = "tests/live"
 OTHERS: Final = "e2e/tests"
-NO_NOTICE: Final = "e2e/tests/campaigns/test_mutants.py"
+NO_NOTICE: Final = "e2e/tests/campaigns/mutants/test_mutants.py"
 """Fails with every fault, because it looks for the text that the fault replaces."""
 SHARED: Final = ("--numprocesses=auto", "--maxprocesses=4", "--dist=worksteal")
 """Quick tests run on all cores, as in `scripts/test`."""

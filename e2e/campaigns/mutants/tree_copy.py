@@ -20,7 +20,10 @@ PROGRAM: Final = "robotapp-operator"
 """One of the programs that an installation makes; all have the same first line."""
 ENDING_S: Final = 120.0
 """How long tests that ran out of time may take to end their control plane."""
-_ITS_OWN: Final = ("VIRTUAL_ENV", "PYTHONPATH", "PYTHONPYCACHEPREFIX", "PYTHONDONTWRITEBYTECODE")
+_ITS_OWN: Final = (
+    *("VIRTUAL_ENV", "PYTHONPATH", "PYTHONPYCACHEPREFIX", "PYTHONDONTWRITEBYTECODE"),
+    "PYTEST_XDIST_WORKER",  # the copy's pytest is no worker of the one that runs this
+)
 _FAILED: Final = frozenset({1, 2})
 """Exit statuses of pytest when tests failed, or could not be imported."""
 _NO_TESTS: Final = 5

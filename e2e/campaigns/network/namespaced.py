@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Self, TypeVar
+from typing import Self, TypeVar
 
 import pytest
 
@@ -87,29 +87,21 @@ class Namespace:
 class PythonSwitch(LatencySwitch):
     """The same switch as far as a measurement needs it, in Python."""
 
-    options: ClassVar[Sequence[str]] = ()
-
     def __init__(self, *, run_dir: Path, seed: int = 0) -> None:
         super().__init__(run_dir=run_dir, seed=seed)
         self.process = Process(
             "python-switch",
-            [sys.executable, "-I", "-S", python_switch.__file__, str(self.path), *self.options],
+            [sys.executable, "-I", "-S", python_switch.__file__, str(self.path)],
             run_dir=run_dir,
             log_path=run_dir / "python-switch.log",
             ready=self._serves,
         )
 
 
-class BareSwitch(PythonSwitch):
-    """Joins two nodes by the system calls that a switch cannot do without, and does nothing else with a frame."""
-
-    options = ("--bare",)
-
-
 class Wire:
     """`with Wire(["a", "b"]) as wire:` namespaces with one TAP each (10.9.0.1, 10.9.0.2 …) on a switch of their own.
 
-    `kind` takes one of e2e/campaigns/network/python_switch.py instead: a PythonSwitch knows delays only, a BareSwitch nothing.
+    `kind` takes the one of e2e/campaigns/network/python_switch.py instead, which has delays only.
     """
 
     def __init__(self, names: Sequence[str], *, seed: int = 0, kind: type[LatencySwitch] = LatencySwitch) -> None:

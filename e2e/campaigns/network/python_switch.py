@@ -1,11 +1,10 @@
 """Run as a script: the latency switch once more in Python, as small as it can be, to measure what the language costs.
 
-    python -I -S python_switch.py SOCKET [--bare]
+    python -I -S python_switch.py SOCKET
 
 No product and no substitute: per frame it does what the one in Go does but for bandwidth (delay, jitter in order, loss, counters); it has
 no metrics, cuts, limits or ports that end. Of the control protocol of e2e/latency_switch it knows `attach`, `get` and `set` for two
-nodes. `--bare` leaves out the rule as well: what is left are the system calls that any such switch makes for a frame. Standard
-library only, nothing of the package.
+nodes. Standard library only, nothing of the package.
 """
 
 import ctypes
@@ -158,22 +157,10 @@ class Switch:
         return {"nodes": list(self.names)}
 
 
-class BareSwitch(Switch):
-    """What comes out of one of two ports goes into the other."""
-
-    def receive(self, origin: int) -> None:
-        read, write = os.read, os.write
-        (target,) = (port for port in self.names.values() if port != origin)
-        with suppress(OSError):  # nothing more to read
-            for _ in range(FRAMES_PER_ROUND):
-                write(target, read(origin, FRAME_BYTES))
-
-
 def run_switch() -> None:
     os.setpriority(os.PRIO_PROCESS, 0, -15)  # as the switch in Go, and its timer slack
     ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, 1000, 0, 0, 0)
-    kind = BareSwitch if "--bare" in sys.argv[2:] else Switch
-    kind(sys.argv[1]).run()
+    Switch(sys.argv[1]).run()
 
 
 if __name__ == "__main__":

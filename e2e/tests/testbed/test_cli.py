@@ -1,6 +1,5 @@
 import fcntl
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -16,25 +15,10 @@ from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.processes.detached import Cluster, Holder
 from robotapp_testbed.real import RealNodes, prerequisites
 
-_PRINTS = """
-import sys
-from robotapp_testbed import cli, cli_nodes
-cli_nodes._doctor = lambda _: print("x" * 100_000) or 0
-sys.exit(cli.main(["doctor"]))
-"""
-
 
 @pytest.fixture(autouse=True)
 def _home(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-
-
-@pytest.mark.parametrize("command", [["--help"], ["build", "--help"], ["up", "--help"], ["env", "--help"]])
-def test_help_is_there(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        cli.main(command)
-    assert ended.value.code == 0
-    assert "usage: python -m robotapp_testbed" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -55,14 +39,6 @@ def test_wrong_arguments_are_explained(command: list[str], reason: str, capsys: 
         cli.main(command)
     assert ended.value.code == 2
     assert reason in capsys.readouterr().err
-
-
-def test_build_prints_where_each_binary_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(Assets, "resolve", lambda _, names: dict.fromkeys(names, "/somewhere"))
-    monkeypatch.setattr(programs, "build", lambda name: f"/compiled/{name}")
-    assert cli.main(["build"]) == 0
-    lines = dict(line.split() for line in capsys.readouterr().out.splitlines())
-    assert lines == dict.fromkeys(pins.NAMES, "/somewhere") | {name: f"/compiled/{name}" for name in programs.FOLDERS}
 
 
 @pytest.mark.parametrize(
@@ -116,16 +92,6 @@ def test_up_gets_the_binaries_of_its_nodes_and_no_others(
     assert set(wanted) == names
 
 
-def test_output_that_nobody_reads_ends_it_quietly() -> None:
-    reader, writer = os.pipe()
-    os.close(reader)
-    with open(writer, "w") as closed:  # noqa: PTH123 - a descriptor, no path
-        done = subprocess.run(
-            [sys.executable, "-c", _PRINTS], stdout=closed, stderr=subprocess.PIPE, text=True, check=False
-        )
-    assert (done.returncode, done.stderr) == (141, "")
-
-
 @pytest.mark.parametrize("command", ["env", "status"])
 def test_without_a_cluster_it_says_how_to_start_one(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main([command]) == 3
@@ -146,17 +112,6 @@ def test_a_failure_is_one_message_without_a_traceback(
         capsys.readouterr().err
         == "ROBOTAPP_ASSETS=/no/such is not a folder: correct it, or run `unset ROBOTAPP_ASSETS`\n"
     )
-
-
-def test_a_full_disk_is_one_message_without_a_traceback(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device", "/tmp/x")  # noqa: S108 - a name in a text
-
-    monkeypatch.setattr(Assets, "resolve", full)
-    assert cli.main(["build"]) == 1
-    assert capsys.readouterr().err == "[Errno 28] No space left on device: '/tmp/x'\n"
 
 
 def test_an_interrupt_says_that_nothing_is_lost(

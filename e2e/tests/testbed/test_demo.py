@@ -21,13 +21,6 @@ def stage_on_paper() -> tuple[Stage, io.StringIO]:
     return Stage(console=Console(file=paper, width=100, soft_wrap=True, highlight=False)), paper
 
 
-def test_steps_are_numbered_as_they_are_told() -> None:
-    stage, paper = stage_on_paper()
-    for title in ("One", "Another"):
-        stage.step(title)
-    assert [line.rstrip("─ ") for line in paper.getvalue().splitlines() if line] == ["1  One", "2  Another"]
-
-
 def test_whoever_goes_on_can_ask_the_scheduler_and_has_a_kubectl() -> None:
     stage, paper = stage_on_paper()
     cluster = SimpleNamespace(kubeconfig=lambda: Path("/run/x/admin.yaml"), run_dir=Path("/run/x"))

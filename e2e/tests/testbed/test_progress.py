@@ -1,9 +1,5 @@
 import io
 
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
 from robotapp_testbed.progress import Progress
 
 PLAN = [("compiling etcd", 25.0), ("compiling kube-apiserver", 235.0)]
@@ -84,29 +80,3 @@ def test_the_bar_of_a_late_step_is_full() -> None:
         clock.now_s += 1000
         progress.redraw()
     assert f"kube-apiserver {'█' * 24} longer than expected, 1000 s so far " in stream.getvalue()
-
-
-def test_a_failed_step_is_not_called_done() -> None:
-    progress, stream, _ = started()
-    with pytest.raises(OSError, match="disk"), progress.step("compiling etcd"):
-        raise OSError("disk")
-    assert "done" not in stream.getvalue()
-
-
-def test_steps_may_be_passed_over() -> None:
-    progress, stream, _ = started()
-    with progress.step("compiling kube-apiserver"):
-        pass
-    assert stream.getvalue().startswith("[2/2] compiling kube-apiserver: about 4 min left")
-
-
-@given(expected=st.lists(st.integers(0, 10_000), min_size=1, max_size=6), took=st.floats(0, 1e4))
-def test_the_time_left_is_never_negative(expected: list[int], took: float) -> None:
-    clock = Clock()
-    progress = Progress(io.StringIO(), interactive=False, clock=clock)
-    plan = [(f"step {number}", seconds) for number, seconds in enumerate(expected)]
-    progress.plan(plan)
-    for title, _ in plan:
-        with progress.step(title):
-            assert progress.remaining_s() >= 0
-            clock.now_s += took
