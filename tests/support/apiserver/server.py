@@ -2,20 +2,17 @@
 
 import asyncio
 import json
-import secrets
-from collections.abc import Callable
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
+import msgspec
 from aiohttp import web
 from tests.support.apiserver import verbs
-from tests.support.apiserver.selectors import matches_fields, matches_labels
+from tests.support.apiserver.selectors import Match, match_query
 from tests.support.apiserver.store import Json, Refused, Step, Store
 from tests.support.apiserver.verbs import Sent, Target
 
 from robotapp_client.transport.kubeconfig import Endpoint
-
-Match = Callable[[Json], bool]
 
 
 class FakeApiServer:
@@ -32,7 +29,6 @@ class FakeApiServer:
         self.failing: list[int] = []
         self._bookmark_s = bookmark_s
         self._watches: dict[asyncio.Queue[Step | bytes | Refused | None], web.BaseRequest] = {}
-        self._pages: dict[str, tuple[int, list[Json]]] = {}
         self._runner = web.ServerRunner(
             web.Server(self._handle, handler_cancellation=True, access_log=None), shutdown_timeout=0.2
         )
@@ -85,34 +81,15 @@ class FakeApiServer:
             if self.failing:
                 _fail(request, self.failing.pop(0))
             where = verbs.target(request.path)
-            if request.method == "GET" and not where.name:
-                if request.query.get("watch") in ("1", "true"):
-                    return await self._watch(request, where)
-                return web.json_response(self._list(request, where))
+            if request.method == "GET" and request.query.get("watch") in ("1", "true") and not where.name:
+                return await self._watch(request, where)
             body = await request.read()
             answer = verbs.act(self.store, where, Sent(request.method, body, request.content_type, request.query))
             return web.json_response(answer, status=201 if request.method == "POST" else 200)
         except Refused as refusal:
             return web.json_response(refusal.status(), status=refusal.code)
-        except json.JSONDecodeError as error:
+        except msgspec.DecodeError as error:
             return web.json_response(Refused(400, "BadRequest", str(error)).status(), status=400)
-
-    def _list(self, request: web.BaseRequest, where: Target) -> Json:
-        query = request.query
-        if token := query.get("continue"):
-            if token not in self._pages or self._pages[token][0] < self.store.floor:
-                raise Refused(410, "Expired", "the provided continue parameter is too old")
-            version, items = self._pages.pop(token)
-        else:
-            version = self.store.version
-            items = self.store.select(where.collection, where.namespace, _match(query))
-        meta: Json = {"resourceVersion": str(version)}
-        limit = int(query.get("limit") or 0)
-        if limit and len(items) > limit:
-            meta["continue"] = secrets.token_hex(8)
-            self._pages[meta["continue"]] = (version, items[limit:])
-            items = items[:limit]
-        return {"kind": f"{where.kind}List", "apiVersion": where.api_version, "metadata": meta, "items": items}
 
     async def _watch(self, request: web.BaseRequest, where: Target) -> web.StreamResponse:
         out = web.StreamResponse(headers={"Content-Type": "application/json"})
@@ -131,7 +108,7 @@ class FakeApiServer:
         return out
 
     async def _catch_up(self, request: web.BaseRequest, where: Target, out: web.StreamResponse) -> None:
-        match = _match(request.query)
+        match = match_query(request.query)
         if request.query.get("sendInitialEvents") == "true" or not request.query.get("resourceVersion"):
             version = self.store.version
             for obj in self.store.select(where.collection, where.namespace, match):
@@ -150,7 +127,7 @@ class FakeApiServer:
         out: web.StreamResponse,
         queue: asyncio.Queue[Step | bytes | Refused | None],
     ) -> None:
-        match = _match(request.query)
+        match = match_query(request.query)
         while True:
             try:
                 step = await asyncio.wait_for(queue.get(), self._bookmark_s)
@@ -167,11 +144,6 @@ class FakeApiServer:
                 await out.write(step)
                 continue
             await _send_step(out, step, where, match)
-
-
-def _match(query: Any) -> Match:
-    labels, fields = query.get("labelSelector", ""), query.get("fieldSelector", "")
-    return lambda obj: matches_labels(labels, obj["metadata"].get("labels") or {}) and matches_fields(fields, obj)
 
 
 async def _send_step(out: web.StreamResponse, step: Step, where: Target, match: Match) -> None:
