@@ -100,9 +100,8 @@ class Store:
     def all(self, resource: Resource) -> list[Json]:
         """Returns the stored objects of a kind in the order of their names."""
         collection = f"{resource.group}/{resource.plural}"
-        return [
-            obj for key, obj in sorted(self.objects.items(), key=lambda pair: pair[0]) if key.collection == collection
-        ]
+        chosen = [(key, obj) for key, obj in self.objects.items() if key.collection == collection]
+        return [obj for _, obj in sorted(chosen, key=lambda pair: pair[0])]
 
     def put(self, resource: Resource, obj: Json, *, uid: str = "") -> Json:
         """Creates or overwrites an object, status included, and returns a copy of it."""
