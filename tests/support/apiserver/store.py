@@ -110,7 +110,7 @@ class Store:
         meta = obj.setdefault("metadata", {})
         key = key_of(resource, meta["name"], meta.get("namespace"))
         old = self.objects.get(key)
-        meta["uid"] = uid or (old["metadata"]["uid"] if old else self._next_uid())
+        meta["uid"] = uid or (old["metadata"]["uid"] if old else self.new_uid(key.name))
         return self._commit(key, old, obj)
 
     def remove(self, resource: Resource, name: str, namespace: str | None = None) -> None:
@@ -136,7 +136,7 @@ class Store:
         obj = clone(obj)
         meta = obj.setdefault("metadata", {})
         meta.pop("resourceVersion", None)
-        meta |= {"name": key.name, "uid": self._next_uid(), "generation": 1}
+        meta |= {"name": key.name, "uid": self.new_uid(key.name), "generation": 1}
         meta["creationTimestamp"] = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         if key.namespace:
             meta["namespace"] = key.namespace
@@ -195,7 +195,7 @@ class Store:
         """All of the object in one step, status included: what only the server itself does."""
         return self._commit(key, self.get(key), clone(new))
 
-    def _next_uid(self) -> str:
+    def new_uid(self, name: str) -> str:  # noqa: ARG002 - some stores name it after the object
         return str(uuid.UUID(int=next(self._uids) + 2**80))
 
     def _record(self, key: Key, obj: Json, owned: Owned) -> None:

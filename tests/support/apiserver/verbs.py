@@ -2,7 +2,7 @@
 
 import secrets
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import msgspec
@@ -75,9 +75,9 @@ class Sent:
     """A request that is no watch."""
 
     method: str
-    body: bytes
-    content_type: str
-    query: Mapping[str, str]
+    body: bytes = b""
+    content_type: str = ""
+    query: Mapping[str, str] = field(default_factory=dict)
 
     def writer(self, where: Target) -> Owner:
         operation = "Apply" if self.content_type == APPLY else "Update"
@@ -196,9 +196,9 @@ def bind(store: Store, key: Key, binding: Json) -> Json:
     check(pod, meta)
     if pod.get("spec", {}).get("nodeName"):
         raise Refused(409, "Conflict", f"pod {key.name} is already assigned to node {pod['spec']['nodeName']!r}")
-    for field in ("annotations", "labels"):
-        if meta.get(field):
-            pod["metadata"][field] = {**(pod["metadata"].get(field) or {}), **meta[field]}
+    for name in ("annotations", "labels"):
+        if meta.get(name):
+            pod["metadata"][name] = {**(pod["metadata"].get(name) or {}), **meta[name]}
     pod.setdefault("spec", {})["nodeName"] = binding["target"]["name"]
     status = pod.get("status") or {}
     others = [each for each in status.get("conditions") or [] if each["type"] != "PodScheduled"]
