@@ -1,15 +1,28 @@
 """Verbs, preconditions, selectors and bindings: what both servers answer."""
 
+from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
-from tests.live.client.conftest import Place
+from tests.live.client.conftest import Place, open_place
+from tests.support.apiserver import Store
+from tests.support.apiserver.memory import ManualTime, MemoryTransport, memory_client
 from tests.support.clients import configmap
 
 from robotapp_client import AlreadyExists, Conflict, Invalid, NotFound
 from robotapp_client.api.bodies import JSON, encode
 from robotapp_client.api.client import Page, decoder
 from robotapp_client.api.resources import CONFIGMAPS, LEASES, PODS
+
+
+@pytest.fixture(params=["fake", "memory", pytest.param("real", marks=pytest.mark.live)])
+async def place(request: pytest.FixtureRequest) -> AsyncIterator[Place]:
+    """The client without sockets too, which has no watches."""
+    if request.param == "memory":
+        yield Place(memory_client(MemoryTransport(Store()), ManualTime()), "robots")
+        return
+    async with open_place(request) as opened:
+        yield opened
 
 
 def cm(place: Place, name: str = "a", **more: Any) -> dict[str, Any]:
