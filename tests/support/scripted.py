@@ -130,10 +130,11 @@ def _head(status: int, headers: dict[str, str]) -> bytes:
 
 
 class ScriptedServer:
-    """Plays `script` in order, one item per request whatever the connection; silent when the script has ended."""
+    """Plays `script` in order, one item per request whatever the connection, then `otherwise`: silence if not given."""
 
-    def __init__(self, *script: Play) -> None:
+    def __init__(self, *script: Play, otherwise: Play | None = None) -> None:
         self.script = list(script)
+        self.otherwise = otherwise or silence()
         self.seen: list[Seen] = []
         self.connections = 0
         self._tasks: set[asyncio.Task[None]] = set()
@@ -160,7 +161,7 @@ class ScriptedServer:
         try:
             while not writer.is_closing():
                 self.seen.append(await self._read(reader))
-                play = self.script.pop(0) if self.script else silence()
+                play = self.script.pop(0) if self.script else self.otherwise
                 await play(writer)
         except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
             pass
