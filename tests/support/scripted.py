@@ -1,16 +1,32 @@
-"""An HTTP server that answers each request with the next line of a script, byte by byte as written."""
+"""Answers that are written in the test.
+
+`ScriptedServer` plays them over a socket, byte by byte as written. `ScriptedClient` is a client without one, for logic
+around writes, where order and errors matter.
+"""
 
 import asyncio
 import json
+from collections import defaultdict, deque
 from collections.abc import Awaitable, Callable
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NoReturn, Self, TypeVar
 from urllib.parse import parse_qs
 
-from robotapp_client import Endpoint
+import msgspec
+from tests.support.apiserver.verbs import target
 
+from robotapp_client import ApiClient, Endpoint
+from robotapp_client.api.bodies import APPLY
+from robotapp_client.transport.errors import ClientError, Unreachable
+from robotapp_client.transport.http11 import Permitted, always
+from robotapp_client.transport.http_transport import Done, Response, Stream
+
+T = TypeVar("T")
 Play = Callable[[asyncio.StreamWriter], Awaitable[None]]
+Answer = Any
+"""A value to return, or an exception to raise, or a function of the path and the body that returns either."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +130,11 @@ def _head(status: int, headers: dict[str, str]) -> bytes:
 
 
 class ScriptedServer:
-    """Plays `script` in order, one item per request whatever the connection; silent when the script has ended."""
+    """Plays `script` in order, one item per request whatever the connection, then `otherwise`: silence if not given."""
 
-    def __init__(self, *script: Play) -> None:
+    def __init__(self, *script: Play, otherwise: Play | None = None) -> None:
         self.script = list(script)
+        self.otherwise = otherwise or silence()
         self.seen: list[Seen] = []
         self.connections = 0
         self._tasks: set[asyncio.Task[None]] = set()
@@ -144,7 +161,7 @@ class ScriptedServer:
         try:
             while not writer.is_closing():
                 self.seen.append(await self._read(reader))
-                play = self.script.pop(0) if self.script else silence()
+                play = self.script.pop(0) if self.script else self.otherwise
                 await play(writer)
         except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
             pass
@@ -159,3 +176,118 @@ class ScriptedServer:
         headers = dict(line.split(": ", 1) for line in head[1:] if line)
         body = await reader.readexactly(int(headers.get("Content-Length", "0")))
         return Seen(method, path, headers, body)
+
+
+class ScriptedTransport:
+    """Answers requests in order from a script per verb, else always the same, and records them.
+
+    `calls` are (verb, path, body). Bodies are decoded, but for `post_raw` and `post_soon`, which are sent as bytes.
+    """
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[str, str, Any]] = []
+        self.scripts: defaultdict[str, deque[Answer]] = defaultdict(deque)
+        self.fallback: dict[str, Answer] = {}
+
+    async def open(self) -> None: ...
+    async def close(self) -> None: ...
+
+    async def request(
+        self,
+        method: str,
+        path: str,
+        *,
+        body: bytes | None = None,
+        content_type: str = "",
+        timeout_s: float,
+        permitted: Permitted = always,
+    ) -> Response:
+        del timeout_s
+        address, _, query = path.partition("?")
+        sent = msgspec.json.decode(body) if body else None
+        match method:
+            case "PATCH" if content_type == APPLY:
+                assert "force=true" in query, "our writers own what they apply"
+                return self._answer("apply", address, sent, permitted)
+            case "PATCH":
+                return self._answer("patch", address, (content_type, sent), permitted)
+            case "DELETE":
+                return self._answer("delete", address, _delete_conditions(sent or {}), permitted)
+            case "POST" if target(address).subresource:
+                return self._answer("post_raw", address, body, permitted)
+        return self._answer({"GET": "get", "POST": "create"}[method], address, sent, permitted)
+
+    def post(
+        self, path: str, body: bytes, done: Done, *, content_type: str, timeout_s: float, permitted: Permitted
+    ) -> None:
+        """Answered at once."""
+        del content_type, timeout_s
+        try:
+            outcome: Response | ClientError = self._answer("post_soon", path, body, permitted)
+        except ClientError as error:
+            outcome = error
+        done(outcome)
+
+    def stream(self, path: str, *, silence_s: float) -> AbstractAsyncContextManager[Stream]:
+        raise NotImplementedError(f"watches need a server: {path}, {silence_s}")
+
+    def _answer(self, verb: str, path: str, body: Any, permitted: Permitted) -> Response:
+        if not permitted():
+            raise Unreachable("not permitted", maybe_applied=False)
+        self.calls.append((verb, path, body))
+        script = self.scripts[verb]
+        answer = script.popleft() if script else self.fallback.get(verb, _fail)
+        if callable(answer):
+            answer = answer(path, body)
+        if isinstance(answer, BaseException):
+            raise answer
+        return Response(200, answer if isinstance(answer, bytes) else msgspec.json.encode(answer), [])
+
+
+class ScriptedClient(ApiClient):
+    """An ApiClient on a ScriptedTransport, in a time that only its pauses move. Reads are not repeated."""
+
+    def __init__(self) -> None:
+        transport = ScriptedTransport()
+        self.script_of = transport.scripts
+        self.fallback = transport.fallback
+        self.calls = transport.calls
+        self.slept_s: list[float] = []
+        self.now_s = 0.0
+        super().__init__(
+            Endpoint("scripted"),
+            user_agent="test",
+            field_manager="test",
+            transport=transport,
+            clock=lambda: self.now_s,
+            sleep=self._pause,
+            uniform=lambda: 0.0,
+        )
+
+    def script(self, verb: str, *answers: Answer) -> Self:
+        self.script_of[verb].extend(answers)
+        return self
+
+    def always(self, verb: str, answer: Answer) -> Self:
+        self.fallback[verb] = answer
+        return self
+
+    def methods(self) -> list[str]:
+        return [verb for verb, _, _ in self.calls]
+
+    async def read(self, path: str, decode: Callable[[bytes], T]) -> T:
+        return decode((await self.request("GET", path)).body)
+
+    async def _pause(self, seconds: float) -> None:
+        self.slept_s.append(seconds)
+        self.now_s += seconds
+
+
+def _delete_conditions(options: dict[str, Any]) -> dict[str, Any]:
+    preconditions = options.get("preconditions") or {}
+    wanted = {name: preconditions.get(name) for name in ("uid", "resourceVersion")}
+    return wanted | {"propagation": options.get("propagationPolicy")}
+
+
+def _fail(path: str, _: Any) -> NoReturn:
+    raise AssertionError(f"unexpected request to {path}")

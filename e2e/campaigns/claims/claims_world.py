@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 from tests.support.claims.objects import app_holder, app_json, deployment_json, labels, node_json, pod_json, pool_json
-from tests.support.claims.store import Client, Store
+from tests.support.claims.store import Store
 
 from robotapp_api.values.quantities.ranges import parse_ids
 from robotapp_claims.protocol.bind_check import check_bind_all
@@ -23,6 +23,8 @@ from robotapp_claims.protocol.sweeper import Sweeper
 from robotapp_claims.rules.domain import DomainRequest
 from robotapp_claims.rules.objects import Claim, Pod
 from robotapp_claims.rules.usage import named_ids
+from robotapp_client.api.bodies import JSON
+from robotapp_client.api.client import ApiClient
 from robotapp_client.api.resources import DEPLOYMENTS, DOMAINPOOLS, NODES, PODS, REPLICASETS, ROBOTAPPS, ROBOTCLAIMS
 from robotapp_client.transport.errors import ApiError, Unreachable
 
@@ -40,7 +42,7 @@ class Actor:
     """One process: runs `work` again and again; `gate` is where it waits for the director."""
 
     name: str
-    work: Callable[[Client], Awaitable[None]]
+    work: Callable[[ApiClient], Awaitable[None]]
     gate: asyncio.Future[str] | None = None
     idle: bool = True
     task: asyncio.Task[None] | None = None
@@ -80,7 +82,7 @@ class World:
 
     # Processes of ours
 
-    async def operate(self, client: Client, name: str) -> None:
+    async def operate(self, client: ApiClient, name: str) -> None:
         """Rule 5 as the operator does it: ensure the domain, then write the template with its fence."""
         app = self.store.find(ROBOTAPPS, name, "team")
         if app is None:
@@ -109,7 +111,7 @@ class World:
             await self._write(client, name, uid, number=outcome.id, fence=fence, claim=outcome.claim)
 
     async def _write(
-        self, client: Client, name: str, uid: str, *, number: int | None, fence: Any, claim: str = ""
+        self, client: ApiClient, name: str, uid: str, *, number: int | None, fence: Any, claim: str = ""
     ) -> None:
         """number None: scale to 0; the template stays, but no longer names a claim that others may need."""
         if number is None:
@@ -122,15 +124,15 @@ class World:
         body["metadata"] |= {"uid": fence.uid, "resourceVersion": fence.resource_version}
         await client.replace(DEPLOYMENTS, body, namespace="team")
 
-    async def schedule(self, client: Client) -> None:
+    async def schedule(self, client: ApiClient) -> None:
         """Bind the first pending pod whose claim stands, as our scheduler does: the claim names the node before."""
         await self._bind_first(client, nodes=["edge-1"])
 
-    async def schedule_elsewhere(self, client: Client) -> None:
+    async def schedule_elsewhere(self, client: ApiClient) -> None:
         """The same by another scheduler behind our gate (rule 6), of which nobody knows the node before."""
         await self._bind_first(client, nodes=[])
 
-    async def _bind_first(self, client: Client, *, nodes: list[str]) -> None:
+    async def _bind_first(self, client: ApiClient, *, nodes: list[str]) -> None:
         for obj in self.store.all(PODS):
             if obj["spec"].get("nodeName"):
                 continue
@@ -140,15 +142,13 @@ class World:
                 continue
             pod = await client.get(PODS, obj["metadata"]["name"], namespace="team")
             if pod["metadata"]["uid"] == seen.metadata.uid and not pod["spec"].get("nodeName"):
-                pod["spec"]["nodeName"] = "edge-1"
-                pod["status"] = {"phase": "Running"}
-                await client.replace(PODS, pod, namespace="team")
+                await bind_pod(client, pod["metadata"], "edge-1")
                 return
 
-    def sweeping(self) -> Callable[[Client], Awaitable[None]]:
+    def sweeping(self) -> Callable[[ApiClient], Awaitable[None]]:
         sweeper: Sweeper | None = None
 
-        async def sweep(client: Client) -> None:
+        async def sweep(client: ApiClient) -> None:
             nonlocal sweeper
             if sweeper is None:
                 sweeper = Sweeper(client, clock=lambda: self.now, limit=1)  # a gate is for one request
@@ -158,7 +158,7 @@ class World:
 
     # Processes of Kubernetes: garbage collector, controllers, kubelet; one small step per call, on what is there now
 
-    async def control(self, client: Client) -> None:
+    async def control(self, client: ApiClient) -> None:
         """Look at the objects in any order and do the first thing there is to do."""
         steps: list[Callable[[], Awaitable[bool]]] = [
             *(partial(self._collect, client, obj) for obj in self.store.all(DEPLOYMENTS)),
@@ -171,16 +171,17 @@ class World:
             if await step():
                 return
 
-    async def _collect(self, client: Client, deployment: Json) -> bool:
+    async def _collect(self, client: ApiClient, deployment: Json) -> bool:
         meta = deployment["metadata"]
         if self._other_owner(deployment):
             await client.delete(DEPLOYMENTS, meta["name"], namespace="team", uid=meta["uid"])
             return True
         return False
 
-    async def _kubelet(self, client: Client, pod: Json) -> bool:
+    async def _kubelet(self, client: ApiClient, pod: Json) -> bool:
         if pod["metadata"].get("deletionTimestamp"):
-            await client.delete(PODS, pod["metadata"]["name"], namespace="team")
+            path = PODS.path("team", pod["metadata"]["name"])
+            await client.request("DELETE", path, msgspec.json.encode({"gracePeriodSeconds": 0}), JSON)
             return True
         if self.store.find(REPLICASETS, pod["metadata"]["ownedBy"], "team") is None:
             await self._end(client, pod)
@@ -191,7 +192,7 @@ class World:
         app = self.store.find(ROBOTAPPS, deployment["metadata"]["name"], "team")
         return app is None or app["metadata"]["uid"] != deployment["metadata"]["labels"]["robotics.io/app-uid"]
 
-    async def _replica_set(self, client: Client, deployment: Json) -> bool:
+    async def _replica_set(self, client: ApiClient, deployment: Json) -> bool:
         meta, spec = deployment["metadata"], deployment["spec"]
         named = _number(spec["template"])
         name = f"{meta['name']}-{meta['labels']['robotics.io/app-uid']}-{named}"
@@ -201,7 +202,7 @@ class World:
             return True
         return False
 
-    async def _pods(self, client: Client, replica_set: Json) -> bool:
+    async def _pods(self, client: ApiClient, replica_set: Json) -> bool:
         meta = replica_set["metadata"]
         owner = self.store.find(DEPLOYMENTS, meta["ownedBy"], "team")
         same = (
@@ -233,14 +234,11 @@ class World:
             return True
         return False
 
-    async def _end(self, client: Client, pod: Json) -> None:
+    async def _end(self, client: ApiClient, pod: Json) -> None:
         name = pod["metadata"]["name"]
         if pod["spec"].get("nodeName"):
             pod = await client.get(PODS, name, namespace="team")
-            pod["metadata"]["deletionTimestamp"] = "now"
-            await client.replace(PODS, pod, namespace="team")
-        else:
-            await client.delete(PODS, name, namespace="team", resource_version=pod["metadata"]["resourceVersion"])
+        await client.delete(PODS, name, namespace="team", resource_version=pod["metadata"]["resourceVersion"])
 
     # What must hold at every moment
 
@@ -278,6 +276,13 @@ class World:
         return wrong
 
 
+async def bind_pod(client: ApiClient, meta: Json, node: str) -> None:
+    """Binds a pod as it was read: its uid, its version and the annotations it is to have."""
+    kept = {name: meta.get(name) for name in ("name", "uid", "resourceVersion", "annotations")}
+    body = {"metadata": kept, "target": {"kind": "Node", "name": node}}
+    await client.post_raw(PODS.path(meta["namespace"], meta["name"], "binding"), msgspec.json.encode(body))
+
+
 def _number(template: Json) -> int | None:
     env = template["spec"]["containers"][0]["env"]
     return int(env[0]["value"]) if env else None
@@ -290,7 +295,7 @@ class Director:
         self.world = world
         self.steps: list[str] = []
 
-    def add(self, name: str, work: Callable[[Client], Awaitable[None]]) -> None:
+    def add(self, name: str, work: Callable[[ApiClient], Awaitable[None]]) -> None:
         self.world.actors.append(Actor(name, work))
 
     async def _run(self, actor: Actor) -> None:
@@ -351,11 +356,11 @@ class Director:
     async def rest(self, *, without: int = -1, time_passes: bool = True, rounds: int = 60) -> None:
         """Everybody but one works until nobody writes any more."""
         for _ in range(rounds):
-            before = len(self.world.store.writes)
+            before = self.world.store.version
             for index in range(len(self.world.actors)):
                 if index != without:
                     await self.round(index)
-            if len(self.world.store.writes) == before:
+            if self.world.store.version == before:
                 return
             self.world.now += 6 if time_passes else 0
         raise AssertionError("\n".join(["they never stop writing", *self.steps[-200:]]))

@@ -11,14 +11,13 @@ from collections.abc import Callable
 from typing import Any, Final
 from urllib.parse import parse_qs, urlsplit
 
-import httptools
 import msgspec
+from tests.support.apiserver.wire import Connection
 
 from campaigns.free_api import objects
 from robotapp_client.api import resources
 
 PODS_PER_TURN: Final = 50
-FULL_BYTES: Final = 1 << 20
 PAUSE_S: Final = 0.002
 RUNNING_AFTER_S: Final = 0.1
 """From the bind until the kubelet's status comes, for all pods bound meanwhile at once."""
@@ -52,55 +51,6 @@ def _reviewed(body: bytes) -> bytes:
     return msgspec.json.encode(review | {"status": known})
 
 
-class Connection(asyncio.Protocol):
-    """HTTP/1.1 of one client; methods named on_… are called by the parser."""
-
-    def __init__(self, api: "FreeApi") -> None:
-        self._api = api
-        self._parser = httptools.HttpRequestParser(self)
-        self._url = b""
-        self._body: list[bytes] = []
-        self.transport: Any = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self.transport = transport
-        self._api.open += 1
-
-    def connection_lost(self, _: Exception | None) -> None:
-        self._api.open -= 1
-        self._api.watchers.discard(self)
-
-    @property
-    def full(self) -> bool:
-        """The client does not keep up."""
-        return bool(self.transport.get_write_buffer_size() > FULL_BYTES)
-
-    def data_received(self, data: bytes) -> None:
-        self._parser.feed_data(data)
-
-    def on_url(self, url: bytes) -> None:
-        self._url += url
-
-    def on_body(self, body: bytes) -> None:
-        self._body.append(body)
-
-    def on_message_complete(self) -> None:
-        url, body = self._url.decode(), b"".join(self._body)
-        self._url, self._body = b"", []
-        self._api.answer(self, self._parser.get_method().decode(), url, body)
-
-    def reply(self, status: int, body: bytes) -> None:
-        head = b"HTTP/1.1 %d OK\r\nContent-Type: application/json\r\nContent-Length: %d\r\n\r\n"
-        self.transport.write(head % (status, len(body)) + body)
-
-    def begin_stream(self) -> None:
-        self.transport.write(b"HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n")
-
-    def event(self, kind: bytes, obj: bytes) -> None:
-        line = b'{"type":"%s","object":%s}\n' % (kind, obj)
-        self.transport.write(b"%x\r\n%s\r\n" % (len(line), line))
-
-
 class FreeApi:
     """Nodes, running pods, and what is made on demand. Bookmarks are left out: runs are short."""
 
@@ -123,7 +73,12 @@ class FreeApi:
         self.open = 0
 
     def connection(self) -> Connection:
-        return Connection(self)
+        self.open += 1
+        return Connection(self.answer, self._forget)
+
+    def _forget(self, client: Connection) -> None:
+        self.open -= 1
+        self.watchers.discard(client)
 
     def answer(self, client: Connection, method: str, url: str, body: bytes) -> None:
         parts = urlsplit(url)

@@ -107,9 +107,9 @@ async def _measure(
     instances = max(len(apps), robots)
 
     def ready() -> bool:
-        objects = cluster.of(ROBOTAPPINSTANCES)
+        objects = cluster.store.all(ROBOTAPPINSTANCES)
         return (
-            all(is_ready(app) for app in cluster.of(ROBOTAPPS))
+            all(is_ready(app) for app in cluster.store.all(ROBOTAPPS))
             and len(objects) == instances
             and all(each.get("status", {}).get("phase") == "Running" for each in objects)
         )

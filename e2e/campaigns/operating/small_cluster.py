@@ -4,10 +4,11 @@ import asyncio
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
-from aiohttp import web
+import msgspec
 from tests.support.apiserver import FakeApiServer
-from tests.support.apiserver.store import Json, Key, Step
+from tests.support.apiserver.store import Json, Key, Step, key_of
 from tests.support.apiserver.verbs import KINDS
+from tests.support.apiserver.wire import TypedConnection
 
 from robotapp_api.model.names import API_VERSION, GROUP, VERSION, Label
 from robotapp_client.api.resources import (
@@ -17,7 +18,6 @@ from robotapp_client.api.resources import (
     PODS,
     REPLICASETS,
     ROBOTAPPS,
-    Resource,
 )
 
 NAMESPACE: Final = "default"
@@ -41,7 +41,7 @@ class SmallCluster(FakeApiServer):
         for name in (*self.robots, *self.edges):
             self._node(name, robot=name if name in self.robots else "")
         for name, spec in pools.items():
-            self.store.create(_key(DOMAINPOOLS, name), {"metadata": {"name": name}, "spec": dict(spec)})
+            self.store.create(key_of(DOMAINPOOLS, name), {"metadata": {"name": name}, "spec": dict(spec)})
         self.report(seq=1)
         self.store.watchers.append(self._seen)
 
@@ -51,29 +51,27 @@ class SmallCluster(FakeApiServer):
             peers = self.edges if name in self.robots else self.robots[:64]
             rtt = [{"peer": peer, "p50Us": 2000, "p95Us": round(2000 * factor), "seq": seq} for peer in peers]
             status = {"intervalSeconds": 10, "seq": seq, "rtt": rtt}
-            key = _key(NODETELEMETRIES, name)
+            key = key_of(NODETELEMETRIES, name)
             if key not in self.store.objects:
                 self.store.create(key, {"metadata": {"name": name}})
             self.store.update(key, {"metadata": {}, "status": status}, subresource="status")
         return len(self.robots) + len(self.edges)
 
     def apply(self, app: Json) -> None:
-        key = _key(ROBOTAPPS, app["metadata"]["name"], NAMESPACE)
+        key = key_of(ROBOTAPPS, app["metadata"]["name"], NAMESPACE)
         self.store.create(key, {"apiVersion": API_VERSION, "kind": "RobotApp", **app})
 
-    def of(self, resource: Resource) -> list[Json]:
-        """The stored objects of a kind, not to be changed."""
-        wanted = f"{resource.group}/{resource.plural}"
-        return [obj for key, obj in self.store.objects.items() if key.collection == wanted]
-
-    async def _handle(self, request: web.BaseRequest) -> web.StreamResponse:
-        found = _discovery(request.path)
-        return web.json_response(found) if found is not None else await super()._handle(request)
+    def answer(self, client: TypedConnection, method: str, url: str, body: bytes) -> None:
+        discovered = _discovery(url.partition("?")[0])
+        if discovered is not None:
+            client.reply(200, msgspec.json.encode(discovered))
+        else:
+            super().answer(client, method, url, body)
 
     def _node(self, name: str, *, robot: str) -> None:
         labels: dict[str, str] = {Label.TIER: "robot" if robot else "edge", **({Label.ROBOT: robot} if robot else {})}
         conditions = [{"type": "Ready", "status": "True"}]
-        self.store.create(_key(NODES, name), {"metadata": {"labels": labels}, "status": {"conditions": conditions}})
+        self.store.create(key_of(NODES, name), {"metadata": {"labels": labels}, "status": {"conditions": conditions}})
 
     def _seen(self, step: Step) -> None:
         if step.old is None and step.key.collection == "apps/deployments":
@@ -87,7 +85,7 @@ class SmallCluster(FakeApiServer):
         template = deployment["spec"]["template"]
         uid = deployment["metadata"]["uid"]
         meta = {"labels": template["metadata"]["labels"], "ownerReferences": [_owner("Deployment", key.name, uid)]}
-        set_key, pod_key = _key(REPLICASETS, f"{key.name}-1", NAMESPACE), _key(PODS, f"{key.name}-1-1", NAMESPACE)
+        set_key, pod_key = key_of(REPLICASETS, f"{key.name}-1", NAMESPACE), key_of(PODS, f"{key.name}-1-1", NAMESPACE)
         owner = self.store.create(set_key, {"metadata": meta, "spec": {"replicas": 1, "template": template}})
         await self._status(key, {"observedGeneration": 1}, annotations={"deployment.kubernetes.io/revision": "1"})
         meta = {
@@ -122,10 +120,6 @@ class SmallCluster(FakeApiServer):
             return labels[Label.INSTANCE]
         self._bound += 1
         return self.edges[self._bound % len(self.edges)]
-
-
-def _key(resource: Resource, name: str, namespace: str = "") -> Key:
-    return Key(f"{resource.group}/{resource.plural}", namespace, name)
 
 
 def _owner(kind: str, name: str, uid: str) -> Json:

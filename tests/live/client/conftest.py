@@ -1,6 +1,7 @@
 """The same tests on the real API server and on the one made for unit tests, which they keep honest."""
 
 from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 import pytest
@@ -19,8 +20,8 @@ class Place:
     fake: FakeApiServer | None = None
 
 
-@pytest.fixture(params=["fake", pytest.param("real", marks=pytest.mark.live)])
-async def place(request: pytest.FixtureRequest) -> AsyncIterator[Place]:
+@asynccontextmanager
+async def open_place(request: pytest.FixtureRequest) -> AsyncIterator[Place]:
     if request.param == "fake":
         async with FakeApiServer(bookmark_s=0.1) as api, client_for(api.endpoint) as client:
             yield Place(client, "robots", api)
@@ -29,3 +30,9 @@ async def place(request: pytest.FixtureRequest) -> AsyncIterator[Place]:
     namespace = request.getfixturevalue("namespace")
     async with client_for(load(plane.kubeconfig("admin")), timeout_s=20) as client:
         yield Place(client, namespace)
+
+
+@pytest.fixture(params=["fake", pytest.param("real", marks=pytest.mark.live)])
+async def place(request: pytest.FixtureRequest) -> AsyncIterator[Place]:
+    async with open_place(request) as opened:
+        yield opened

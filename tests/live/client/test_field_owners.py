@@ -7,9 +7,10 @@ import pytest
 from tests.live.client.conftest import Place
 from tests.support.clients import client_for, configmap
 
+from robotapp_claims.rules.identity import claim_object, domain_spec, holder_of_app
 from robotapp_client import ApiError, Conflict, Invalid, NotFound
 from robotapp_client.api.bodies import JSON_PATCH, STRATEGIC, encode
-from robotapp_client.api.resources import CONFIGMAPS, DEPLOYMENTS, DOMAINPOOLS, PODS
+from robotapp_client.api.resources import CONFIGMAPS, DEPLOYMENTS, DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_client.transport.errors import means_another
 
 OTHER = "somebody-else"
@@ -190,3 +191,24 @@ async def test_only_a_version_keeps_a_status_of_our_kinds_from_another_object(
     with pytest.raises(Conflict):
         await say(4, resourceVersion=version)
     assert (await say(5, resourceVersion=written["metadata"]["resourceVersion"]))["status"] == {"capacity": 5}
+
+
+async def test_a_new_claim_is_reserved_and_its_status_is_written_only_with_its_version(
+    place: Place, request: pytest.FixtureRequest
+) -> None:
+    if place.fake is None:
+        request.getfixturevalue("installed_plane")
+    holder = holder_of_app(namespace=place.namespace, name="app", uid=ANOTHER)
+    spec = domain_spec(pool=f"p-{place.namespace}", scope="Cluster", scope_value="", domain_id=7, holder=holder)
+    created = await place.client.create(ROBOTCLAIMS, claim_object(spec) | {"status": {"phase": "Draining"}})
+    assert created["status"]["phase"] == "Reserved"
+    name, version = created["metadata"]["name"], created["metadata"].pop("resourceVersion")
+    draining = created | {"status": {"phase": "Draining"}}
+    with pytest.raises(Invalid, match="must be specified for an update"):
+        await place.client.replace(ROBOTCLAIMS, draining, subresource="status")
+    draining["metadata"]["resourceVersion"] = version
+    written = await place.client.replace(ROBOTCLAIMS, draining, subresource="status")
+    assert written["status"]["phase"] == "Draining"
+    with pytest.raises(Conflict):
+        await place.client.replace(ROBOTCLAIMS, draining, subresource="status")
+    await place.client.delete(ROBOTCLAIMS, name)

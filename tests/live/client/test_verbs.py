@@ -1,15 +1,28 @@
 """Verbs, preconditions, selectors and bindings: what both servers answer."""
 
+from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
-from tests.live.client.conftest import Place
+from tests.live.client.conftest import Place, open_place
+from tests.support.apiserver import Store
+from tests.support.apiserver.memory import ManualTime, MemoryTransport, memory_client
 from tests.support.clients import configmap
 
 from robotapp_client import AlreadyExists, Conflict, Invalid, NotFound
-from robotapp_client.api.bodies import encode
+from robotapp_client.api.bodies import JSON, encode
 from robotapp_client.api.client import Page, decoder
 from robotapp_client.api.resources import CONFIGMAPS, LEASES, PODS
+
+
+@pytest.fixture(params=["fake", "memory", pytest.param("real", marks=pytest.mark.live)])
+async def place(request: pytest.FixtureRequest) -> AsyncIterator[Place]:
+    """The client without sockets too, which has no watches."""
+    if request.param == "memory":
+        yield Place(memory_client(MemoryTransport(Store()), ManualTime()), "robots")
+        return
+    async with open_place(request) as opened:
+        yield opened
 
 
 def cm(place: Place, name: str = "a", **more: Any) -> dict[str, Any]:
@@ -234,3 +247,15 @@ async def test_a_write_to_a_pods_status_may_change_its_annotations_and_minds_uid
 async def test_a_pod_that_is_gone_cannot_be_bound(place: Place) -> None:
     with pytest.raises(NotFound):
         await place.client.post_raw(PODS.path(place.namespace, "p", "binding"), binding(place))
+
+
+async def test_a_bound_pod_is_removed_only_when_its_kubelet_ends_it(place: Place) -> None:
+    await place.client.create(PODS, pod(place))
+    await place.client.post_raw(PODS.path(place.namespace, "p", "binding"), binding(place))
+    await place.client.delete(PODS, "p", namespace=place.namespace)
+    dying = await place.client.get(PODS, "p", namespace=place.namespace)
+    assert dying["metadata"]["deletionTimestamp"]
+    at_once = encode({"apiVersion": "v1", "kind": "DeleteOptions", "gracePeriodSeconds": 0})
+    await place.client.request("DELETE", PODS.path(place.namespace, "p"), at_once, JSON)
+    with pytest.raises(NotFound):
+        await place.client.get(PODS, "p", namespace=place.namespace)

@@ -7,13 +7,14 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.claims.store import Client, Store
+from tests.support.claims.store import Store
 
-from campaigns.claims.claims_world import Actor, Director
+from campaigns.claims.claims_world import Actor, Director, bind_pod
 from robotapp_claims.protocol import device_sharing
 from robotapp_claims.protocol.devices import Reservation
 from robotapp_claims.protocol.sweeper import Sweeper
 from robotapp_claims.rules.identity import granted_devices, shared_devices
+from robotapp_client.api.client import ApiClient
 from robotapp_client.api.resources import PODS, ROBOTCLAIMS
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.framework.handle import Readiness
@@ -41,15 +42,15 @@ class World:
             spec = {"containers": [{"name": "c", "image": "x"}]}
             self.store.put(PODS, {"metadata": meta, "spec": spec, "status": {"phase": "Pending"}})
 
-    def scheduler(self, name: str) -> Callable[[Client], Awaitable[None]]:
+    def scheduler(self, name: str) -> Callable[[ApiClient], Awaitable[None]]:
         grant = DeviceGrant("can0", NODE, CAN, exclusive=WISHES[name])
 
-        async def work(client: Client) -> None:
+        async def work(client: ApiClient) -> None:
             body = self.store.find(PODS, name.replace(" ", "-"), "team")
             assert body is not None
             if body["spec"].get("nodeName"):
                 return
-            reserver = ClaimReserver(client)  # type: ignore[arg-type]  # the verbs that claims use
+            reserver = ClaimReserver(client)
             found = await reserver.reserve(PodInfo(msgspec.convert(body, Pod)), NODE, (grant,))
             if found.readiness is not Readiness.READY:
                 return
@@ -57,14 +58,13 @@ class World:
                 "annotations": dict(found.annotations),
                 "resourceVersion": found.resource_version,
             }
-            bound = body | {"metadata": meta, "spec": body["spec"] | {"nodeName": NODE}}
-            await client.replace(PODS, bound, namespace="team")
+            await bind_pod(client, meta, NODE)
             await reserver.bound(found)
 
         return work
 
-    def sweeping(self) -> Callable[[Client], Awaitable[None]]:
-        async def work(client: Client) -> None:
+    def sweeping(self) -> Callable[[ApiClient], Awaitable[None]]:
+        async def work(client: ApiClient) -> None:
             sweeper = Sweeper(client, clock=lambda: self.now, pending_s=1.0)
             for _ in range(2):
                 await sweeper.sweep_once()

@@ -1,8 +1,10 @@
 """Processes that sleep through a change of hands and go on with what they knew: e2e/campaigns/claims/claims_zombies.py."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import pytest
+from tests.support.apiserver import verbs
 from tests.support.seeds import choose_for_today
 
 from campaigns.claims.claims_weakened import ONE_SLEEPER, Weakened
@@ -25,5 +27,6 @@ def test_a_zombie_that_wakes_up_breaks_nothing_wherever_it_slept(sleeper: str) -
 def test_a_zombie_finds_each_rule_that_is_weakened(weakened: Weakened, harm: str) -> None:
     lucky = [replace(case, luck=luck) for luck in range(5) for case in CASES]
     lucky.sort(key=lambda case: str(case) != FOUND_BY[weakened.__name__])
-    with weakened():
+    # The API server itself refuses writes to claims without a version, which would hide what the rule is for.
+    with weakened(), patch.object(verbs, "CONDITIONAL", frozenset()):
         assert harm in first_failure(lucky)

@@ -43,6 +43,8 @@ def fields(obj: Json) -> dict[Path, Any]:
 
 def written(owned: Owned, owner: Owner, old: Json, new: Json) -> Owned:
     """After an update: what changed is the writer's alone, what is gone is nobody's."""
+    if not owner.manager and not owned:
+        return {}
     before, after = fields(old), fields(new)
     changed = frozenset(path for path, value in after.items() if path not in before or before[path] != value)
     result = {each: (paths - changed) & after.keys() for each, paths in owned.items()}

@@ -1,9 +1,8 @@
 """What each kind of patch makes of an object."""
 
-import copy
 from typing import Any
 
-from tests.support.apiserver.store import Json, Refused, merge
+from tests.support.apiserver.store import Json, Refused, clone, merge
 from tests.support.apiserver.trees import merged, plain, tree
 
 from robotapp_client.api.bodies import JSON_PATCH, STRATEGIC
@@ -11,7 +10,7 @@ from robotapp_client.api.bodies import JSON_PATCH, STRATEGIC
 
 def patched(obj: Json, patch: Any, content_type: str) -> Json:
     if content_type == JSON_PATCH:
-        result = copy.deepcopy(obj)
+        result = clone(obj)
         for step in patch:
             _step(result, step)
         return result

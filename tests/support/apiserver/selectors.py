@@ -1,9 +1,17 @@
 """Label and field selectors as far as our clients write them."""
 
 import re
+from collections.abc import Callable, Mapping
 from typing import Any
 
+Match = Callable[[dict[str, Any]], bool]
 _SET = re.compile(r"^\s*(?P<key>\S+)\s+(?P<op>in|notin)\s+\((?P<values>[^)]*)\)\s*$")
+
+
+def match_query(query: Mapping[str, str]) -> Match:
+    """Returns the filter that a request's label and field selectors describe."""
+    labels, fields = query.get("labelSelector", ""), query.get("fieldSelector", "")
+    return lambda obj: matches_labels(labels, obj["metadata"].get("labels") or {}) and matches_fields(fields, obj)
 
 
 def matches_labels(selector: str, labels: dict[str, str]) -> bool:

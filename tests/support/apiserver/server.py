@@ -1,21 +1,45 @@
-"""HTTP in front of the store: verbs, lists in pages, watches with bookmarks and 410."""
+"""HTTP in front of the store: verbs, and watches with bookmarks and 410."""
 
 import asyncio
-import json
-import secrets
-from collections.abc import Callable
+from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
+from urllib.parse import parse_qsl, unquote, urlsplit
 
-from aiohttp import web
+import msgspec
 from tests.support.apiserver import verbs
-from tests.support.apiserver.selectors import matches_fields, matches_labels
+from tests.support.apiserver.selectors import Match, match_query
 from tests.support.apiserver.store import Json, Refused, Step, Store
 from tests.support.apiserver.verbs import Sent, Target
+from tests.support.apiserver.wire import TypedConnection
 
 from robotapp_client.transport.kubeconfig import Endpoint
 
-Match = Callable[[Json], bool]
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Watch:
+    """An open watch: which changes of the store it shows, and whether the client wants bookmarks."""
+
+    client: TypedConnection
+    where: Target
+    match: Match
+    bookmarks: bool
+
+    def send(self, kind: str, obj: Json) -> None:
+        self.client.event(kind.encode(), msgspec.json.encode(obj))
+
+    def send_step(self, step: Step) -> None:
+        """Sends what the change looks like through the selector: an object that stops matching is gone."""
+        if step.key.collection != self.where.collection or self.where.namespace not in (None, step.key.namespace):
+            return
+        before = step.old is not None and self.match(step.old)
+        after = step.new is not None and self.match(step.new)
+        if before or after:
+            self.send("DELETED" if not after else "MODIFIED" if before else "ADDED", step.last)
+
+    def send_bookmark(self, version: int, annotations: dict[str, str] | None = None) -> None:
+        meta: Json = {"resourceVersion": str(version)} | ({"annotations": annotations} if annotations else {})
+        self.send("BOOKMARK", {"kind": self.where.kind, "apiVersion": self.where.api_version, "metadata": meta})
 
 
 class FakeApiServer:
@@ -31,174 +55,114 @@ class FakeApiServer:
         self.requests: list[tuple[str, str]] = []
         self.failing: list[int] = []
         self._bookmark_s = bookmark_s
-        self._watches: dict[asyncio.Queue[Step | bytes | Refused | None], web.BaseRequest] = {}
-        self._pages: dict[str, tuple[int, list[Json]]] = {}
-        self._runner = web.ServerRunner(
-            web.Server(self._handle, handler_cancellation=True, access_log=None), shutdown_timeout=0.2
-        )
+        self._clients: set[TypedConnection] = set()
+        self._watches: dict[TypedConnection, Watch] = {}
         self.endpoint = Endpoint("")
         self.store.watchers.append(self._spread)
 
     async def __aenter__(self) -> Self:
-        await self._runner.setup()
-        site = web.TCPSite(self._runner, "127.0.0.1", 0)
-        await site.start()
-        self.endpoint = Endpoint(f"http://127.0.0.1:{self._runner.addresses[0][1]}")
+        loop = asyncio.get_running_loop()
+        self._server = await loop.create_server(self._connect, "127.0.0.1", 0)
+        self.endpoint = Endpoint(f"http://127.0.0.1:{self._server.sockets[0].getsockname()[1]}")
+        self._timer = loop.call_later(self._bookmark_s, self._send_bookmarks)
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._timer.cancel()
         self.end_watches()
-        await self._runner.cleanup()
-
-    def end_watches(self) -> None:
-        for queue in self._watches:
-            queue.put_nowait(None)
+        self._server.close()
+        while self._clients:
+            for client in self._clients:
+                client.abort()
+            await asyncio.sleep(0)
 
     @property
     def watching(self) -> int:
         """How many watches are open."""
         return len(self._watches)
 
+    def end_watches(self) -> None:
+        while self._watches:
+            self._watches.popitem()[0].end_stream()
+
     def garble_watches(self) -> None:
-        """Half an event into every open watch."""
-        for queue in self._watches:
-            queue.put_nowait(b'{"type":"MODIFIED","object":{"meta\n')
+        """Sends half an event into every open watch."""
+        for client in self._watches:
+            client.chunk(b'{"type":"MODIFIED","object":{"meta\n')
 
     def fail_watches(self, status: int) -> None:
-        """An ERROR event into every open watch, and its end."""
-        for queue in self._watches:
-            queue.put_nowait(Refused(status, "Expired" if status == 410 else "InternalError", "as the test wished"))
+        """Sends an ERROR event into every open watch, and ends it."""
+        refusal = Refused(status, "Expired" if status == 410 else "InternalError", "as the test wished")
+        for watch in self._watches.values():
+            watch.send("ERROR", refusal.status())
+        self.end_watches()
 
     def break_watches(self) -> None:
-        for request in list(self._watches.values()):
-            _cut(request)
+        for client in self._watches:
+            client.abort()
+
+    def answer(self, client: TypedConnection, method: str, url: str, body: bytes) -> None:
+        """Answers one request; a watch is answered from then on."""
+        self.requests.append((method, url))
+        status = self.failing.pop(0) if self.failing else None
+        if status == 0:
+            client.abort()
+            return
+        address = urlsplit(url)
+        query = dict(parse_qsl(address.query, keep_blank_values=True))
+        if status is not None:
+            client.reply(status, msgspec.json.encode(Refused(status, "Injected", "as the test wished").status()))
+            return
+        try:
+            where = verbs.target(unquote(address.path))
+            if method == "GET" and query.get("watch") in ("1", "true") and not where.name:
+                self._begin_watch(client, where, query)
+                return
+            found = verbs.act(self.store, where, Sent(method, body, client.content_type, query))
+            client.reply(201 if method == "POST" else 200, msgspec.json.encode(found))
+        except Refused as refusal:
+            client.reply(refusal.code, msgspec.json.encode(refusal.status()))
+        except msgspec.DecodeError as error:
+            client.reply(400, msgspec.json.encode(Refused(400, "BadRequest", str(error)).status()))
+
+    def _connect(self) -> TypedConnection:
+        client = TypedConnection(self.answer, self._forget)
+        self._clients.add(client)
+        return client
+
+    def _forget(self, client: TypedConnection) -> None:
+        self._clients.discard(client)
+        self._watches.pop(client, None)
 
     def _spread(self, step: Step) -> None:
-        for queue in self._watches:
-            queue.put_nowait(step)
+        for watch in self._watches.values():
+            watch.send_step(step)
 
-    async def _handle(self, request: web.BaseRequest) -> web.StreamResponse:
-        self.requests.append((request.method, request.raw_path))
-        try:
-            if self.failing:
-                _fail(request, self.failing.pop(0))
-            where = verbs.target(request.path)
-            if request.method == "GET" and not where.name:
-                if request.query.get("watch") in ("1", "true"):
-                    return await self._watch(request, where)
-                return web.json_response(self._list(request, where))
-            body = await request.read()
-            answer = verbs.act(self.store, where, Sent(request.method, body, request.content_type, request.query))
-            return web.json_response(answer, status=201 if request.method == "POST" else 200)
-        except Refused as refusal:
-            return web.json_response(refusal.status(), status=refusal.code)
-        except json.JSONDecodeError as error:
-            return web.json_response(Refused(400, "BadRequest", str(error)).status(), status=400)
+    def _send_bookmarks(self) -> None:
+        for watch in self._watches.values():
+            if watch.bookmarks:
+                watch.send_bookmark(self.store.version)
+        self._timer = asyncio.get_running_loop().call_later(self._bookmark_s, self._send_bookmarks)
 
-    def _list(self, request: web.BaseRequest, where: Target) -> Json:
-        query = request.query
-        if token := query.get("continue"):
-            if token not in self._pages or self._pages[token][0] < self.store.floor:
-                raise Refused(410, "Expired", "the provided continue parameter is too old")
-            version, items = self._pages.pop(token)
+    def _begin_watch(self, client: TypedConnection, where: Target, query: dict[str, str]) -> None:
+        """Sends the objects as they are, or the changes since a version, and whatever follows."""
+        watch = Watch(client, where, match_query(query), query.get("allowWatchBookmarks") == "true")
+        client.begin_stream()
+        with_objects = query.get("sendInitialEvents") == "true"
+        if with_objects or not query.get("resourceVersion"):
+            for obj in self.store.select(where.collection, where.namespace, watch.match):
+                watch.send("ADDED", obj)
+            if with_objects:
+                watch.send_bookmark(self.store.version, {"k8s.io/initial-events-end": "true"})
         else:
-            version = self.store.version
-            items = self.store.select(where.collection, where.namespace, _match(query))
-        meta: Json = {"resourceVersion": str(version)}
-        limit = int(query.get("limit") or 0)
-        if limit and len(items) > limit:
-            meta["continue"] = secrets.token_hex(8)
-            self._pages[meta["continue"]] = (version, items[limit:])
-            items = items[:limit]
-        return {"kind": f"{where.kind}List", "apiVersion": where.api_version, "metadata": meta, "items": items}
-
-    async def _watch(self, request: web.BaseRequest, where: Target) -> web.StreamResponse:
-        out = web.StreamResponse(headers={"Content-Type": "application/json"})
-        await out.prepare(request)
-        queue: asyncio.Queue[Step | bytes | Refused | None] = asyncio.Queue()
-        self._watches[queue] = request  # before reading the past, or changes in between would be lost
-        try:
-            await self._catch_up(request, where, out)
-            await self._follow(request, where, out, queue)
-        except Refused as refusal:
-            await _send(out, "ERROR", refusal.status())
-        except ConnectionError:
-            pass
-        finally:
-            del self._watches[queue]
-        return out
-
-    async def _catch_up(self, request: web.BaseRequest, where: Target, out: web.StreamResponse) -> None:
-        match = _match(request.query)
-        if request.query.get("sendInitialEvents") == "true" or not request.query.get("resourceVersion"):
-            version = self.store.version
-            for obj in self.store.select(where.collection, where.namespace, match):
-                await _send(out, "ADDED", obj)
-            if request.query.get("sendInitialEvents") == "true":
-                annotations = {"k8s.io/initial-events-end": "true"}
-                await _send(out, "BOOKMARK", _bookmark(where, version, annotations))
-            return
-        for step in self.store.since(int(request.query["resourceVersion"])):
-            await _send_step(out, step, where, match)
-
-    async def _follow(
-        self,
-        request: web.BaseRequest,
-        where: Target,
-        out: web.StreamResponse,
-        queue: asyncio.Queue[Step | bytes | Refused | None],
-    ) -> None:
-        match = _match(request.query)
-        while True:
             try:
-                step = await asyncio.wait_for(queue.get(), self._bookmark_s)
-            except TimeoutError:
-                # A step may have come while the wait ended. A bookmark before it would tell the client that it has it.
-                if request.query.get("allowWatchBookmarks") == "true" and queue.empty():
-                    await _send(out, "BOOKMARK", _bookmark(where, self.store.version, {}))
-                continue
-            if step is None:
+                missed = self.store.since(int(query["resourceVersion"]))
+            except Refused as refusal:
+                watch.send("ERROR", refusal.status())
+                client.end_stream()
                 return
-            if isinstance(step, Refused):
-                raise step
-            if isinstance(step, bytes):
-                await out.write(step)
-                continue
-            await _send_step(out, step, where, match)
-
-
-def _match(query: Any) -> Match:
-    labels, fields = query.get("labelSelector", ""), query.get("fieldSelector", "")
-    return lambda obj: matches_labels(labels, obj["metadata"].get("labels") or {}) and matches_fields(fields, obj)
-
-
-async def _send_step(out: web.StreamResponse, step: Step, where: Target, match: Match) -> None:
-    """What the change looks like through the selector: an object that stops matching is gone."""
-    if step.key.collection != where.collection or where.namespace not in (None, step.key.namespace):
-        return
-    before = step.old is not None and match(step.old)
-    after = step.new is not None and match(step.new)
-    if before or after:
-        await _send(out, "DELETED" if not after else "MODIFIED" if before else "ADDED", step.last)
-
-
-async def _send(out: web.StreamResponse, kind: str, obj: Json) -> None:
-    await out.write(json.dumps({"type": kind, "object": obj}, separators=(",", ":")).encode() + b"\n")
-
-
-def _bookmark(where: Target, version: int, annotations: dict[str, str]) -> Json:
-    meta: Json = {"resourceVersion": str(version)} | ({"annotations": annotations} if annotations else {})
-    return {"kind": where.kind, "apiVersion": where.api_version, "metadata": meta}
-
-
-def _fail(request: web.BaseRequest, status: int) -> None:
-    if not status:
-        _cut(request)
-    raise Refused(status or 500, "Injected", "as the test wished")
-
-
-def _cut(request: web.BaseRequest) -> None:
-    if request.transport is not None:
-        request.transport.abort()
+            for step in missed:
+                watch.send_step(step)
+        self._watches[client] = watch

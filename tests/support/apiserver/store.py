@@ -1,19 +1,21 @@
 """Objects with one global, growing resourceVersion and a history that can be compacted: etcd in miniature."""
 
-import copy
 import itertools
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar, cast
 
 from tests.support.apiserver import owners
 from tests.support.apiserver.owners import Owned, Owner
 
+from robotapp_client.api.resources import Resource
+
 NOBODY = Owner("", "Update")
 """Who writes as an administrator, and leaves no record."""
 Json = dict[str, Any]
+T = TypeVar("T")
 
 
 class Refused(Exception):  # noqa: N818 - an answer, not a bug
@@ -46,6 +48,10 @@ class Key(NamedTuple):
     name: str
 
 
+def key_of(resource: Resource, name: str, namespace: str | None = None) -> Key:
+    return Key(f"{resource.group}/{resource.plural}", (namespace or "") if resource.namespaced else "", name)
+
+
 class Step(NamedTuple):
     """One change: `old` None for a creation, `new` None for a deletion (then `last` is the final state)."""
 
@@ -66,6 +72,8 @@ class Store:
     owned: dict[Key, Owned] = field(default_factory=dict)
     history: list[Step] = field(default_factory=list)
     watchers: list[Callable[[Step], None]] = field(default_factory=list)
+    pages: dict[str, tuple[int, list[Json]]] = field(default_factory=dict)
+    """Rest of each list that was read in part: continue token -> version of the list, its other items."""
     _uids: Iterator[int] = field(default_factory=itertools.count)
 
     def compact(self) -> None:
@@ -80,10 +88,36 @@ class Store:
 
     def get(self, key: Key) -> Json:
         try:
-            return copy.deepcopy(self.objects[key])
+            return clone(self.objects[key])
         except KeyError:
             plural = key.collection.rpartition("/")[2]
             raise Refused(404, "NotFound", f'{plural} "{key.name}" not found') from None
+
+    # Objects by their resource, for tests: as an administrator with all rights, and without copies
+
+    def find(self, resource: Resource, name: str, namespace: str | None = None) -> Json | None:
+        return self.objects.get(key_of(resource, name, namespace))
+
+    def all(self, resource: Resource) -> list[Json]:
+        """Returns the stored objects of a kind in the order of their names."""
+        collection = f"{resource.group}/{resource.plural}"
+        chosen = [(key, obj) for key, obj in self.objects.items() if key.collection == collection]
+        return [obj for _, obj in sorted(chosen, key=lambda pair: pair[0])]
+
+    def put(self, resource: Resource, obj: Json, *, uid: str = "") -> Json:
+        """Creates or overwrites an object, status included, and returns a copy of it."""
+        obj = clone(obj)
+        meta = obj.setdefault("metadata", {})
+        key = key_of(resource, meta["name"], meta.get("namespace"))
+        old = self.objects.get(key)
+        meta["uid"] = uid or (old["metadata"]["uid"] if old else self.new_uid(key.name))
+        return self._commit(key, old, obj)
+
+    def remove(self, resource: Resource, name: str, namespace: str | None = None) -> None:
+        key = key_of(resource, name, namespace)
+        self._remove(key, clone(self.objects[key]))
+
+    # What requests do
 
     def select(
         self, collection: str, namespace: str | None, match: Callable[[Json], bool] = lambda _: True
@@ -93,16 +127,16 @@ class Store:
             for key, obj in self.objects.items()
             if key.collection == collection and namespace in (None, key.namespace) and match(obj)
         ]
-        return [copy.deepcopy(obj) for _, obj in sorted(chosen, key=lambda pair: pair[0])]
+        return [clone(obj) for _, obj in sorted(chosen, key=lambda pair: pair[0])]
 
     def create(self, key: Key, obj: Json, *, writer: Owner = NOBODY) -> Json:
         if key in self.objects:
             plural = key.collection.rpartition("/")[2]
             raise Refused(409, "AlreadyExists", f'{plural} "{key.name}" already exists')
-        obj = copy.deepcopy(obj)
+        obj = clone(obj)
         meta = obj.setdefault("metadata", {})
         meta.pop("resourceVersion", None)
-        meta |= {"name": key.name, "uid": str(uuid.UUID(int=next(self._uids) + 2**80)), "generation": 1}
+        meta |= {"name": key.name, "uid": self.new_uid(key.name), "generation": 1}
         meta["creationTimestamp"] = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         if key.namespace:
             meta["namespace"] = key.namespace
@@ -118,14 +152,14 @@ class Store:
         """
         old = self.get(key)
         check(old, obj.get("metadata") or {})
-        new = copy.deepcopy(obj)
+        new = clone(obj)
         if subresource == "status":
-            meta = copy.deepcopy(old["metadata"])
+            meta = clone(old["metadata"])
             if key.collection == "/pods":  # as the real one: these two go along with a pod's status
                 meta |= {
                     name: new["metadata"].get(name) for name in ("annotations", "labels") if name in new["metadata"]
                 }
-            new = {**copy.deepcopy(old), "metadata": meta, "status": new.get("status")}
+            new = {**clone(old), "metadata": meta, "status": new.get("status")}
         elif "status" in old:
             new["status"] = old["status"]
         meta = new.setdefault("metadata", {})
@@ -151,7 +185,7 @@ class Store:
         check(obj, preconditions)
         if graceful or obj["metadata"].get("finalizers"):
             if "deletionTimestamp" not in obj["metadata"]:
-                old = copy.deepcopy(obj)
+                old = clone(obj)
                 obj["metadata"]["deletionTimestamp"] = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
                 return self._commit(key, old, obj)
             return obj
@@ -159,7 +193,10 @@ class Store:
 
     def overwrite(self, key: Key, new: Json) -> Json:
         """All of the object in one step, status included: what only the server itself does."""
-        return self._commit(key, self.get(key), copy.deepcopy(new))
+        return self._commit(key, self.get(key), clone(new))
+
+    def new_uid(self, name: str) -> str:  # noqa: ARG002 - some stores name it after the object
+        return str(uuid.UUID(int=next(self._uids) + 2**80))
 
     def _record(self, key: Key, obj: Json, owned: Owned) -> None:
         self.owned[key] = owned
@@ -170,21 +207,32 @@ class Store:
         self.version += 1
         new["metadata"]["resourceVersion"] = str(self.version)
         self.objects[key] = new
-        self._tell(Step(self.version, key, old, copy.deepcopy(new), copy.deepcopy(new)))
-        return copy.deepcopy(new)
+        shown = clone(new)
+        self._tell(Step(self.version, key, old, shown, shown))
+        return clone(new)
 
     def _remove(self, key: Key, last: Json) -> Json:
         self.version += 1
         old = self.objects.pop(key)
         self.owned.pop(key, None)
         last["metadata"]["resourceVersion"] = str(self.version)
-        self._tell(Step(self.version, key, copy.deepcopy(old), None, last))
+        self._tell(Step(self.version, key, clone(old), None, last))
         return last
 
     def _tell(self, step: Step) -> None:
         self.history.append(step)
         for watcher in list(self.watchers):
             watcher(step)
+
+
+def clone(value: T) -> T:
+    """Returns a deep copy of JSON, much faster than copy.deepcopy."""
+    copied: Any = value
+    if isinstance(value, dict):
+        copied = {key: clone(item) for key, item in value.items()}
+    elif isinstance(value, list):
+        copied = [clone(item) for item in value]
+    return cast(T, copied)
 
 
 def check(obj: Json, wanted: Json) -> None:
@@ -198,7 +246,7 @@ def check(obj: Json, wanted: Json) -> None:
 def merge(target: Any, patch: Any) -> Any:
     """RFC 7386."""
     if not isinstance(patch, dict):
-        return copy.deepcopy(patch)
+        return clone(patch)
     merged = dict(target) if isinstance(target, dict) else {}
     for key, value in patch.items():
         if value is None:

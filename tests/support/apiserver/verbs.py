@@ -1,23 +1,28 @@
 """What each request does to the store."""
 
-import json
 import secrets
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 
+import msgspec
 from tests.support.apiserver import owners
 from tests.support.apiserver.owners import Owner
 from tests.support.apiserver.patches import patched
+from tests.support.apiserver.selectors import match_query
 from tests.support.apiserver.store import Json, Key, Refused, Store, check
 
 from robotapp_api.model.names import GROUP
 from robotapp_client.api import resources
 from robotapp_client.api.bodies import APPLY, STRATEGIC
-from robotapp_client.api.resources import Resource
+from robotapp_client.api.resources import ROBOTCLAIMS, Resource
 
 KINDS = {f"{known.group}/{known.plural}": known for known in vars(resources).values() if isinstance(known, Resource)}
 CONDITIONAL = frozenset({"coordination.k8s.io", GROUP})
 """Groups whose objects cannot be replaced without saying which version."""
+
+DEFAULTS: Mapping[str, Json] = {ROBOTCLAIMS.plural: {"status": {"phase": "Reserved"}}}
+"""What the schemas add to new objects, as far as somebody relies on it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +53,7 @@ class Target:
         return Key(self.collection, self.namespace or "", name or self.name)
 
 
+@lru_cache(maxsize=1024)
 def target(path: str) -> Target:
     parts = [part for part in path.split("/") if part]
     if parts[:1] == ["api"] and len(parts) >= 3:
@@ -66,12 +72,12 @@ def target(path: str) -> Target:
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """A request that is no list and no watch."""
+    """A request that is no watch."""
 
     method: str
-    body: bytes
-    content_type: str
-    query: Mapping[str, str]
+    body: bytes = b""
+    content_type: str = ""
+    query: Mapping[str, str] = field(default_factory=dict)
 
     def writer(self, where: Target) -> Owner:
         operation = "Apply" if self.content_type == APPLY else "Update"
@@ -79,26 +85,44 @@ class Sent:
 
 
 def act(store: Store, where: Target, sent: Sent) -> Json:
-    """Everything but lists and watches."""
+    """Does what was requested and returns the answer. Watches are the server's."""
     writer = sent.writer(where)
     match sent.method:
         case "GET":
-            return store.get(where.key())
+            return store.get(where.key()) if where.name else list_objects(store, where, sent.query)
         case "POST":
-            return post(store, where, json.loads(sent.body), writer)
+            return post(store, where, msgspec.json.decode(sent.body), writer)
         case "PUT":
-            obj = json.loads(sent.body)
+            obj = msgspec.json.decode(sent.body)
             if where.group in CONDITIONAL and not (obj.get("metadata") or {}).get("resourceVersion"):
                 store.get(where.key())
                 raise Refused(422, "Invalid", "metadata.resourceVersion: must be specified for an update")
             return store.update(where.key(), obj, subresource=where.subresource, writer=writer)
         case "PATCH" if sent.content_type == APPLY:
-            return apply(store, where, json.loads(sent.body), writer, force=sent.query.get("force") == "true")
+            return apply(store, where, msgspec.json.decode(sent.body), writer, force=sent.query.get("force") == "true")
         case "PATCH":
             return patch(store, where, sent, writer)
         case "DELETE":
             return delete(store, where, sent.body)
     raise Refused(405, "MethodNotAllowed", sent.method)
+
+
+def list_objects(store: Store, where: Target, query: Mapping[str, str]) -> Json:
+    """Returns a list, or one page of it as it was when its first page was read."""
+    if token := query.get("continue"):
+        if token not in store.pages or store.pages[token][0] < store.floor:
+            raise Refused(410, "Expired", "the provided continue parameter is too old")
+        version, items = store.pages.pop(token)
+    else:
+        version = store.version
+        items = store.select(where.collection, where.namespace, match_query(query))
+    meta: Json = {"resourceVersion": str(version)}
+    limit = int(query.get("limit") or 0)
+    if limit and len(items) > limit:
+        meta["continue"] = secrets.token_hex(8)
+        store.pages[meta["continue"]] = (version, items[limit:])
+        items = items[:limit]
+    return {"kind": f"{where.kind}List", "apiVersion": where.api_version, "metadata": meta, "items": items}
 
 
 def post(store: Store, where: Target, obj: Json, writer: Owner) -> Json:
@@ -119,7 +143,7 @@ def post(store: Store, where: Target, obj: Json, writer: Owner) -> Json:
     if meta.get("namespace") and where.namespace and meta["namespace"] != where.namespace:
         raise Refused(400, "BadRequest", "the namespace of the object does not match the namespace of the request")
     if where.group == GROUP:
-        obj = {key: value for key, value in obj.items() if key != "status"}
+        obj = {key: value for key, value in obj.items() if key != "status"} | DEFAULTS.get(where.plural, {})
     if where.collection == "/pods":
         obj = obj | {"status": {"phase": "Pending"}}
     return store.create(where.key(name), obj, writer=writer)
@@ -129,7 +153,7 @@ def patch(store: Store, where: Target, sent: Sent, writer: Owner) -> Json:
     if sent.content_type == STRATEGIC and where.group == GROUP:
         raise Refused(415, "UnsupportedMediaType", "the body of the request was in an unknown format")
     old = store.get(where.key())
-    new = patched(old, json.loads(sent.body), sent.content_type)
+    new = patched(old, msgspec.json.decode(sent.body), sent.content_type)
     meta = new["metadata"] = _minded(old, new.get("metadata") or {}, where)
     meta["resourceVersion"] = old["metadata"]["resourceVersion"]
     return store.update(where.key(), new, subresource=where.subresource, writer=writer)
@@ -172,9 +196,9 @@ def bind(store: Store, key: Key, binding: Json) -> Json:
     check(pod, meta)
     if pod.get("spec", {}).get("nodeName"):
         raise Refused(409, "Conflict", f"pod {key.name} is already assigned to node {pod['spec']['nodeName']!r}")
-    for field in ("annotations", "labels"):
-        if meta.get(field):
-            pod["metadata"][field] = {**(pod["metadata"].get(field) or {}), **meta[field]}
+    for name in ("annotations", "labels"):
+        if meta.get(name):
+            pod["metadata"][name] = {**(pod["metadata"].get(name) or {}), **meta[name]}
     pod.setdefault("spec", {})["nodeName"] = binding["target"]["name"]
     status = pod.get("status") or {}
     others = [each for each in status.get("conditions") or [] if each["type"] != "PodScheduled"]
@@ -184,8 +208,9 @@ def bind(store: Store, key: Key, binding: Json) -> Json:
 
 
 def delete(store: Store, where: Target, options: bytes) -> Json:
-    preconditions = (json.loads(options).get("preconditions") or {}) if options else {}
-    if where.collection == "/pods":
+    wanted = msgspec.json.decode(options) if options else {}
+    preconditions = wanted.get("preconditions") or {}
+    if where.collection == "/pods" and wanted.get("gracePeriodSeconds") != 0:
         return _delete_pod(store, where, preconditions)
     return store.delete(where.key(), preconditions)
 

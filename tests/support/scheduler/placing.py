@@ -7,8 +7,7 @@ from typing import Any, Final
 
 from prometheus_client import CollectorRegistry
 from tests.support.scheduler.queue_checks import check_queue
-from tests.support.scheduler.scripted_volumes import ScriptedVolumes
-from tests.support.scripted_client import ScriptedClient
+from tests.support.scripted import ScriptedClient
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_client.transport.errors import Unreachable
@@ -125,6 +124,27 @@ def given(answer: Reserved | Exception) -> Reserved:
     return answer
 
 
+class ScriptedVolumes:
+    """Volumes that are bound at once, or not before `ready`, or never, for a reason."""
+
+    def __init__(self) -> None:
+        self.trouble = ""
+        self.ready = asyncio.Event()
+        self.ready.set()
+        self.asked: list[str] = []
+        self.entered: list[str] = []
+        """Pods that were to become users of their resource claims."""
+
+    async def enter(self, pod: PodInfo) -> str:
+        self.entered.append(pod.name)
+        return self.trouble
+
+    async def bind(self, pod: PodInfo, _plan: VolumePlan) -> str:
+        self.asked.append(pod.name)
+        await self.ready.wait()
+        return self.trouble
+
+
 def handle_of(io: Scripted, *, volumes: ScriptedVolumes | None = None, metrics: Metrics | None = None) -> Handle:
     volumes = volumes or ScriptedVolumes()
     checks = DomainChecks(io.check_domains, metrics or Metrics(CollectorRegistry()), clock=lambda: 0.0)
@@ -196,7 +216,7 @@ class Rig:
             self.said,  # type: ignore[arg-type]
             self.metrics,
             planner=Planner(),
-            groups=GroupReporter(ScriptedClient(), self.core.cluster.pod_groups, permitted=lambda: self.leads),  # type: ignore[arg-type]
+            groups=GroupReporter(ScriptedClient(), self.core.cluster.pod_groups, permitted=lambda: self.leads),
             clock=self.clock,
             permitted=lambda: self.leads,
         )

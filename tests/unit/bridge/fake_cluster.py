@@ -1,51 +1,95 @@
-"""A cluster for the bridge's unit tests: what kubectl would read and write, kept in memory."""
+"""A kubectl for the bridge's unit tests that works on the store of the fake API server."""
 
 import copy
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, MutableMapping
 from typing import Any
 
+from tests.support.apiserver import Refused, Store
+from tests.support.apiserver.store import Key, key_of
+from tests.support.apiserver.verbs import KINDS, Sent, Target, act, target
+
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
+from robotapp_client.api.bodies import APPLY, JSON, JSON_PATCH
+from robotapp_client.api.resources import Resource
 
 Json = dict[str, Any]
+NAMESPACE = "fleet"
+REVISIONS = Resource("apps", "v1", "controllerrevisions", "ControllerRevision", namespaced=True)
+_METHODS = {"create": ("POST", JSON), "replace": ("PUT", JSON), "apply": ("PATCH", APPLY)}
+
+
+def resource_of(kind: str) -> Resource:
+    """Returns the resource of RobotApp, robotapps.robotics.io, deployment or of a plural that our clients never read."""
+    plural, _, group = kind.partition(".")
+    known = (one for one in (*KINDS.values(), REVISIONS) if plural.lower() in (one.plural, one.kind.lower()))
+    return next(known, Resource(group, "v1", plural, plural, namespaced=True))
+
+
+class NamedStore(Store):
+    """A store whose uids follow from names, so that tests can write them down."""
+
+    def new_uid(self, name: str) -> str:
+        return f"uid-{name}"
+
+
+class Objects(MutableMapping[tuple[str, str], Json]):
+    """The stored objects by plural and name, without copies. One that is set gets what every stored object has."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def __getitem__(self, key: tuple[str, str]) -> Json:
+        return self._store.objects[self._key(key)]
+
+    def __setitem__(self, key: tuple[str, str], obj: Json) -> None:
+        defaults = {"namespace": NAMESPACE, "uid": self._store.new_uid(key[1]), "resourceVersion": "1", "generation": 1}
+        self._store.objects[self._key(key)] = obj | {"metadata": defaults | obj["metadata"]}
+
+    def __delitem__(self, key: tuple[str, str]) -> None:
+        del self._store.objects[self._key(key)]
+
+    def __iter__(self) -> Iterator[tuple[str, str]]:
+        return iter([(key.collection.rpartition("/")[2], key.name) for key in self._store.objects])
+
+    def __len__(self) -> int:
+        return len(self._store.objects)
+
+    @staticmethod
+    def _key(key: tuple[str, str]) -> Key:
+        return key_of(resource_of(key[0]), key[1], NAMESPACE)
 
 
 class FakeCluster(Kubectl):
-    """Stores objects by (kind, name). An apply merges like the server's: fields of the last apply go, others' stay.
+    """Does what kubectl's commands do to `objects`, in one namespace.
 
     `contents` are the answers to ("logs", pod) and ("exec", pod).
-    `refused` maps a verb and kind to the reason with which it is refused; `calls` are the commands in order.
+    `refused` maps a verb and a plural to the reason with which it is refused; `calls` are the commands in order.
     """
 
     def __init__(self) -> None:
         super().__init__("no-such-kubectl")
-        self.objects: dict[tuple[str, str], Json] = {}
+        self.store = NamedStore()
+        self.objects = Objects(self.store)
         self.refused: dict[tuple[str, str], Refusal] = {}
         self.contents: dict[tuple[str, ...], bytes] = {}
         self.calls: list[tuple[str, ...]] = []
         self.before: Callable[[tuple[str, ...]], None] = lambda _: None
-        self._applied: dict[str, Json] = {}
-        self._writes = 0
 
     def run(self, *arguments: str, stdin: str = "", timeout_s: float = 0) -> str:  # noqa: ARG002
         self.calls.append(arguments)
         self.before(arguments)
         verb, body = arguments[0], json.loads(stdin) if stdin else {}
-        kind = _kind(str(body["kind"]) if body else arguments[1])
-        if reason := self.refused.get((verb, kind)):
-            raise ClusterError(f"{verb} {kind} is refused", reason=reason)
-        if verb == "get":
-            found = self._get(kind, arguments[2:])
-            return json.dumps(found) if found else ""
-        if verb == "annotate":
-            return ""
-        if verb == "patch":
-            return self._patched(kind, arguments)
-        if verb == "delete":
-            for name in (name for name in arguments[2:] if not name.startswith("-")):
-                self.objects.pop((kind, name), None)
-            return ""
-        return json.dumps(self._write(verb, kind, body, dry_run="--dry-run=server" in arguments))
+        resource = resource_of(body["kind"] if body else arguments[1])
+        if reason := self.refused.get((verb, resource.plural)):
+            raise ClusterError(f"{verb} {resource.plural} is refused", reason=reason)
+        try:
+            if body:
+                return json.dumps(self._write(verb, resource, body, arguments))
+            return self._run_by_name(verb, resource, arguments[2:])
+        except Refused as refusal:
+            reason = next((known for known in Refusal if known == refusal.reason), Refusal.OTHER)
+            raise ClusterError(refusal.message, reason=reason) from refusal
 
     def binary(self, *arguments: str, limit: int, timeout_s: float = 0) -> bytes:  # noqa: ARG002
         self.calls.append(arguments)
@@ -55,72 +99,48 @@ class FakeCluster(Kubectl):
         return self.contents[arguments[:2]]
 
     def revisions(self) -> list[Json]:
-        return [each for (kind, _), each in self.objects.items() if kind == "controllerrevisions"]
+        return self.store.all(REVISIONS)
 
-    def _get(self, kind: str, rest: tuple[str, ...]) -> Json:
-        if rest[0] != "-l":
-            found = self.objects.get((kind, rest[0]))
-            if "--ignore-not-found" in rest and found is None:
-                return {}
-            if rest[0].startswith("-"):
-                return {"items": [each for (other, _), each in self.objects.items() if other == kind]}
-            if found is None:
-                raise ClusterError(f"{kind} {rest[0]} not found", reason=Refusal.NOT_FOUND)
-            return found
-        key, _, value = rest[1].partition("=")
-        listed = [each for (other, _), each in self.objects.items() if other == kind]
-        return {"items": [each for each in listed if each["metadata"].get("labels", {}).get(key) == value]}
-
-    def _patched(self, kind: str, arguments: tuple[str, ...]) -> str:
-        """JSON patches of annotations: test, add, remove. As kubectl does it, the others are patched when one fails."""
-        names = [each for each in arguments[2 : arguments.index("-p")] if not each.startswith("-")]
-        refused = []
-        for name in names:
-            stored = self.objects.get((kind, name), {})
-            annotations = stored.get("metadata", {}).setdefault("annotations", {}) if stored else {}
-            for each in json.loads(arguments[arguments.index("-p") + 1]):
-                key = each["path"].removeprefix("/metadata/annotations/").replace("~1", "/")
-                if each["op"] != "add" and (
-                    key not in annotations or annotations[key] != each.get("value", annotations[key])
-                ):
-                    refused.append(name)
-                    break
-                if each["op"] == "add":
-                    annotations[key] = each["value"]
-                elif each["op"] == "remove":
-                    del annotations[key]
-        if refused:
-            raise ClusterError(f"{refused} is refused", reason=Refusal.INVALID)
+    def _run_by_name(self, verb: str, resource: Resource, rest: tuple[str, ...]) -> str:
+        match verb:
+            case "get" if rest[0].startswith("-"):
+                return json.dumps(self._list(resource, rest))
+            case "get":
+                if "--ignore-not-found" in rest and (resource.plural, rest[0]) not in self.objects:
+                    return ""
+                return json.dumps(act(self.store, _address(resource, rest[0]), Sent("GET")))
+            case "patch":
+                at = rest.index("-p")
+                self._patch_each(resource, [word for word in rest[:at] if not word.startswith("-")], rest[at + 1])
+            case "delete":
+                for name in (word for word in rest if not word.startswith("-")):
+                    self.objects.pop((resource.plural, name), None)
         return ""
 
-    def _write(self, verb: str, kind: str, body: Json, *, dry_run: bool) -> Json:
-        name = body["metadata"]["name"]
-        present = self.objects.get((kind, name))
-        if verb == "create" and present:
-            raise ClusterError(f"{name} exists", reason=Refusal.EXISTS)
-        stored = copy.deepcopy(body)
-        if verb == "apply":
-            others = {k: v for k, v in (present or {}).get("spec", {}).items() if k not in self._applied.get(name, {})}
-            stored["spec"] = {**others, **body["spec"]}
-        stored["metadata"] = {**(present or {}).get("metadata", {}), **stored["metadata"]}
-        stored["metadata"].setdefault("namespace", "fleet")
-        stored["metadata"].setdefault("uid", f"uid-{name}")
-        if (
-            verb == "replace"
-            and present
-            and present["metadata"].get("resourceVersion") != body["metadata"].get("resourceVersion")
-        ):
-            raise ClusterError(f"{name} was modified", reason=Refusal.CONFLICT)
-        changed = present is None or present["spec" if "spec" in stored else "data"] != stored.get(
-            "spec", stored.get("data")
-        )
-        stored["metadata"]["generation"] = stored["metadata"].get("generation", 0) + changed
-        if not dry_run:
-            self._writes += changed
-            self.objects[kind, name] = stored
-            if verb == "apply":
-                self._applied[name] = copy.deepcopy(body["spec"])
-        return stored
+    def _list(self, resource: Resource, rest: tuple[str, ...]) -> Json:
+        fields = next((word.partition("=")[2] for word in rest if word.startswith("--field-selector=")), "")
+        labels = rest[rest.index("-l") + 1] if "-l" in rest else ""
+        query = {"labelSelector": labels, "fieldSelector": fields}
+        return act(self.store, _address(resource), Sent("GET", query=query))
+
+    def _patch_each(self, resource: Resource, names: list[str], patch: str) -> None:
+        """As kubectl does it, the others are patched when one is refused."""
+        refused = []
+        for name in names:
+            try:
+                act(self.store, _address(resource, name), Sent("PATCH", patch.encode(), JSON_PATCH))
+            except Refused:
+                refused.append(name)
+        if refused:
+            raise Refused(422, "Invalid", f"{refused} is refused")
+
+    def _write(self, verb: str, resource: Resource, body: Json, arguments: tuple[str, ...]) -> Json:
+        method, content_type = _METHODS[verb]
+        name = "" if verb == "create" else body["metadata"]["name"]
+        manager = next((word.partition("=")[2] for word in arguments if word.startswith("--field-manager=")), "kubectl")
+        sent = Sent(method, json.dumps(body).encode(), content_type, {"fieldManager": manager, "force": "true"})
+        store = copy.deepcopy(self.store) if "--dry-run=server" in arguments else self.store
+        return act(store, _address(resource, name), sent)
 
 
 def app(name: str = "teleop", **spec: Any) -> Json:
@@ -133,15 +153,5 @@ def app(name: str = "teleop", **spec: Any) -> Json:
     }
 
 
-def _kind(text: str) -> str:
-    """`robotapps` of RobotApp and robotapps.robotics.io."""
-    known = {
-        "RobotApp": "robotapps",
-        "ControllerRevision": "controllerrevisions",
-        "Deployment": "deployments",
-        "PersistentVolumeClaim": "persistentvolumeclaims",
-        "Pod": "pods",
-        "pod": "pods",
-        "deployment": "deployments",
-    }
-    return known.get(text, text.partition(".")[0])
+def _address(resource: Resource, name: str = "") -> Target:
+    return target(resource.path(NAMESPACE if resource.namespaced else None, name or None))

@@ -56,11 +56,9 @@ def rolled_back_while(change: Callable[[dict[str, Any]], None]) -> None:
     stored["spec"]["suspend"] = True
 
     def before(call: tuple[str, ...]) -> None:
-        if (
-            call[0] == "replace"
-            and "resourceVersion" not in (now := cluster.objects["robotapps", "teleop"])["metadata"]
-        ):
-            now["metadata"]["resourceVersion"] = "2"
+        now = cluster.objects["robotapps", "teleop"]
+        if call[0] == "replace" and now["metadata"]["resourceVersion"] != "0":
+            now["metadata"]["resourceVersion"] = "0"
             change(now)
 
     cluster.before = before

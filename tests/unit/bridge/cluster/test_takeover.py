@@ -85,7 +85,7 @@ def test_what_is_created_again_has_nothing_of_the_servers_own() -> None:
 def test_what_the_user_may_not_see_or_write_is_told() -> None:
     made, told = cluster(ready=True), list[str]()
     made.refused["get", "nodes"] = Refusal.FORBIDDEN
-    made.refused["annotate", "node"] = Refusal.FORBIDDEN
+    made.refused["annotate", "nodes"] = Refusal.FORBIDDEN
     read(made, everywhere=False, tell=told.append)
     annotate(made, "n1", ["scheduler.robotics.io/dds-claims-"], version="7", tell=told.append)
     assert told[0].startswith("nodes are not looked at")
@@ -94,7 +94,7 @@ def test_what_the_user_may_not_see_or_write_is_told() -> None:
 
 def test_a_command_for_an_admin_runs_nothing_that_a_record_holds() -> None:
     made, told = cluster(ready=True), list[str]()
-    made.refused["annotate", "node"] = Refusal.FORBIDDEN
+    made.refused["annotate", "nodes"] = Refusal.FORBIDDEN
     argument = annotation("device-claims", {"can'; touch owned; '": "u"})
     annotate(made, "n1", [argument], version="7", tell=told.append)
     words = shlex.split(told[0].partition(": ")[2])

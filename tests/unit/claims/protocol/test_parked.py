@@ -73,11 +73,11 @@ async def test_a_bind_writes_the_claim_also_when_it_names_the_node_already(world
 async def test_pods_of_one_decision_write_their_claim_once(world: Robot) -> None:
     await world.start()
     pods = [world.pod("a"), world.pod("b")]
-    writes = len(world.store.writes)
+    writes = world.store.version
     assert all(
         verdict.allowed for verdict in await check_bind_all(world.store.client(), pods, nodes=["amr-2", "edge-1"])
     )
-    assert len(world.store.writes) == writes + 1
+    assert world.store.version == writes + 1
     assert world.stored().status.nodes == ("amr-1", "amr-2", "edge-1")
 
 
@@ -167,9 +167,9 @@ async def test_the_same_instance_adopts_its_own_parked_claim_and_no_pod_is_bound
 async def test_a_bare_pod_out_of_sight_keeps_its_domain_too(world: Robot) -> None:
     world.node(ready=False)
     holder = pod_holder(world.store.put(PODS, pod_json(name="pod"))["metadata"]["uid"])
-    writes = len(world.store.writes)
+    writes = world.store.version
     found = await ensure_pod_domain(world.store.client(), DomainRequest(holder), node="amr-1")
-    assert len(world.store.writes) == writes + 1, "the claim names the node from the beginning"
+    assert world.store.version == writes + 1, "the claim names the node from the beginning"
     world.store.remove(PODS, "pod", "team")
     await world.sweep()
     assert world.phase(found.claim) == "Parked"

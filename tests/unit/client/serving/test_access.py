@@ -2,7 +2,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from tests.support.scripted_client import ScriptedClient
+from tests.support.scripted import ScriptedClient
 
 from robotapp_client.serving.access import REMEMBER_S, Access, Caller, Gatekeeper, User, certified
 from robotapp_client.serving.pages import caller
@@ -18,7 +18,7 @@ def allowed(answer: bool) -> dict[str, Any]:
 
 def gatekeeper(*answers: Any) -> tuple[Gatekeeper, ScriptedClient]:
     client = ScriptedClient().script("create", *answers)
-    return Gatekeeper(client, clock=client.clock), client  # type: ignore[arg-type]
+    return Gatekeeper(client, clock=client.clock), client
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,8 @@ async def test_the_api_server_decides(answers: list[Any], access: Access) -> Non
 async def test_the_review_asks_for_this_user_this_namespace_and_nothing_more() -> None:
     keeper, client = gatekeeper(KNOWN, allowed(True), allowed(True))
     await keeper.access(Caller(token="t"), "team-a")
-    assert client.calls[0][2] == {"spec": {"token": "t"}}
+    review = {"apiVersion": "authentication.k8s.io/v1", "kind": "TokenReview"}
+    assert client.calls[0][2] == review | {"spec": {"token": "t"}}
     pods = client.calls[1][2]["spec"]
     assert (pods["user"], pods["groups"], pods["extra"]) == ("eve", ["devs"], {"k": ["v"]})
     assert pods["resourceAttributes"] == {"verb": "get", "resource": "pods", "namespace": "team-a"}

@@ -3,7 +3,7 @@
 import contextlib
 
 import pytest
-from tests.support.scripted_client import ScriptedClient
+from tests.support.scripted import ScriptedClient
 
 from robotapp_client.serving.access import (
     ADDRESS_AT_ONCE,
@@ -24,7 +24,7 @@ YES = {"status": {"allowed": True}}
 
 def keeper(*answers: object) -> tuple[Gatekeeper, ScriptedClient]:
     client = ScriptedClient().script("create", *answers)
-    return Gatekeeper(client, clock=client.clock), client  # type: ignore[arg-type]
+    return Gatekeeper(client, clock=client.clock), client
 
 
 async def test_500_bad_tokens_of_one_address_are_few_reviews() -> None:
@@ -64,7 +64,7 @@ async def test_a_confirmed_caller_is_served_whatever_strangers_do() -> None:
     client.now_s += REMEMBER_S
     while gate._all.wait_s("") == 0:  # strangers take all there is
         pass
-    gate._client = ScriptedClient().script("create", AMY, YES)  # type: ignore[assignment]
+    gate._client = ScriptedClient().script("create", AMY, YES)
     assert await gate.path(amy, "get", "/metrics") is Access.ALL
     assert gate.user_of(amy) == "amy"
 

@@ -9,7 +9,7 @@ from typing import Any
 import aiohttp
 import pytest
 from aiohttp import web
-from tests.support.scripted_client import ScriptedClient
+from tests.support.scripted import ScriptedClient
 
 from robotapp_client.serving.pages import caller
 from robotapp_client.serving.tls import TlsPort, client_authorities
@@ -143,5 +143,5 @@ async def test_authorities_that_cannot_be_used_leave_client_certificates_unasked
 )
 async def test_the_authorities_are_those_the_api_server_publishes(answer: Any, text: str) -> None:
     client = ScriptedClient().script("get", answer)
-    assert await client_authorities(client) == text  # type: ignore[arg-type]  # plays the client's part
+    assert await client_authorities(client) == text
     assert client.calls[0][1].endswith("/kube-system/configmaps/extension-apiserver-authentication")

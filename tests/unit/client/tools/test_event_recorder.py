@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.apiserver import Key, Store
+from tests.support.apiserver.memory import ManualTime, MemoryTransport, Mishap, memory_client, settle
 from tests.support.clients import client_for
 from tests.support.scripted import ScriptedServer, reply
-from tests.unit.client.memory import ManualTime, MemoryTransport, Mishap, memory_client, settle
 
 from robotapp_client.tools.event_recorder import IN_FLIGHT, NOTE_BYTES, EventRecorder, _fit, reference
 

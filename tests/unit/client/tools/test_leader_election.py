@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.apiserver import Key, Store
+from tests.support.apiserver.memory import ManualTime, MemoryTransport, Mishap, memory_client, settle
 from tests.support.seeds import count_examples
-from tests.unit.client.memory import ManualTime, MemoryTransport, Mishap, memory_client, settle
 
 from robotapp_client.tools.leader_election import LeaderElection, boot_time, candidate_identity
 

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 from tests.support.clients import until
+from tests.support.scripted import Play, ScriptedServer
 
 from robotapp_client.transport.connect import NotSentError
 from robotapp_client.transport.http11 import Answer, BrokenError
@@ -19,37 +20,31 @@ REQUEST = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 OK = b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\nRetry-After: 7\r\n\r\nok"
 
 
-class Script:
-    """Each request gets the next answer; None closes the connection instead, "" is never answered."""
+def in_pieces(answer: bytes | None) -> Play:
+    """An answer in which a bar stands for a pause between two packets; None closes the connection instead."""
+
+    async def play(writer: asyncio.StreamWriter) -> None:
+        for piece in (answer or b"").split(b"|"):
+            writer.write(piece)
+            await writer.drain()
+            await asyncio.sleep(0)
+        if answer is None:
+            writer.close()
+
+    return play
+
+
+class Script(ScriptedServer):
+    """Each request gets the next answer, OK when there is none left; "" is never answered."""
 
     def __init__(self, *answers: bytes | None) -> None:
-        self.answers = list(answers)
-        self.requests: list[bytes] = []
-        self.connections = 0
-
-    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.connections += 1
-        try:
-            while True:
-                self.requests.append(await reader.readuntil(b"\r\n\r\n"))
-                answer = self.answers.pop(0) if self.answers else OK
-                if answer is None:
-                    return
-                for piece in answer.split(b"|"):  # a bar stands for a pause between two packets
-                    writer.write(piece)
-                    await writer.drain()
-                    await asyncio.sleep(0)
-        except (asyncio.IncompleteReadError, ConnectionError):
-            return
-        finally:
-            writer.close()
+        super().__init__(*map(in_pieces, answers), otherwise=in_pieces(OK))
 
 
 @asynccontextmanager
 async def talking_to(script: Script, *, limit: int = 4) -> AsyncIterator[Connections]:
-    server = await asyncio.start_server(script.serve, "127.0.0.1", 0)
-    async with server:
-        connections = Connections(Endpoint(f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"), limit=limit)
+    async with script:
+        connections = Connections(script.endpoint, limit=limit)
         try:
             yield connections
         finally:
@@ -160,21 +155,21 @@ async def test_who_finds_all_connections_busy_waits_in_line_and_no_longer_than_i
     script = Script(b"", OK)
     async with talking_to(script, limit=1) as connections:
         slow = asyncio.create_task(ask(connections, timeout_s=1))  # far from the other's, whatever the machine does
-        await until(lambda: script.requests)
+        await until(lambda: script.seen)
         with pytest.raises(NotSentError, match="no free connection"):
             await ask(connections, timeout_s=0.05)
         patient = asyncio.create_task(ask(connections))
         with pytest.raises(BrokenError):
             await slow
         assert (await patient).body == b"ok"
-    assert len(script.requests) == 2
+    assert len(script.seen) == 2
 
 
 async def test_what_is_no_longer_permitted_when_its_turn_comes_is_not_sent() -> None:
     script = Script(b"", OK)
     async with talking_to(script, limit=1) as connections:
         slow = asyncio.create_task(ask(connections))
-        await until(lambda: script.requests)
+        await until(lambda: script.seen)
         allowed = [True]
         waits = asyncio.create_task(connections.request(REQUEST, timeout_s=60.0, permitted=lambda: allowed[0]))
         await until(lambda: "1 waiting" in repr(connections))
@@ -183,14 +178,14 @@ async def test_what_is_no_longer_permitted_when_its_turn_comes_is_not_sent() -> 
         with pytest.raises(NotSentError, match="no longer permitted"):
             await waits
         assert (await ask(connections)).body == b"ok"
-    assert len(script.requests) == 2
+    assert len(script.seen) == 2
 
 
 async def test_a_request_that_is_cancelled_ends_its_connection_and_the_next_one_starts_anew() -> None:
     script = Script(b"", OK)
     async with talking_to(script, limit=1) as connections:
         given_up = asyncio.create_task(ask(connections))
-        await until(lambda: script.requests)
+        await until(lambda: script.seen)
         patient = asyncio.create_task(ask(connections))
         await asyncio.sleep(0)
         given_up.cancel()
@@ -204,11 +199,11 @@ async def test_who_waits_in_line_when_the_client_is_closed_is_told_that_nothing_
     script = Script(b"")
     async with talking_to(script, limit=1) as connections:
         first, second = (asyncio.create_task(ask(connections)) for _ in range(2))
-        await until(lambda: script.requests)
+        await until(lambda: script.seen)
         await connections.close()
         results = await asyncio.gather(first, second, return_exceptions=True)
     assert [type(result) for result in results] == [BrokenError, NotSentError]
-    assert len(script.requests) == 1
+    assert len(script.seen) == 1
 
 
 async def test_a_client_closed_while_it_connects_sends_nothing() -> None:
@@ -219,7 +214,7 @@ async def test_a_client_closed_while_it_connects_sends_nothing() -> None:
         await connections.close()
         with pytest.raises(NotSentError):
             await early
-    assert script.requests == []
+    assert script.seen == []
 
 
 async def test_the_next_in_line_is_sent_before_the_answer_is_looked_at() -> None:
@@ -262,7 +257,7 @@ async def test_a_cancelled_waiter_passes_its_place_on() -> None:
     script = Script(b"", OK, OK)
     async with talking_to(script, limit=1) as connections:
         first = asyncio.create_task(ask(connections))
-        await until(lambda: script.requests)
+        await until(lambda: script.seen)
         impatient, patient = (asyncio.create_task(ask(connections)) for _ in range(2))
         await until(lambda: "2 waiting" in repr(connections))
         impatient.cancel()

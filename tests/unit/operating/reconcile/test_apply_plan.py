@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 from tests.support.factories import VERSION, after, make_app
-from tests.support.scripted_client import ScriptedClient
+from tests.support.scripted import ScriptedClient
 
 from robotapp_api.model.names import Reason
 from robotapp_claims.rules.domain import Fence

@@ -2,7 +2,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.scripted_client import ScriptedClient
+from tests.support.scripted import ScriptedClient
 
 from robotapp_client.transport.errors import (
     ClientError,
@@ -44,7 +44,7 @@ def server_error(status: int) -> ServerError:
 
 
 async def bind(client: ScriptedClient, **options: Any) -> BindOutcome:
-    binder = Binder(client, sleep=client.sleep, uniform=lambda: 0.0)  # type: ignore[arg-type]
+    binder = Binder(client, sleep=client.sleep, uniform=lambda: 0.0)
     return await binder.bind(pod(), "edge-1", **options)
 
 
@@ -164,7 +164,7 @@ async def test_who_leads_no_longer_sends_and_says_nothing_more(told: int) -> Non
     answers = iter([True] * told)
     client = ScriptedClient().always("post_raw", server_error(504)).always("get", server_error(503))
     binder = Binder(
-        client,  # type: ignore[arg-type]
+        client,
         permitted=lambda: next(answers, False),
         sleep=client.sleep,
         uniform=lambda: 0.0,
@@ -189,7 +189,7 @@ async def test_a_bind_begun_without_a_task_goes_on_where_its_first_try_ended(
     first: Any, then: Any, found: Any, result: BindResult | None, calls: list[str]
 ) -> None:
     client = ScriptedClient().script("post_soon", first).script("post_raw", then).script("get", found)
-    binder = Binder(client, sleep=client.sleep, uniform=lambda: 0.0)  # type: ignore[arg-type]
+    binder = Binder(client, sleep=client.sleep, uniform=lambda: 0.0)
     told: list[ClientError | None] = []
     binder.send(pod(), "edge-1", told.append)
     (error,) = told
@@ -202,7 +202,7 @@ async def test_a_bind_begun_without_a_task_goes_on_where_its_first_try_ended(
 
 async def test_what_is_not_permitted_any_more_is_not_sent_and_is_deposed() -> None:
     client = ScriptedClient()
-    binder = Binder(client, permitted=lambda: False, sleep=client.sleep, uniform=lambda: 0.0)  # type: ignore[arg-type]
+    binder = Binder(client, permitted=lambda: False, sleep=client.sleep, uniform=lambda: 0.0)
     told: list[ClientError | None] = []
     binder.send(pod(), "edge-1", told.append)
     (error,) = told

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from tests.support.scheduler.queue_checks import check_queue
 from tests.support.scheduling import make_core, make_info, make_node, make_pod
-from tests.support.scripted_client import ScriptedClient
+from tests.support.scripted import ScriptedClient
 
 from robotapp_client.transport.errors import ApiError, Conflict, Forbidden, Invalid, NotFound, Unreachable
 from robotapp_scheduler.core.api.core_v1 import Pod
@@ -44,7 +44,7 @@ class Desk:
             Metrics(),
             clock=lambda: 0.0,
             permitted=lambda: self.leads,
-            now=lambda: NOW,  # type: ignore[arg-type]
+            now=lambda: NOW,
         )
         self.evictor.start(self.plan, self.vip)
         self.core.queue.requeue(queued, Rejection(decision.rejected_by))
@@ -170,7 +170,7 @@ async def test_lesser_pods_lose_their_promise_of_that_node() -> None:
 async def test_an_eviction_that_is_cut_off_leaves_no_pod_held() -> None:
     desk = Desk()
     hanging: Callable[..., Any] = asyncio.Event().wait
-    desk.client.sleep = hanging  # type: ignore[method-assign,assignment]
+    desk.client.sleep = hanging
     desk.client.always("patch", ApiError("down", status=500))
     await asyncio.sleep(0)
     await asyncio.sleep(0)

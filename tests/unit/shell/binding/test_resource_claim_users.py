@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 import pytest
 from tests.support.scheduling import make_info
-from tests.support.scripted_client import ScriptedClient
+from tests.support.scripted import ScriptedClient
 
 from robotapp_client.transport.errors import Conflict, NotFound
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -27,7 +27,7 @@ def wanting(*claims: dict[str, str]) -> PodInfo:
 
 
 async def entered(client: ScriptedClient, pod: PodInfo | None = None) -> str:
-    return await ClaimUsers(client).enter(pod or wanting())  # type: ignore[arg-type]
+    return await ClaimUsers(client).enter(pod or wanting())
 
 
 async def test_the_pod_is_added_to_the_users_of_the_version_that_was_read() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from tests.support.scheduler.volumes import make_claim, make_volume, mounting
 from tests.support.scheduling import make_node
-from tests.support.scripted_client import ScriptedClient
+from tests.support.scripted import ScriptedClient
 
 from robotapp_client.transport.errors import Conflict
 from robotapp_scheduler.core.cache.cache import Cache
@@ -31,7 +31,7 @@ class Rig:
         self.alive = True
         self.now_s = 0.0
         self.writer = VolumeWriter(
-            self.client,  # type: ignore[arg-type]
+            self.client,
             self.cluster,
             alive=lambda _: self.alive,
             clock=self.clock,

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 import pytest
-from tests.support.scripted_client import ScriptedClient
+from tests.support.scripted import ScriptedClient
 
 from robotapp_api.values.placement.better_node import BetterNode
 from robotapp_client.transport.errors import ApiError, Conflict, Forbidden, NotFound, Unreachable

@@ -4,7 +4,7 @@ import asyncio
 from typing import Any
 
 import pytest
-from tests.support.scripted_client import ScriptedClient
+from tests.support.scripted import ScriptedClient
 
 from robotapp_client.transport.errors import NotFound
 from robotapp_scheduler.core.api.core_v1 import Metadata, Pod, PodSpec, PodStatus
@@ -25,7 +25,7 @@ class Desk:
         self.client = ScriptedClient().always("get", answer)
         self.notes: list[str] = []
         self.metrics = Metrics()
-        self.refusals = KubeletRejections(self.client, self, self.metrics)  # type: ignore[arg-type]
+        self.refusals = KubeletRejections(self.client, self, self.metrics)
 
     def pod_event(self, _pod: Pod, *, warning: bool, reason: str, action: str, note: str, by: str = "") -> None:
         self.notes.append(f"{'Warning' if warning else 'Normal'} {reason} {action} {by}{note}")

@@ -15,7 +15,7 @@ from tests.support.scheduler.pod_groups import (
     workload_pod,
 )
 from tests.support.scheduling import make_core, make_node
-from tests.support.scripted_client import ScriptedClient
+from tests.support.scripted import ScriptedClient
 
 from robotapp_client.transport.errors import (
     ClientError,
@@ -44,7 +44,7 @@ class Desk:
         self.leads = True
         groups = self.core.cluster.pod_groups
         self.reporter = GroupReporter(
-            self.client,  # type: ignore[arg-type]
+            self.client,
             groups,
             permitted=lambda: self.leads,
             now=lambda: NOW,

@@ -2,7 +2,7 @@ import asyncio
 from typing import Any
 
 import pytest
-from tests.support.scripted_client import ScriptedClient
+from tests.support.scripted import ScriptedClient
 
 from robotapp_client.transport.errors import ClientError, Conflict, Forbidden, Invalid, NotFound, Unreachable
 from robotapp_scheduler.core.api.core_v1 import Metadata, Pod, PodCondition, PodSpec, PodStatus
@@ -38,7 +38,7 @@ class Desk:
         self.events = Recorded()
         self.leads = True
         self.reporter = Reporter(
-            self.client,  # type: ignore[arg-type]
+            self.client,
             self.events,  # type: ignore[arg-type]
             permitted=lambda: self.leads,
             now=lambda: NOW,

@@ -1,21 +1,33 @@
-"""An ApiClient without sockets, in a time that only the test moves: for tests about minutes of waiting."""
+"""An ApiClient without sockets, in front of a store.
+
+A gate before and after each request lets a test decide who goes next, who dies and whose answer is lost. With a
+`ManualTime` only the test moves the clock, for tests about minutes of waiting.
+"""
 
 import asyncio
 import heapq
 import itertools
-import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection
 from contextlib import asynccontextmanager
 from enum import StrEnum
 from typing import Any
 from urllib.parse import parse_qsl
 
+import msgspec
 from tests.support.apiserver.store import Refused, Store
-from tests.support.apiserver.verbs import Sent, act, target
+from tests.support.apiserver.verbs import KINDS, Sent, Target, act, target
 
 from robotapp_client import ApiClient, Endpoint, Unreachable
 from robotapp_client.transport.http11 import Permitted, always
 from robotapp_client.transport.http_transport import Done, Response, Stream, call_when_done
+
+Gate = Callable[[str], Awaitable[None]]
+"""Called with a request such as `replace robotclaims dds.default.c.1`; may wait, or raise what the client is to get."""
+_VERBS = {"POST": "create", "PUT": "replace", "PATCH": "patch", "DELETE": "delete"}
+
+
+async def pass_at_once(_: str) -> None:
+    return None
 
 
 class Mishap(StrEnum):
@@ -72,13 +84,27 @@ async def settle() -> None:
 
 
 class MemoryTransport:
-    """Requests straight into a store. `mishaps` befall the next requests, one each; `down` befalls all."""
+    """Requests straight into a store. `mishaps` befall the next requests, one each; `down` befalls all.
 
-    def __init__(self, store: Store) -> None:
+    `before` and `after` are the gates of each request that is not refused. `namespaces` are those in which namespaced
+    objects may be listed; None is everywhere.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        *,
+        before: Gate = pass_at_once,
+        after: Gate = pass_at_once,
+        namespaces: Collection[str] | None = None,
+    ) -> None:
         self.store = store
         self.mishaps: list[Mishap | None] = []
         self.down = False
         self.seen: list[tuple[str, str]] = []
+        self._before = before
+        self._after = after
+        self._namespaces = namespaces
         self._tasks: set[asyncio.Future[None]] = set()
 
     async def open(self) -> None: ...
@@ -109,15 +135,27 @@ class MemoryTransport:
                 return _answer(503, Refused(503, "ServiceUnavailable", "injected").status())
             case Mishap.HANGS:
                 await asyncio.Event().wait()
+        address, _, query = path.partition("?")
+        where = target(address)
+        sent = Sent(method, body or b"", content_type, dict(parse_qsl(query)) if query else {})
+        what = describe_request(where, sent)
+        await self._before(what)
         try:
-            where, _, query = path.partition("?")
-            found = act(self.store, target(where), Sent(method, body or b"", content_type, dict(parse_qsl(query))))
-            answer = _answer(201 if method == "POST" else 200, found)
+            self._check_rights(where)
+            answer = _answer(201 if method == "POST" else 200, act(self.store, where, sent))
         except Refused as refusal:
             answer = _answer(refusal.code, refusal.status())
+        else:
+            await self._after(what)
         if mishap is Mishap.LOST:
             raise Unreachable("lost", maybe_applied=write)
         return answer
+
+    def _check_rights(self, where: Target) -> None:
+        if self._namespaces is None or where.name or where.namespace in self._namespaces:
+            return
+        if KINDS[where.collection].namespaced:
+            raise Refused(403, "Forbidden", "not in this namespace")
 
     def post(
         self, path: str, body: bytes, done: Done, *, content_type: str, timeout_s: float, permitted: Permitted
@@ -137,7 +175,15 @@ class MemoryTransport:
 
 
 def _answer(status: int, obj: Any) -> Response:
-    return Response(status, json.dumps(obj).encode(), [])
+    return Response(status, msgspec.json.encode(obj), [])
+
+
+def describe_request(where: Target, sent: Sent) -> str:
+    """Returns verb, resource and name, as gates get them."""
+    verb = _VERBS.get(sent.method) or ("get" if where.name else "list")
+    plural = f"{where.plural}/{where.subresource}" if where.subresource == "binding" else where.plural
+    name = where.name or (msgspec.json.decode(sent.body)["metadata"].get("name", "") if verb == "create" else "")
+    return f"{verb} {plural} {name}".rstrip()
 
 
 def memory_client(transport: MemoryTransport, time: ManualTime, **overrides: Any) -> ApiClient:
