@@ -12,6 +12,7 @@ import statistics
 import sys
 import tempfile
 import time
+import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
@@ -20,7 +21,6 @@ from typing import Any, Final
 
 from campaigns.common import options
 from campaigns.common.figures import percentile
-from campaigns.fleet.wobble import Wobbling
 from campaigns.operating.reconcile_parts import costs
 from campaigns.rigs import process_use, quiet
 from campaigns.rigs.appwatch import condition
@@ -31,7 +31,28 @@ from robotapp_testbed import ControlPlane, wait_until
 from robotapp_testbed.binaries.pins import REPOSITORY
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.control_plane.servers import Program
+from robotapp_testbed.machines.network import Topology
 from robotapp_testbed.machines.topology import edge, robot
+
+
+class Wobbling(Topology):
+    """Another factor for every pair after each `wobble`, the same in both directions; nothing is kept per pair."""
+
+    _share = 0.0
+    _seed = 0
+
+    def wobble(self, share: float, *, seed: int) -> None:
+        """From now on each time lies within `share` of its calm value."""
+        self._share, self._seed = share, seed
+
+    def rtt_ms(self, one: str, other: str) -> float:
+        calm_ms = super().rtt_ms(one, other)
+        if not self._share:
+            return calm_ms
+        first, second = sorted((one, other))
+        chance = zlib.crc32(f"{self._seed} {first} {second}".encode()) / 2**32
+        return calm_ms * (1 + self._share * (2 * chance - 1))
+
 
 PODS_PER_EDGE: Final = 100
 HALLS: Final = 20

@@ -11,7 +11,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -20,10 +20,10 @@ import yaml
 from tests.support.wrong_input.malformed import malformed_apps
 from tests.support.wrong_input.malformed_annotations import malformed_annotations, pod
 
-from campaigns.operating.misfits import misfits
 from campaigns.rigs import journeys, process_use, quiet
-from campaigns.rigs.world import World
+from campaigns.rigs.world import World, plain_app
 from robotapp_api.model.app.robotapp import RobotApp
+from robotapp_api.model.names import Condition
 from robotapp_api.schema.crd import schema_of
 from robotapp_claims.protocol.sweeper import PERIOD_S
 from robotapp_testbed import ControlPlane
@@ -31,6 +31,59 @@ from robotapp_testbed.control_plane import product
 from robotapp_testbed.control_plane.identity import OPERATOR_ACCOUNT
 from robotapp_testbed.machines.network import Topology
 from robotapp_testbed.machines.topology import fleet
+
+Object = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """`kind` turns False with a message that contains `field` and every one of `words`."""
+
+    app: Object
+    field: str
+    words: tuple[str, ...]
+    kind: Condition = Condition.ACCEPTED
+
+
+def misfits() -> list[Misfit]:
+    edge = {"topic": "/odom", "from": "sense", "to": "act"}
+    nowhere = {"matchLabels": {"robotics.io/robot": "nobody"}}
+    return [
+        Misfit(plain_app("misspelt", ros={"distro": "humbel"}), "spec.ros.distro", ("humbel", "humble")),
+        Misfit(plain_app("ros2-in-ros1", ros={"distro": "noetic"}, ros2={}), "spec.ros2", ("noetic",)),
+        Misfit(plain_app("ros1-in-ros2", ros={"distro": "jazzy"}, ros1={}), "spec.ros1", ("jazzy",)),
+        Misfit(_torn(), "spec.components[2].separateFrom", ("act", "sense", "colocateWith", "remove")),
+        Misfit(plain_app("robotless", robots={"nodeSelector": nowhere}), "spec.robots.nodeSelector", ("no robot matches", "robots that admit namespace")),
+        Misfit(plain_app("masterless", placement={"masterNode": "atlantis"}), "spec.placement.masterNode", ("atlantis", "kubectl get nodes")),
+        Misfit(
+            plain_app("isolated", ros2={"discovery": {"mode": "Localhost"}}, edges=[edge]),
+            "spec.ros2.discovery.mode",
+            ("Localhost", "Auto"),
+        ),
+        Misfit(_with_file("file-ros1", ros={"distro": "noetic"}), "spec.components[0].parameters", ("rosparam",)),
+        Misfit(_with_file("file-bare"), "spec.components[0].parameters", ("command or args",)),
+        Misfit(
+            plain_app("poolless", ros2={"pool": "atlantis"}),
+            "spec.ros2.pool",
+            ("atlantis", "kubectl get domainpools"),
+            Condition.ALLOCATED,
+        ),
+    ]  # fmt: skip
+
+
+def _torn() -> Object:
+    """Sense with plan, plan with act, yet act apart from sense: only the chain shows it."""
+    app = plain_app("torn")
+    sense, plan, act = app["spec"]["components"]
+    sense["colocateWith"], plan["colocateWith"], act["separateFrom"] = ["plan"], ["act"], ["sense"]
+    return app
+
+
+def _with_file(name: str, **spec: Any) -> Object:
+    app = plain_app(name, **spec)
+    app["spec"]["components"][0]["parameters"] = [{"configMapKeyRef": {"name": "drv", "key": "params.yaml"}}]
+    return app
+
 
 ROOT = Path(__file__).resolve().parents[3]
 IDS = "1-101,215-232"

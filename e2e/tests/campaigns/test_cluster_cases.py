@@ -9,7 +9,7 @@ import pytest
 from tests.support.seeds import third_of_today
 
 from campaigns.cluster_cases import FAMILIES, Case, replayed_case, seeded_case
-from campaigns.cluster_cases.admission import admitted
+from campaigns.cluster_cases.case import admitted
 from campaigns.cluster_cases.choices import SeededChoices
 from campaigns.reference_scheduler import Decision, decide
 

@@ -5,10 +5,8 @@ from random import Random
 
 from tests.support.seeds import daily_seed
 
-from campaigns.divergence.campaign import Outcome, Placed, outcomes, rows
+from campaigns.divergence.campaign import SCHEDULERS, Outcome, Placed, Proof, outcomes, proof, rows
 from campaigns.divergence.divergence import main
-from campaigns.divergence.highs import Proof, proof
-from campaigns.divergence.schedulers import SCHEDULERS
 from campaigns.divergence.topology import Machine, Part, Topology, Wire, draw
 
 SAMPLE = 10

@@ -5,8 +5,7 @@ from random import Random
 from tests.support.scheduler.joint_problems import brute_force, field_problem, small_problem
 from tests.support.seeds import daily_seed
 
-from campaigns.scheduler.joint import main, wrong_certificates
-from campaigns.scheduler.joint_baselines import BASELINES
+from campaigns.scheduler.joint import BASELINES, main, wrong_certificates
 from robotapp_scheduler.joint.problem import INF
 
 SAMPLE = 40

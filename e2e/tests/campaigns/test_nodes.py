@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from campaigns.nodes import nodes, stability
-from campaigns.nodes.campaign import Kill, Life
-from campaigns.nodes.nodes import Found, main, summary, told, verdict
+from campaigns.nodes.nodes import Found, Kill, Life, main, summary, told, verdict
 
 GOOD = Life(5.0, 2.0)
 STRUCK = Kill(1.5, was_up=False, left={}, next_up_s=4.0)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from campaigns.fleet.wobble import Wobbling
+from campaigns.fleet.fleet import Wobbling
 from campaigns.operating.apply import beside_deployments
 from campaigns.operating.reconcile_parts import EVENTS, costs
 from campaigns.scheduler.cpu_samples import Profile, Samples

@@ -5,9 +5,8 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from campaigns.speed.chart import chart
 from campaigns.speed.contestants import BARE, KUBE_SCHEDULER, OURS
-from campaigns.speed.page import BEGIN, DOCS, END, main, replaced
+from campaigns.speed.page import BEGIN, DOCS, END, chart, main, replaced
 from campaigns.speed.result import Result, Row
 from campaigns.speed.verdict import CPU, RATE
 from campaigns.speed.workloads import WORKLOADS

@@ -10,8 +10,7 @@ from campaigns.scenarios.catalogue import SCENARIOS
 from campaigns.scenarios.cluster import CAMERA, CAN, FIRST, GPU, OTHER, SECOND, Cluster, Room, draw
 from campaigns.scenarios.contenders import KUBE_SCHEDULER, OURS, Contender
 from campaigns.scenarios.promises.place import Verdict, judged
-from campaigns.scenarios.report import Report, line, section
-from campaigns.scenarios.scenarios import BEGIN, END
+from campaigns.scenarios.scenarios import BEGIN, END, Report, line, section
 from campaigns.speed.page import DOCS, replaced
 from robotapp_testbed.machines.nodes import edge
 

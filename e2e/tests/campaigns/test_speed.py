@@ -15,8 +15,7 @@ from campaigns.scheduler.scheduler import _command, main
 from campaigns.speed.console import line, table
 from campaigns.speed.contestants import BARE, KUBE_SCHEDULER, OURS
 from campaigns.speed.result import Result, Row, merged, read
-from campaigns.speed.run import pods_for, rate
-from campaigns.speed.usage import family, usage
+from campaigns.speed.run import family, pods_for, rate, usage
 from campaigns.speed.verdict import CPU, P99, RATE, judge
 from campaigns.speed.watches import PodWatch, SeenPod
 from campaigns.speed.workloads import ROLE, WORKLOADS, Targets, filler, placed, pod, seed

@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 
-from campaigns.storm.cpu import HERE, Cpu
+from campaigns.storm.campaign import HERE, Cpu
 
 BUSY = "import time\nend = time.process_time() + 0.2\nwhile time.process_time() < end: pass\nprint('x', flush=True)\ninput()"
 

@@ -3,7 +3,7 @@
 import random
 from typing import Any
 
-from campaigns.storm.misfortune import Misfortune
+from campaigns.storm.campaign import Misfortune
 
 
 class Program:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from campaigns.versions.expressions import RELEASES
+from campaigns.versions.cel import RELEASES
 from campaigns.versions.versions import SMOKE, told
 from robotapp_testbed import TestbedError
 from robotapp_testbed.binaries import pins, versions

@@ -8,7 +8,7 @@ from tests.live.journeys.conftest import Pools
 from tests.support.wrong_input.malformed import Malformed, malformed_apps
 from tests.support.wrong_input.malformed_annotations import Wrong, malformed_annotations, pod
 
-from campaigns.operating.misfits import misfits
+from campaigns.operating.apply import misfits
 from campaigns.rigs.appwatch import condition
 from campaigns.rigs.journeys import start_one
 from campaigns.rigs.world import World

@@ -10,8 +10,8 @@ from tests.support.seeds import daily_seed
 from campaigns.rigs.world import World
 from campaigns.truth.arranging import Place, nodes, pools
 from campaigns.truth.over_time import LONG
-from campaigns.truth.scene import run
 from campaigns.truth.situations import SITUATIONS
+from campaigns.truth.truth import run
 from robotapp_testbed import ControlPlane
 
 pytestmark = pytest.mark.live
