@@ -7,28 +7,22 @@ Claims are swept as often as by default.
 
 import argparse
 import json
-import os
 import statistics
 import sys
-import tempfile
 import time
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any, Final
 
 from campaigns.common import options
 from campaigns.common.figures import percentile
-from campaigns.operating.reconcile_parts import costs
 from campaigns.rigs import process_use, quiet
 from campaigns.rigs.appwatch import condition
 from campaigns.rigs.world import APIS, Object, World, plain_app
-from campaigns.scheduler.cpu_samples import Profile
 from robotapp_api.model.names import API_VERSION, Condition, Label
 from robotapp_testbed import ControlPlane, wait_until
-from robotapp_testbed.binaries.pins import REPOSITORY
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.control_plane.servers import Program
 from robotapp_testbed.machines.network import Topology
@@ -75,25 +69,20 @@ Figures = dict[str, Any]
 
 def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
-    with ControlPlane(audit=True, node_lease_s=NODE_LEASE_S) as cp, tempfile.TemporaryDirectory() as folder:
+    with ControlPlane(audit=True, node_lease_s=NODE_LEASE_S) as cp:
         product.install(cp)
         spec = {"scope": "Cluster", "ids": "1-50", "sharedIds": "60-101", "quarantineSeconds": 1}
         pool = {"apiVersion": API_VERSION, "kind": "DomainPool", "metadata": {"name": POOL}, "spec": spec}
         cp.api.create(f"{APIS}/domainpools", pool)
-        samples = Path(folder) / "samples.json"
         flags = {"sweep_seconds": SWEEP_S}
         with World(
             cp,
             _nodes(arguments.robots, arguments.nodes, arguments.components),
-            operator_flags={**flags, **(_sampled(samples) if arguments.profile else {})},
+            operator_flags=flags,
             scheduler_flags=flags,
             tidy=False,
         ) as world:
             figures, problems = run(world, arguments)
-            if arguments.profile:
-                world.operator.stop()
-                writes, robots = figures["start"]["writes_by_kind"], arguments.robots
-                figures["profile"] = costs(Profile.read(samples), writes=writes, instances=robots)
     print(json.dumps(figures, indent=2))
     for problem in problems:
         print(f"MISSED: {problem}", file=sys.stderr)
@@ -118,7 +107,6 @@ def _parser() -> argparse.ArgumentParser:
         "--within", type=options.amount, default=900.0, help="seconds until all instances must be Ready"
     )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--profile", action="store_true", help="share the operator's CPU out by what it is spent on")
     parser.add_argument("--json", type=options.report, help="also write the figures to this file")
     return parser
 
@@ -266,12 +254,6 @@ def _cpu_s(world: World) -> Mapping[str, float]:
 
 def _spent(world: World, before: Mapping[str, float]) -> dict[str, float]:
     return {name: round(now_s - before[name], 2) for name, now_s in _cpu_s(world).items()}
-
-
-def _sampled(path: Path) -> dict[str, Any]:
-    """Flags with which the operator notes where its CPU goes."""
-    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return {"program": ("campaigns.scheduler.cpu_samples", str(path)), "env": {"PYTHONPATH": paths}}
 
 
 def _app(components: int) -> Object:

@@ -1,7 +1,6 @@
 """The latency switch: how exact its delay and loss are, and how much it carries, between plain network namespaces.
 
-Needs root. A quiet machine: sender, switch and receiver share its cores. Half a minute; `--long` a few. `--python` measures the switch
-beside its twin in Python instead (docs/design/003).
+Needs root. A quiet machine: sender, switch and receiver share its cores. Half a minute; `--long` a few.
 """
 
 import argparse
@@ -12,7 +11,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 from campaigns.common import options
-from campaigns.network import switch_twin
 from campaigns.network.namespaced import Wire, missing
 from campaigns.network.switch_figures import Capacity, Delay, Loss, delay, load, loss
 
@@ -31,11 +29,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(reason, file=sys.stderr)
         return 1
     scale = 5 if arguments.long else 1
-    if arguments.python:
-        found = switch_twin.compare(scale)
-        print("\n".join(switch_twin.table(found)))
-        _write(arguments.json, [asdict(each) for each in found])
-        return 0
     with Wire(["a", "b"], seed=arguments.seed) as wire:
         wire.settle()
         delays = [delay(wire, each_ms, count=(200 if each_ms < 60 else 60) * scale) for each_ms in DELAYS_MS]
@@ -91,7 +84,6 @@ def _write(path: Path | None, found: object) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="scripts/bench switch", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--long", action="store_true", help="five times as many packets")
-    parser.add_argument("--python", action="store_true", help="what the same switch in Python would be worth")
     parser.add_argument("--seed", type=int, default=1, help="of the losses")
     parser.add_argument("--json", type=options.report, help="write the figures to this file")
     return parser

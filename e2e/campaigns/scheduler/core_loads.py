@@ -2,8 +2,6 @@
 
 import time
 from collections.abc import Callable
-from copy import copy
-from functools import partial
 from typing import Any, Final
 
 import msgspec
@@ -72,10 +70,10 @@ def preempting(nodes: int, kind: str, pods: int, *, gone: bool = True) -> dict[s
     """CPU in ms per attempt of pods that find every node full of four pods of lower priority.
 
     `gone`: victims go at once and the pod is placed; otherwise they terminate for longer than the run, and all pods before
-    it are nominated. `copy_ms` is what copying would cost that a dry run writes (docs/design/012-what-if.md).
+    it are nominated.
     """
     core = _full(nodes)
-    spent, copies = [], []
+    spent = []
     for i in range(pods):
         fields = {"cpu": "8", "memory": "100Mi", "priority": 1000, "labels": {"color": "blue"}, **PREEMPTORS[kind]}
         info = core.cluster.pod_info(make_pod(f"high-{i}", **fields))
@@ -92,14 +90,13 @@ def preempting(nodes: int, kind: str, pods: int, *, gone: bool = True) -> dict[s
                 core.cluster.apply_pod(_terminating(victim.pod))
         if gone:
             core.schedule_one(info)
-        copies.append(spent_us(partial(_copied, core.cluster)) / 1e3)
     found = {
         "first_ms": round(spent[0], 2),
         "p50_ms": _median(spent),
         "p99_ms": round(sorted(spent)[int(len(spent) * 0.99)], 2),
     }
     row = {"nodes": nodes, "preemptors": kind, "victims": "gone" if gone else "terminating"}
-    return {**row, **found, "copy_ms": _median(copies)}
+    return {**row, **found}
 
 
 def _median(values: list[float]) -> float:
@@ -109,20 +106,6 @@ def _median(values: list[float]) -> float:
 def _terminating(pod: Pod) -> Pod:
     metadata = msgspec.structs.replace(pod.metadata, deletion_timestamp="2026-01-01T00:00:00Z")
     return msgspec.structs.replace(pod, metadata=metadata)
-
-
-def _copied(cache: Cache) -> list[Any]:
-    """Shallow copies of what a dry run writes: less than a copy that works, which must also refer to its own parts."""
-    table, topology, users = cache.nodes, cache.topology, cache.volumes.users
-    return [
-        list(map(copy, cache.placed.values())), dict(cache._by_node), table.resources.ledger.copy(), table.versions.copy(),
-        {priority: block.copy() for priority, block in (cache.by_priority._blocks or {}).items()},
-        [(dict(each.rows), dict(each.ending)) for each in topology.label_sets._by_key.values()],
-        [each.column.copy() for each in topology.counts._counters.values()],
-        [dict(placed.rows) for placed in topology.affinity._terms.values()],
-        [totals.values.copy() for totals in topology.affinity._totals.values()],
-        dict(cache.names._by_name), dict(users._claims), dict(users._where), dict(users._mounted),
-    ]  # fmt: skip
 
 
 def _full(nodes: int) -> SchedulerCore:
