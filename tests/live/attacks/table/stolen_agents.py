@@ -2,8 +2,8 @@
 
 from typing import Any, Final
 
-from campaigns.attacks import kinds
-from campaigns.attacks.attack import Attack, Json, Kind, Stop
+from tests.live.attacks.table import kinds
+from tests.live.attacks.table.attack import Attack, Json, Kind, Stop
 
 NODE: Final = "attacked-node"
 """The node whose agent's token was stolen; the world makes it, with its telemetry."""

@@ -2,9 +2,9 @@
 
 from typing import Any, Final
 
-from campaigns.attacks import kinds
-from campaigns.attacks.attack import Attack, Json, Kind, Stop
-from campaigns.attacks.kinds import app, templated
+from tests.live.attacks.table import kinds
+from tests.live.attacks.table.attack import Attack, Json, Kind, Stop
+from tests.live.attacks.table.kinds import app, templated
 
 _C: Final = "spec.components[0]"
 _POD: Final = f"{_C}.template.spec"

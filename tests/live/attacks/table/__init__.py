@@ -1,9 +1,9 @@
 """Every attack that the API server must refuse, as one table: `tests/live/attacks` runs it, docs/security.md prints it."""
 
-from campaigns.attacks.attack import Attack, Road, Stop
-from campaigns.attacks.escalations import ESCALATIONS
-from campaigns.attacks.grants import GRANTS
-from campaigns.attacks.stolen_agents import STOLEN
+from tests.live.attacks.table.attack import Attack, Road, Stop
+from tests.live.attacks.table.escalations import ESCALATIONS
+from tests.live.attacks.table.grants import GRANTS
+from tests.live.attacks.table.stolen_agents import STOLEN
 
 __all__ = ["ATTACKS", "ESCALATIONS", "GRANTS", "STOLEN", "Attack", "Road", "Stop"]
 

@@ -2,7 +2,7 @@
 
 from typing import Any, Final
 
-from campaigns.attacks.attack import OURS, Json, Kind
+from tests.live.attacks.table.attack import OURS, Json, Kind
 
 _RBAC: Final = "/apis/rbac.authorization.k8s.io/v1"
 _ADMISSION: Final = "/apis/admissionregistration.k8s.io/v1"

@@ -7,10 +7,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import yaml
+from tests.live.attacks import agent_tokens
+from tests.live.attacks.table import kinds
+from tests.live.attacks.table.attack import Attack, Json, Road, merge_patch
+from tests.live.attacks.table.stolen_agents import NODE, OTHER
 
-from campaigns.attacks import agent_tokens, kinds
-from campaigns.attacks.attack import Attack, Json, Road, merge_patch
-from campaigns.attacks.stolen_agents import NODE, OTHER
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.api import APPLY, MERGE, Api
 from robotapp_testbed.control_plane.namespaces import created
@@ -27,7 +28,7 @@ _RIGHTS = {
 
 
 @dataclass(frozen=True, slots=True)
-class World:
+class Attackers:
     """`apis`: by the attacker's name; `namespaces`: by the words of `Attack.where`."""
 
     admin: Api
@@ -80,7 +81,7 @@ def _apply(attacker: Api, path: str, obj: Json) -> Json:
 
 
 @contextmanager
-def attacked(plane: ControlPlane, own: str, victim: str) -> Iterator[World]:
+def attacked(plane: ControlPlane, own: str, victim: str) -> Iterator[Attackers]:
     """Two namespaces; `tenant` is admin of the first, where clerk and deputy are ServiceAccounts. Two nodes with telemetry."""
     with created(plane, own), created(plane, victim), _nodes(plane) as agent:
         plane.kubectl("create", "rolebinding", "tenant", "--clusterrole=admin", "--user=tenant", "-n", own)
@@ -97,10 +98,10 @@ def attacked(plane: ControlPlane, own: str, victim: str) -> Iterator[World]:
         tokens["editor"] = plane.kubectl("create", "token", "editor", "-n", own).strip()
         apis = {name: Api(plane.server_url, ca_file=plane.ca_file, token=token) for name, token in tokens.items()}
         namespaces = {"own": own, "victim": victim, "system": "robotapp-system"}
-        world = World(plane.api, apis, namespaces)
+        attackers = Attackers(plane.api, apis, namespaces)
         try:
-            _await_references(world)
-            yield world
+            _await_references(attackers)
+            yield attackers
         finally:
             for api in apis.values():
                 api.close()
@@ -125,7 +126,7 @@ def _token(plane: ControlPlane, name: str) -> str:
     return str(loaded["users"][0]["user"]["token"])
 
 
-def _await_references(world: World) -> None:
+def _await_references(attackers: Attackers) -> None:
     """The API server compiles a new policy in the background; it is the only one that `product.install` cannot wait for."""
     until = time.monotonic() + _POLICIES_S
     probe = {
@@ -134,10 +135,10 @@ def _await_references(world: World) -> None:
         "metadata": {"name": "probe"},
         **kinds.templated(serviceAccountName="deployer"),
     }
-    path = f"{kinds.ROBOTAPP.path(world.namespaces['own'])}?dryRun=All"
+    path = f"{kinds.ROBOTAPP.path(attackers.namespaces['own'])}?dryRun=All"
     while True:
         try:
-            world.apis["clerk"].create(path, probe)
+            attackers.apis["clerk"].create(path, probe)
         except ApiStatusError as error:
             if "ValidatingAdmissionPolicy" in error.message:
                 return

@@ -2,10 +2,10 @@
 
 from typing import Any, Final
 
-from campaigns.attacks import kinds
-from campaigns.attacks.attack import Attack, Json, Kind, Stop
-from campaigns.attacks.forged_grants import FORGED_GRANTS
-from campaigns.attacks.kinds import app, apps, domain_claim, pod
+from tests.live.attacks.table import kinds
+from tests.live.attacks.table.attack import Attack, Json, Kind, Stop
+from tests.live.attacks.table.forged_grants import FORGED_GRANTS
+from tests.live.attacks.table.kinds import app, apps, domain_claim, pod
 
 _NOTE: Final = "metadata.annotations"
 _LABEL: Final = "metadata.labels"

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from campaigns.attacks import kinds
-from campaigns.attacks.attack import Attack, Json, Stop
-from campaigns.attacks.kinds import pod
+from tests.live.attacks.table import kinds
+from tests.live.attacks.table.attack import Attack, Json, Stop
+from tests.live.attacks.table.kinds import pod
 
 GRANTED: Final = "granted.robotics.io/"
 _VICTIM: Final = "11111111-2222-3333-4444-555555555555"

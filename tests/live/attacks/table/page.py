@@ -1,16 +1,16 @@
-"""The table of attacks in docs/security.md. `python -m campaigns.attacks.page` writes it anew."""
+"""The table of attacks in docs/security.md. `python -m tests.live.attacks.table.page` writes it anew."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from campaigns.attacks.attack import Attack
-from campaigns.attacks.escalations import FIELDS, REFERENCES, REVISIONS, RIGHTS
-from campaigns.attacks.grants import OBJECTS, PODS, SPECS
-from campaigns.attacks.stolen_agents import AGENT, LABELLER
+from tests.live.attacks.table.attack import Attack
+from tests.live.attacks.table.escalations import FIELDS, REFERENCES, REVISIONS, RIGHTS
+from tests.live.attacks.table.grants import OBJECTS, PODS, SPECS
+from tests.live.attacks.table.stolen_agents import AGENT, LABELLER
 
-PAGE: Final = Path(__file__).resolve().parents[3] / "docs" / "security.md"
-BEGIN: Final = "<!-- attacks: written by python -m campaigns.attacks.page -->"
+PAGE: Final = Path(__file__).resolve().parents[4] / "docs" / "security.md"
+BEGIN: Final = "<!-- attacks: written by python -m tests.live.attacks.table.page -->"
 END: Final = "<!-- end of attacks -->"
 _WHO: Final = {
     "operator": "operator's token",
