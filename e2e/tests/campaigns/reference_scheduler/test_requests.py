@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from campaigns.cluster_cases.scene import make_pod
+from campaigns.reference_scheduler.nodes.resources import DEFAULTS, held, scored_incoming, scored_placed
 from campaigns.reference_scheduler.quantities import amount
-from campaigns.reference_scheduler.requests import DEFAULTS, held, scored_incoming, scored_placed
 
 Json = dict[str, Any]
 MIB = 1024 * 1024

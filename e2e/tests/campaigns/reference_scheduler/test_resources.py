@@ -6,7 +6,7 @@ import pytest
 
 from campaigns.cluster_cases.scene import make_node, make_pod
 from campaigns.reference_scheduler import ClusterDump, Config, Decision, decide
-from campaigns.reference_scheduler.resources import on_shape
+from campaigns.reference_scheduler.nodes.resources import on_shape
 
 Json = dict[str, Any]
 

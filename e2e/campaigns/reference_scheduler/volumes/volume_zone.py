@@ -3,7 +3,7 @@
 from campaigns.reference_scheduler.labels import labels_of
 from campaigns.reference_scheduler.model import Json, Rejection
 from campaigns.reference_scheduler.state import State
-from campaigns.reference_scheduler.storage import mounts, volume_of
+from campaigns.reference_scheduler.volumes.storage import mounts, volume_of
 
 _GENERAL = {
     "failure-domain.beta.kubernetes.io/zone": "topology.kubernetes.io/zone",

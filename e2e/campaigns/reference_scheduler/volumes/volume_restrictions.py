@@ -2,7 +2,7 @@
 
 from campaigns.reference_scheduler.model import Json, Rejection
 from campaigns.reference_scheduler.state import State, namespace_of
-from campaigns.reference_scheduler.storage import Mount, missing_claim, mounts
+from campaigns.reference_scheduler.volumes.storage import Mount, missing_claim, mounts
 
 _RWOP_TEXT = (
     "node(s) unavailable due to PersistentVolumeClaim with ReadWriteOncePod access mode already in-use by another pod"

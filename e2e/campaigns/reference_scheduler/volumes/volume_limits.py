@@ -1,9 +1,9 @@
 """NodeVolumeLimits: how many volumes of a CSI driver a node can hold."""
 
-from campaigns.reference_scheduler import migration
 from campaigns.reference_scheduler.model import Json, Rejection
 from campaigns.reference_scheduler.state import State, name_of, namespace_of
-from campaigns.reference_scheduler.storage import class_name, missing_claim, mounts, storage_class, volume_of
+from campaigns.reference_scheduler.volumes import migration
+from campaigns.reference_scheduler.volumes.storage import class_name, missing_claim, mounts, storage_class, volume_of
 
 Volumes = dict[str, str]
 """Unique volume to its driver."""

@@ -3,13 +3,13 @@
 from dataclasses import dataclass, field
 
 from campaigns.reference_scheduler.labels import labels_of, selector_matches
-from campaigns.reference_scheduler.migration import as_seen_on
 from campaigns.reference_scheduler.model import Json, Rejection
+from campaigns.reference_scheduler.nodes.resources import on_shape
 from campaigns.reference_scheduler.normalize import half_away_from_zero
 from campaigns.reference_scheduler.quantities import units
-from campaigns.reference_scheduler.resources import on_shape
 from campaigns.reference_scheduler.state import State, identity, name_of, namespace_of
-from campaigns.reference_scheduler.storage import (
+from campaigns.reference_scheduler.volumes.migration import as_seen_on
+from campaigns.reference_scheduler.volumes.storage import (
     NOT_PROVISIONED,
     Mount,
     capacity_bytes,
