@@ -9,7 +9,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from campaigns.cluster_cases.catalogue import FAMILIES, clash
-from campaigns.cluster_cases.choices import Choices, DrawnChoices, ReplayedChoices, SeededChoices
+from campaigns.cluster_cases.choices import Choices, DrawnChoices, SeededChoices
 from campaigns.cluster_cases.scene import Scene, draw_scene
 from campaigns.reference_scheduler import ClusterDump
 
@@ -71,11 +71,10 @@ MORE = 2
 
 @dataclass(frozen=True)
 class Case:
-    """families: the first is at the centre. numbers: the choices, enough to build the case again."""
+    """families: the first is at the centre."""
 
     families: tuple[str, ...]
     objects: tuple[Json, ...]
-    numbers: tuple[int, ...] = ()
 
     @property
     def pod(self) -> Json:
@@ -113,16 +112,7 @@ def _objects(scene: Scene) -> tuple[Json, ...]:
 def seeded_case(seed: str, *, number: int, families: Sequence[str], nodes: int = 12, placed: int = 30) -> Case:
     """Number `number` of a run: the families take turns at the centre."""
     first = families[number % len(families)]
-    choices = SeededChoices(f"{seed}/{number}/{first}")
-    case = build_case(choices, families, first=first, nodes=nodes, placed=placed)
-    return Case(case.families, case.objects, tuple(choices.taken))
-
-
-def replayed_case(numbers: Sequence[int], *, first: str, families: Sequence[str]) -> Case:
-    """From recorded choices, which may have been made smaller."""
-    choices = ReplayedChoices(numbers)
-    case = build_case(choices, families, first=first)
-    return Case(case.families, case.objects, tuple(choices.taken))
+    return build_case(SeededChoices(f"{seed}/{number}/{first}"), families, first=first, nodes=nodes, placed=placed)
 
 
 @st.composite

@@ -16,8 +16,7 @@ from typing import Any
 
 from campaigns.cluster_cases.regressions import keep
 from campaigns.parity import live as parity_live
-from campaigns.parity import reference as parity_reference
-from campaigns.parity import ros as parity_ros
+from campaigns.parity import offline
 from campaigns.parity.report import Report
 
 Json = dict[str, Any]
@@ -47,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _with_against_without(arguments: argparse.Namespace) -> int:
-    report = parity_ros.campaign(cases=arguments.cases or 1000, seed=arguments.seed, say=_say)
+    report = offline.compare_without_ros_plugins(cases=arguments.cases or 1000, seed=arguments.seed, say=_say)
     _write(arguments.json, report.as_json())
     return _told(report)
 
@@ -55,18 +54,11 @@ def _with_against_without(arguments: argparse.Namespace) -> int:
 def _against_reference(arguments: argparse.Namespace) -> int:
     seed = arguments.seed
     if arguments.case is not None:
-        print(parity_reference.one(seed=seed, number=arguments.case))
+        print(offline.describe_case(seed=seed, number=arguments.case))
         return 0
-    report = parity_reference.campaign(cases=arguments.cases or 20_000, seed=seed, say=_say)
+    report = offline.compare_with_reference(cases=arguments.cases or 20_000, seed=seed, say=_say)
     _write(arguments.json, report.as_json())
-    print(report.table())
-    for each in report.found[:SHOWN]:
-        print(json.dumps(each))
-    if report.smallest:
-        print(f"the first of them, made small:\n{report.smallest}")
-    total = report.counts.total()
-    print(f"{total} cases, seed {seed}: {len(report.found)} differences, {report.seconds:.0f} s")
-    return 1 if report.found else 0
+    return _told(report)
 
 
 def _against_kube_scheduler(arguments: argparse.Namespace) -> int:
