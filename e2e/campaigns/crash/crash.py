@@ -4,7 +4,6 @@
 """
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +15,7 @@ from typing import Any, Self
 from tests.support.apiobjects import ROS
 from tests.support.proxy import FaultProxy, Moment
 
+from campaigns.common.output import save, say
 from campaigns.rigs.invariants import claims, violations
 from robotapp_api.model.names import API_VERSION
 from robotapp_testbed import ControlPlane, Process, wait_until
@@ -231,9 +231,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for number, each in enumerate(planned, 1):
             outcomes.append(campaign.live(each))
             say(f"life {number}/{len(planned)}: {_line(outcomes[-1])}")
-    if arguments.json:
-        found = {"writes": writes, "outcomes": [asdict(each) for each in outcomes]}
-        arguments.json.write_text(json.dumps(found, indent=1) + "\n")
+    save(arguments.json, {"writes": writes, "outcomes": [asdict(outcome) for outcome in outcomes]})
     failed = sum(bool(each.problems) for each in outcomes)
     struck = _struck(outcomes)
     say(
@@ -261,10 +259,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--apps", type=int, default=20)
     parser.add_argument("--json", type=Path, help="write every outcome to this file")
     return parser
-
-
-def say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
 
 
 def _line(outcome: Outcome) -> str:

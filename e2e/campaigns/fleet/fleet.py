@@ -18,6 +18,7 @@ from typing import Any, Final
 
 from campaigns.common import options
 from campaigns.common.figures import percentile
+from campaigns.common.output import save, say
 from campaigns.rigs import process_use, quiet
 from campaigns.rigs.appwatch import condition
 from campaigns.rigs.world import APIS, Object, World, plain_app
@@ -86,8 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(json.dumps(figures, indent=2))
     for problem in problems:
         print(f"MISSED: {problem}", file=sys.stderr)
-    if arguments.json:
-        arguments.json.write_text(json.dumps({**figures, "problems": problems}, indent=2) + "\n")
+    save(arguments.json, {**figures, "problems": problems})
     return 1 if problems else 0
 
 
@@ -122,7 +122,7 @@ def run(world: World, arguments: argparse.Namespace) -> tuple[Figures, list[str]
         problems.append(f"{start['writes_per_instance_median']} writes per instance until it was Ready")
     if start["status_writes_per_s"] > MOST_STATUS_PER_S:
         problems.append(f"{start['status_writes_per_s']:.2f} statuses of the app per second")
-    _say(f"{start}")
+    say(f"{start}")
     began_s = time.monotonic()
     if not wait_until(lambda: not _unmeasured(world), timeout_s=MEASURED_S, poll_s=5.0):
         problems.append(f"budgets of {len(_unmeasured(world))} instances are not measured after {MEASURED_S:.0f} s")
@@ -133,10 +133,10 @@ def run(world: World, arguments: argparse.Namespace) -> tuple[Figures, list[str]
     records = quiet.writes_during(world.cp, arguments.quiet_seconds, namespace=world.namespace)
     counts = quiet.by_object(records)
     rest = {"seconds": arguments.quiet_seconds, "writes": len(records), "cpu_s": _spent(world, before)}
-    _say(f"at rest: {rest} {counts.most_common(3)}")
+    say(f"at rest: {rest} {counts.most_common(3)}")
     problems += [f"{count} writes at rest: {name}" for name, count in counts.most_common(3)]
     noise = _noise(world, arguments)
-    _say(f"noise: {noise}")
+    say(f"noise: {noise}")
     if noise["writes_within_a_minute_max"] > 1:
         problems.append(f"{noise['writes_within_a_minute_max']} writes of one instance within a minute under noise")
     figures = {
@@ -292,10 +292,6 @@ def _unmeasured(world: World) -> list[Object]:
 
 def _ready(instances: Sequence[Object]) -> list[Object]:
     return [each for each in instances if condition(each, Condition.READY).get("status") == "True"]
-
-
-def _say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

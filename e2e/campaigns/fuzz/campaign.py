@@ -11,12 +11,12 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from statistics import median
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from tests.support.rigel.cases import ENVIRONMENT, first_generation, mutated
 
 from campaigns.fuzz.generator import Generator
+from campaigns.rigs.background import Background
 from campaigns.rigs.process_use import queued_s, tree, tree_rss_bytes, usage
 from campaigns.rigs.world import APIS, Object, World, plain_app
 from rigel_bridge.document.failures import BridgeError
@@ -204,23 +204,12 @@ def time_problems(
 PULSE_S: Final = 0.05
 
 
-class Pulse:
+class Pulse(Background):
     """A thread that does nothing: while it comes late, this process or the whole machine stood still."""
 
     def __init__(self) -> None:
         self._late: deque[tuple[float, float]] = deque(maxlen=100_000)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="pulse", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        self._thread.join()
+        super().__init__("pulse")
 
     def late_s(self, since_s: float) -> float:
         """Seconds by which it came too late since then (monotonic), all together."""

@@ -4,13 +4,12 @@ Needs root. A quiet machine: sender, switch and receiver share its cores. Half a
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 
 from campaigns.common import options
+from campaigns.common.output import save
 from campaigns.network.namespaced import Wire, missing
 from campaigns.network.switch_figures import Capacity, Delay, Loss, delay, load, loss
 
@@ -43,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "losses": [asdict(each) for each in losses],
         "loads": {name: asdict(each) for name, each in loads.items()},
     }
-    _write(arguments.json, figures)
+    save(arguments.json, figures)
     problems = verdict(delays, losses, loads)
     print("\n".join(problems) or "all bounds are kept")
     return 1 if problems else 0
@@ -74,11 +73,6 @@ def report(delays: Sequence[Delay], losses: Sequence[Loss], loads: dict[str, Cap
     print(f"\n{'load':>16}{'frames/s':>12}{'Mbit/s':>10}{'lost':>8}{'switch CPU':>13}")
     for name, each in loads.items():
         print(f"{name:>16}{each.frames_s:>12,.0f}{each.mbit_s:>10.0f}{each.lost:>8}{each.cpu_share:>13.0%}")
-
-
-def _write(path: Path | None, found: object) -> None:
-    if path:
-        path.write_text(json.dumps(found, indent=1) + "\n")
 
 
 def _parser() -> argparse.ArgumentParser:

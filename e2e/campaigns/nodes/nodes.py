@@ -5,7 +5,6 @@ minutes (about 19 in all); without it there are 3 lives and 3 kills, as in scrip
 """
 
 import argparse
-import json
 import os
 import random
 import signal
@@ -18,6 +17,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from campaigns.common import options
+from campaigns.common.output import save, say
 from campaigns.nodes import machine_census, real_pods, stability
 from campaigns.nodes.real_pods import pod
 from robotapp_testbed import wait_until
@@ -135,8 +135,7 @@ class Found:
     stable: stability.Stable | None = None
 
     def save(self, path: Path | None) -> None:
-        if path:
-            path.write_text(json.dumps(asdict(self), indent=1) + "\n")
+        save(path, asdict(self))
 
 
 def stable(seconds: float) -> stability.Stable:
@@ -181,10 +180,6 @@ def told_of_life(each: Life) -> str:
 def told(each: Kill) -> str:
     state = "up" if each.was_up else "starting"
     return f"after {each.after_s:.2f} s while {state}, left {each.left or 'nothing'}, next up {each.next_up_s:.1f} s"
-
-
-def say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -7,7 +7,6 @@ apps with cameras.
 """
 
 import argparse
-import json
 import statistics
 import sys
 import time
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.common import options
+from campaigns.common.output import save, say
 from campaigns.nodes import stability
 from campaigns.nodes import teleop_app as teleop
 from robotapp_testbed.control_plane import components_as_pods
@@ -216,17 +216,8 @@ def run(cp: RealNodes, scheduler: str, *, number: int, apps: int, seconds: float
 
 
 def _save(path: Path | None, outcomes: Sequence[Outcome], stable: stability.Stable | None) -> None:
-    if path:
-        found = {
-            **as_json(outcomes),
-            "runs": [asdict(each) for each in outcomes],
-            "stable": asdict(stable) if stable else None,
-        }
-        path.write_text(json.dumps(found, indent=1) + "\n")
-
-
-def say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
+    runs = [asdict(outcome) for outcome in outcomes]
+    save(path, {**as_json(outcomes), "runs": runs, "stable": asdict(stable) if stable else None})
 
 
 def _app(name: str, scheduler: str) -> dict[str, Any]:

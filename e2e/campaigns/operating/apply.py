@@ -20,6 +20,7 @@ import yaml
 from tests.support.wrong_input.malformed import malformed_apps
 from tests.support.wrong_input.malformed_annotations import malformed_annotations, pod
 
+from campaigns.common.output import save, say
 from campaigns.rigs import journeys, process_use, quiet
 from campaigns.rigs.world import World, plain_app
 from robotapp_api.model.app.robotapp import RobotApp
@@ -127,8 +128,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         product.install(cp, values={"domainPool": {"quarantineSeconds": 1}})
         result = run(cp, options)
     print(json.dumps(result, indent=2))
-    if options.json:
-        options.json.write_text(json.dumps(result, indent=2) + "\n")
+    save(options.json, result)
     return 1 if result["problems"] else 0
 
 
@@ -143,11 +143,11 @@ def run(cp: ControlPlane, options: argparse.Namespace) -> Figures:
         flags = {"sweep_seconds": sweep_s}
         with World(cp, _nodes(), pools=POOLS, operator_flags=flags, scheduler_flags=flags) as world:
             for name, phase in wanted.items():
-                _say(name)
+                say(name)
                 figures, found = phase(world, options)
                 problems += [f"{name}: {each}" for each in found]
                 result[name] = figures
-                _say(f"  {figures}{'; '.join(['', *found])}")
+                say(f"  {figures}{'; '.join(['', *found])}")
             used = {part: process_use.usage(getattr(world, part)) for part in ("operator", "scheduler")}
         result[f"sweep every {sweep_s:g} s"] = used
         if used["operator"]["peak_rss_bytes"] > RSS_LIMIT_BYTES:
@@ -304,12 +304,8 @@ def _settle(world: World) -> float:
     """Seconds from now until nothing is written any more for five."""
     began_s = time.monotonic()
     if not quiet.until_quiet(world.cp, quiet_s=5.0, within_s=60):
-        _say("  operator or scheduler keep writing")
+        say("  operator or scheduler keep writing")
     return time.monotonic() - began_s
-
-
-def _say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

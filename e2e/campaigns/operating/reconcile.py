@@ -6,7 +6,6 @@ figures are the operator's alone. Figures of two trees are comparable when they 
 
 import argparse
 import asyncio
-import json
 import os
 import statistics
 import sys
@@ -20,6 +19,7 @@ from typing import Any, Final
 import yaml
 
 from campaigns.common import options
+from campaigns.common.output import save, say
 from campaigns.operating.small_cluster import ON_BOARD, SmallCluster
 from campaigns.rigs import process_use
 from campaigns.rigs.appwatch import is_ready
@@ -52,11 +52,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             for row in arguments.only or ROWS:
                 figures = asyncio.run(_row(row, arguments, tree))
                 found.setdefault(f"{row}, {'other tree' if tree != REPOSITORY else 'this tree'}", []).append(figures)
-                _say(f"{row} {tree} {number}: {figures['ms_per_instance']:.2f} ms per instance")
+                say(f"{row} {tree} {number}: {figures['ms_per_instance']:.2f} ms per instance")
     for name, runs in found.items():
         _print(name, runs)
-    if arguments.json:
-        arguments.json.write_text(json.dumps(found, indent=1) + "\n")
+    save(arguments.json, found)
     return 0
 
 
@@ -225,10 +224,6 @@ def _print(name: str, runs: Sequence[Figures]) -> None:
         values = [run[figure] for run in runs]
         print(f"  {figure}: {statistics.median(values):.4g} {[float(f'{each:.4g}') for each in values]}")
     print(f"  requests: {first['requests']}")
-
-
-def _say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ overlaps are promised, and counted apart.
 """
 
 import argparse
-import json
 import random
 import statistics
 import sys
@@ -20,6 +19,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
 from campaigns.common import options
+from campaigns.common.output import save
 from campaigns.operating.out_of_sight import Fleet
 from campaigns.rigs.live import Tenant, eventually, part
 from campaigns.storm.history import Event
@@ -420,8 +420,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             )
     print("\n".join(table(report)))
     print(f"{report.revisions} revisions watched, {time.monotonic() - began_s:.0f} s")
-    if arguments.json:
-        arguments.json.write_text(json.dumps(asdict(report), indent=1) + "\n")
+    save(arguments.json, asdict(report))
     for problem in report.problems:
         print(problem)
     return 1 if report.problems else 0

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from campaigns.common.output import save
 from ros_profile.decide.profiling import profile
 from ros_profile.files.load import Workspace, load
 from ros_profile.generate import engine_named
@@ -303,8 +304,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
     result["failed"] = with_table["failed"] + [
         f"{key} falls by {v:.1%} without the table" for key, v in lost.items() if v > 0.05
     ]
-    if options.json:
-        options.json.write_text(json.dumps(result, indent=2, sort_keys=True) + "\n")
+    save(options.json, result)
     print(f"processor time {spent:.1f} s for {len(cases['thesis'])} labels with all packages beside them")
     print("targets met" if not result["failed"] else "targets missed: " + "; ".join(result["failed"]))
     return 1 if result["failed"] else 0

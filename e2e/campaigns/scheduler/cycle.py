@@ -16,6 +16,7 @@ from typing import Any
 import msgspec
 from tests.support.scheduling import default_profiles, make_node, make_pod, telemetry
 
+from campaigns.common.output import save
 from campaigns.scheduler.core_loads import PREEMPTORS, preempting, round_trip_rows, waiting
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.core.api.core_v1 import Selecting
@@ -146,8 +147,7 @@ def main() -> None:
         for kind in PREEMPTORS if args.preempting else ():
             for gone in (True, False):
                 tell(preempting(nodes, kind, args.preempting, gone=gone))
-    if args.json:
-        args.json.write_text(json.dumps(rows, indent=1))
+    save(args.json, rows)
 
 
 if __name__ == "__main__":

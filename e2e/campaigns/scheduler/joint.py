@@ -12,7 +12,6 @@ exhaustive search on N small problems, each with ample and with little time; a w
 
 import argparse
 import asyncio
-import json
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -25,6 +24,7 @@ from rich.table import Table
 from tests.support.scheduler.joint_problems import brute_force, field_problem, small_problem
 
 from campaigns.common import options
+from campaigns.common.output import save
 from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.joint.latencies import FloatArray
 from robotapp_scheduler.joint.problem import INF, UNPLACED, Edge, Problem
@@ -227,8 +227,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if key != "methods":
             print(f"{key:34} {value}")
     Console(width=100).print(table(result["methods"]))
-    if given.json is not None:
-        given.json.write_text(json.dumps(result, indent=1))
+    save(given.json, result)
     return 1 if wrong else 0
 
 

@@ -8,7 +8,6 @@ kept, and the programs do little but clean up.
 
 import random
 import statistics
-import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +15,7 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Final, Self
 
+from campaigns.rigs.background import Background
 from campaigns.rigs.world import World
 from campaigns.storm.wishes import KINDS, is_pod, wish
 from robotapp_testbed.failures import ApiStatusError
@@ -32,7 +32,7 @@ OVERLOADED: Final = (429, 500, 503, 504)
 """Answers of a server that has too much to do: of a write nobody knows whether it was done."""
 
 
-class Churn:
+class Churn(Background):
     """`with` it, the churn goes on. `there`: what was made and not deleted; `holders` names those that hold something."""
 
     def __init__(
@@ -49,9 +49,7 @@ class Churn:
         self._chance = chance
         self._holders = holders
         self._full = full
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="churn", daemon=True)
-        self._error: BaseException | None = None
+        super().__init__("churn")
         self._rounds_s: list[float] = []
         self._short = self._began_s = self._ended_s = 0.0
         self._doubtful: list[Wish] = []
@@ -64,14 +62,12 @@ class Churn:
 
     def __enter__(self) -> Self:
         self._began_s = time.monotonic()
-        self._thread.start()
-        return self
+        return super().__enter__()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stop.set()
-        self._thread.join()
+        super().__exit__(kind, error, trace)
         self._ended_s = time.monotonic()
 
     @property
@@ -94,11 +90,6 @@ class Churn:
             reasons.append(f"grants (in {self._short / len(self._rounds_s):.0%} of the rounds too few held anything)")
         return " and ".join(reasons) or "nothing"
 
-    def check(self) -> None:
-        """Raise what ended the churn."""
-        if self._error is not None:
-            raise self._error
-
     def keep(self, kept: Iterable[Wish]) -> None:
         """Delete all others; for after the churn."""
         kept = set(kept)
@@ -106,17 +97,14 @@ class Churn:
             list(people.map(self._delete, [each for each in self.there if each not in kept]))
 
     def _run(self) -> None:
-        try:
-            with ThreadPoolExecutor(PEOPLE) as people:
-                while not self._stop.is_set():
-                    began_s = time.monotonic()
-                    went = self._round(people)
-                    round_s = time.monotonic() - began_s
-                    if went:  # else it was the first, in which all come
-                        self._rounds_s.append(round_s)
-                    self._stop.wait(max(0.0, ROUND_S - round_s))
-        except BaseException as error:  # noqa: BLE001 - `check` raises it where it is looked for
-            self._error = error
+        with ThreadPoolExecutor(PEOPLE) as people:
+            while not self._stop.is_set():
+                began_s = time.monotonic()
+                went = self._round(people)
+                round_s = time.monotonic() - began_s
+                if went:  # else it was the first, in which all come
+                    self._rounds_s.append(round_s)
+                self._stop.wait(max(0.0, ROUND_S - round_s))
 
     def _round(self, people: ThreadPoolExecutor) -> int:
         """How many went."""

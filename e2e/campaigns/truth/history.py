@@ -4,9 +4,9 @@ import threading
 from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from types import TracebackType
 from typing import Any, Final, Self
 
+from campaigns.rigs.background import Background
 from campaigns.rigs.world import APIS, Object, World
 from robotapp_api.model.names import Label
 
@@ -23,7 +23,7 @@ class Span:
     last: datetime
 
 
-class History:
+class History(Background):
     """Looks at pods, claims, nodes and telemetry while it is open, and remembers the spans of their facts.
 
     Facts are tuples: ("pod", component, node), ("claim", holder, domain id or "device on node"), ("rtt", node, peer, ms),
@@ -35,19 +35,11 @@ class History:
         self._spans: dict[Hashable, list[Span]] = {}
         self._at = datetime.now(UTC)
         self._lock = threading.Lock()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="history", daemon=True)
+        super().__init__("history")
 
     def __enter__(self) -> Self:
         self.look()
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        self._thread.join()
+        return super().__enter__()
 
     def was(self, *fact: Hashable, at: datetime, within_s: float = 0.0) -> bool:
         """Was it so at that time, or up to so many seconds before? `...` in a fact stands for anything."""

@@ -15,6 +15,7 @@ from typing import Any
 from tests.live.chart.chart import CHART, NAMESPACE, Object
 
 from campaigns.common import options
+from campaigns.common.output import save
 from robotapp_testbed.binaries import programs
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.control_plane import product
@@ -108,8 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     broken = {release: _broken(program, release) for release in RELEASES}
     for release, problems in broken.items():
         print(f"{release}: {'; '.join(problems) or 'compiles'}")
-    if arguments.json:
-        arguments.json.write_text(json.dumps({"costs": found, "errors": broken}, indent=1) + "\n")
+    save(arguments.json, {"costs": found, "errors": broken})
     return int(any(report["total"] > LIMIT for report in found) or any(broken.values()))
 
 

@@ -35,7 +35,7 @@ class Server:
         self.names.discard(name)
 
 
-class World:
+class StormedCluster:
     namespace, apps_path = "ours", "/apis/ours/robotapps"
 
     def __init__(self) -> None:
@@ -43,7 +43,7 @@ class World:
         self.cp = type("Plane", (), {"api": self.server})()
 
 
-def churn(world: World, *, wanted: int = 100, held: Callable[[], set[str]] = set, full: bool = False) -> Churn:
+def churn(world: StormedCluster, *, wanted: int = 100, held: Callable[[], set[str]] = set, full: bool = False) -> Churn:
     return Churn(world, wanted=wanted, chance=random.Random(1), holders=held, full=full)  # type: ignore[arg-type]
 
 
@@ -58,7 +58,7 @@ def names(of: Churn) -> set[str]:
 
 
 def test_first_all_come_then_a_tenth_goes_in_each_round_four_fifths_of_them_holders() -> None:
-    world = World()
+    world = StormedCluster()
     storm = churn(world, held=lambda: {f"s-{number}" for number in range(60)})
     rounds(storm, 1)
     assert (storm.made, storm.gone, len(names(storm))) == (100, 0, 100)
@@ -71,7 +71,7 @@ def test_first_all_come_then_a_tenth_goes_in_each_round_four_fifths_of_them_hold
 
 
 def test_where_few_hold_something_few_go_and_that_is_told() -> None:
-    storm = churn(World(), held=lambda: {"s-1", "s-2", "s-3", "s-4"})
+    storm = churn(StormedCluster(), held=lambda: {"s-1", "s-2", "s-3", "s-4"})
     rounds(storm, 2)
     assert storm.gone == 5
     storm._rounds_s = [0.1, 0.1]
@@ -79,7 +79,7 @@ def test_where_few_hold_something_few_go_and_that_is_told() -> None:
 
 
 def test_a_full_churn_keeps_its_rate_with_those_that_wait() -> None:
-    storm = churn(World(), held=lambda: {"s-1", "s-2", "s-3", "s-4"}, full=True)
+    storm = churn(StormedCluster(), held=lambda: {"s-1", "s-2", "s-3", "s-4"}, full=True)
     rounds(storm, 3)
     assert storm.gone == 20
     storm._rounds_s = [0.1, 0.1]
@@ -87,13 +87,13 @@ def test_a_full_churn_keeps_its_rate_with_those_that_wait() -> None:
 
 
 def test_some_go_although_nobody_holds_anything() -> None:
-    storm = churn(World())
+    storm = churn(StormedCluster())
     rounds(storm, 4)
     assert storm.gone == 3
 
 
 def test_slow_answers_are_told_as_what_limits_it() -> None:
-    storm = churn(World())
+    storm = churn(StormedCluster())
     storm._rounds_s = [0.5, 2.0, 4.0]
     assert storm.limit == "the API server (67% of the rounds took longer than a second, 3.0 s)"
     storm._rounds_s = [0.5]
@@ -101,7 +101,7 @@ def test_slow_answers_are_told_as_what_limits_it() -> None:
 
 
 def test_what_an_overloaded_server_has_done_or_not_is_deleted_in_the_next_round() -> None:
-    world = World()
+    world = StormedCluster()
     storm = churn(world, wanted=20)
 
     def overloaded(verb: str, name: str) -> None:
@@ -118,21 +118,21 @@ def test_what_an_overloaded_server_has_done_or_not_is_deleted_in_the_next_round(
 
 
 def test_an_error_that_is_not_the_servers_load_ends_the_churn_and_is_raised_where_it_is_looked_for() -> None:
-    world = World()
+    world = StormedCluster()
 
     def forbidden(_verb: str, name: str) -> None:
         raise ApiStatusError("POST", name, 403, "no")
 
     world.server.before = forbidden
     storm = churn(world)
-    with storm:
+    with pytest.raises(ApiStatusError, match="403"), storm:
         storm._thread.join(60)
     with pytest.raises(ApiStatusError, match="403"):
         storm.check()
 
 
 def test_in_a_thread_of_its_own_it_goes_on_while_nobody_looks() -> None:
-    world = World()
+    world = StormedCluster()
     storm = churn(world, wanted=10)
     with storm:
         deadline_s = time.monotonic() + 30
