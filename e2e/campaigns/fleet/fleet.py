@@ -21,7 +21,7 @@ from campaigns.common.figures import percentile
 from campaigns.common.output import save, say
 from campaigns.rigs import process_use, quiet
 from campaigns.rigs.appwatch import condition
-from campaigns.rigs.world import APIS, Object, World, plain_app
+from campaigns.rigs.simulated_site import APIS, Object, SimulatedSite, plain_app
 from robotapp_api.model.names import API_VERSION, Condition, Label
 from robotapp_testbed import ControlPlane, wait_until
 from robotapp_testbed.control_plane import product
@@ -76,14 +76,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         pool = {"apiVersion": API_VERSION, "kind": "DomainPool", "metadata": {"name": POOL}, "spec": spec}
         cp.api.create(f"{APIS}/domainpools", pool)
         flags = {"sweep_seconds": SWEEP_S}
-        with World(
+        with SimulatedSite(
             cp,
             _nodes(arguments.robots, arguments.nodes, arguments.components),
             operator_flags=flags,
             scheduler_flags=flags,
             tidy=False,
-        ) as world:
-            figures, problems = run(world, arguments)
+        ) as site:
+            figures, problems = run(site, arguments)
     print(json.dumps(figures, indent=2))
     for problem in problems:
         print(f"MISSED: {problem}", file=sys.stderr)
@@ -111,12 +111,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def run(world: World, arguments: argparse.Namespace) -> tuple[Figures, list[str]]:
+def run(site: SimulatedSite, arguments: argparse.Namespace) -> tuple[Figures, list[str]]:
     """Start, rest and noise, one after the other."""
-    began, before = datetime.now(UTC), _cpu_s(world)
-    start, problems = _start(world, arguments, began)
-    start |= _writes_to_ready(world, began, robots=arguments.robots, seconds=start["ready_s"])
-    start["cpu_s"] = _spent(world, before)
+    began, before = datetime.now(UTC), _cpu_s(site)
+    start, problems = _start(site, arguments, began)
+    start |= _writes_to_ready(site, began, robots=arguments.robots, seconds=start["ready_s"])
+    start["cpu_s"] = _spent(site, before)
     start["operator_ms_per_instance"] = start["cpu_s"]["operator"] * 1000 / arguments.robots
     if start["writes_per_instance_median"] > MOST_WRITES_TO_READY:
         problems.append(f"{start['writes_per_instance_median']} writes per instance until it was Ready")
@@ -124,45 +124,45 @@ def run(world: World, arguments: argparse.Namespace) -> tuple[Figures, list[str]
         problems.append(f"{start['status_writes_per_s']:.2f} statuses of the app per second")
     say(f"{start}")
     began_s = time.monotonic()
-    if not wait_until(lambda: not _unmeasured(world), timeout_s=MEASURED_S, poll_s=5.0):
-        problems.append(f"budgets of {len(_unmeasured(world))} instances are not measured after {MEASURED_S:.0f} s")
+    if not wait_until(lambda: not _unmeasured(site), timeout_s=MEASURED_S, poll_s=5.0):
+        problems.append(f"budgets of {len(_unmeasured(site))} instances are not measured after {MEASURED_S:.0f} s")
     start["measured_after_ready_s"] = time.monotonic() - began_s
-    if not quiet.until_quiet(world.cp, quiet_s=quiet.REST_S, within_s=CALM_S, namespace=world.namespace):
+    if not quiet.until_quiet(site.cp, quiet_s=quiet.REST_S, within_s=CALM_S, namespace=site.namespace):
         problems.append(f"it did not come to rest within {CALM_S:.0f} s")
-    before = _cpu_s(world)
-    records = quiet.writes_during(world.cp, arguments.quiet_seconds, namespace=world.namespace)
+    before = _cpu_s(site)
+    records = quiet.writes_during(site.cp, arguments.quiet_seconds, namespace=site.namespace)
     counts = quiet.by_object(records)
-    rest = {"seconds": arguments.quiet_seconds, "writes": len(records), "cpu_s": _spent(world, before)}
+    rest = {"seconds": arguments.quiet_seconds, "writes": len(records), "cpu_s": _spent(site, before)}
     say(f"at rest: {rest} {counts.most_common(3)}")
     problems += [f"{count} writes at rest: {name}" for name, count in counts.most_common(3)]
-    noise = _noise(world, arguments)
+    noise = _noise(site, arguments)
     say(f"noise: {noise}")
     if noise["writes_within_a_minute_max"] > 1:
         problems.append(f"{noise['writes_within_a_minute_max']} writes of one instance within a minute under noise")
     figures = {
         "robots": arguments.robots,
         "components": arguments.components,
-        "nodes": len(world.nodes),
+        "nodes": len(site.nodes),
         "start": start,
         "rest": rest,
         "noise": noise,
     }
-    for process in (world.operator, world.scheduler):
+    for process in (site.operator, site.scheduler):
         figures[process.name] = used = process_use.usage(process)
         if used["peak_rss_bytes"] >= MOST_RSS_BYTES:
             problems.append(f"{process.name}: {used['peak_rss_bytes'] / 1e6:.0f} MB")
     return figures, problems
 
 
-def _start(world: World, arguments: argparse.Namespace, began: datetime) -> tuple[Figures, list[str]]:
+def _start(site: SimulatedSite, arguments: argparse.Namespace, began: datetime) -> tuple[Figures, list[str]]:
     """Apply the app and wait until it and all its instances are Ready."""
     robots, components = arguments.robots, arguments.components
-    sent_s = world.create(_app(components))
-    world.watch.until_ready("fleet", within_s=arguments.within)
+    sent_s = site.create(_app(components))
+    site.watch.until_ready("fleet", within_s=arguments.within)
     ready_s = time.monotonic() - sent_s
-    whole = wait_until(lambda: len(_ready(_instances(world))) == robots, timeout_s=60, poll_s=0.5)
-    found, pods = _instances(world), world.pods()
-    app = world.app("fleet")
+    whole = wait_until(lambda: len(_ready(_instances(site))) == robots, timeout_s=60, poll_s=0.5)
+    found, pods = _instances(site), site.pods()
+    app = site.app("fleet")
     size = max((len(json.dumps(each["status"])) for each in (*found, app)), default=0)
     placed = sum(bool(pod["spec"].get("nodeName")) for pod in pods)
     took_s = [_ready_after_s(each, began) for each in _ready(found)] or [0.0]
@@ -190,9 +190,9 @@ def _ready_after_s(instance: Object, began: datetime) -> float:
     return (datetime.fromisoformat(condition(instance, Condition.READY)["lastTransitionTime"]) - began).total_seconds()
 
 
-def _writes_to_ready(world: World, began: datetime, *, robots: int, seconds: float) -> Figures:
+def _writes_to_ready(site: SimulatedSite, began: datetime, *, robots: int, seconds: float) -> Figures:
     """By the audit log: writes per instance and of which kinds, writes per instance object, statuses of the app."""
-    records = quiet.writes_since(world.cp, began, namespace=world.namespace)
+    records = quiet.writes_since(site.cp, began, namespace=site.namespace)
     per_instance = [len(times) for times in _times(records).values()]
     statuses = [each for each in records if each["objectRef"]["resource"] == "robotapps"]
     kinds = Counter(" ".join(name.split()[:3]) for name in quiet.by_object(records).elements())
@@ -207,21 +207,21 @@ def _writes_to_ready(world: World, began: datetime, *, robots: int, seconds: flo
     }
 
 
-def _noise(world: World, arguments: argparse.Namespace) -> Figures:
+def _noise(site: SimulatedSite, arguments: argparse.Namespace) -> Figures:
     """Round trips between the nodes in use wobble, without a budget changing its verdict."""
-    nodes = world.nodes
+    nodes = site.nodes
     assert isinstance(nodes, Wobbling)
-    used = {pod["spec"]["nodeName"] for pod in world.pods() if pod["spec"].get("nodeName")}
+    used = {pod["spec"]["nodeName"] for pod in site.pods() if pod["spec"].get("nodeName")}
     names = sorted(used | {node.name for node in nodes if node.robot})
-    began, before = datetime.now(UTC), _cpu_s(world)
+    began, before = datetime.now(UTC), _cpu_s(site)
     began_s = time.monotonic()
     reports = 0
     while (round_began_s := time.monotonic()) < began_s + arguments.noise_seconds:
         nodes.wobble(arguments.noise / 100, seed=arguments.seed + reports)
-        world.telemetry.write(*names)
+        site.telemetry.write(*names)
         reports += len(names)
         time.sleep(max(0.0, ROUND_S - (time.monotonic() - round_began_s)))
-    records = quiet.writes_since(world.cp, began, namespace=world.namespace)
+    records = quiet.writes_since(site.cp, began, namespace=site.namespace)
     seconds = time.monotonic() - began_s  # the last round may take long
     times = _times(records)
     return {
@@ -232,7 +232,7 @@ def _noise(world: World, arguments: argparse.Namespace) -> Figures:
         "writes_within_a_minute_max": max(map(quiet.most_within_a_minute, times.values()), default=0),
         "writes_per_instance_minute_mean": sum(map(len, times.values())) / arguments.robots / (seconds / 60),
         "status_writes": sum(each["objectRef"]["resource"] == "robotapps" for each in records),
-        "cpu_s": _spent(world, before),
+        "cpu_s": _spent(site, before),
     }
 
 
@@ -246,14 +246,14 @@ def _times(records: Iterable[Mapping[str, Any]]) -> Mapping[str, list[datetime]]
     return {name: sorted(mine) for name, mine in times.items()}
 
 
-def _cpu_s(world: World) -> Mapping[str, float]:
+def _cpu_s(site: SimulatedSite) -> Mapping[str, float]:
     """CPU seconds so far."""
-    processes = (world.operator, world.scheduler, world.cp.process(Program.API))
+    processes = (site.operator, site.scheduler, site.cp.process(Program.API))
     return {process.name: process.cpu_seconds() for process in processes}
 
 
-def _spent(world: World, before: Mapping[str, float]) -> dict[str, float]:
-    return {name: round(now_s - before[name], 2) for name, now_s in _cpu_s(world).items()}
+def _spent(site: SimulatedSite, before: Mapping[str, float]) -> dict[str, float]:
+    return {name: round(now_s - before[name], 2) for name, now_s in _cpu_s(site).items()}
 
 
 def _app(components: int) -> Object:
@@ -280,14 +280,14 @@ def _nodes(robots: int, nodes: int | None, components: int) -> Wobbling:
     return Wobbling(made)
 
 
-def _instances(world: World) -> list[Object]:
-    found: list[Object] = world.cp.api.get(f"{APIS}/namespaces/{world.namespace}/{INSTANCES}")["items"]
+def _instances(site: SimulatedSite) -> list[Object]:
+    found: list[Object] = site.cp.api.get(f"{APIS}/namespaces/{site.namespace}/{INSTANCES}")["items"]
     return found
 
 
-def _unmeasured(world: World) -> list[Object]:
+def _unmeasured(site: SimulatedSite) -> list[Object]:
     """Instances of which it is not known yet whether they keep their budgets: that will be written when it is."""
-    return [each for each in _instances(world) if condition(each, Condition.BUDGET_MET).get("status") == "Unknown"]
+    return [each for each in _instances(site) if condition(each, Condition.BUDGET_MET).get("status") == "Unknown"]
 
 
 def _ready(instances: Sequence[Object]) -> list[Object]:

@@ -18,7 +18,7 @@ from tests.support.rigel.cases import ENVIRONMENT, first_generation, mutated
 from campaigns.fuzz.generator import Generator
 from campaigns.rigs.background import Background
 from campaigns.rigs.process_use import queued_s, tree, tree_rss_bytes, usage
-from campaigns.rigs.world import APIS, Object, World, plain_app
+from campaigns.rigs.simulated_site import APIS, Object, SimulatedSite, plain_app
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.document.tree import parse
 from rigel_bridge.generations.load import load
@@ -41,11 +41,13 @@ SENTINEL_ID: Final = 101
 
 
 class Claims:
-    """`living` names an app of the world that is there now, "" when there is none."""
+    """`living` names an app of the site that is there now, "" when there is none."""
 
-    def __init__(self, world: World, make: Generator, *, seed: int, pool: str, living: Callable[[], str]) -> None:
+    def __init__(
+        self, site: SimulatedSite, make: Generator, *, seed: int, pool: str, living: Callable[[], str]
+    ) -> None:
         schema = schema_of(RobotClaim)["properties"]
-        self._world = world
+        self._site = site
         self._make = make
         self._random = random.Random(seed)
         self._pool = pool
@@ -56,10 +58,10 @@ class Claims:
     def create(self) -> None:
         """One more; every third gets a random status, too. Raises `ApiStatusError` where it is refused."""
         body = self.object()
-        self._world.cp.api.create(PATH, body)
+        self._site.cp.api.create(PATH, body)
         if self._random.random() < 1 / 3:
             status = self._make.value(self._status)
-            self._world.cp.api.patch(f"{PATH}/{body['metadata']['name']}/status", {"status": status})
+            self._site.cp.api.patch(f"{PATH}/{body['metadata']['name']}/status", {"status": status})
 
     def object(self) -> Object:
         spec = self._make.value({**self._spec, "required": ["domain", "device", "holder"]})
@@ -75,14 +77,14 @@ class Claims:
             domain["scopeValue"] = "" if domain["scope"] == "Cluster" else self._random.choice(("hall-1", "nowhere"))
             domain["pool"] = self._random.choice((self._pool, "nowhere", domain["pool"]))
         else:
-            spec["device"]["node"] = self._random.choice((next(iter(self._world.nodes)).name, "nowhere"))
+            spec["device"]["node"] = self._random.choice((next(iter(self._site.nodes)).name, "nowhere"))
         holder = spec["holder"]
-        namespace = self._world.namespace
+        namespace = self._site.namespace
         match self._random.randrange(4):
             case 0:  # of nobody any more
                 holder |= _app_holder(namespace, "gone", secrets.token_hex(16))
             case 1 if name := self._living():
-                holder |= _app_holder(namespace, name, self._world.app(name)["metadata"]["uid"])
+                holder |= _app_holder(namespace, name, self._site.app(name)["metadata"]["uid"])
             case 2:
                 uid = secrets.token_hex(16)
                 holder |= {"apiVersion": "v1", "kind": "Pod", "namespace": namespace, "name": "gone", "uid": uid}
@@ -90,10 +92,10 @@ class Claims:
     def begin(self) -> None:
         """A claim of an app that is gone, which the sweep must find beside all others."""
         domain = {"pool": self._pool, "scope": "Cluster", "scopeValue": "", "id": SENTINEL_ID}
-        spec = {"domain": domain, "holder": _app_holder(self._world.namespace, "sentinel", secrets.token_hex(16))}
+        spec = {"domain": domain, "holder": _app_holder(self._site.namespace, "sentinel", secrets.token_hex(16))}
         name = claim_name_domain(self._pool, "Cluster", "", SENTINEL_ID)
         try:
-            self._world.cp.api.create(PATH, _body(name, spec, {}))
+            self._site.cp.api.create(PATH, _body(name, spec, {}))
             self._sentinel = name
         except ApiStatusError as error:
             if error.status != 409:  # one of the random ones took its id
@@ -106,7 +108,7 @@ class Claims:
         if not self._sentinel:
             return True
         try:
-            found = self._world.cp.api.get(f"{PATH}/{self._sentinel}")
+            found = self._site.cp.api.get(f"{PATH}/{self._sentinel}")
         except ApiStatusError as error:
             if error.status == 404:
                 return True
@@ -115,7 +117,7 @@ class Claims:
 
     def clear(self) -> None:
         """Those that nothing ends: of holders of unknown kinds, and parked ones."""
-        self._world.cp.api.delete(_LISTED)
+        self._site.cp.api.delete(_LISTED)
 
 
 def _body(name: str, spec: Object, labels: dict[str, str]) -> Object:
@@ -267,21 +269,21 @@ class Report:
 
 
 class Campaign:
-    """`seed` decides every object but its name; healthy apps take their domains from `pool`. The world's own processes are watched."""
+    """`seed` decides every object but its name; healthy apps take their domains from `pool`. The site's own processes are watched."""
 
-    def __init__(self, world: World, *, seed: int, pool: str) -> None:
-        self._world = world
+    def __init__(self, site: SimulatedSite, *, seed: int, pool: str) -> None:
+        self._site = site
         self._pool = pool
         self._make = Generator(seed)
         self._random = random.Random(seed)
         self._apps = schema_of(RobotApp)
         self._telemetry = schema_of(NodeTelemetry)["properties"]["status"]
-        self._processes = {"operator": world.operator, "scheduler": world.scheduler}
+        self._processes = {"operator": site.operator, "scheduler": site.scheduler}
         self._pids = {name: process.pid for name, process in self._processes.items()}
         self._beside = ThreadPoolExecutor(1)
         self._living: list[str] = []
         living = lambda: self._living[-1] if self._living else ""  # noqa: E731
-        self._claims = Claims(world, self._make, seed=seed, pool=pool, living=living)
+        self._claims = Claims(site, self._make, seed=seed, pool=pool, living=living)
         self.report = Report(memory={name: Samples(CACHES_BYTES.get(name, 0)) for name in self._processes})
 
     def run(self, objects: int, *, tell: Callable[[Report], None] = lambda _: None) -> Report:
@@ -317,9 +319,9 @@ class Campaign:
             self.report.sent[f"{kind} {outcome}"] += 1
         healthy = f"healthy-{secrets.token_hex(3)}"
         bare = self._beside.submit(self._bare)
-        sent_s = self._world.create(plain_app(healthy, ros2={"pool": self._pool}))
+        sent_s = self._site.create(plain_app(healthy, ros2={"pool": self._pool}))
         try:
-            self.report.ready_s.append(self._world.watch.until_ready(healthy, within_s=WITHIN_S) - sent_s)
+            self.report.ready_s.append(self._site.watch.until_ready(healthy, within_s=WITHIN_S) - sent_s)
         except TimeoutError as late:
             self.report.problems.append(f"a healthy app was not Ready: {late}")
         self.report.bare_s.append(bare.result())
@@ -327,13 +329,13 @@ class Campaign:
             self.report.problems.append(f"the claim of an app that is gone was not swept within {WITHIN_S:.0f} s")
         self._claims.clear()
         for kind in ("pods", "persistentvolumeclaims"):
-            self._world.cp.api.delete(f"/api/v1/namespaces/{self._world.namespace}/{kind}")
-        self._world.clear()
+            self._site.cp.api.delete(f"/api/v1/namespaces/{self._site.namespace}/{kind}")
+        self._site.clear()
         self._check()
 
     def _app(self, names: list[str]) -> tuple[str, str]:
         name = f"fuzz-{secrets.token_hex(4)}"
-        outcome = self._tried(lambda: self._world.create(self._make.app(self._apps, name)))
+        outcome = self._tried(lambda: self._site.create(self._make.app(self._apps, name)))
         if outcome == "accepted":
             names.append(name)
         return "RobotApp", outcome
@@ -342,13 +344,13 @@ class Campaign:
         if not names:
             return self._app(names)
         spec = self._make.app(self._apps, "x")["spec"]
-        path = f"{self._world.apps_path}/{names[-1]}"
-        return "edit", self._tried(lambda: self._world.cp.api.patch(path, {"spec": spec}))
+        path = f"{self._site.apps_path}/{names[-1]}"
+        return "edit", self._tried(lambda: self._site.cp.api.patch(path, {"spec": spec}))
 
     def _bare(self) -> float:
         """Seconds until bare Deployments run whose pods name their node: what the machine needs for it in this minute."""
-        api, path = self._world.cp.api, f"/apis/apps/v1/namespaces/{self._world.namespace}/deployments"
-        node = next(node.name for node in self._world.nodes if not node.robot)
+        api, path = self._site.cp.api, f"/apis/apps/v1/namespaces/{self._site.namespace}/deployments"
+        node = next(node.name for node in self._site.nodes if not node.robot)
         names = [f"bare-{secrets.token_hex(3)}" for _ in range(BARE)]
         began_s = time.monotonic()
         api.each(lambda name: api.create(path, _bare_deployment(name, node)), names)
@@ -383,12 +385,12 @@ class Campaign:
 
     def _rendered(self, one: Rendered, names: list[str]) -> str:
         name = f"fuzz-{secrets.token_hex(4)}"
-        path = f"/api/v1/namespaces/{self._world.namespace}/persistentvolumeclaims"
+        path = f"/api/v1/namespaces/{self._site.namespace}/persistentvolumeclaims"
 
         def send() -> None:
             for number, claim in enumerate(one.claims):
-                self._world.cp.api.create(path, {**claim, "metadata": {"name": f"{name}-{number}"}})
-            self._world.create({**one.app, "metadata": {**one.app["metadata"], "name": name}})
+                self._site.cp.api.create(path, {**claim, "metadata": {"name": f"{name}-{number}"}})
+            self._site.create({**one.app, "metadata": {**one.app["metadata"], "name": name}})
 
         outcome = self._tried(send)
         if outcome == "accepted":
@@ -410,8 +412,8 @@ class Campaign:
             "metadata": {"name": f"fuzz-{secrets.token_hex(4)}", "annotations": texts},
             "spec": {"schedulerName": "ros-aware-scheduler", "containers": [{"name": "c", "image": "x"}]},
         }
-        path = f"/api/v1/namespaces/{self._world.namespace}/pods"
-        return "pod", self._tried(lambda: self._world.cp.api.create(path, body))
+        path = f"/api/v1/namespaces/{self._site.namespace}/pods"
+        return "pod", self._tried(lambda: self._site.cp.api.create(path, body))
 
     def _json(self) -> str:
         found = self._make.value({"type": "string", "maxLength": 200})
@@ -420,10 +422,10 @@ class Campaign:
         )
 
     def _node_telemetry(self, _: list[str]) -> tuple[str, str]:
-        node = next(iter(self._world.nodes)).name
+        node = next(iter(self._site.nodes)).name
         status = self._make.value(self._telemetry)
         path = f"{APIS}/nodetelemetries/{node}/status"
-        return "telemetry", self._tried(lambda: self._world.cp.api.patch(path, {"status": status}))
+        return "telemetry", self._tried(lambda: self._site.cp.api.patch(path, {"status": status}))
 
     @staticmethod
     def _tried(send: Any) -> str:

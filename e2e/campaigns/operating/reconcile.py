@@ -23,7 +23,7 @@ from campaigns.common.output import save, say
 from campaigns.operating.small_cluster import ON_BOARD, SmallCluster
 from campaigns.rigs import process_use
 from campaigns.rigs.appwatch import is_ready
-from campaigns.rigs.world import plain_app
+from campaigns.rigs.simulated_site import plain_app
 from robotapp_api.model.names import Label
 from robotapp_client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_testbed.binaries.pins import REPOSITORY

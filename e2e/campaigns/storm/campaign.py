@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from campaigns.rigs.world import Object, World
+from campaigns.rigs.simulated_site import Object, SimulatedSite
 from campaigns.storm import program
 from campaigns.storm.churn import Churn, Wish, path_of
 from campaigns.storm.forger import Forger
@@ -226,7 +226,7 @@ class Report:
 class _Scene:
     """All who take part."""
 
-    world: World
+    site: SimulatedSite
     churn: Churn
     forger: Forger
     recorder: Recorder
@@ -273,30 +273,30 @@ class Storm:
         return self._lost(scene), self._left(scene)
 
     def _clear(self, scene: _Scene) -> None:
-        world = scene.world
-        for path in (world.apps_path, path_of(world, "pod"), f"/apis/{API_VERSION}/robotclaims"):
+        site = scene.site
+        for path in (site.apps_path, path_of(site, "pod"), f"/apis/{API_VERSION}/robotclaims"):
             self._cp.api.delete(path)
 
     def _scene(self, stack: ExitStack) -> _Scene:
-        world = stack.enter_context(self._world())
+        site = stack.enter_context(self._site())
         stranger = f"stranger-{self._mark}"
         stack.enter_context(created(self._cp, stranger))
-        processes = [world.operator, world.another_operator(**self._flags(2)), world.scheduler]
+        processes = [site.operator, site.another_operator(**self._flags(2)), site.scheduler]
         processes.append(self._second_scheduler(stack))
         recorder = stack.enter_context(Recorder(self._cp))
         churn = Churn(
-            world,
+            site,
             wanted=self._plan.wanted,
             chance=self._chance("churn"),
             holders=recorder.holders,
             full=self._plan.full_churn,
         )
         return _Scene(
-            world=world,
+            site=site,
             churn=churn,
-            forger=Forger(world, stranger, chance=self._chance("forger"), wishes=lambda: churn.there),
+            forger=Forger(site, stranger, chance=self._chance("forger"), wishes=lambda: churn.there),
             recorder=recorder,
-            judge=Judge(namespaces={world.namespace}, strangers={stranger}),
+            judge=Judge(namespaces={site.namespace}, strangers={stranger}),
             misfortune=Misfortune(processes, every=self._plan.every, chance=self._chance("misfortune")),
             cpu=Cpu(),
         )
@@ -305,8 +305,10 @@ class Storm:
         """Each draws from a source of its own, because they act side by side."""
         return random.Random(f"{whose} {self._plan.seed}")
 
-    def _world(self) -> World:
-        return World(self._cp, self._nodes, operator_flags=self._flags(1), scheduler_flags=self._flags(3), tidy=False)
+    def _site(self) -> SimulatedSite:
+        return SimulatedSite(
+            self._cp, self._nodes, operator_flags=self._flags(1), scheduler_flags=self._flags(3), tidy=False
+        )
 
     def _second_scheduler(self, stack: ExitStack) -> Process:
         """A Lease of its own lets it work at the same time as the first."""
@@ -358,15 +360,15 @@ class Storm:
         scene.churn.keep(kept)
 
         def waiting() -> list[str]:
-            return [text for kind in ("app", "pod") for text in self._waiting(scene.world, kind, kept)]
+            return [text for kind in ("app", "pod") for text in self._waiting(scene.site, kind, kept)]
 
         wait_until(lambda: not waiting(), timeout_s=WAIT_S, poll_s=0.5)
         return waiting()
 
-    def _waiting(self, world: World, kind: str, kept: Collection[Wish]) -> list[str]:
+    def _waiting(self, site: SimulatedSite, kind: str, kept: Collection[Wish]) -> list[str]:
         """Those of a kind who are not served, and what the product says about it."""
         names = {name for each, name in kept if each == kind}
-        found = {each["metadata"]["name"]: each for each in self._cp.api.get(path_of(world, kind))["items"]}
+        found = {each["metadata"]["name"]: each for each in self._cp.api.get(path_of(site, kind))["items"]}
         served = _bound if is_pod(kind) else _served
         return [
             f"{kind} {name} was never served: {found.get(name, {}).get('status')}"
@@ -375,13 +377,13 @@ class Storm:
         ]
 
     def _left(self, scene: _Scene) -> list[str]:
-        world = scene.world
+        site = scene.site
         scene.forger.clear()
-        self._cp.api.delete(world.apps_path)
-        self._cp.api.delete(f"/api/v1/namespaces/{world.namespace}/pods")
+        self._cp.api.delete(site.apps_path)
+        self._cp.api.delete(f"/api/v1/namespaces/{site.namespace}/pods")
 
         def left() -> list[str]:
-            return [claim["metadata"]["name"] for claim in world.claims()]
+            return [claim["metadata"]["name"] for claim in site.claims()]
 
         wait_until(lambda: not left(), timeout_s=WAIT_S, poll_s=0.5)
         return [f"claim {name} is left" for name in left()]

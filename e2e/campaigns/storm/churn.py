@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Final, Self
 
 from campaigns.rigs.background import Background
-from campaigns.rigs.world import World
+from campaigns.rigs.simulated_site import SimulatedSite
 from campaigns.storm.wishes import KINDS, is_pod, wish
 from robotapp_testbed.failures import ApiStatusError
 
@@ -37,14 +37,14 @@ class Churn(Background):
 
     def __init__(
         self,
-        world: World,
+        site: SimulatedSite,
         *,
         wanted: int,
         chance: random.Random,
         holders: Callable[[], Collection[str]],
         full: bool = False,
     ) -> None:
-        self._world = world
+        self._site = site
         self._wanted = wanted
         self._chance = chance
         self._holders = holders
@@ -137,12 +137,12 @@ class Churn(Background):
         return self._chance.choice(KINDS), f"s-{self.made}"
 
     def _create(self, what: Wish) -> bool:
-        path = path_of(self._world, what[0])
-        return self._answered(what, lambda: self._world.cp.api.create(path, wish(*what)))
+        path = path_of(self._site, what[0])
+        return self._answered(what, lambda: self._site.cp.api.create(path, wish(*what)))
 
     def _delete(self, what: Wish) -> bool:
-        path = f"{path_of(self._world, what[0])}/{what[1]}"
-        return self._answered(what, lambda: self._world.cp.api.delete(path), 404, 409)
+        path = f"{path_of(self._site, what[0])}/{what[1]}"
+        return self._answered(what, lambda: self._site.cp.api.delete(path), 404, 409)
 
     def _answered(self, what: Wish, request: Callable[[], object], *allowed: int) -> bool:
         """A server that cannot answer in time is part of a storm; then False, and the wish is doubtful."""
@@ -161,8 +161,8 @@ class Churn(Background):
         return False
 
 
-def path_of(world: World, kind: str) -> str:
-    return f"/api/v1/namespaces/{world.namespace}/pods" if is_pod(kind) else world.apps_path
+def path_of(site: SimulatedSite, kind: str) -> str:
+    return f"/api/v1/namespaces/{site.namespace}/pods" if is_pod(kind) else site.apps_path
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection
 from typing import Final
 
 from campaigns.rigs.background import Background
-from campaigns.rigs.world import World
+from campaigns.rigs.simulated_site import SimulatedSite
 from campaigns.storm.churn import OVERLOADED, Wish, refusals
 from campaigns.storm.wishes import forgery, is_pod
 
@@ -20,9 +20,9 @@ class Forger(Background):
     """`with` it, forgeries come. namespace: where all is forged; `wishes` are those of which an app is imitated."""
 
     def __init__(
-        self, world: World, namespace: str, *, chance: random.Random, wishes: Callable[[], Collection[Wish]]
+        self, site: SimulatedSite, namespace: str, *, chance: random.Random, wishes: Callable[[], Collection[Wish]]
     ) -> None:
-        self._world = world
+        self._site = site
         self._namespace = namespace
         self._chance = chance
         self._wishes = wishes
@@ -35,7 +35,7 @@ class Forger(Background):
     def clear(self) -> None:
         """Take away all that was forged."""
         for kind, api in STRANGE.items():
-            self._world.cp.api.delete(f"{api}/namespaces/{self._namespace}/{kind}")
+            self._site.cp.api.delete(f"{api}/namespaces/{self._namespace}/{kind}")
 
     def _run(self) -> None:
         rounds = 0
@@ -53,10 +53,10 @@ class Forger(Background):
         apps = [name for kind, name in self._wishes() if not is_pod(kind)]
         for name in self._chance.sample(apps, min(AT_ONCE, len(apps))):
             with refusals(404, 409, *OVERLOADED):
-                kind, forged = forgery(self._chance, app=self._world.app(name))
+                kind, forged = forgery(self._chance, app=self._site.app(name))
                 self.forged += 1
                 with refusals(403, 422, note=self._note_refused):
-                    self._world.cp.api.create(f"{STRANGE[kind]}/namespaces/{self._namespace}/{kind}", forged)
+                    self._site.cp.api.create(f"{STRANGE[kind]}/namespaces/{self._namespace}/{kind}", forged)
 
     def _note_refused(self) -> None:
         self.refused += 1

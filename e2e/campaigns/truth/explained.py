@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from itertools import product
 from typing import Any, Final, NamedTuple
 
-from campaigns.rigs.world import Object
+from campaigns.rigs.simulated_site import Object
 from campaigns.truth.history import History
 from campaigns.truth.screen import Screen, is_component, node_ready
 from robotapp_api.model.names import Annotation, Label

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, Final, Self
 
 from campaigns.rigs.background import Background
-from campaigns.rigs.world import APIS, Object, World
+from campaigns.rigs.simulated_site import APIS, Object, SimulatedSite
 from robotapp_api.model.names import Label
 
 EVERY_S: Final = 0.3
@@ -30,8 +30,8 @@ class History(Background):
     ("device", node, id, present), ("ready", node, status), ("robot", name, node), ("cordoned", node).
     """
 
-    def __init__(self, world: World) -> None:
-        self._world = world
+    def __init__(self, site: SimulatedSite) -> None:
+        self._site = site
         self._spans: dict[Hashable, list[Span]] = {}
         self._at = datetime.now(UTC)
         self._lock = threading.Lock()
@@ -58,9 +58,9 @@ class History(Background):
 
     def look(self) -> None:
         """Take in how things are."""
-        api = self._world.cp.api
+        api = self._site.cp.api
         now = datetime.now(UTC)
-        pods, claims = self._world.pods(), api.get(f"{APIS}/robotclaims")["items"]
+        pods, claims = self._site.pods(), api.get(f"{APIS}/robotclaims")["items"]
         nodes, reports = api.get("/api/v1/nodes")["items"], api.get(f"{APIS}/nodetelemetries")["items"]
         with self._lock:
             before, self._at = self._at, now

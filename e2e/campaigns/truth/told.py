@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Final
 
-from campaigns.rigs.world import Object
+from campaigns.rigs.simulated_site import Object
 from campaigns.truth.history import History
 from campaigns.truth.screen import Screen
 from robotapp_api.values.quantities.duration import parse_us

@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 
-from campaigns.rigs.world import World
+from campaigns.rigs.simulated_site import SimulatedSite
 from campaigns.truth.arranging import SEEN_S, Place, Situation, app_of, nodes, pools
 from campaigns.truth.history import History
 from campaigns.truth.oracle import contradictions
@@ -23,23 +23,23 @@ from robotapp_testbed.control_plane import product
 
 def run(place: Place, situation: Situation) -> list[str]:
     """What is wrong on the screen when it has come to rest; empty when every sentence is so."""
-    world = place.world
+    site = place.site
     with ExitStack() as stack:
-        stack.callback(world.clear)
-        history = stack.enter_context(History(world))
+        stack.callback(site.clear)
+        history = stack.enter_context(History(site))
         try:
             stack.enter_context(situation.around(place))
-            world.create(app_of(situation, place))
+            site.create(app_of(situation, place))
             if situation.then is not None:
                 if situation.ready_first:
-                    world.watch.until_ready("app", within_s=SEEN_S)
+                    site.watch.until_ready("app", within_s=SEEN_S)
                 stack.enter_context(situation.then(place))
         except TimeoutError as late:
             return [str(late)]
         wrong: list[str] = []
 
         def settled() -> bool:
-            wrong[:] = _wrong(look(world, "app"), history, situation, place)
+            wrong[:] = _wrong(look(site, "app"), history, situation, place)
             return not wrong
 
         wait_until(settled, timeout_s=SEEN_S, poll_s=0.5)
@@ -84,10 +84,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     mark, failed = secrets.token_hex(2), 0
     with ControlPlane() as cp:
         product.install(cp)
-        with World(cp, nodes(mark), pools=pools(mark)) as world:
+        with SimulatedSite(cp, nodes(mark), pools=pools(mark)) as site:
             for name, situation in chosen.items():
                 began_s = time.monotonic()
-                wrong = run(Place(world, mark), situation)
+                wrong = run(Place(site, mark), situation)
                 failed += bool(wrong)
                 print(f"{'FALSE' if wrong else 'so':6}{time.monotonic() - began_s:6.1f} s  {name}", flush=True)
                 for text in wrong:

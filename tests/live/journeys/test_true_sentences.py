@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from tests.support.seeds import daily_seed
 
-from campaigns.rigs.world import World
+from campaigns.rigs.simulated_site import SimulatedSite
 from campaigns.truth.arranging import Place, nodes, pools
 from campaigns.truth.over_time import LONG
 from campaigns.truth.situations import SITUATIONS
@@ -21,7 +21,7 @@ SAMPLE = 12
 @pytest.fixture(scope="module")
 def place(installed_plane: ControlPlane) -> Iterator[Place]:
     mark = secrets.token_hex(2)
-    with World(installed_plane, nodes(mark), pools=pools(mark)) as world:
+    with SimulatedSite(installed_plane, nodes(mark), pools=pools(mark)) as world:
         yield Place(world, mark)
 
 

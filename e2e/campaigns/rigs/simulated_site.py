@@ -1,4 +1,4 @@
-"""The whole product running in a small simulated world: nodes, telemetry, pools, operator, scheduler and a watch."""
+"""The whole product running on a small simulated site: nodes, telemetry, pools, operator, scheduler and a watch."""
 
 import secrets
 import time
@@ -24,8 +24,8 @@ APIS = f"/apis/{API_VERSION}"
 GONE_S = 120.0
 
 
-class World:
-    """Everything is the test's own and gone afterwards, so that tests can share one control plane.
+class SimulatedSite:
+    """The product running on simulated nodes. Everything is the test's own and gone afterwards, so that tests can share one control plane.
 
     `pools` are ids by pool name, with a quarantine of one second; the sweep runs every second. `operator_flags` and
     `scheduler_flags` are for the two processes, `telemetry_s` is the heartbeat of the simulated agents. Not `tidy`: the control plane is thrown away afterwards, so apps are left as they are.
@@ -77,12 +77,12 @@ class World:
         self._closing.__exit__(kind, error, trace)
 
     def another_operator(self, **flags: object) -> Process:
-        """Start one more, without election; it ends with this world."""
+        """Start one more, without election; it ends with this site."""
         flags = {"name": "operator-2", "sweep_seconds": 1, "no_leader_election": True, **flags}
         return self._closing.enter_context(_ended(product.start_operator(self.cp, **flags)))
 
     def kubectl(self, *args: str, stdin: object = None, check: bool = True) -> str:
-        """kubectl in the namespace of this world, as admin."""
+        """kubectl in the namespace of this site, as admin."""
         return self.cp.kubectl("-n", self.namespace, *args, stdin=stdin, check=check)
 
     # Apps
@@ -124,7 +124,7 @@ class World:
         return True
 
     def left(self) -> list[str]:
-        """Objects of this world's apps that still exist, claims of pools with a longer quarantine not counted."""
+        """Objects of this site's apps that still exist, claims of pools with a longer quarantine not counted."""
         kinds = ("/apis/apps/v1", "deployments"), ("/api/v1", "pods"), (APIS, "robotapps")
         names = [
             f"{kind}/{item['metadata']['name']}"
@@ -137,7 +137,7 @@ class World:
         return names + [f"robotclaims/{claim['metadata']['name']}" for claim in quick]
 
     def claims(self, pool: str | None = None) -> list[Object]:
-        """Claims held by apps of this world, of one pool if given."""
+        """Claims held by apps of this site, of one pool if given."""
         return [
             claim
             for claim in self.cp.api.get(f"{APIS}/robotclaims")["items"]

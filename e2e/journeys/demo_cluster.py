@@ -22,7 +22,7 @@ _BIN = Path(sys.executable).parent
 
 
 @dataclass
-class World:
+class DemoCluster:
     """One run of the demo."""
 
     cluster: ControlPlane
