@@ -16,10 +16,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from campaigns.common import options
+from campaigns.common import options, process_use
 from campaigns.common.figures import percentile
 from campaigns.common.output import save, say
-from campaigns.rigs import process_use, quiet
+from campaigns.rigs import quiet
 from campaigns.rigs.appwatch import condition
 from campaigns.rigs.simulated_site import APIS, Object, SimulatedSite, plain_app
 from robotapp_api.model.names import API_VERSION, Condition, Label

@@ -15,9 +15,9 @@ from typing import Any, Final
 
 from tests.support.rigel.cases import ENVIRONMENT, first_generation, mutated
 
+from campaigns.common.background import Background
+from campaigns.common.process_use import queued_s, tree, tree_rss_bytes, usage
 from campaigns.fuzz.generator import Generator
-from campaigns.rigs.background import Background
-from campaigns.rigs.process_use import queued_s, tree, tree_rss_bytes, usage
 from campaigns.rigs.simulated_site import APIS, Object, SimulatedSite, plain_app
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.document.tree import parse

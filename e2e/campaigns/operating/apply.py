@@ -20,8 +20,9 @@ import yaml
 from tests.support.wrong_input.malformed import malformed_apps
 from tests.support.wrong_input.malformed_annotations import malformed_annotations, pod
 
+from campaigns.common import process_use
 from campaigns.common.output import save, say
-from campaigns.rigs import journeys, process_use, quiet
+from campaigns.rigs import journeys, quiet
 from campaigns.rigs.simulated_site import SimulatedSite, plain_app
 from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.names import Condition

@@ -18,10 +18,9 @@ from typing import Any, Final
 
 import yaml
 
-from campaigns.common import options
+from campaigns.common import options, process_use
 from campaigns.common.output import save, say
 from campaigns.operating.small_cluster import ON_BOARD, SmallCluster
-from campaigns.rigs import process_use
 from campaigns.rigs.appwatch import is_ready
 from campaigns.rigs.simulated_site import plain_app
 from robotapp_api.model.names import Label

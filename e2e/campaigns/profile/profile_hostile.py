@@ -11,12 +11,14 @@ import sys
 import tempfile
 import time
 import traceback
+import unicodedata  # noqa: F401 - Python's parser imports it at the first name that is not ASCII, which is no reader's doing
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+import yaml
 from tests.support.ros_sources import manifest, write
 
 from campaigns.common import options
@@ -82,27 +84,9 @@ def watched(allowed: Path) -> Iterator[Watch]:
 
 
 _BITS = (
-    b"\0",
-    b"\xff",
-    b"\r",
-    b"\t",
-    b"'",
-    b'"',
-    b"(",
-    b"]",
-    b"{",
-    b"&",
-    b"*",
-    b"<",
-    b">",
-    b"%",
-    b"$(",
-    b"\\ud800",
-    b"\n",
-    b": ",
-    b"!!",
-    b"\xef\xbb\xbf",
-)
+    b"\0", b"\xff", b"\r", b"\t", b"'", b'"', b"(", b"]", b"{", b"&", b"*", b"<", b">", b"%", b"$(", b"\\ud800", b"\n", b": ",
+    b"!!", b"\xef\xbb\xbf",
+)  # fmt: skip
 
 
 def mutated(data: bytes, chance: random.Random) -> bytes:
@@ -123,143 +107,9 @@ def mutated(data: bytes, chance: random.Random) -> bytes:
 
 
 SECRET: Final = "/dev/ttyUSB4711"
-"""Stands in every file outside the package, and in none inside: no profile may hold it."""
-_PYTHON: Final = """
-import os, rclpy, outside.evil
-from ...outside import evil
-from thing.yaml import load
-from sensor_msgs.msg import Image
-from rclpy.node import Node
-__import__('outside')
-exec(open('{outside}/evil.py').read())
-class A(Node):
-    def __init__(self):
-        super().__init__('a')
-        os.system('touch {outside}/pwned')
-        self.p = self.create_publisher(Image, open('{outside}/name.txt').read(), qos_profile=10)
-        self.declare_parameter('port', open('../../outside/evil.py').read())
-def main():
-    rclpy.spin(A())
-"""
-_CPP: Final = """
-#include "../../outside/evil.hpp"
-#include "{outside}/evil.hpp"
-#include <thing/../../../outside/evil.hpp>
-#include "/etc/hostname"
-class B : public rclcpp::Node {{ B() : Node("b") {{
-  p_ = create_publisher<geometry_msgs::msg::Twist>("cmd_vel", rclcpp::QoS(5)); system("touch {outside}/pwned");
-  std::ifstream in("{outside}/evil.py"); t_ = create_wall_timer(50ms, [this]() {{ }}); }} }};
-RCLCPP_COMPONENTS_REGISTER_NODE(t::B)
-int main() {{}}
-"""
-_CMAKE: Final = """
-project(thing LANGUAGES CXX CUDA)
-include({outside}/evil.cmake)
-include(${{CMAKE_CURRENT_SOURCE_DIR}}/../outside/evil.cmake)
-add_subdirectory(../outside)
-file(READ {outside}/evil.py X)
-execute_process(COMMAND touch {outside}/pwned)
-add_executable(run src/a.cpp ../outside/evil.cpp {outside}/evil.cpp)
-add_executable(linked src/stolen.cpp)
-"""
-_LAUNCH_PYTHON: Final = """
-import os, outside.evil
-open('{outside}/evil.py')
-def generate_launch_description():
-    secret = os.path.join(get_package_share_directory('thing'), '..', '..', 'outside', 'evil.yaml')
-    os.system('touch {outside}/pwned')
-    return LaunchDescription([
-        IncludeLaunchDescription(PythonLaunchDescriptionSource('{outside}/evil.launch.py')),
-        IncludeLaunchDescription(PythonLaunchDescriptionSource('../../outside/evil.launch.py')),
-        IncludeLaunchDescription(os.path.join(get_package_share_directory('outside'), 'evil.launch.py')),
-        IncludeLaunchDescription('a.launch.py'),
-        ExecuteProcess(cmd=['touch', '{outside}/pwned']),
-        Node(package='thing', executable='run', parameters=[secret, '{outside}/evil.yaml', '/etc/hostname']),
-        Node(package='../outside', executable='../../outside/evil.py'),
-    ])
-"""
-_LAUNCH_XML: Final = """
-<launch>
-  <include file="/etc/hostname"/> <include file="{outside}/evil.launch"/> <include file="$(find thing)/../outside/evil.launch"/>
-  <include file="$(find outside)/evil.launch"/> <include file="$(dirname)/b.launch"/>
-  <rosparam command="load" file="../../outside/evil.yaml"/> <param name="x" textfile="{outside}/evil.py"/>
-  <param name="y" command="touch {outside}/pwned"/> <arg name="z" default="$(eval __import__('os').system('touch pwned'))"/>
-  <node pkg="thing" type="run" name="n" args="$(arg z)"><param from="{outside}/evil.yaml"/></node>
-</launch>
-"""
-_ENTITIES: Final = """<?xml version="1.0"?>
-<!DOCTYPE launch SYSTEM "file://{outside}/evil.dtd" [<!ENTITY s SYSTEM "file://{outside}/evil.py"><!ENTITY % p SYSTEM "http://localhost:9/p"> %p;
-<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;">]>
-<launch><node pkg="thing" type="run" name="&s;&c;"/></launch>
-"""
-_XACRO: Final = """
-<robot xmlns:xacro="http://ros.org/wiki/xacro" xmlns:xi="http://www.w3.org/2001/XInclude">
-  <xi:include href="{outside}/evil.py" parse="text"/> <xacro:include filename="../../outside/evil.xacro"/>
-  <xacro:include filename="$(find outside)/evil.xacro"/> <?xml-stylesheet href="file://{outside}/evil.xsl"?>
-  <ros2_control name="x" type="system"><hardware><plugin>a/B</plugin><param name="p">${{load_yaml('{outside}/evil.yaml')}}</param></hardware></ros2_control>
-</robot>
-"""
-_YAML: Final = """
-a: !include {outside}/evil.yaml
-b: !!python/object/apply:os.system ['touch {outside}/pwned']
-c: &c [x, x]
-d: [*c, *c]
-run: {{ros__parameters: {{rate: 20.0, file: {outside}/evil.py}}}}
-"""
-_SETUP: Final = """
-from setuptools import setup
-import os; os.system('touch {outside}/pwned'); text = open('{outside}/evil.py').read()
-setup(version=text, entry_points={{'console_scripts': ['a = thing.node:main', 'b = ...outside.evil:main', 'c = outside/evil:main']}}, scripts=['../outside/evil.py'])
-"""
-_FILES: Final = {
-    "package.xml": manifest("thing", depends=("rclcpp", "sensor_msgs")),
-    "CMakeLists.txt": _CMAKE,
-    "setup.py": _SETUP,
-    "setup.cfg": "[options.entry_points]\nconsole_scripts =\n  d = ..outside:main\n  e = file: {outside}/evil.py\n",
-    "thing/__init__.py": "",
-    "thing/node.py": _PYTHON,
-    "thing/yaml.py": "raise SystemExit('imported')\n",
-    "lxml.py": "raise SystemExit('imported')\n",
-    "src/a.cpp": _CPP,
-    "launch/a.launch.py": _LAUNCH_PYTHON,
-    "launch/b.launch": _LAUNCH_XML,
-    "launch/c.launch.yaml": "launch:\n- include: {{file: {outside}/evil.launch}}\n- node: {{pkg: thing, exec: run, param: [{{from: ../../outside/evil.yaml}}]}}\n",
-    "launch/d.launch": _ENTITIES,
-    "urdf/a.urdf.xacro": _XACRO,
-    "urdf/b.urdf": _ENTITIES,
-    "config/a.yaml": _YAML,
-    "plugins.xml": '<library path="{outside}/evil"><class type="t::B" base_class_type="rclcpp_components::NodeFactory"/></library>',
-    "udev/a.rules": 'SUBSYSTEM=="tty", IMPORT{{program}}="{outside}/evil.py", RUN+="{outside}/evil.py"\n',
-    "msg/A.msg": "string path {outside}/evil.py\n",
-}
-_OUTSIDE: Final = {
-    f"evil.{ending}": content
-    for ending, content in {
-        "py": f"import serial\nserial.Serial('{SECRET}')\n",
-        "cpp": f'int main() {{ open("{SECRET}"); }}',
-        "hpp": f'const char *p = "{SECRET}";',
-        "cmake": f"add_executable(evil {SECRET})\n",
-        "yaml": f"/**:\n  ros__parameters:\n    port: {SECRET}\n",
-        "launch": f'<launch><node pkg="evil" type="evil" name="evil" args="{SECRET}"/></launch>',
-        "launch.py": f"def generate_launch_description():\n    return LaunchDescription([Node(package='{SECRET}')])\n",
-        "xacro": f"<robot><link name='{SECRET}'/></robot>",
-        "dtd": f"<!ENTITY s '{SECRET}'>",
-    }.items()
-} | {"name.txt": SECRET, "package.xml": manifest("outside")}
-_LINKS: Final = {
-    "src/stolen.cpp": "../../outside/evil.cpp",
-    "src/chain.cpp": "stolen.cpp",
-    "src/folder": "../../outside",
-    "src/loop": "..",
-    "src/self.py": "self.py",
-    "thing/stolen.py": "{outside}/evil.py",
-    "launch/stolen.launch.py": "{outside}/evil.launch.py",
-    "launch/stolen.launch": "../../outside/evil.launch",
-    "config/stolen.yaml": "{outside}/evil.yaml",
-    "config/machine.yaml": "/etc/hostname",
-    "urdf/stolen.xacro": "../../outside/evil.xacro",
-    "scripts/dangling": "{outside}/none",
-}
+"""Stands in every file outside the package (hostile_package.yaml), and in none inside: no profile may hold it."""
+_PACKAGE: Final = yaml.safe_load(Path(__file__).with_name("hostile_package.yaml").read_text())
+_MANIFEST: Final = manifest("thing", depends=("rclcpp", "sensor_msgs"))
 
 
 @dataclass(frozen=True)
@@ -271,13 +121,11 @@ class Hostile:
 
     @classmethod
     def made(cls, root: Path) -> "Hostile":
-        outside = write(root / "outside", _OUTSIDE)
-        files = {
-            name: (content if name == "package.xml" else content.format(outside=outside)).encode()
-            for name, content in _FILES.items()
-        }
+        outside = write(root / "outside", _PACKAGE["outside"] | {"package.xml": manifest("outside")})
+        files = {name: content.format(outside=outside).encode() for name, content in _PACKAGE["files"].items()}
+        files["package.xml"] = _MANIFEST.encode()
         folder = write(root / "thing", files)
-        for name, target in _LINKS.items():
+        for name, target in _PACKAGE["links"].items():
             (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).symlink_to(target.format(outside=outside))
         return cls(folder, files)

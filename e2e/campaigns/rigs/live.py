@@ -8,7 +8,7 @@ from typing import Any, Final, TypeVar
 
 from tests.support.apiobjects import ROS
 
-from campaigns.rigs.background import Background
+from campaigns.common.background import Background
 from robotapp_api.model.names import API_VERSION, Label, Phase
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import ApiStatusError

@@ -19,10 +19,10 @@ from typing import Any, Final
 from campaigns.common.figures import percentile
 from campaigns.common.options import count, report
 from campaigns.common.output import save, say
+from campaigns.common.process_use import cpu_seconds
 from campaigns.free_api.objects import NAMESPACE, pod_name
 from campaigns.free_api.rig import Rig
 from campaigns.free_api.server import GOOD_TOKEN
-from campaigns.rigs.process_use import cpu_seconds
 from robotapp_testbed.processes.process import Process
 
 MOST_RISE: Final = 0.10

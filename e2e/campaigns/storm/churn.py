@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Final, Self
 
-from campaigns.rigs.background import Background
+from campaigns.common.background import Background
 from campaigns.rigs.simulated_site import SimulatedSite
 from campaigns.storm.wishes import KINDS, is_pod, wish
 from robotapp_testbed.failures import ApiStatusError

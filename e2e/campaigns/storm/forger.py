@@ -4,7 +4,7 @@ import random
 from collections.abc import Callable, Collection
 from typing import Final
 
-from campaigns.rigs.background import Background
+from campaigns.common.background import Background
 from campaigns.rigs.simulated_site import SimulatedSite
 from campaigns.storm.churn import OVERLOADED, Wish, refusals
 from campaigns.storm.wishes import forgery, is_pod

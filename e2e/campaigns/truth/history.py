@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final, Self
 
-from campaigns.rigs.background import Background
+from campaigns.common.background import Background
 from campaigns.rigs.simulated_site import APIS, Object, SimulatedSite
 from robotapp_api.model.names import Label
 

@@ -3,7 +3,7 @@
 import os
 import subprocess
 
-from campaigns.rigs.process_use import queued_s, tree, tree_rss_bytes
+from campaigns.common.process_use import queued_s, tree, tree_rss_bytes
 
 
 def test_memory_is_that_of_a_process_and_of_all_below_it() -> None:
