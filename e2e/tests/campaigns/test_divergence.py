@@ -5,8 +5,7 @@ from random import Random
 
 from tests.support.seeds import daily_seed
 
-from campaigns.divergence.campaign import SCHEDULERS, Outcome, Placed, Proof, outcomes, proof, rows
-from campaigns.divergence.divergence import main
+from campaigns.divergence.divergence import SCHEDULERS, Outcome, Placed, Proof, main, outcomes, proof, rows
 from campaigns.divergence.topology import Machine, Part, Topology, Wire, draw
 
 SAMPLE = 10

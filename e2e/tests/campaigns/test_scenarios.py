@@ -5,12 +5,11 @@ import random
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.scenarios.campaign import Outcome
 from campaigns.scenarios.catalogue import SCENARIOS
 from campaigns.scenarios.cluster import CAMERA, CAN, FIRST, GPU, OTHER, SECOND, Cluster, Room, draw
 from campaigns.scenarios.contenders import KUBE_SCHEDULER, OURS, Contender
 from campaigns.scenarios.promises.place import Verdict, judged
-from campaigns.scenarios.scenarios import BEGIN, END, Report, line, section
+from campaigns.scenarios.scenarios import BEGIN, END, Outcome, Report, line, section
 from campaigns.speed.page import DOCS, replaced
 from robotapp_testbed.machines.nodes import edge
 

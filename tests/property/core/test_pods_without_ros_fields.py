@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from tests.support.scheduling import make_info
 
 from campaigns.cluster_cases import seeded_case
-from campaigns.parity.offline import compare_without_ros_plugins
-from campaigns.parity.ros_surroundings import both, decided
+from campaigns.parity.offline import both, compare_without_ros_plugins, decided
 from robotapp_scheduler.plugins.kubernetes.queue_sort import PrioritySort
 from robotapp_scheduler.plugins.ros.queue_sort import ROSQueueSort
 
