@@ -1,19 +1,17 @@
 """What the latency switch is worth on this machine: accuracy of delay and loss, capacity, between plain namespaces."""
 
 import math
-import os
 import socket
 import statistics
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.network import udp_load
-from campaigns.network.namespaced import SO_TIMESTAMPNS, Namespace, Wire, round_trips_ms, stamp_ns
+from campaigns.network.namespaced import Namespace, Wire, round_trips_ms
 from robotapp_testbed.processes.process import wait_until
 
 PORT = 40_001
@@ -22,7 +20,7 @@ _RECEIVE_BUFFER_BYTES = 64 << 20
 _SO_RCVBUFFORCE = 33
 _LOT = 4000
 """The queue of a TAP holds two of them and more."""
-_GIVEN_UP_S = 30.0
+PATIENCE_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,43 +65,11 @@ class Capacity:
         return self.sent - self.received
 
 
-@dataclass(frozen=True, slots=True)
-class Stretch:
-    """Frames that the switch forwarded one after the other, as the receiver's kernel stamped them."""
-
-    sent: int
-    came_ns: Sequence[int]
-
-    @property
-    def lost(self) -> int:
-        return self.sent - len(self.came_ns)
-
-    @property
-    def us_per_frame(self) -> float:
-        gaps = len(self.came_ns) - 1
-        return (max(self.came_ns) - min(self.came_ns)) / gaps / 1000 if gaps > 0 else math.inf
-
-
 def delay(wire: Wire, set_ms: float, *, count: int) -> Delay:
     wire.switch.set_link("a", "b", delay_ms=set_ms)
     trips = sorted(round_trips_ms(wire.nodes["a"], wire.nodes["b"], count=count, pause_s=0.005)) or [math.inf]
     wire.switch.set_link("a", "b", delay_ms=0)
     return Delay(set_ms, statistics.median(trips) - 2 * set_ms, trips[int(len(trips) * 0.99)] - 2 * set_ms)
-
-
-def least_in_turns(
-    one: Callable[[], float], other: Callable[[], float], *, enough: Callable[[float, float], bool], most: int
-) -> tuple[float, float]:
-    """The smallest result of either, called in turns, until these two are enough or `most` of each were taken.
-
-    Other work of the machine only ever adds to a time, and adds to both: a calm moment for each is all it takes.
-    """
-    ours = theirs = math.inf
-    for _ in range(most):
-        ours, theirs = min(ours, one()), min(theirs, other())
-        if enough(ours, theirs):
-            break
-    return ours, theirs
 
 
 def loss(wire: Wire, set_share: float, *, count: int) -> Loss:
@@ -112,7 +78,7 @@ def loss(wire: Wire, set_share: float, *, count: int) -> Loss:
     wire.switch.set_link("a", "b", loss=set_share, one_way=True)
     origin, target = wire.nodes["a"], wire.nodes["b"]
     sent = received = 0
-    with _receiving(target) as receiver, origin.udp() as sender:
+    with receiving(target) as receiver, origin.udp() as sender:
         all_passed = True
         while all_passed and sent < count:
             goal = _passed(wire) + _LOT
@@ -134,7 +100,7 @@ def _passed(wire: Wire) -> float:
 
 def _passes(wire: Wire, goal: float) -> bool:
     """Wait until so many passed, and for one more round of the switch: an ARP frame may have been counted for the last one."""
-    return wait_until(lambda: _passed(wire) >= goal, timeout_s=_GIVEN_UP_S) and _passed(wire) >= goal
+    return wait_until(lambda: _passed(wire) >= goal, timeout_s=PATIENCE_S) and _passed(wire) >= goal
 
 
 def _waiting(receiver: socket.socket) -> int:
@@ -148,34 +114,8 @@ def _waiting(receiver: socket.socket) -> int:
     return found
 
 
-def stretch(wire: Wire, *, count: int, payload_bytes: int) -> Stretch:
-    """Let frames queue before the switch while it stands still, then let it forward them: the sender's pace plays no part."""
-    origin, target = wire.nodes["a"], wire.nodes["b"]
-    with _receiving(target) as receiver, origin.udp() as sender:
-        receiver.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        receiver.settimeout(_GIVEN_UP_S)
-        sender.sendto(b"hello", (target.address, PORT))  # nothing in the stretch waits for ARP
-        receiver.recv(64)
-        process = wire.switch.process
-        process.pause()
-        os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
-        began_s = time.monotonic()
-        for _ in range(count):
-            sender.sendto(bytes(payload_bytes), (target.address, PORT))
-        process.resume()
-        time.sleep(2 * (time.monotonic() - began_s))  # as a rule it is through then, and no reader slowed it down
-        return Stretch(count, tuple(_stamps_ns(receiver, count)))
-
-
-def _stamps_ns(receiver: socket.socket, count: int) -> Iterator[int]:
-    with suppress(TimeoutError):
-        for _ in range(count):
-            _, ((_, _, stamp),), _, _ = receiver.recvmsg(2048, 256)
-            yield stamp_ns(stamp)
-
-
 @contextmanager
-def _receiving(target: Namespace) -> Iterator[socket.socket]:
+def receiving(target: Namespace) -> Iterator[socket.socket]:
     with target.udp(PORT) as receiver:
         with suppress(PermissionError):  # then the kernel's own limit is the buffer
             receiver.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER_BYTES)
@@ -184,7 +124,7 @@ def _receiving(target: Namespace) -> Iterator[socket.socket]:
 
 def load(wire: Wire, *, per_second: float, payload_bytes: int, seconds: float) -> Capacity:
     origin, target = wire.nodes["a"], wire.nodes["b"]
-    with _receiving(target) as receiver, origin.udp() as sender:
+    with receiving(target) as receiver, origin.udp() as sender:
         before_s = wire.switch.process.cpu_seconds()
         counting = _start(receiver, "count", "1.5")
         sending = _start(sender, "send", target.address, PORT, per_second, payload_bytes, seconds)

@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterator
 from statistics import median
 
 import pytest
+from e2e.tests.live.switch.reference_switches import BareSwitch, PythonSwitch, least_in_turns, stretch
 
-from campaigns.network.namespaced import BareSwitch, PythonSwitch, Wire, skip_where_impossible
-from campaigns.network.switch_figures import delay, least_in_turns, loss, stretch
+from campaigns.network.namespaced import Wire, skip_where_impossible
+from campaigns.network.switch_figures import delay, loss
 from robotapp_testbed.switch import LatencySwitch
 
 pytestmark = pytest.mark.live
