@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.support.agent.devices import Tree, snapshots, trees
+from tests.unit.agent.devices.host_files import Tree, snapshots, trees
 
 from robotapp_agent.devices.device import Device
 from robotapp_agent.devices.discovery import discover
