@@ -1,5 +1,5 @@
-"""Nothing grows too long to be read at once: files of at most 600 lines, functions of at most 60, and folders of scheduler,
-operator and client of at most 14 Python files.
+"""Nothing grows too long to be read at once: files of at most 600 lines, functions of at most 60, and folders of at
+most 14 Python files.
 
 A line counts whatever is on it. What is longer for a reason is listed below, with the reason; an entry that is no longer
 needed is an error too. `python scripts/sizes.py` prints every finding and ends with 1 when there are any;
@@ -17,7 +17,6 @@ from statistics import median
 MOST_FILE = 600
 MOST_FUNCTION = 60
 MOST_IN_FOLDER = 14
-FOLDERS = ("scheduler/", "operator/", "client/robotapp_client/")
 SMALL = 60
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -47,9 +46,8 @@ def long_parts(path: Path) -> Iterator[tuple[str, int, int]]:
 
 
 def full_folders(paths: Iterable[Path]) -> dict[str, int]:
-    """Files in each folder of scheduler, operator and client that has too many."""
-    names = (path.relative_to(ROOT).as_posix() for path in paths)
-    files = Counter(name.rpartition("/")[0] for name in names if name.startswith(FOLDERS))
+    """Returns the number of Python files of each folder that has too many, by the folder's path."""
+    files = Counter(path.relative_to(ROOT).parent.as_posix() for path in paths)
     return {folder: count for folder, count in files.items() if count > MOST_IN_FOLDER}
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import yaml
 
+from journeys.demo_cluster import NAMESPACE, ROOT, DemoCluster
 from journeys.stage import Stage, wait_for
-from journeys.world import NAMESPACE, ROOT, World
 from robotapp_testbed.control_plane.namespaces import created
 from robotapp_testbed.machines.network import Topology
 
@@ -31,15 +31,15 @@ class Leg:
         return self.rtt_ms <= self.budget_ms
 
 
-def compare_with_kube_scheduler(stage: Stage, world: World) -> None:
+def compare_with_kube_scheduler(stage: Stage, demo: DemoCluster) -> None:
     stage.step(f"The same application {_COPIES} times under each scheduler")
     counts = {}
     for scheduler in ("default-scheduler", "ros-aware-scheduler"):
         with (
-            created(world.cluster, f"{NAMESPACE}-{scheduler.partition('-')[0]}") as namespace,
+            created(demo.cluster, f"{NAMESPACE}-{scheduler.partition('-')[0]}") as namespace,
             stage.waiting(f"{scheduler} places {_COPIES} copies"),
         ):
-            legs = _placed_legs(world, namespace, scheduler)
+            legs = _placed_legs(demo, namespace, scheduler)
         counts[scheduler] = sum(not leg.met for leg in legs)
         stage.say(f"[bold]{scheduler}[/bold]: {counts[scheduler]} of {len(legs)} edges miss their budget")
         for leg in sorted(legs, key=lambda leg: -leg.rtt_ms)[:3]:
@@ -50,25 +50,25 @@ def compare_with_kube_scheduler(stage: Stage, world: World) -> None:
     stage.claim("no edge placed by ros-aware-scheduler misses its budget", counts["ros-aware-scheduler"] == 0)
 
 
-def _placed_legs(world: World, namespace: str, scheduler: str) -> list[Leg]:
+def _placed_legs(demo: DemoCluster, namespace: str, scheduler: str) -> list[Leg]:
     """Create the copies, wait until every pod has a node, and look up the round trip of every edge."""
     app = yaml.safe_load((ROOT / "examples/teleop.yaml").read_text())
     copies = [
         app | {"metadata": {"name": f"copy-{number}"}, "spec": app["spec"] | {"schedulerName": scheduler}}
         for number in range(_COPIES)
     ]
-    world.apply(*copies, namespace=namespace)
+    demo.apply(*copies, namespace=namespace)
     wanted = _COPIES * len(app["spec"]["components"])
-    nodes, _ = wait_for("all copies placed", lambda: _nodes_of(world, namespace, wanted), within_s=60, every_s=0.1)
-    legs = list(_legs(copies, nodes, world.topology))
-    world.cluster.kubectl("-n", namespace, "delete", "robotapps", "--all")
-    wait_for("the copies' end", lambda: not world.items("pods", namespace=namespace), within_s=60, every_s=0.1)
+    nodes, _ = wait_for("all copies placed", lambda: _nodes_of(demo, namespace, wanted), within_s=60, every_s=0.1)
+    legs = list(_legs(copies, nodes, demo.topology))
+    demo.cluster.kubectl("-n", namespace, "delete", "robotapps", "--all")
+    wait_for("the copies' end", lambda: not demo.items("pods", namespace=namespace), within_s=60, every_s=0.1)
     return legs
 
 
-def _nodes_of(world: World, namespace: str, wanted: int) -> dict[tuple[str, str], str] | None:
+def _nodes_of(demo: DemoCluster, namespace: str, wanted: int) -> dict[tuple[str, str], str] | None:
     """(app, component) → node, once `wanted` pods have one."""
-    pods = [pod for pod in world.items("pods", namespace=namespace) if pod["spec"].get("nodeName")]
+    pods = [pod for pod in demo.items("pods", namespace=namespace) if pod["spec"].get("nodeName")]
     nodes = {
         _component(pod): pod["spec"]["nodeName"] for pod in pods if "robotics.io/component" in pod["metadata"]["labels"]
     }

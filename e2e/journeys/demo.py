@@ -16,9 +16,9 @@ from pathlib import Path
 
 from journeys.burst import survive_kills
 from journeys.comparison import compare_with_kube_scheduler
+from journeys.demo_cluster import NAMESPACE, NAMESPACES, ROOT, DemoCluster
 from journeys.stage import FalseClaimError, Stage
 from journeys.steps import apply_teleop, explain_teleop, render_from_rigel, share_a_can_bus
-from journeys.world import NAMESPACE, NAMESPACES, ROOT, World
 from robotapp_testbed import ControlPlane, TestbedError
 from robotapp_testbed.control_plane import guest, product
 from robotapp_testbed.control_plane.guest import GuestPlane
@@ -28,7 +28,7 @@ from robotapp_testbed.machines.topology import SimulatedTelemetry, apply, fleet
 from robotapp_testbed.processes.detached import Cluster
 from robotapp_testbed.processes.process import wait_until
 
-STORY: tuple[Callable[[Stage, World], None], ...] = (
+STORY: tuple[Callable[[Stage, DemoCluster], None], ...] = (
     apply_teleop,
     explain_teleop,
     compare_with_kube_scheduler,
@@ -128,12 +128,12 @@ def _topology(*, guests: bool = False) -> Topology:
     return Topology(replace(node, taints=[guest.TAINT], labels={guest.GUEST_LABEL: "true"}) for node in nodes)
 
 
-def _tell_on(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> World:
-    world = _set_up(stage, cluster, stack)
+def _tell_on(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> DemoCluster:
+    demo = _set_up(stage, cluster, stack)
     for step in STORY:
-        step(stage, world)
+        step(stage, demo)
     stage.close()
-    return world
+    return demo
 
 
 def _tell_and_stay(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> None:
@@ -141,7 +141,7 @@ def _tell_and_stay(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> Non
     _leave_terminal()
 
 
-def _set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> World:
+def _set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> DemoCluster:
     """The nodes, and operator and scheduler as local processes with their pods' rights."""
     confined = isinstance(cluster, GuestPlane)
     if confined:
@@ -164,14 +164,14 @@ def _set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> World:
         scheduler = product.start_scheduler(cluster, wait=False, sweep_seconds=1, insecure_explain=True)
         operator.wait_ready()
         scheduler.wait_ready()
-    return World(cluster=cluster, operator=operator, scheduler=scheduler, topology=topology, confined=confined)
+    return DemoCluster(cluster=cluster, operator=operator, scheduler=scheduler, topology=topology, confined=confined)
 
 
-def how_to_go_on(stage: Stage, world: World) -> None:
+def how_to_go_on(stage: Stage, demo: DemoCluster) -> None:
     """Lines to paste: our kubectl comes last on the PATH, for those who have none; the scheduler is no pod to be found."""
-    cluster = world.cluster
+    cluster = demo.cluster
     stage.say("\nThe cluster stays up. To play with it, paste:")
-    stage.say(f"  export KUBECONFIG={cluster.kubeconfig()} ROBOTAPP_SCHEDULER_URL={world.scheduler.health_url}")
+    stage.say(f"  export KUBECONFIG={cluster.kubeconfig()} ROBOTAPP_SCHEDULER_URL={demo.scheduler.health_url}")
     stage.say(f"  export PATH={ROOT / '.venv/bin'}:$PATH:{cluster.run_dir / 'bin'}")
     stage.say(f"  kubectl get ra -n {NAMESPACE};  kubectl robotapp info teleop -n {NAMESPACE}")
     stage.say(f"  kubectl robotapp explain teleop -n {NAMESPACE} -o wide;  kubectl explain robotapp.spec")

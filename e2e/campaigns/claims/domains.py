@@ -20,8 +20,8 @@ import msgspec
 from tests.support.claims.objects import app_holder, pod_json
 
 from campaigns.common.options import count, report
+from campaigns.common.output import say
 from campaigns.rigs.claims_live import Live, live
-from campaigns.speed.console import say
 from robotapp_api.model.names import Annotation
 from robotapp_claims.protocol.domains import ensure_pod_domain
 from robotapp_claims.protocol.writes import create_claim

@@ -9,7 +9,7 @@
 position only. Objects are valid for an API server; statuses, deletion and priority classes are for the feeder to set up.
 """
 
-from campaigns.cluster_cases.case import Case, build_case, cases, replayed_case, seeded_case
+from campaigns.cluster_cases.case import Case, build_case, cases, seeded_case
 from campaigns.cluster_cases.catalogue import FAMILIES, Family
 
-__all__ = ["FAMILIES", "Case", "Family", "build_case", "cases", "replayed_case", "seeded_case"]
+__all__ = ["FAMILIES", "Case", "Family", "build_case", "cases", "seeded_case"]

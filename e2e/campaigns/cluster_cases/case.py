@@ -1,30 +1,80 @@
 """A case: what to create, what comes back, and how it was drawn."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
 from hypothesis import strategies as st
 
-from campaigns.cluster_cases.admission import admitted
 from campaigns.cluster_cases.catalogue import FAMILIES, clash
-from campaigns.cluster_cases.choices import Choices, DrawnChoices, ReplayedChoices, SeededChoices
+from campaigns.cluster_cases.choices import Choices, DrawnChoices, SeededChoices
 from campaigns.cluster_cases.scene import Scene, draw_scene
 from campaigns.reference_scheduler import ClusterDump
 
 Json = dict[str, Any]
+
+_REQUIRED = "requiredDuringSchedulingIgnoredDuringExecution"
+_PREFERRED = "preferredDuringSchedulingIgnoredDuringExecution"
+
+
+def admitted(pod: Json) -> Json:
+    """Label keys become requirements of the selectors; with host networking container ports are host ports.
+
+    Pod-level requests get what the containers ask for where they say nothing themselves.
+    """
+    made = deepcopy(pod)
+    labels = made["metadata"].get("labels") or {}
+    for term in _terms(made):
+        _merge(term, labels)
+    if made["spec"].get("hostNetwork"):
+        for container in made["spec"]["containers"]:
+            for port in container.get("ports") or []:
+                port.setdefault("hostPort", port["containerPort"])
+    _complete_pod_level(made)
+    return made
+
+
+def _terms(pod: Json) -> Iterator[Json]:
+    """Everything with label keys: spread constraints and terms of pod affinity."""
+    yield from pod["spec"].get("topologySpreadConstraints") or []
+    affinity = pod["spec"].get("affinity") or {}
+    for kind in ("podAffinity", "podAntiAffinity"):
+        part = affinity.get(kind) or {}
+        yield from part.get(_REQUIRED) or []
+        for weighted in part.get(_PREFERRED) or []:
+            yield weighted["podAffinityTerm"]
+
+
+def _merge(term: Json, labels: Json) -> None:
+    for field, operator in (("matchLabelKeys", "In"), ("mismatchLabelKeys", "NotIn")):
+        for key in term.get(field) or []:
+            if key in labels and term.get("labelSelector") is not None:
+                requirement = {"key": key, "operator": operator, "values": [labels[key]]}
+                term["labelSelector"].setdefault("matchExpressions", []).append(requirement)
+
+
+def _complete_pod_level(pod: Json) -> None:
+    level = (pod["spec"].get("resources") or {}).get("requests")
+    containers = pod["spec"]["containers"]
+    if not level or len(containers) != 1:
+        return
+    for name, amount in ((containers[0].get("resources") or {}).get("requests") or {}).items():
+        if name in {"cpu", "memory"} or name.startswith("hugepages-"):
+            level.setdefault(name, amount)
+
+
 MORE = 2
 """Families mixed in beside the first."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """families: the first is at the centre. numbers: the choices, enough to build the case again."""
+    """families: the first is at the centre."""
 
     families: tuple[str, ...]
     objects: tuple[Json, ...]
-    numbers: tuple[int, ...] = ()
 
     @property
     def pod(self) -> Json:
@@ -62,16 +112,7 @@ def _objects(scene: Scene) -> tuple[Json, ...]:
 def seeded_case(seed: str, *, number: int, families: Sequence[str], nodes: int = 12, placed: int = 30) -> Case:
     """Number `number` of a run: the families take turns at the centre."""
     first = families[number % len(families)]
-    choices = SeededChoices(f"{seed}/{number}/{first}")
-    case = build_case(choices, families, first=first, nodes=nodes, placed=placed)
-    return Case(case.families, case.objects, tuple(choices.taken))
-
-
-def replayed_case(numbers: Sequence[int], *, first: str, families: Sequence[str]) -> Case:
-    """From recorded choices, which may have been made smaller."""
-    choices = ReplayedChoices(numbers)
-    case = build_case(choices, families, first=first)
-    return Case(case.families, case.objects, tuple(choices.taken))
+    return build_case(SeededChoices(f"{seed}/{number}/{first}"), families, first=first, nodes=nodes, placed=placed)
 
 
 @st.composite

@@ -1,4 +1,4 @@
-"""Where a case's decisions come from: a seed, hypothesis, or the recorded numbers of an earlier case.
+"""Decisions of a case: from a seed, or from hypothesis.
 
 Everything is built on `integer`, and the first of several options is always the plainest one: so a case shrinks by
 making numbers smaller, whoever drew them.
@@ -35,15 +35,13 @@ class Choices(ABC):
 
 
 class SeededChoices(Choices):
-    """A pure function of the seed; `taken` are the numbers drawn so far."""
+    """A pure function of the seed."""
 
     def __init__(self, seed: str) -> None:
         self._random = Random(seed)
-        self.taken: list[int] = []
 
     def integer(self, low: int, high: int) -> int:
-        self.taken.append(self._random.randint(low, high) - low)
-        return low + self.taken[-1]
+        return self._random.randint(low, high)
 
 
 class DrawnChoices(Choices):
@@ -54,17 +52,3 @@ class DrawnChoices(Choices):
 
     def integer(self, low: int, high: int) -> int:
         return self._draw(st.integers(low, high))
-
-
-class ReplayedChoices(Choices):
-    """Numbers of an earlier case, cut to the range asked for; 0 once they are used up."""
-
-    def __init__(self, numbers: Sequence[int]) -> None:
-        self._numbers = list(numbers)
-        self.taken: list[int] = []
-
-    def integer(self, low: int, high: int) -> int:
-        at = len(self.taken)
-        number = self._numbers[at] if at < len(self._numbers) else 0
-        self.taken.append(min(number, high - low))
-        return low + self.taken[-1]

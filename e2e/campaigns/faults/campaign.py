@@ -1,17 +1,19 @@
 """One fault at a time on a live control plane: fill it, let the scheduler loose, hurt it, wait for rest, judge."""
 
 import asyncio
+import json
 import math
 import random
 import time
+from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import msgspec
 import yaml
 from tests.support.proxy import FaultProxy
 
-from campaigns.faults.bindings import Bindings
 from campaigns.faults.crew import Crew
 from campaigns.faults.history import Room
 from campaigns.faults.injected import FAULTS
@@ -27,6 +29,44 @@ from robotapp_client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.product import install, start_scheduler
 from robotapp_testbed.processes.process import Process
+
+
+@dataclass(frozen=True, slots=True)
+class Counted:
+    """Per pod name the bindings that were answered with success, and how many were not."""
+
+    successes: Counter[str] = field(default_factory=Counter)
+    refused: int = 0
+
+
+class Bindings:
+    """Reads on where the last call ended. Needs a control plane with an audit log."""
+
+    def __init__(self, cp: ControlPlane) -> None:
+        self._path = cp.logs_dir / "audit.jsonl"
+        self._offset = 0
+
+    def since_last(self) -> Counted:
+        successes: Counter[str] = Counter()
+        refused = 0
+        with self._path.open("rb") as file:
+            file.seek(self._offset)
+            for line in file:
+                if not line.endswith(b"\n"):
+                    break
+                self._offset += len(line)
+                if b'"subresource":"binding"' not in line:
+                    continue
+                try:
+                    record = json.loads(line)
+                except ValueError:  # two halves where the server was killed
+                    continue
+                if record.get("responseStatus", {}).get("code", 500) < 300:
+                    successes[record["objectRef"]["name"]] += 1
+                else:
+                    refused += 1
+        return Counted(successes, refused)
+
 
 Json = dict[str, Any]
 NAMESPACE = "faults"

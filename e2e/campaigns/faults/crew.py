@@ -11,7 +11,7 @@ from urllib.request import urlopen
 
 from prometheus_client.parser import text_string_to_metric_families
 
-from campaigns.rigs.process_use import peak_rss_bytes
+from campaigns.common.process_use import peak_rss_bytes
 from robotapp_testbed.control_plane.servers import unverified
 from robotapp_testbed.processes.process import Process
 

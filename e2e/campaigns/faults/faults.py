@@ -7,7 +7,6 @@ cache say the same as the API server, and it does nothing any more. `--room shor
 
 import argparse
 import asyncio
-import json
 import math
 import platform
 import sys
@@ -18,10 +17,11 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from campaigns.common.output import save, say
 from campaigns.faults.campaign import Campaign
 from campaigns.faults.injected import FAULTS, clock_environment
 from campaigns.faults.run import Plan
-from campaigns.speed.console import number, say
+from campaigns.speed.console import number
 from robotapp_testbed import ControlPlane
 
 ROOM = {"enough": 1.1, "short": 0.99}
@@ -41,9 +41,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for each in results:
         for problem in each["problems"]:
             print(f"{each['fault']}, room for {each['room']}: {problem}")
-    if arguments.json:
-        machine = {"python": platform.python_version(), "machine": platform.machine()}
-        arguments.json.write_text(json.dumps({"machine": machine, "runs": results}, indent=1) + "\n")
+    machine = {"python": platform.python_version(), "machine": platform.machine()}
+    save(arguments.json, {"machine": machine, "runs": results})
     return 1 if any(each["problems"] for each in results) else 0
 
 

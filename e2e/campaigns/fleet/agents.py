@@ -22,7 +22,7 @@ from tests.support import crds
 
 from campaigns.common.figures import percentile
 from campaigns.common.options import amount, count, report
-from campaigns.rigs.process_use import cpu_seconds
+from campaigns.common.process_use import cpu_seconds
 from robotapp_agent.devices.device import Device
 from robotapp_agent.probe.rounds import RoundResult
 from robotapp_agent.process.parts import SAMPLE_S

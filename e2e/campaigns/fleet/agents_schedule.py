@@ -7,7 +7,6 @@ The agents' own rules decide what is a change and when to write and measure; sam
 import argparse
 import heapq
 import itertools
-import json
 import random
 import sys
 from collections import Counter
@@ -15,6 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from campaigns.common.options import amount, count, report
+from campaigns.common.output import save
 from campaigns.fleet.agents import CAMERA, SimulatedNode
 from robotapp_agent.process.parts import SAMPLE_S
 from robotapp_agent.process.run import START_SPREAD_S, first_write_s
@@ -135,8 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     found = measured(options)
     print("  ".join(f"{name}={value}" for name, value in found.items()))
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=2))
+    save(options.json, found)
     wrong = verdict(found, options.limit)
     print("; ".join(wrong) or "as intended")
     return bool(wrong)

@@ -7,31 +7,47 @@ Claims are swept as often as by default.
 
 import argparse
 import json
-import os
 import statistics
 import sys
-import tempfile
 import time
+import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any, Final
 
-from campaigns.common import options
+from campaigns.common import options, process_use
 from campaigns.common.figures import percentile
-from campaigns.fleet.wobble import Wobbling
-from campaigns.operating.reconcile_parts import costs
-from campaigns.rigs import process_use, quiet
+from campaigns.common.output import save, say
+from campaigns.rigs import quiet
 from campaigns.rigs.appwatch import condition
-from campaigns.rigs.world import APIS, Object, World, plain_app
-from campaigns.scheduler.cpu_samples import Profile
+from campaigns.rigs.simulated_site import APIS, Object, SimulatedSite, plain_app
 from robotapp_api.model.names import API_VERSION, Condition, Label
 from robotapp_testbed import ControlPlane, wait_until
-from robotapp_testbed.binaries.pins import REPOSITORY
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.control_plane.servers import Program
+from robotapp_testbed.machines.network import Topology
 from robotapp_testbed.machines.topology import edge, robot
+
+
+class Wobbling(Topology):
+    """Another factor for every pair after each `wobble`, the same in both directions; nothing is kept per pair."""
+
+    _share = 0.0
+    _seed = 0
+
+    def wobble(self, share: float, *, seed: int) -> None:
+        """From now on each time lies within `share` of its calm value."""
+        self._share, self._seed = share, seed
+
+    def rtt_ms(self, one: str, other: str) -> float:
+        calm_ms = super().rtt_ms(one, other)
+        if not self._share:
+            return calm_ms
+        first, second = sorted((one, other))
+        chance = zlib.crc32(f"{self._seed} {first} {second}".encode()) / 2**32
+        return calm_ms * (1 + self._share * (2 * chance - 1))
+
 
 PODS_PER_EDGE: Final = 100
 HALLS: Final = 20
@@ -54,30 +70,24 @@ Figures = dict[str, Any]
 
 def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
-    with ControlPlane(audit=True, node_lease_s=NODE_LEASE_S) as cp, tempfile.TemporaryDirectory() as folder:
+    with ControlPlane(audit=True, node_lease_s=NODE_LEASE_S) as cp:
         product.install(cp)
         spec = {"scope": "Cluster", "ids": "1-50", "sharedIds": "60-101", "quarantineSeconds": 1}
         pool = {"apiVersion": API_VERSION, "kind": "DomainPool", "metadata": {"name": POOL}, "spec": spec}
         cp.api.create(f"{APIS}/domainpools", pool)
-        samples = Path(folder) / "samples.json"
         flags = {"sweep_seconds": SWEEP_S}
-        with World(
+        with SimulatedSite(
             cp,
             _nodes(arguments.robots, arguments.nodes, arguments.components),
-            operator_flags={**flags, **(_sampled(samples) if arguments.profile else {})},
+            operator_flags=flags,
             scheduler_flags=flags,
             tidy=False,
-        ) as world:
-            figures, problems = run(world, arguments)
-            if arguments.profile:
-                world.operator.stop()
-                writes, robots = figures["start"]["writes_by_kind"], arguments.robots
-                figures["profile"] = costs(Profile.read(samples), writes=writes, instances=robots)
+        ) as site:
+            figures, problems = run(site, arguments)
     print(json.dumps(figures, indent=2))
     for problem in problems:
         print(f"MISSED: {problem}", file=sys.stderr)
-    if arguments.json:
-        arguments.json.write_text(json.dumps({**figures, "problems": problems}, indent=2) + "\n")
+    save(arguments.json, {**figures, "problems": problems})
     return 1 if problems else 0
 
 
@@ -97,63 +107,62 @@ def _parser() -> argparse.ArgumentParser:
         "--within", type=options.amount, default=900.0, help="seconds until all instances must be Ready"
     )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--profile", action="store_true", help="share the operator's CPU out by what it is spent on")
     parser.add_argument("--json", type=options.report, help="also write the figures to this file")
     return parser
 
 
-def run(world: World, arguments: argparse.Namespace) -> tuple[Figures, list[str]]:
+def run(site: SimulatedSite, arguments: argparse.Namespace) -> tuple[Figures, list[str]]:
     """Start, rest and noise, one after the other."""
-    began, before = datetime.now(UTC), _cpu_s(world)
-    start, problems = _start(world, arguments, began)
-    start |= _writes_to_ready(world, began, robots=arguments.robots, seconds=start["ready_s"])
-    start["cpu_s"] = _spent(world, before)
+    began, before = datetime.now(UTC), _cpu_s(site)
+    start, problems = _start(site, arguments, began)
+    start |= _writes_to_ready(site, began, robots=arguments.robots, seconds=start["ready_s"])
+    start["cpu_s"] = _spent(site, before)
     start["operator_ms_per_instance"] = start["cpu_s"]["operator"] * 1000 / arguments.robots
     if start["writes_per_instance_median"] > MOST_WRITES_TO_READY:
         problems.append(f"{start['writes_per_instance_median']} writes per instance until it was Ready")
     if start["status_writes_per_s"] > MOST_STATUS_PER_S:
         problems.append(f"{start['status_writes_per_s']:.2f} statuses of the app per second")
-    _say(f"{start}")
+    say(f"{start}")
     began_s = time.monotonic()
-    if not wait_until(lambda: not _unmeasured(world), timeout_s=MEASURED_S, poll_s=5.0):
-        problems.append(f"budgets of {len(_unmeasured(world))} instances are not measured after {MEASURED_S:.0f} s")
+    if not wait_until(lambda: not _unmeasured(site), timeout_s=MEASURED_S, poll_s=5.0):
+        problems.append(f"budgets of {len(_unmeasured(site))} instances are not measured after {MEASURED_S:.0f} s")
     start["measured_after_ready_s"] = time.monotonic() - began_s
-    if not quiet.until_quiet(world.cp, quiet_s=quiet.REST_S, within_s=CALM_S, namespace=world.namespace):
+    if not quiet.until_quiet(site.cp, quiet_s=quiet.REST_S, within_s=CALM_S, namespace=site.namespace):
         problems.append(f"it did not come to rest within {CALM_S:.0f} s")
-    before = _cpu_s(world)
-    records = quiet.writes_during(world.cp, arguments.quiet_seconds, namespace=world.namespace)
+    before = _cpu_s(site)
+    records = quiet.writes_during(site.cp, arguments.quiet_seconds, namespace=site.namespace)
     counts = quiet.by_object(records)
-    rest = {"seconds": arguments.quiet_seconds, "writes": len(records), "cpu_s": _spent(world, before)}
-    _say(f"at rest: {rest} {counts.most_common(3)}")
+    rest = {"seconds": arguments.quiet_seconds, "writes": len(records), "cpu_s": _spent(site, before)}
+    say(f"at rest: {rest} {counts.most_common(3)}")
     problems += [f"{count} writes at rest: {name}" for name, count in counts.most_common(3)]
-    noise = _noise(world, arguments)
-    _say(f"noise: {noise}")
+    noise = _noise(site, arguments)
+    say(f"noise: {noise}")
     if noise["writes_within_a_minute_max"] > 1:
         problems.append(f"{noise['writes_within_a_minute_max']} writes of one instance within a minute under noise")
     figures = {
         "robots": arguments.robots,
         "components": arguments.components,
-        "nodes": len(world.nodes),
+        "nodes": len(site.nodes),
         "start": start,
         "rest": rest,
         "noise": noise,
     }
-    for process in (world.operator, world.scheduler):
+    for process in (site.operator, site.scheduler):
         figures[process.name] = used = process_use.usage(process)
         if used["peak_rss_bytes"] >= MOST_RSS_BYTES:
             problems.append(f"{process.name}: {used['peak_rss_bytes'] / 1e6:.0f} MB")
     return figures, problems
 
 
-def _start(world: World, arguments: argparse.Namespace, began: datetime) -> tuple[Figures, list[str]]:
+def _start(site: SimulatedSite, arguments: argparse.Namespace, began: datetime) -> tuple[Figures, list[str]]:
     """Apply the app and wait until it and all its instances are Ready."""
     robots, components = arguments.robots, arguments.components
-    sent_s = world.create(_app(components))
-    world.watch.until_ready("fleet", within_s=arguments.within)
+    sent_s = site.create(_app(components))
+    site.watch.until_ready("fleet", within_s=arguments.within)
     ready_s = time.monotonic() - sent_s
-    whole = wait_until(lambda: len(_ready(_instances(world))) == robots, timeout_s=60, poll_s=0.5)
-    found, pods = _instances(world), world.pods()
-    app = world.app("fleet")
+    whole = wait_until(lambda: len(_ready(_instances(site))) == robots, timeout_s=60, poll_s=0.5)
+    found, pods = _instances(site), site.pods()
+    app = site.app("fleet")
     size = max((len(json.dumps(each["status"])) for each in (*found, app)), default=0)
     placed = sum(bool(pod["spec"].get("nodeName")) for pod in pods)
     took_s = [_ready_after_s(each, began) for each in _ready(found)] or [0.0]
@@ -181,9 +190,9 @@ def _ready_after_s(instance: Object, began: datetime) -> float:
     return (datetime.fromisoformat(condition(instance, Condition.READY)["lastTransitionTime"]) - began).total_seconds()
 
 
-def _writes_to_ready(world: World, began: datetime, *, robots: int, seconds: float) -> Figures:
+def _writes_to_ready(site: SimulatedSite, began: datetime, *, robots: int, seconds: float) -> Figures:
     """By the audit log: writes per instance and of which kinds, writes per instance object, statuses of the app."""
-    records = quiet.writes_since(world.cp, began, namespace=world.namespace)
+    records = quiet.writes_since(site.cp, began, namespace=site.namespace)
     per_instance = [len(times) for times in _times(records).values()]
     statuses = [each for each in records if each["objectRef"]["resource"] == "robotapps"]
     kinds = Counter(" ".join(name.split()[:3]) for name in quiet.by_object(records).elements())
@@ -198,21 +207,21 @@ def _writes_to_ready(world: World, began: datetime, *, robots: int, seconds: flo
     }
 
 
-def _noise(world: World, arguments: argparse.Namespace) -> Figures:
+def _noise(site: SimulatedSite, arguments: argparse.Namespace) -> Figures:
     """Round trips between the nodes in use wobble, without a budget changing its verdict."""
-    nodes = world.nodes
+    nodes = site.nodes
     assert isinstance(nodes, Wobbling)
-    used = {pod["spec"]["nodeName"] for pod in world.pods() if pod["spec"].get("nodeName")}
+    used = {pod["spec"]["nodeName"] for pod in site.pods() if pod["spec"].get("nodeName")}
     names = sorted(used | {node.name for node in nodes if node.robot})
-    began, before = datetime.now(UTC), _cpu_s(world)
+    began, before = datetime.now(UTC), _cpu_s(site)
     began_s = time.monotonic()
     reports = 0
     while (round_began_s := time.monotonic()) < began_s + arguments.noise_seconds:
         nodes.wobble(arguments.noise / 100, seed=arguments.seed + reports)
-        world.telemetry.write(*names)
+        site.telemetry.write(*names)
         reports += len(names)
         time.sleep(max(0.0, ROUND_S - (time.monotonic() - round_began_s)))
-    records = quiet.writes_since(world.cp, began, namespace=world.namespace)
+    records = quiet.writes_since(site.cp, began, namespace=site.namespace)
     seconds = time.monotonic() - began_s  # the last round may take long
     times = _times(records)
     return {
@@ -223,7 +232,7 @@ def _noise(world: World, arguments: argparse.Namespace) -> Figures:
         "writes_within_a_minute_max": max(map(quiet.most_within_a_minute, times.values()), default=0),
         "writes_per_instance_minute_mean": sum(map(len, times.values())) / arguments.robots / (seconds / 60),
         "status_writes": sum(each["objectRef"]["resource"] == "robotapps" for each in records),
-        "cpu_s": _spent(world, before),
+        "cpu_s": _spent(site, before),
     }
 
 
@@ -237,20 +246,14 @@ def _times(records: Iterable[Mapping[str, Any]]) -> Mapping[str, list[datetime]]
     return {name: sorted(mine) for name, mine in times.items()}
 
 
-def _cpu_s(world: World) -> Mapping[str, float]:
+def _cpu_s(site: SimulatedSite) -> Mapping[str, float]:
     """CPU seconds so far."""
-    processes = (world.operator, world.scheduler, world.cp.process(Program.API))
+    processes = (site.operator, site.scheduler, site.cp.process(Program.API))
     return {process.name: process.cpu_seconds() for process in processes}
 
 
-def _spent(world: World, before: Mapping[str, float]) -> dict[str, float]:
-    return {name: round(now_s - before[name], 2) for name, now_s in _cpu_s(world).items()}
-
-
-def _sampled(path: Path) -> dict[str, Any]:
-    """Flags with which the operator notes where its CPU goes."""
-    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return {"program": ("campaigns.scheduler.cpu_samples", str(path)), "env": {"PYTHONPATH": paths}}
+def _spent(site: SimulatedSite, before: Mapping[str, float]) -> dict[str, float]:
+    return {name: round(now_s - before[name], 2) for name, now_s in _cpu_s(site).items()}
 
 
 def _app(components: int) -> Object:
@@ -277,22 +280,18 @@ def _nodes(robots: int, nodes: int | None, components: int) -> Wobbling:
     return Wobbling(made)
 
 
-def _instances(world: World) -> list[Object]:
-    found: list[Object] = world.cp.api.get(f"{APIS}/namespaces/{world.namespace}/{INSTANCES}")["items"]
+def _instances(site: SimulatedSite) -> list[Object]:
+    found: list[Object] = site.cp.api.get(f"{APIS}/namespaces/{site.namespace}/{INSTANCES}")["items"]
     return found
 
 
-def _unmeasured(world: World) -> list[Object]:
+def _unmeasured(site: SimulatedSite) -> list[Object]:
     """Instances of which it is not known yet whether they keep their budgets: that will be written when it is."""
-    return [each for each in _instances(world) if condition(each, Condition.BUDGET_MET).get("status") == "Unknown"]
+    return [each for each in _instances(site) if condition(each, Condition.BUDGET_MET).get("status") == "Unknown"]
 
 
 def _ready(instances: Sequence[Object]) -> list[Object]:
     return [each for each in instances if condition(each, Condition.READY).get("status") == "True"]
-
-
-def _say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -15,8 +15,8 @@ from typing import Any, Self
 import msgspec
 import yaml
 
+from campaigns.common import process_use
 from campaigns.free_api.objects import SCHEDULER
-from campaigns.rigs import process_use
 from robotapp_client.api.client import ApiClient
 from robotapp_client.transport.kubeconfig import load as login
 from robotapp_testbed.control_plane.authority import Authority

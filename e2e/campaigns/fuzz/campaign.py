@@ -5,33 +5,234 @@ import re
 import secrets
 import threading
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from statistics import median
-from typing import Any
+from typing import Any, Final
 
 from tests.support.rigel.cases import ENVIRONMENT, first_generation, mutated
 
-from campaigns.fuzz.asking import Pulse, ask
-from campaigns.fuzz.claims import Claims
+from campaigns.common.background import Background
+from campaigns.common.process_use import queued_s, tree, tree_rss_bytes, usage
 from campaigns.fuzz.generator import Generator
-from campaigns.fuzz.judging import CACHES_BYTES, Samples, memory_problems, time_problems
-from campaigns.rigs.process_use import tree_rss_bytes, usage
-from campaigns.rigs.world import APIS, World, plain_app
+from campaigns.rigs.simulated_site import APIS, Object, SimulatedSite, plain_app
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.document.tree import parse
 from rigel_bridge.generations.load import load
 from rigel_bridge.generations.model import Options
 from rigel_bridge.render.app import Naming, Rendered, render
 from robotapp_api.model.app.robotapp import RobotApp
-from robotapp_api.model.names import Annotation
+from robotapp_api.model.claim import RobotClaim
+from robotapp_api.model.names import API_VERSION, Annotation
 from robotapp_api.model.telemetry import NodeTelemetry
 from robotapp_api.schema.crd import schema_of
+from robotapp_claims.rules.identity import claim_name_device, claim_name_domain
 from robotapp_testbed import Process, wait_until
+from robotapp_testbed.control_plane.servers import answers
 from robotapp_testbed.failures import ApiStatusError
+
+PATH: Final = f"{APIS}/robotclaims"
+LABELS: Final = {"fuzz": "claim"}
+_LISTED: Final = f"{PATH}?labelSelector=fuzz%3Dclaim"
+SENTINEL_ID: Final = 101
+
+
+class Claims:
+    """`living` names an app of the site that is there now, "" when there is none."""
+
+    def __init__(
+        self, site: SimulatedSite, make: Generator, *, seed: int, pool: str, living: Callable[[], str]
+    ) -> None:
+        schema = schema_of(RobotClaim)["properties"]
+        self._site = site
+        self._make = make
+        self._random = random.Random(seed)
+        self._pool = pool
+        self._living = living
+        self._spec, self._status = schema["spec"], schema["status"]
+        self._sentinel = ""
+
+    def create(self) -> None:
+        """One more; every third gets a random status, too. Raises `ApiStatusError` where it is refused."""
+        body = self.object()
+        self._site.cp.api.create(PATH, body)
+        if self._random.random() < 1 / 3:
+            status = self._make.value(self._status)
+            self._site.cp.api.patch(f"{PATH}/{body['metadata']['name']}/status", {"status": status})
+
+    def object(self) -> Object:
+        spec = self._make.value({**self._spec, "required": ["domain", "device", "holder"]})
+        if self._random.random() < 0.9:  # exactly one, or the API server refuses it
+            self._mend(spec)
+        name = _name_of(spec) if self._random.random() < 0.7 else f"fuzz-{secrets.token_hex(4)}"
+        return _body(name, spec, LABELS)
+
+    def _mend(self, spec: Object) -> None:
+        spec.pop(self._random.choice(("domain", "device")))
+        domain = spec.get("domain")
+        if domain:
+            domain["scopeValue"] = "" if domain["scope"] == "Cluster" else self._random.choice(("hall-1", "nowhere"))
+            domain["pool"] = self._random.choice((self._pool, "nowhere", domain["pool"]))
+        else:
+            spec["device"]["node"] = self._random.choice((next(iter(self._site.nodes)).name, "nowhere"))
+        holder = spec["holder"]
+        namespace = self._site.namespace
+        match self._random.randrange(4):
+            case 0:  # of nobody any more
+                holder |= _app_holder(namespace, "gone", secrets.token_hex(16))
+            case 1 if name := self._living():
+                holder |= _app_holder(namespace, name, self._site.app(name)["metadata"]["uid"])
+            case 2:
+                uid = secrets.token_hex(16)
+                holder |= {"apiVersion": "v1", "kind": "Pod", "namespace": namespace, "name": "gone", "uid": uid}
+
+    def begin(self) -> None:
+        """A claim of an app that is gone, which the sweep must find beside all others."""
+        domain = {"pool": self._pool, "scope": "Cluster", "scopeValue": "", "id": SENTINEL_ID}
+        spec = {"domain": domain, "holder": _app_holder(self._site.namespace, "sentinel", secrets.token_hex(16))}
+        name = claim_name_domain(self._pool, "Cluster", "", SENTINEL_ID)
+        try:
+            self._site.cp.api.create(PATH, _body(name, spec, {}))
+            self._sentinel = name
+        except ApiStatusError as error:
+            if error.status != 409:  # one of the random ones took its id
+                raise
+            self._sentinel = ""
+
+    @property
+    def swept(self) -> bool:
+        """Is the claim of `begin` gone?"""
+        if not self._sentinel:
+            return True
+        try:
+            found = self._site.cp.api.get(f"{PATH}/{self._sentinel}")
+        except ApiStatusError as error:
+            if error.status == 404:
+                return True
+            raise
+        return bool(found["spec"]["holder"]["name"] != "sentinel")
+
+    def clear(self) -> None:
+        """Those that nothing ends: of holders of unknown kinds, and parked ones."""
+        self._site.cp.api.delete(_LISTED)
+
+
+def _body(name: str, spec: Object, labels: dict[str, str]) -> Object:
+    return {"apiVersion": API_VERSION, "kind": "RobotClaim", "metadata": {"name": name, "labels": labels}, "spec": spec}
+
+
+def _app_holder(namespace: str, name: str, uid: str) -> dict[str, Any]:
+    return {"apiVersion": API_VERSION, "kind": "RobotApp", "namespace": namespace, "name": name, "uid": uid}
+
+
+def _name_of(spec: Object) -> str:
+    """The name that the thing has, as far as a name can have it."""
+    if domain := spec.get("domain"):
+        return claim_name_domain(domain["pool"], domain["scope"], domain.get("scopeValue", ""), domain["id"])
+    return claim_name_device(spec["device"]["node"], spec["device"]["id"])
+
+
+READY_S: Final = 2.0
+"""In half of the cases a healthy app is Ready as soon, on a machine that does nothing else."""
+READY_TIMES: Final = 5.0
+"""On a busy machine it may take so many times as long as bare Deployments of as many pods, bound by hand, in the same minute.
+An app has two discovery servers more, which come first, a claim and a status."""
+HELD_S: Final = 1.0
+"""For no longer may anything hold the loop of operator or scheduler. Time in which it had no processor does not count."""
+BARE_S: Final = 0.85
+"""What bare Deployments take beside 5,000 objects on two cores that do nothing else (median). Where they take longer, an answer may, too: not all that keeps a program waiting
+on a busy machine is counted by the kernel as waiting for a processor."""
+WARM_SHARE: Final = 0.25
+"""Share of the objects after which a process has imported, cached and allocated what it needs for any of them."""
+KEPT_BYTES: Final = 2048
+"""Growth per object that is gone again: an event's text, a key that is forgotten every ten minutes."""
+NOISE_BYTES: Final = 16 << 20
+"""Growth that says nothing: what the allocator keeps of the lot that was largest so far."""
+CACHES_BYTES: Final[Mapping[str, int]] = {"scheduler": 24 << 20}
+"""What fills up and has a bound of its own: the scheduler's explain records take 20 MB at most."""
+LOTS: Final = 3
+"""Memory is the median of as many lots."""
+
+
+@dataclass(slots=True)
+class Samples:
+    """Of one process: objects sent so far and bytes in RAM then. `caches_bytes`: of caches that fill up to a bound of their own."""
+
+    caches_bytes: int = 0
+    objects: list[int] = field(default_factory=list)
+    rss_bytes: list[int] = field(default_factory=list)
+
+    @property
+    def warm(self) -> int:
+        """How many lots are warm-up."""
+        return min(max(1, round(WARM_SHARE * len(self.objects))), max(0, len(self.objects) - 2))
+
+    @property
+    def since_warm(self) -> tuple[int, float]:
+        """Objects after warm-up, and by how much the process has grown over them."""
+        after, last = self.rss_bytes[self.warm :][:LOTS], self.rss_bytes[-LOTS:]
+        if not after:
+            return 0, 0.0
+        return self.objects[-1] - self.objects[self.warm], median(last) - median(after)
+
+    @property
+    def allowed_bytes(self) -> int:
+        return NOISE_BYTES + self.caches_bytes + KEPT_BYTES * self.since_warm[0]
+
+
+def memory_problems(samples: Mapping[str, Samples]) -> Iterator[str]:
+    for name, found in samples.items():
+        objects, grown = found.since_warm
+        if grown > found.allowed_bytes:
+            yield f"{name} grew by {grown / 1e6:.1f} MB over {objects} objects, allowed are {found.allowed_bytes / 1e6:.1f}"
+
+
+def time_problems(
+    ready_s: Sequence[float], slowest_s: Mapping[str, float], *, bare_s: Sequence[float]
+) -> Iterator[str]:
+    """`bare_s`: of bare Deployments beside each healthy app. `slowest_s`: the longest that each process took to answer."""
+    most_s = max(READY_S, READY_TIMES * median(bare_s)) if bare_s else READY_S
+    if ready_s and median(ready_s) > most_s:
+        yield f"healthy apps were Ready after {median(ready_s):.2f} s (median), allowed are {most_s:.2f}"
+    held_s = HELD_S * max(1.0, median(bare_s) / BARE_S) if bare_s else HELD_S
+    for name, seconds in slowest_s.items():
+        if seconds > held_s:
+            yield f"the {name} took {seconds:.2f} s to answer, allowed are {held_s:.2f}"
+
+
+PULSE_S: Final = 0.05
+
+
+class Pulse(Background):
+    """A thread that does nothing: while it comes late, this process or the whole machine stood still."""
+
+    def __init__(self) -> None:
+        self._late: deque[tuple[float, float]] = deque(maxlen=100_000)
+        super().__init__("pulse")
+
+    def late_s(self, since_s: float) -> float:
+        """Seconds by which it came too late since then (monotonic), all together."""
+        return sum(late_s for at_s, late_s in list(self._late) if at_s >= since_s)
+
+    def _run(self) -> None:
+        before_s = time.monotonic()
+        while not self._stop.wait(PULSE_S):
+            now_s = time.monotonic()
+            self._late.append((now_s, max(0.0, now_s - before_s - PULSE_S)))
+            before_s = now_s
+
+
+def ask(process: Process, pulse: Pulse) -> tuple[float, float]:
+    """Seconds until /livez was answered (or refused, or given up), and for how many of them the process itself held it up."""
+    pids = tree(process.pid)
+    queued_before_s, began_s = queued_s(pids), time.monotonic()
+    answers(f"{process.health_url}/livez")
+    took_s = time.monotonic() - began_s
+    return took_s, max(0.0, took_s - (queued_s(pids) - queued_before_s) - pulse.late_s(began_s))
+
 
 LOT = 25
 TRACE = re.compile(r"Traceback \(most recent call last\)|\bcontroller_bug\b")
@@ -68,21 +269,21 @@ class Report:
 
 
 class Campaign:
-    """`seed` decides every object but its name; healthy apps take their domains from `pool`. The world's own processes are watched."""
+    """`seed` decides every object but its name; healthy apps take their domains from `pool`. The site's own processes are watched."""
 
-    def __init__(self, world: World, *, seed: int, pool: str) -> None:
-        self._world = world
+    def __init__(self, site: SimulatedSite, *, seed: int, pool: str) -> None:
+        self._site = site
         self._pool = pool
         self._make = Generator(seed)
         self._random = random.Random(seed)
         self._apps = schema_of(RobotApp)
         self._telemetry = schema_of(NodeTelemetry)["properties"]["status"]
-        self._processes = {"operator": world.operator, "scheduler": world.scheduler}
+        self._processes = {"operator": site.operator, "scheduler": site.scheduler}
         self._pids = {name: process.pid for name, process in self._processes.items()}
         self._beside = ThreadPoolExecutor(1)
         self._living: list[str] = []
         living = lambda: self._living[-1] if self._living else ""  # noqa: E731
-        self._claims = Claims(world, self._make, seed=seed, pool=pool, living=living)
+        self._claims = Claims(site, self._make, seed=seed, pool=pool, living=living)
         self.report = Report(memory={name: Samples(CACHES_BYTES.get(name, 0)) for name in self._processes})
 
     def run(self, objects: int, *, tell: Callable[[Report], None] = lambda _: None) -> Report:
@@ -118,9 +319,9 @@ class Campaign:
             self.report.sent[f"{kind} {outcome}"] += 1
         healthy = f"healthy-{secrets.token_hex(3)}"
         bare = self._beside.submit(self._bare)
-        sent_s = self._world.create(plain_app(healthy, ros2={"pool": self._pool}))
+        sent_s = self._site.create(plain_app(healthy, ros2={"pool": self._pool}))
         try:
-            self.report.ready_s.append(self._world.watch.until_ready(healthy, within_s=WITHIN_S) - sent_s)
+            self.report.ready_s.append(self._site.watch.until_ready(healthy, within_s=WITHIN_S) - sent_s)
         except TimeoutError as late:
             self.report.problems.append(f"a healthy app was not Ready: {late}")
         self.report.bare_s.append(bare.result())
@@ -128,13 +329,13 @@ class Campaign:
             self.report.problems.append(f"the claim of an app that is gone was not swept within {WITHIN_S:.0f} s")
         self._claims.clear()
         for kind in ("pods", "persistentvolumeclaims"):
-            self._world.cp.api.delete(f"/api/v1/namespaces/{self._world.namespace}/{kind}")
-        self._world.clear()
+            self._site.cp.api.delete(f"/api/v1/namespaces/{self._site.namespace}/{kind}")
+        self._site.clear()
         self._check()
 
     def _app(self, names: list[str]) -> tuple[str, str]:
         name = f"fuzz-{secrets.token_hex(4)}"
-        outcome = self._tried(lambda: self._world.create(self._make.app(self._apps, name)))
+        outcome = self._tried(lambda: self._site.create(self._make.app(self._apps, name)))
         if outcome == "accepted":
             names.append(name)
         return "RobotApp", outcome
@@ -143,13 +344,13 @@ class Campaign:
         if not names:
             return self._app(names)
         spec = self._make.app(self._apps, "x")["spec"]
-        path = f"{self._world.apps_path}/{names[-1]}"
-        return "edit", self._tried(lambda: self._world.cp.api.patch(path, {"spec": spec}))
+        path = f"{self._site.apps_path}/{names[-1]}"
+        return "edit", self._tried(lambda: self._site.cp.api.patch(path, {"spec": spec}))
 
     def _bare(self) -> float:
         """Seconds until bare Deployments run whose pods name their node: what the machine needs for it in this minute."""
-        api, path = self._world.cp.api, f"/apis/apps/v1/namespaces/{self._world.namespace}/deployments"
-        node = next(node.name for node in self._world.nodes if not node.robot)
+        api, path = self._site.cp.api, f"/apis/apps/v1/namespaces/{self._site.namespace}/deployments"
+        node = next(node.name for node in self._site.nodes if not node.robot)
         names = [f"bare-{secrets.token_hex(3)}" for _ in range(BARE)]
         began_s = time.monotonic()
         api.each(lambda name: api.create(path, _bare_deployment(name, node)), names)
@@ -184,12 +385,12 @@ class Campaign:
 
     def _rendered(self, one: Rendered, names: list[str]) -> str:
         name = f"fuzz-{secrets.token_hex(4)}"
-        path = f"/api/v1/namespaces/{self._world.namespace}/persistentvolumeclaims"
+        path = f"/api/v1/namespaces/{self._site.namespace}/persistentvolumeclaims"
 
         def send() -> None:
             for number, claim in enumerate(one.claims):
-                self._world.cp.api.create(path, {**claim, "metadata": {"name": f"{name}-{number}"}})
-            self._world.create({**one.app, "metadata": {**one.app["metadata"], "name": name}})
+                self._site.cp.api.create(path, {**claim, "metadata": {"name": f"{name}-{number}"}})
+            self._site.create({**one.app, "metadata": {**one.app["metadata"], "name": name}})
 
         outcome = self._tried(send)
         if outcome == "accepted":
@@ -211,8 +412,8 @@ class Campaign:
             "metadata": {"name": f"fuzz-{secrets.token_hex(4)}", "annotations": texts},
             "spec": {"schedulerName": "ros-aware-scheduler", "containers": [{"name": "c", "image": "x"}]},
         }
-        path = f"/api/v1/namespaces/{self._world.namespace}/pods"
-        return "pod", self._tried(lambda: self._world.cp.api.create(path, body))
+        path = f"/api/v1/namespaces/{self._site.namespace}/pods"
+        return "pod", self._tried(lambda: self._site.cp.api.create(path, body))
 
     def _json(self) -> str:
         found = self._make.value({"type": "string", "maxLength": 200})
@@ -221,10 +422,10 @@ class Campaign:
         )
 
     def _node_telemetry(self, _: list[str]) -> tuple[str, str]:
-        node = next(iter(self._world.nodes)).name
+        node = next(iter(self._site.nodes)).name
         status = self._make.value(self._telemetry)
         path = f"{APIS}/nodetelemetries/{node}/status"
-        return "telemetry", self._tried(lambda: self._world.cp.api.patch(path, {"status": status}))
+        return "telemetry", self._tried(lambda: self._site.cp.api.patch(path, {"status": status}))
 
     @staticmethod
     def _tried(send: Any) -> str:

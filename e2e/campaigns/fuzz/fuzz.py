@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from campaigns.common import options
 from campaigns.fuzz.campaign import Campaign, Report, as_json
-from campaigns.rigs.world import World
+from campaigns.rigs.simulated_site import SimulatedSite
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.machines.topology import fleet
@@ -27,8 +27,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     with ControlPlane() as cp:
         product.install(cp)
-        with World(cp, fleet(), pools={"well": "1-101"}, tidy=False) as world:
-            campaign = Campaign(world, seed=arguments.seed, pool="well")
+        with SimulatedSite(cp, fleet(), pools={"well": "1-101"}, tidy=False) as site:
+            campaign = Campaign(site, seed=arguments.seed, pool="well")
             report = campaign.run(arguments.objects, tell=lambda so_far: tell(so_far, arguments.objects))
     text = json.dumps(as_json(report), indent=2)
     print(text)

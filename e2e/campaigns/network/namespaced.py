@@ -9,7 +9,6 @@ import shutil
 import socket
 import struct
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -21,8 +20,7 @@ from typing import Self, TypeVar
 
 import pytest
 
-from campaigns.network import python_switch
-from robotapp_testbed.processes.process import Process, spawn, wait_until
+from robotapp_testbed.processes.process import spawn, wait_until
 from robotapp_testbed.switch import LatencySwitch
 
 _T = TypeVar("_T")
@@ -84,24 +82,10 @@ class Namespace:
         return self.inside(make)
 
 
-class PythonSwitch(LatencySwitch):
-    """The same switch as far as a measurement needs it, in Python."""
-
-    def __init__(self, *, run_dir: Path, seed: int = 0) -> None:
-        super().__init__(run_dir=run_dir, seed=seed)
-        self.process = Process(
-            "python-switch",
-            [sys.executable, "-I", "-S", python_switch.__file__, str(self.path)],
-            run_dir=run_dir,
-            log_path=run_dir / "python-switch.log",
-            ready=self._serves,
-        )
-
-
 class Wire:
     """`with Wire(["a", "b"]) as wire:` namespaces with one TAP each (10.9.0.1, 10.9.0.2 …) on a switch of their own.
 
-    `kind` takes the one of e2e/campaigns/network/python_switch.py instead, which has delays only.
+    `kind` is another switch that is driven alike.
     """
 
     def __init__(self, names: Sequence[str], *, seed: int = 0, kind: type[LatencySwitch] = LatencySwitch) -> None:

@@ -1,18 +1,15 @@
 """The latency switch: how exact its delay and loss are, and how much it carries, between plain network namespaces.
 
-Needs root. A quiet machine: sender, switch and receiver share its cores. Half a minute; `--long` a few. `--python` measures the switch
-beside its twin in Python instead (docs/design/003).
+Needs root. A quiet machine: sender, switch and receiver share its cores. Half a minute; `--long` a few.
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 
 from campaigns.common import options
-from campaigns.network import switch_twin
+from campaigns.common.output import save
 from campaigns.network.namespaced import Wire, missing
 from campaigns.network.switch_figures import Capacity, Delay, Loss, delay, load, loss
 
@@ -31,11 +28,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(reason, file=sys.stderr)
         return 1
     scale = 5 if arguments.long else 1
-    if arguments.python:
-        found = switch_twin.compare(scale)
-        print("\n".join(switch_twin.table(found)))
-        _write(arguments.json, [asdict(each) for each in found])
-        return 0
     with Wire(["a", "b"], seed=arguments.seed) as wire:
         wire.settle()
         delays = [delay(wire, each_ms, count=(200 if each_ms < 60 else 60) * scale) for each_ms in DELAYS_MS]
@@ -50,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "losses": [asdict(each) for each in losses],
         "loads": {name: asdict(each) for name, each in loads.items()},
     }
-    _write(arguments.json, figures)
+    save(arguments.json, figures)
     problems = verdict(delays, losses, loads)
     print("\n".join(problems) or "all bounds are kept")
     return 1 if problems else 0
@@ -83,15 +75,9 @@ def report(delays: Sequence[Delay], losses: Sequence[Loss], loads: dict[str, Cap
         print(f"{name:>16}{each.frames_s:>12,.0f}{each.mbit_s:>10.0f}{each.lost:>8}{each.cpu_share:>13.0%}")
 
 
-def _write(path: Path | None, found: object) -> None:
-    if path:
-        path.write_text(json.dumps(found, indent=1) + "\n")
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="scripts/bench switch", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--long", action="store_true", help="five times as many packets")
-    parser.add_argument("--python", action="store_true", help="what the same switch in Python would be worth")
     parser.add_argument("--seed", type=int, default=1, help="of the losses")
     parser.add_argument("--json", type=options.report, help="write the figures to this file")
     return parser

@@ -20,7 +20,7 @@ _RECEIVE_BUFFER_BYTES = 64 << 20
 _SO_RCVBUFFORCE = 33
 _LOT = 4000
 """The queue of a TAP holds two of them and more."""
-_GIVEN_UP_S = 30.0
+PATIENCE_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ def loss(wire: Wire, set_share: float, *, count: int) -> Loss:
     wire.switch.set_link("a", "b", loss=set_share, one_way=True)
     origin, target = wire.nodes["a"], wire.nodes["b"]
     sent = received = 0
-    with _receiving(target) as receiver, origin.udp() as sender:
+    with receiving(target) as receiver, origin.udp() as sender:
         all_passed = True
         while all_passed and sent < count:
             goal = _passed(wire) + _LOT
@@ -100,7 +100,7 @@ def _passed(wire: Wire) -> float:
 
 def _passes(wire: Wire, goal: float) -> bool:
     """Wait until so many passed, and for one more round of the switch: an ARP frame may have been counted for the last one."""
-    return wait_until(lambda: _passed(wire) >= goal, timeout_s=_GIVEN_UP_S) and _passed(wire) >= goal
+    return wait_until(lambda: _passed(wire) >= goal, timeout_s=PATIENCE_S) and _passed(wire) >= goal
 
 
 def _waiting(receiver: socket.socket) -> int:
@@ -115,7 +115,7 @@ def _waiting(receiver: socket.socket) -> int:
 
 
 @contextmanager
-def _receiving(target: Namespace) -> Iterator[socket.socket]:
+def receiving(target: Namespace) -> Iterator[socket.socket]:
     with target.udp(PORT) as receiver:
         with suppress(PermissionError):  # then the kernel's own limit is the buffer
             receiver.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER_BYTES)
@@ -124,7 +124,7 @@ def _receiving(target: Namespace) -> Iterator[socket.socket]:
 
 def load(wire: Wire, *, per_second: float, payload_bytes: int, seconds: float) -> Capacity:
     origin, target = wire.nodes["a"], wire.nodes["b"]
-    with _receiving(target) as receiver, origin.udp() as sender:
+    with receiving(target) as receiver, origin.udp() as sender:
         before_s = wire.switch.process.cpu_seconds()
         counting = _start(receiver, "count", "1.5")
         sending = _start(sender, "send", target.address, PORT, per_second, payload_bytes, seconds)

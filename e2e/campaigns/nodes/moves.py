@@ -18,6 +18,7 @@ from datetime import datetime
 from typing import Any
 
 from campaigns.common import options
+from campaigns.common.output import save
 from campaigns.nodes import teleop_app as teleop
 from robotapp_api.model.names import Annotation
 from robotapp_testbed import wait_until
@@ -77,8 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 print(f"step {number}: {_line(steps[-1], arguments.for_seconds)}", file=sys.stderr, flush=True)
     late = [step.recovered_s - arguments.for_seconds for step in steps]
     print(f"{len(steps)} steps: recovered {statistics.median(late):.1f} s after `for` (most {max(late):.1f} s)")
-    if arguments.json:
-        arguments.json.write_text(json.dumps([asdict(step) for step in steps], indent=1) + "\n")
+    save(arguments.json, [asdict(step) for step in steps])
     problems = [f"step {n}: {text}" for n, step in enumerate(steps, 1) for text in step.problems(arguments.for_seconds)]
     print("\n".join(problems))
     return 1 if problems else 0

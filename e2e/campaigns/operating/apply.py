@@ -11,7 +11,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -20,10 +20,12 @@ import yaml
 from tests.support.wrong_input.malformed import malformed_apps
 from tests.support.wrong_input.malformed_annotations import malformed_annotations, pod
 
-from campaigns.operating.misfits import misfits
-from campaigns.rigs import journeys, process_use, quiet
-from campaigns.rigs.world import World
+from campaigns.common import process_use
+from campaigns.common.output import save, say
+from campaigns.rigs import journeys, quiet
+from campaigns.rigs.simulated_site import SimulatedSite, plain_app
 from robotapp_api.model.app.robotapp import RobotApp
+from robotapp_api.model.names import Condition
 from robotapp_api.schema.crd import schema_of
 from robotapp_claims.protocol.sweeper import PERIOD_S
 from robotapp_testbed import ControlPlane
@@ -31,6 +33,59 @@ from robotapp_testbed.control_plane import product
 from robotapp_testbed.control_plane.identity import OPERATOR_ACCOUNT
 from robotapp_testbed.machines.network import Topology
 from robotapp_testbed.machines.topology import fleet
+
+Object = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """`kind` turns False with a message that contains `field` and every one of `words`."""
+
+    app: Object
+    field: str
+    words: tuple[str, ...]
+    kind: Condition = Condition.ACCEPTED
+
+
+def misfits() -> list[Misfit]:
+    edge = {"topic": "/odom", "from": "sense", "to": "act"}
+    nowhere = {"matchLabels": {"robotics.io/robot": "nobody"}}
+    return [
+        Misfit(plain_app("misspelt", ros={"distro": "humbel"}), "spec.ros.distro", ("humbel", "humble")),
+        Misfit(plain_app("ros2-in-ros1", ros={"distro": "noetic"}, ros2={}), "spec.ros2", ("noetic",)),
+        Misfit(plain_app("ros1-in-ros2", ros={"distro": "jazzy"}, ros1={}), "spec.ros1", ("jazzy",)),
+        Misfit(_torn(), "spec.components[2].separateFrom", ("act", "sense", "colocateWith", "remove")),
+        Misfit(plain_app("robotless", robots={"nodeSelector": nowhere}), "spec.robots.nodeSelector", ("no robot matches", "robots that admit namespace")),
+        Misfit(plain_app("masterless", placement={"masterNode": "atlantis"}), "spec.placement.masterNode", ("atlantis", "kubectl get nodes")),
+        Misfit(
+            plain_app("isolated", ros2={"discovery": {"mode": "Localhost"}}, edges=[edge]),
+            "spec.ros2.discovery.mode",
+            ("Localhost", "Auto"),
+        ),
+        Misfit(_with_file("file-ros1", ros={"distro": "noetic"}), "spec.components[0].parameters", ("rosparam",)),
+        Misfit(_with_file("file-bare"), "spec.components[0].parameters", ("command or args",)),
+        Misfit(
+            plain_app("poolless", ros2={"pool": "atlantis"}),
+            "spec.ros2.pool",
+            ("atlantis", "kubectl get domainpools"),
+            Condition.ALLOCATED,
+        ),
+    ]  # fmt: skip
+
+
+def _torn() -> Object:
+    """Sense with plan, plan with act, yet act apart from sense: only the chain shows it."""
+    app = plain_app("torn")
+    sense, plan, act = app["spec"]["components"]
+    sense["colocateWith"], plan["colocateWith"], act["separateFrom"] = ["plan"], ["act"], ["sense"]
+    return app
+
+
+def _with_file(name: str, **spec: Any) -> Object:
+    app = plain_app(name, **spec)
+    app["spec"]["components"][0]["parameters"] = [{"configMapKeyRef": {"name": "drv", "key": "params.yaml"}}]
+    return app
+
 
 ROOT = Path(__file__).resolve().parents[3]
 IDS = "1-101,215-232"
@@ -50,7 +105,7 @@ QUIET_LIMIT = 1.0
 """Writes per app and minute while nothing changes."""
 
 Figures = dict[str, Any]
-Phase = Callable[[World, argparse.Namespace], tuple[Figures, list[str]]]
+Phase = Callable[[SimulatedSite, argparse.Namespace], tuple[Figures, list[str]]]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -74,8 +129,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         product.install(cp, values={"domainPool": {"quarantineSeconds": 1}})
         result = run(cp, options)
     print(json.dumps(result, indent=2))
-    if options.json:
-        options.json.write_text(json.dumps(result, indent=2) + "\n")
+    save(options.json, result)
     return 1 if result["problems"] else 0
 
 
@@ -88,14 +142,14 @@ def run(cp: ControlPlane, options: argparse.Namespace) -> Figures:
         if not wanted:
             continue
         flags = {"sweep_seconds": sweep_s}
-        with World(cp, _nodes(), pools=POOLS, operator_flags=flags, scheduler_flags=flags) as world:
+        with SimulatedSite(cp, _nodes(), pools=POOLS, operator_flags=flags, scheduler_flags=flags) as site:
             for name, phase in wanted.items():
-                _say(name)
-                figures, found = phase(world, options)
+                say(name)
+                figures, found = phase(site, options)
                 problems += [f"{name}: {each}" for each in found]
                 result[name] = figures
-                _say(f"  {figures}{'; '.join(['', *found])}")
-            used = {part: process_use.usage(getattr(world, part)) for part in ("operator", "scheduler")}
+                say(f"  {figures}{'; '.join(['', *found])}")
+            used = {part: process_use.usage(getattr(site, part)) for part in ("operator", "scheduler")}
         result[f"sweep every {sweep_s:g} s"] = used
         if used["operator"]["peak_rss_bytes"] > RSS_LIMIT_BYTES:
             problems.append(f"operator: peak RSS {used['operator']['peak_rss_bytes'] / 1e6:.0f} MB")
@@ -103,43 +157,43 @@ def run(cp: ControlPlane, options: argparse.Namespace) -> Figures:
     return {**result, "problems": problems}
 
 
-def teleop(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
+def teleop(site: SimulatedSite, options: argparse.Namespace) -> tuple[Figures, list[str]]:
     """examples/teleop.yaml, one run after the other, each from an empty namespace."""
     app = yaml.safe_load((ROOT / "examples" / "teleop.yaml").read_text())
     seconds = []
     for _ in range(options.runs):
-        sent_s = world.create(app)
-        seconds.append(world.watch.until_ready("teleop", within_s=30) - sent_s)
-        world.clear()
+        sent_s = site.create(app)
+        seconds.append(site.watch.until_ready("teleop", within_s=30) - sent_s)
+        site.clear()
     figures = {"median_s": statistics.median(seconds), "max_s": max(seconds), "runs_s": seconds}
     slow = [f"median {figures['median_s']:.2f} s"] if figures["median_s"] > TELEOP_TARGET_S else []
     return figures, slow
 
 
-def bad_input(world: World, _: argparse.Namespace) -> tuple[Figures, list[str]]:
+def bad_input(site: SimulatedSite, _: argparse.Namespace) -> tuple[Figures, list[str]]:
     """90 apps the API server refuses in lots of 15, ten that can never work, 59 pods with wrong annotations."""
     cases = malformed_apps(schema_of(RobotApp))
     refused = [cases[index * len(cases) // MALFORMED].obj for index in range(MALFORMED)]
     lots = [refused[first : first + BATCH] for first in range(0, MALFORMED, BATCH)]
     lots.append([case.app for case in misfits()])
     lots.append([pod(f"wrong-{number:02}", wrong) for number, wrong in enumerate(malformed_annotations())])
-    found = journeys.between_bad_ones(world, "bench-a", lots)
-    world.clear()
+    found = journeys.between_bad_ones(site, "bench-a", lots)
+    site.clear()
     figures = {"median_s": statistics.median(found.between_s), "max_s": max(found.between_s), **asdict(found)}
     slow = [f"a healthy app took {figures['max_s']:.2f} s"] if figures["max_s"] > BETWEEN_TARGET_S else []
     return figures, [*found.problems, *slow]
 
 
-def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
+def storm(site: SimulatedSite, options: argparse.Namespace) -> tuple[Figures, list[str]]:
     """Many apps over two pools, then a quiet minute with all of them running, then the same Deployments applied by hand, and
     both again in turn, each from rest. Each app has two discovery servers, so five Deployments.
     """
-    began, before_s = datetime.now(UTC), world.operator.cpu_seconds()
-    found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S, rmw=FAST_DDS)
-    operator_s = world.operator.cpu_seconds() - before_s
-    asked = quiet.requests_since(world.cp, began, account=OPERATOR_ACCOUNT)
-    settled_s = _settle(world)
-    records = quiet.writes_during(world.cp, options.quiet_seconds)
+    began, before_s = datetime.now(UTC), site.operator.cpu_seconds()
+    found = journeys.storm(site, list(POOLS), apps=options.apps, within_s=WITHIN_S, rmw=FAST_DDS)
+    operator_s = site.operator.cpu_seconds() - before_s
+    asked = quiet.requests_since(site.cp, began, account=OPERATOR_ACCOUNT)
+    settled_s = _settle(site)
+    records = quiet.writes_during(site.cp, options.quiet_seconds)
     counts = quiet.by_object(records)
     rest = {
         "settled_s": settled_s,
@@ -153,43 +207,43 @@ def storm(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]
         "operator_ms_per_app": operator_s * 1000 / options.apps,
         "operator_requests": dict(asked.most_common()),
     }
-    rounds, problems = _in_turn(world, options, found, rmw=FAST_DDS)
+    rounds, problems = _in_turn(site, options, found, rmw=FAST_DDS)
     return {**asdict(found), **cost, **rounds, "quiet": rest}, [*problems, *busy]
 
 
-def peers(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
+def peers(site: SimulatedSite, options: argparse.Namespace) -> tuple[Figures, list[str]]:
     """As many apps without discovery servers, so with as many Deployments as components, and these applied by hand."""
-    found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S, rmw=CYCLONE_DDS)
-    rounds, problems = _in_turn(world, options, found, rmw=CYCLONE_DDS)
+    found = journeys.storm(site, list(POOLS), apps=options.apps, within_s=WITHIN_S, rmw=CYCLONE_DDS)
+    rounds, problems = _in_turn(site, options, found, rmw=CYCLONE_DDS)
     return {**asdict(found), **rounds}, problems
 
 
 def _in_turn(
-    world: World, options: argparse.Namespace, first: journeys.Storm, *, rmw: str
+    site: SimulatedSite, options: argparse.Namespace, first: journeys.Storm, *, rmw: str
 ) -> tuple[Figures, list[str]]:
     """The Deployments of the first storm by hand, then apps and Deployments in turn: the mean seconds of both, and problems."""
-    runs, problems = [(first.seconds, _by_hand(world))], list(first.problems)
+    runs, problems = [(first.seconds, _by_hand(site))], list(first.problems)
     for _ in range(1, options.rounds):
-        _settle(world)
-        found = journeys.storm(world, list(POOLS), apps=options.apps, within_s=WITHIN_S, rmw=rmw)
+        _settle(site)
+        found = journeys.storm(site, list(POOLS), apps=options.apps, within_s=WITHIN_S, rmw=rmw)
         problems += found.problems
-        runs.append((found.seconds, _by_hand(world)))
+        runs.append((found.seconds, _by_hand(site)))
     apps_s, by_hand_s = zip(*runs, strict=True)
     return {"seconds": statistics.mean(apps_s), "by_hand_s": statistics.mean(by_hand_s), "runs": runs}, problems
 
 
-def _by_hand(world: World) -> float:
+def _by_hand(site: SimulatedSite) -> float:
     """Delete the apps and apply their Deployments alone. Seconds until all are available."""
-    made = journeys.as_if_by_hand(world)
-    world.clear()
-    _settle(world)
-    return journeys.by_hand(world, made, within_s=WITHIN_S)
+    made = journeys.as_if_by_hand(site)
+    site.clear()
+    _settle(site)
+    return journeys.by_hand(site, made, within_s=WITHIN_S)
 
 
-def bare(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
+def bare(site: SimulatedSite, options: argparse.Namespace) -> tuple[Figures, list[str]]:
     """As many Deployments as the apps of the storm have components, applied at once without any app."""
     count = options.apps * COMPONENTS
-    return {"deployments": count, "seconds": journeys.bare(world, count=count, within_s=WITHIN_S)}, []
+    return {"deployments": count, "seconds": journeys.bare(site, count=count, within_s=WITHIN_S)}, []
 
 
 def beside_deployments(result: Figures) -> list[str]:
@@ -220,15 +274,15 @@ def busy_in_quiet(counts: Mapping[str, int], *, per_app_minute: float) -> list[s
     return busy
 
 
-def overflow(world: World, options: argparse.Namespace) -> tuple[Figures, list[str]]:
-    found = journeys.overflow(world, "bench-a", size=POOL_SIZE, apps=options.overflow, within_s=180)
-    world.clear()
+def overflow(site: SimulatedSite, options: argparse.Namespace) -> tuple[Figures, list[str]]:
+    found = journeys.overflow(site, "bench-a", size=POOL_SIZE, apps=options.overflow, within_s=180)
+    site.clear()
     return {**asdict(found), "messages": sorted(set(found.messages))}, list(found.problems)
 
 
-def robots(world: World, _: argparse.Namespace) -> tuple[Figures, list[str]]:
-    found = journeys.one_per_robot(world, pool="bench-a", within_s=120)
-    world.clear()
+def robots(site: SimulatedSite, _: argparse.Namespace) -> tuple[Figures, list[str]]:
+    found = journeys.one_per_robot(site, pool="bench-a", within_s=120)
+    site.clear()
     return asdict(found), list(found.problems)
 
 
@@ -247,16 +301,12 @@ def _nodes() -> Topology:
     return fleet(robots=names, edges=4, clouds=2)
 
 
-def _settle(world: World) -> float:
+def _settle(site: SimulatedSite) -> float:
     """Seconds from now until nothing is written any more for five."""
     began_s = time.monotonic()
-    if not quiet.until_quiet(world.cp, quiet_s=5.0, within_s=60):
-        _say("  operator or scheduler keep writing")
+    if not quiet.until_quiet(site.cp, quiet_s=5.0, within_s=60):
+        say("  operator or scheduler keep writing")
     return time.monotonic() - began_s
-
-
-def _say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

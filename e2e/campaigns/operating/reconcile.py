@@ -1,13 +1,11 @@
-"""What the operator costs: CPU per app, per instance, per watch event and per write of a status, and where it goes.
+"""Measures what the operator costs: CPU per app, per instance and per report of a node, and which requests it sends.
 
 The operator is a process of its own against an API server in memory, whose Deployments become Ready by themselves; so the
-figures are the operator's alone. Its stack is sampled every few milliseconds of its CPU time. Figures of two trees are
-comparable when they were taken in turn: `--tree` is the folder of the other one.
+figures are the operator's alone. Figures of two trees are comparable when they were taken in turn: `--tree` is the folder of the other one.
 """
 
 import argparse
 import asyncio
-import json
 import os
 import statistics
 import sys
@@ -20,13 +18,11 @@ from typing import Any, Final
 
 import yaml
 
-from campaigns.common import options
-from campaigns.operating.reconcile_parts import costs
+from campaigns.common import options, process_use
+from campaigns.common.output import save, say
 from campaigns.operating.small_cluster import ON_BOARD, SmallCluster
-from campaigns.rigs import process_use
 from campaigns.rigs.appwatch import is_ready
-from campaigns.rigs.world import plain_app
-from campaigns.scheduler.cpu_samples import Profile
+from campaigns.rigs.simulated_site import plain_app
 from robotapp_api.model.names import Label
 from robotapp_client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
 from robotapp_testbed.binaries.pins import REPOSITORY
@@ -55,11 +51,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             for row in arguments.only or ROWS:
                 figures = asyncio.run(_row(row, arguments, tree))
                 found.setdefault(f"{row}, {'other tree' if tree != REPOSITORY else 'this tree'}", []).append(figures)
-                _say(f"{row} {tree} {number}: {figures['ms_per_instance']:.2f} ms per instance")
+                say(f"{row} {tree} {number}: {figures['ms_per_instance']:.2f} ms per instance")
     for name, runs in found.items():
         _print(name, runs)
-    if arguments.json:
-        arguments.json.write_text(json.dumps(found, indent=1) + "\n")
+    save(arguments.json, found)
     return 0
 
 
@@ -86,12 +81,9 @@ async def _row(row: str, arguments: argparse.Namespace, tree: Path) -> Figures:
         async with SmallCluster(robots=robots, pools=POOLS) as cluster:
             process = _operator(folder, cluster.endpoint.server, tree)
             try:
-                figures = await _measure(cluster, process, apps, robots, arguments.reports)
+                return await _measure(cluster, process, apps, robots, arguments.reports)
             finally:
                 await asyncio.to_thread(process.stop)
-        profile = Profile.read(folder / "samples.json")
-    # Of the whole run, the start of the process included: the shares of what was started are those of the samples.
-    return figures | {"profile": costs(profile, writes=figures["writes"], instances=figures["instances"])}
 
 
 async def _measure(
@@ -138,7 +130,7 @@ async def _measure(
 
 
 def _operator(folder: Path, server: str, tree: Path) -> Process:
-    """Sampled, from the packages of `tree`."""
+    """Returns the operator from the packages of `tree`."""
     kubeconfig = folder / "kubeconfig"
     kubeconfig.write_text(
         yaml.safe_dump(
@@ -152,9 +144,9 @@ def _operator(folder: Path, server: str, tree: Path) -> Process:
             }
         )
     )
-    paths = [*(tree / name for name in ("crds", "client", "claims", "operator")), REPOSITORY]
+    paths = [tree / name for name in ("crds", "client", "claims", "operator")]
     flags = ("--kubeconfig", kubeconfig, "--no-leader-election", "--health-port", 0, "--sweep-seconds", SWEEP_S)
-    argv = ["-m", "campaigns.scheduler.cpu_samples", folder / "samples.json", "robotapp_operator", *flags]
+    argv = ["-m", "robotapp_operator", *flags]
     return Process(
         "operator",
         [sys.executable, *map(str, argv)],
@@ -231,15 +223,6 @@ def _print(name: str, runs: Sequence[Figures]) -> None:
         values = [run[figure] for run in runs]
         print(f"  {figure}: {statistics.median(values):.4g} {[float(f'{each:.4g}') for each in values]}")
     print(f"  requests: {first['requests']}")
-    for figure, value in first["profile"].items():
-        if isinstance(value, float):
-            print(f"  {figure}: {statistics.median(run['profile'][figure] for run in runs):.4g}")
-    for part in first["profile"]["parts_s"]:
-        print(f"    {statistics.median(run['profile']['parts_s'][part] for run in runs):8.2f} s  {part}")
-
-
-def _say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

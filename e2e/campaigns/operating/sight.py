@@ -5,7 +5,6 @@ restarted under it. Whatever differs afterwards is printed and fails the run.
 """
 
 import argparse
-import json
 import secrets
 import sys
 import time
@@ -13,9 +12,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from campaigns.common.output import save, say
 from campaigns.operating.out_of_sight import EVERY_ROBOT, Fleet
 from campaigns.rigs.live import Tenant, part
-from campaigns.speed.console import say
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.control_plane.namespaces import created
@@ -35,8 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with ControlPlane() as cp:
         product.install(cp, values={"domainPool": {"quarantineSeconds": 1}})
         found = run(cp, arguments)
-    if arguments.json:
-        arguments.json.write_text(json.dumps(found, indent=1) + "\n")
+    save(arguments.json, found)
     return 1 if found["lost"] else 0
 
 

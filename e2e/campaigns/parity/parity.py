@@ -9,15 +9,14 @@ import argparse
 import asyncio
 import json
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from campaigns.cluster_cases.regressions import keep
+from campaigns.common.output import save, say
 from campaigns.parity import live as parity_live
-from campaigns.parity import reference as parity_reference
-from campaigns.parity import ros as parity_ros
+from campaigns.parity import offline
 from campaigns.parity.report import Report
 
 Json = dict[str, Any]
@@ -47,26 +46,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _with_against_without(arguments: argparse.Namespace) -> int:
-    report = parity_ros.campaign(cases=arguments.cases or 1000, seed=arguments.seed, say=_say)
-    _write(arguments.json, report.as_json())
+    report = offline.compare_without_ros_plugins(cases=arguments.cases or 1000, seed=arguments.seed, say=say)
+    save(arguments.json, report.as_json())
     return _told(report)
 
 
 def _against_reference(arguments: argparse.Namespace) -> int:
     seed = arguments.seed
     if arguments.case is not None:
-        print(parity_reference.one(seed=seed, number=arguments.case))
+        print(offline.describe_case(seed=seed, number=arguments.case))
         return 0
-    report = parity_reference.campaign(cases=arguments.cases or 20_000, seed=seed, say=_say)
-    _write(arguments.json, report.as_json())
-    print(report.table())
-    for each in report.found[:SHOWN]:
-        print(json.dumps(each))
-    if report.smallest:
-        print(f"the first of them, made small:\n{report.smallest}")
-    total = report.counts.total()
-    print(f"{total} cases, seed {seed}: {len(report.found)} differences, {report.seconds:.0f} s")
-    return 1 if report.found else 0
+    report = offline.compare_with_reference(cases=arguments.cases or 20_000, seed=seed, say=say)
+    save(arguments.json, report.as_json())
+    return _told(report)
 
 
 def _against_kube_scheduler(arguments: argparse.Namespace) -> int:
@@ -76,8 +68,8 @@ def _against_kube_scheduler(arguments: argparse.Namespace) -> int:
     if arguments.case is not None:
         cases = iter([parity_live.numbered(seed, arguments.case, families)])
     with parity_live.control_plane() as cp:
-        report = asyncio.run(parity_live.run(cp, cases, seed=seed, say=_say))
-    _write(arguments.json, report.as_json())
+        report = asyncio.run(parity_live.run(cp, cases, seed=seed, say=say))
+    save(arguments.json, report.as_json())
     for each in report.found if arguments.keep else ():
         path = keep(each["objects"], why="; ".join(each["differences"]), profile=each["profile"])
         print(f"kept as {path}")
@@ -92,15 +84,6 @@ def _told(report: Report) -> int:
     print(report.table())
     print(report.summary())
     return 1 if report.found else 0
-
-
-def _write(path: Path | None, document: Json) -> None:
-    if path is not None:
-        path.write_text(json.dumps(document, indent=2) + "\n")
-
-
-def _say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

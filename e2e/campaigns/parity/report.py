@@ -1,4 +1,4 @@
-"""What a campaign against kube-scheduler found: counts per family, and every difference with what is needed to replay it."""
+"""Outcome of a campaign: counts per family, and every difference with what is needed to replay it."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ from campaigns.cluster_cases import Case
 from campaigns.parity.verdict import Verdict
 
 Json = dict[str, Any]
-OUTCOMES = ("bound", "refused", "preempted", "invalid", "differences")
+OUTCOMES = ("compared", "bound", "refused", "preempted", "invalid", "differences")
 
 
 @dataclass
@@ -31,8 +31,12 @@ class Report:
         self._of(case)["invalid"] += 1
         self.invalid.setdefault(case.families[0], why)
 
-    def take(self, case: Case, theirs: Verdict) -> None:
-        """Count a case and what was compared in it."""
+    def take(self, case: Case, theirs: Verdict | None = None) -> None:
+        """Counts a case and, where the other side has a verdict, what was compared in it."""
+        if theirs is None:
+            self._of(case)["compared"] += 1
+            self.compared["cases"] += 1
+            return
         outcome = "preempted" if theirs.preempts else "refused" if theirs.message else "bound"
         self._of(case)[outcome] += 1
         nodes = sum(1 for each in case.objects if each["kind"] == "Node")
@@ -48,16 +52,17 @@ class Report:
         self.found.append(found)
 
     def table(self) -> str:
-        rows = [f"{'family':26}" + "".join(f"{name:>12}" for name in OUTCOMES)]
+        outcomes = [name for name in OUTCOMES if any(counts[name] for counts in self.families.values())]
+        rows = [f"{'family':26}" + "".join(f"{name:>12}" for name in outcomes)]
         for family, counts in sorted(self.families.items()):
-            rows.append(f"{family:26}" + "".join(f"{counts[name]:12}" for name in OUTCOMES))
+            rows.append(f"{family:26}" + "".join(f"{counts[name]:12}" for name in outcomes))
         return "\n".join(rows)
 
     def summary(self) -> str:
         parts = ", ".join(f"{count} {name}" for name, count in self.compared.items() if name != "cases")
         return (
             f"{self.cases} cases of {len(self.families)} families, seed {self.seed}: {len(self.found)} differences"
-            f" ({parts}), {self.seconds:.0f} s"
+            f"{f' ({parts})' if parts else ''}, {self.seconds:.0f} s"
         )
 
     def as_json(self) -> Json:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from campaigns.common.output import save
 from ros_profile.generate import generate_profile
 from ros_profile.model.conclusions import Profile
 
@@ -55,8 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         folder = arguments.checkouts / repo.replace("/", "+")
         profiles[repo] = generate_profile(folder, engine="none", curated=not arguments.no_curated)
     figures = report([compared(entry, profiles[entry["repo"]]) for entry in entries])
-    if arguments.json:
-        arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
+    save(arguments.json, figures)
     return 0 if figures["precision"] >= LEAST_PRECISION and figures["recall"] >= LEAST_RECALL else 1
 
 

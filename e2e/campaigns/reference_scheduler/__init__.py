@@ -6,8 +6,8 @@
     decision.feasible, .rejections, .raw, .normalized, .weighted, .totals, .best, .message, .preemption
 
 Plain dicts and Python integers; floats only where upstream computes in float64. Nothing here imports the product,
-keeps a cache between decisions or knows an array. One module per plugin family; each names the filter or score it is,
-and `cycle` holds them in upstream's order. Written from the behaviour of kube-scheduler 1.37.1, not from its code.
+keeps a cache between decisions or uses an array. The rooms nodes, topology and volumes have one module per plugin
+family; each names the filter or score it is, and `cycle` holds them in upstream's order. Written from the behaviour of kube-scheduler 1.37.1, not from its code.
 
 Left out on purpose: allocation of devices (a pod with unallocated resource claims is refused), sampling of nodes.
 """

@@ -3,16 +3,22 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from campaigns.reference_scheduler import node_affinity, resource_claims, volume_binding, volume_zone
-from campaigns.reference_scheduler import volume_restrictions as restrictions
-from campaigns.reference_scheduler.declared_features import declared_features
 from campaigns.reference_scheduler.model import Json, Rejection
-from campaigns.reference_scheduler.node_rules import node_name, node_ports, node_unschedulable, taint_toleration
-from campaigns.reference_scheduler.pod_affinity import pod_affinity
-from campaigns.reference_scheduler.resources import resources_fit
+from campaigns.reference_scheduler.nodes import node_affinity, resource_claims
+from campaigns.reference_scheduler.nodes.node_rules import (
+    declared_features,
+    node_name,
+    node_ports,
+    node_unschedulable,
+    taint_toleration,
+)
+from campaigns.reference_scheduler.nodes.resources import resources_fit
 from campaigns.reference_scheduler.state import ENDED, State, identity, name_of, priority_of
-from campaigns.reference_scheduler.topology_spread import topology_spread
-from campaigns.reference_scheduler.volume_limits import volume_limits
+from campaigns.reference_scheduler.topology.pod_affinity import pod_affinity
+from campaigns.reference_scheduler.topology.topology_spread import topology_spread
+from campaigns.reference_scheduler.volumes import volume_binding, volume_zone
+from campaigns.reference_scheduler.volumes import volume_restrictions as restrictions
+from campaigns.reference_scheduler.volumes.volume_limits import volume_limits
 
 PRE_FILTERS: dict[str, Callable[[State], Rejection | None]] = {
     "NodeAffinity": node_affinity.pre_filter,

@@ -89,7 +89,7 @@ class Config:
     weights: Mapping[str, int] = field(default_factory=dict)
     """Plugin to weight where it is not the default."""
     tiers: tuple[str, ...] = ()
-    """Not kube-scheduler's: `runsOn` of the pod's component, the best tier first. See `tiers.py`."""
+    """Not kube-scheduler's: `runsOn` of the pod's component, the best tier first. See `cycle.py`."""
 
 
 @dataclass(frozen=True)

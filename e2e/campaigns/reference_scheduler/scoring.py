@@ -4,16 +4,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from campaigns.reference_scheduler import normalize
-from campaigns.reference_scheduler.image_locality import image_score
 from campaigns.reference_scheduler.model import Json
-from campaigns.reference_scheduler.node_affinity import affinity_score
-from campaigns.reference_scheduler.node_rules import taint_score
+from campaigns.reference_scheduler.nodes.image_locality import image_score
+from campaigns.reference_scheduler.nodes.node_affinity import affinity_score
+from campaigns.reference_scheduler.nodes.node_rules import taint_score
+from campaigns.reference_scheduler.nodes.resources import balance_score, fit_score
 from campaigns.reference_scheduler.outcome import Decision
-from campaigns.reference_scheduler.pod_affinity import pod_affinity_score
-from campaigns.reference_scheduler.resources import balance_score, fit_score
 from campaigns.reference_scheduler.state import State, name_of
-from campaigns.reference_scheduler.topology_spread import normalize_spread, spread_score
-from campaigns.reference_scheduler.volume_binding import binding_score
+from campaigns.reference_scheduler.topology.pod_affinity import pod_affinity_score
+from campaigns.reference_scheduler.topology.topology_spread import normalize_spread, spread_score
+from campaigns.reference_scheduler.volumes.volume_binding import binding_score
 
 Scores = dict[str, int]
 

@@ -1,22 +1,20 @@
 """Sees every change of the RobotApps (or Deployments) of a namespace, and notes when each was first Ready at its generation."""
 
-import asyncio
-import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType, TracebackType
-from typing import Any, Self
+from types import MappingProxyType
+from typing import Any
 
-from campaigns.rigs.watching import running
-from robotapp_client import ApiClient, Change, Reflector, load
+from campaigns.rigs.watching import WatchThread
+from robotapp_client import ApiClient, Change, Reflector
 from robotapp_client.api.resources import ROBOTAPPS, Resource
 
 App = Mapping[str, Any]
 
 
-class AppWatch:
-    """A watch in a thread of its own, so that blocking tests get exact times.
+class AppWatch(WatchThread):
+    """A watch of one kind in one namespace.
 
     `apps` is the last state by name; `ready_s` the monotonic second at which that uid was first seen Ready. Another
     `resource` needs a `ready` of its own.
@@ -30,40 +28,22 @@ class AppWatch:
         resource: Resource = ROBOTAPPS,
         ready: Callable[[App], bool] | None = None,
     ) -> None:
-        self._endpoint = load(kubeconfig)
+        super().__init__(kubeconfig, f"watch on {resource.plural} of {namespace}")
         self._namespace = namespace
         self._resource = resource
         self._is_ready = ready or is_ready
-        self._changed = threading.Condition()
         self._apps: dict[str, App] = {}
-        self._stop: Callable[[], object] = lambda: None
-        self._thread = threading.Thread(target=self._run, name="app-watch", daemon=True)
-        self._synced = threading.Event()
         self.apps: Mapping[str, App] = MappingProxyType(self._apps)
         self.ready_s: dict[str, float] = {}
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        if not self._synced.wait(timeout=30):
-            raise TimeoutError(f"the watch on {self._resource.plural} of {self._namespace} did not start")
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop()
-        self._thread.join(timeout=10)
-
     def until(self, condition: Callable[[Mapping[str, App]], object], *, within_s: float, what: str) -> float:
         """Block until `condition(apps)` holds, looking after every change; the monotonic second at which it did."""
-        deadline_s = time.monotonic() + within_s
-        with self._changed:
-            while not condition(self.apps):
-                left_s = deadline_s - time.monotonic()
-                if left_s <= 0:
-                    raise TimeoutError(f"{what}: not within {within_s:g} s; {self._unready()}")
-                self._changed.wait(left_s)
-            return time.monotonic()
+        self.wait_for(
+            lambda: condition(self.apps),
+            within_s=within_s,
+            what=lambda: f"{what}: not within {within_s:g} s; {self._unready()}",
+        )
+        return time.monotonic()
 
     def snapshot(self) -> dict[str, App]:
         """The apps as last seen, safe to iterate while the watch goes on."""
@@ -79,20 +59,12 @@ class AppWatch:
         )
         return max(self.ready_s[self._apps[name]["metadata"]["uid"]] for name in names)
 
-    def _run(self) -> None:
-        asyncio.run(self._watch())
-
-    async def _watch(self) -> None:
-        loop, ended = asyncio.get_running_loop(), asyncio.Event()
-        self._stop = lambda: loop.call_soon_threadsafe(ended.set)
-        async with ApiClient(self._endpoint, user_agent="robotapp-test-watch") as client:
-            reflector = Reflector(
+    def _reflectors(self, client: ApiClient) -> Sequence[Reflector[Any]]:
+        return [
+            Reflector(
                 client, self._resource, as_type=dict, namespace=self._namespace, on_change=self._note, inactivity_s=300
             )
-            async with running(reflector):
-                self._synced.set()
-                await ended.wait()
-        await asyncio.sleep(0.1)  # TLS connections say goodbye in the loop; without one their sockets would be leaked
+        ]
 
     def _note(self, change: Change) -> None:
         now_s = time.monotonic()

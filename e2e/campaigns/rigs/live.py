@@ -1,15 +1,14 @@
 """What live tests of the operator do: RobotApps as a user, and a scheduler's work by hand."""
 
 import json
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from types import TracebackType
-from typing import Any, Final, Self, TypeVar
+from typing import Any, Final, TypeVar
 
 from tests.support.apiobjects import ROS
 
+from campaigns.common.background import Background
 from robotapp_api.model.names import API_VERSION, Label, Phase
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import ApiStatusError
@@ -171,7 +170,7 @@ def pool(
         cp.api.delete(f"{POOLS}/{name}")
 
 
-class HandBinder:
+class HandBinder(Background):
     """Binds every pending pod of one namespace without gates to the first node that fits its required node affinity.
 
     A stand-in for a scheduler where the test is about the operator; it checks no claims.
@@ -180,18 +179,7 @@ class HandBinder:
     def __init__(self, cp: ControlPlane, namespace: str) -> None:
         self._cp = cp
         self._pods = f"/api/v1/namespaces/{namespace}/pods"
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        self._thread.join()
+        super().__init__("hand-binder")
 
     def _run(self) -> None:
         while not self._stop.wait(0.05):

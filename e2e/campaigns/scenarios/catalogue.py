@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from campaigns.scenarios.contenders import BOTH, OURS, Contender
-from campaigns.scenarios.promises import devices, domains, hardware, queue, volumes, zones
+from campaigns.scenarios.promises import devices, domains, hardware, volumes, zones
 from campaigns.scenarios.promises.place import Place, Verdict
 
 
@@ -29,7 +29,7 @@ _ALL: Final = (
     Scenario("shared-volume", "4.4.3", "a ReadWriteMany claim keeps its pods from no node", "pods", volumes.shared_by_all),
     Scenario("node-volume", "4.4.3", "a ReadWriteOnce claim keeps its pods on its volume's node", "pods", volumes.of_one_node),
     Scenario("fleet", "4.4.3", "a coordinator at its volume, its robots beside it", "pods", volumes.fleet),
-    Scenario("queue", "4.4.3", "a full node goes to realtime, then to pods without a class, then to best_effort", "places", queue.by_class),
+    Scenario("queue", "4.4.3", "a full node goes to realtime, then to pods without a class, then to best_effort", "places", zones.by_class),
     Scenario("domain-auto", "4.4.4", "pods with `auto` on one node have different domains, with a claim each", "pods", domains.automatic),
     Scenario("domain-taken", "4.4.4", "a taken domain: the second pod waits, names the holder, gets it afterwards", "promises", domains.taken),
     Scenario("bus-pods", "4.4.4", "two pods for can0: the second waits, names the holder, runs ≤ 2 s after the release", "promises", devices.two_pods),

@@ -1,16 +1,11 @@
-"""One watch on everything the scenarios wait for, in a thread of its own."""
+"""One watch on everything the scenarios wait for."""
 
-import asyncio
-import threading
-import time
 from collections.abc import Callable, Sequence
-from contextlib import AsyncExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final, Self, TypeVar
+from typing import Any, Final, TypeVar
 
-from campaigns.rigs.watching import running
-from robotapp_client import ApiClient, Change, Reflector, load
+from campaigns.rigs.watching import WatchThread
+from robotapp_client import ApiClient, Change, Reflector
 from robotapp_client.api.resources import (
     EVENTS,
     PERSISTENTVOLUMECLAIMS,
@@ -23,31 +18,14 @@ from robotapp_client.api.resources import (
 T = TypeVar("T")
 Json = dict[str, Any]
 WATCHED: Final = (PODS, EVENTS, ROBOTCLAIMS, PERSISTENTVOLUMECLAIMS, ROBOTAPPS)
-BEGIN_S: Final = 30.0
 
 
-class ClusterWatch:
+class ClusterWatch(WatchThread):
     """The last state of all pods, Events, claims, volume claims and apps. Conditions are checked after every change."""
 
     def __init__(self, kubeconfig: Path) -> None:
-        self._endpoint = load(kubeconfig)
-        self._changed = threading.Condition()
+        super().__init__(kubeconfig, "watch on the cluster")
         self._objects: dict[str, dict[str, Json]] = {resource.plural: {} for resource in WATCHED}
-        self._stop: Callable[[], object] = lambda: None
-        self._synced = threading.Event()
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._watch()), name="cluster-watch", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        if not self._synced.wait(timeout=BEGIN_S):
-            raise TimeoutError(f"the watch on the cluster did not start in {BEGIN_S:.0f} s")
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop()
-        self._thread.join(timeout=10)
 
     def get(self, resource: Resource, key: str) -> Json | None:
         """One object by `namespace/name`, or by name where its kind has no namespace."""
@@ -62,24 +40,7 @@ class ClusterWatch:
 
     def until(self, look: Callable[[], T], *, within_s: float, what: Callable[[], str]) -> T:
         """The first true value of `look`, which is called after every change. Raises TimeoutError with the text of `what`."""
-        deadline_s = time.monotonic() + within_s
-        with self._changed:
-            while not (found := look()):
-                left_s = deadline_s - time.monotonic()
-                if left_s <= 0:
-                    raise TimeoutError(f"not within {within_s:.0f} s: {what()}")
-                self._changed.wait(left_s)
-            return found
-
-    async def _watch(self) -> None:
-        loop, ended = asyncio.get_running_loop(), asyncio.Event()
-        self._stop = lambda: loop.call_soon_threadsafe(ended.set)
-        async with ApiClient(self._endpoint, user_agent="robotapp-scenarios") as client, AsyncExitStack() as stack:
-            for reflector in self._reflectors(client):
-                await stack.enter_async_context(running(reflector))
-            self._synced.set()
-            await ended.wait()
-        await asyncio.sleep(0.1)  # TLS connections say goodbye in the loop; without one their sockets would be leaked
+        return self.wait_for(look, within_s=within_s, what=lambda: f"not within {within_s:.0f} s: {what()}")
 
     def _reflectors(self, client: ApiClient) -> Sequence[Reflector[Json]]:
         return [

@@ -25,8 +25,9 @@ from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 
+from campaigns.common.output import say
 from campaigns.scheduler import load
-from campaigns.speed.console import line, print_table, say, show
+from campaigns.speed.console import line, print_table, show
 from campaigns.speed.contestants import BARE, BARE_NO_EVENTS, CONTESTANTS, KUBE_SCHEDULER, OURS, Contestant
 from campaigns.speed.result import Result, Row
 from campaigns.speed.run import Case, Rates, Run, pods_for

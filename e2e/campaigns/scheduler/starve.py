@@ -18,10 +18,11 @@ from typing import Any, Final
 
 from campaigns.common.figures import percentile
 from campaigns.common.options import count, report
+from campaigns.common.output import save, say
+from campaigns.common.process_use import cpu_seconds
 from campaigns.free_api.objects import NAMESPACE, pod_name
 from campaigns.free_api.rig import Rig
 from campaigns.free_api.server import GOOD_TOKEN
-from campaigns.rigs.process_use import cpu_seconds
 from robotapp_testbed.processes.process import Process
 
 MOST_RISE: Final = 0.10
@@ -36,8 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(argv)
     result = asyncio.run(run(options))
     print(told(result))
-    if options.json:
-        options.json.write_text(json.dumps(result, indent=2) + "\n")
+    save(options.json, result)
     return 1 if options.check and result["missed"] else 0
 
 
@@ -67,7 +67,7 @@ async def run(options: argparse.Namespace) -> dict[str, Any]:
                 for number in range(options.turns):
                     for name, target in (("idle copy", copy), ("scheduler", rig.scheduler)):
                         turns[name].append(await turn(rig, target, options, seed=number))
-                        _say(f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in turns[name][-1].items()))
+                        say(f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in turns[name][-1].items()))
             finally:
                 await asyncio.to_thread(copy.stop)
     return judged(turns) | {"options": {key: value for key, value in vars(options).items() if key != "json"}}
@@ -151,10 +151,6 @@ def _served_s(process: Process) -> float:
     return sum(
         cpu_seconds(int(child)) for child in children if SERVER_MODULE in Path(f"/proc/{child}/cmdline").read_text()
     )
-
-
-def _say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

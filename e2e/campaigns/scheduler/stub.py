@@ -8,17 +8,16 @@ there. Use an idle machine with two cores: one is the stub's.
 
 import argparse
 import asyncio
-import json
 import platform
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from campaigns.common.figures import percentile
+from campaigns.common.output import save, say
 from campaigns.free_api.rig import Report, Rig
 
 BURST_S = 120.0
@@ -75,8 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(argv)
     result = asyncio.run(run(options))
     print(report(result))
-    if options.json:
-        options.json.write_text(json.dumps(result, indent=2) + "\n")
+    save(options.json, result)
     return 1 if options.check and any(row["missed"] for row in result["rows"]) else 0
 
 
@@ -125,7 +123,7 @@ def _judged(name: str, figures: dict[str, float], targets: Sequence[Target]) -> 
         for each in targets
         if each.figure in figures and each.missed(figures[each.figure])
     ]
-    _say(f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in figures.items()))
+    say(f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in figures.items()))
     return {"name": name, "figures": figures, "missed": missed}
 
 
@@ -194,10 +192,6 @@ def report(result: dict[str, Any]) -> str:
 
 def _cell(value: float | None) -> str:
     return "" if value is None else f"{value:.2f}" if value < 100 else f"{value:.0f}"
-
-
-def _say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from typing import Any
 import msgspec
 from tests.support.scheduling import app_object, chain, member_pod
 
+from campaigns.common.output import save
 from campaigns.scheduler.cycle import build
 from robotapp_api.model.names import API_VERSION
 from robotapp_scheduler.config.load import built_in
@@ -127,8 +128,7 @@ def main() -> None:
     for name, question in questions(args.apps).items():
         rows.append(row(name, [asyncio.run(asked(core, question)) for _ in range(args.repetitions)]))
         print("  ".join(f"{key} {value!s:>9}" for key, value in rows[-1].items()), flush=True)
-    if args.json:
-        args.json.write_text(json.dumps(rows, indent=1))
+    save(args.json, rows)
     if any(each["answer_ms"] > MOST_MS for each in rows):
         raise SystemExit(f"an answer took longer than {MOST_MS:g} ms")
 

@@ -17,10 +17,6 @@ STEP_S = 0.5
 WIDTH = 180
 
 
-def say(text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
-
-
 def show(what: str, total: int) -> Callable[[int], None]:
     """A counter that rewrites its line; nothing where nobody watches."""
     if not sys.stderr.isatty():

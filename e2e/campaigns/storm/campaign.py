@@ -5,20 +5,20 @@ import os
 import random
 import secrets
 import time
-from collections.abc import Collection
-from contextlib import ExitStack
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final
 
-from campaigns.rigs.world import Object, World
+from campaigns.rigs.simulated_site import Object, SimulatedSite
 from campaigns.storm import program
 from campaigns.storm.churn import Churn, Wish, path_of
-from campaigns.storm.cpu import Cpu
 from campaigns.storm.forger import Forger
 from campaigns.storm.history import Judge, Verdict
-from campaigns.storm.misfortune import Misfortune
+from campaigns.storm.program import LOST
 from campaigns.storm.recorder import Recorder
-from campaigns.storm.stall import Stall
 from campaigns.storm.wishes import is_pod
 from robotapp_api.model.names import API_VERSION, SCHEDULER_MANAGER, SYSTEM_NAMESPACE
 from robotapp_testbed import ControlPlane, Process, wait_until
@@ -26,6 +26,152 @@ from robotapp_testbed.binaries.pins import REPOSITORY
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.control_plane.namespaces import created
 from robotapp_testbed.machines.topology import Device, fleet
+
+STALL_S: Final = 60.0
+STALL_WISHES: Final = 30
+"""So many came since the last grant."""
+
+
+class Stall:
+    """`look` as often as you like; `clock` is monotonic seconds."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._grants = self._wishes = 0
+        self._since_s = clock()
+
+    def __repr__(self) -> str:
+        return f"<Stall: {self._grants} grants>"
+
+    def look(self, *, grants: int, wishes: int) -> str:
+        """What to tell when nothing is granted any more, else an empty text."""
+        if grants != self._grants:
+            self._grants, self._wishes, self._since_s = grants, wishes, self._clock()
+            return ""
+        seconds, came = self._clock() - self._since_s, wishes - self._wishes
+        if seconds < STALL_S or came < STALL_WISHES:
+            return ""
+        return f"after {grants} grants nothing was granted for {seconds:.0f} s, while {came} wishes came"
+
+
+STILL_S: Final = (1.0, 6.0)
+
+
+class Misfortune:
+    """One blow for every so many grants, so that a slow machine does not spend the storm on starting programs."""
+
+    def __init__(self, processes: Sequence[Process], *, every: int, chance: random.Random) -> None:
+        self._processes = processes
+        self._every = every
+        self._chance = chance
+        self._next = every
+        self._still: dict[str, float] = {}
+        """Programs that stand still, and until when."""
+        self.kills = self.stops = 0
+
+    def __repr__(self) -> str:
+        return f"<Misfortune of {len(self._processes)} programs: {self.kills} kills>"
+
+    def strike(self, grants: int) -> None:
+        """Kill or stop one when it is time, wake and start those whose time is over."""
+        now_s = time.monotonic()
+        for process in self._processes:
+            if self._still.get(process.name, now_s) < now_s:
+                del self._still[process.name]
+                process.resume()
+            process.start()  # does nothing to one that runs
+        if grants < self._next:
+            return
+        self._next = grants + self._every
+        process = self._chance.choice(self._processes)
+        if self._chance.random() < 0.5:
+            self._still.pop(process.name, None)
+            process.kill()
+            self.kills += 1
+        elif process.name not in self._still:
+            self._still[process.name] = now_s + self._chance.uniform(*STILL_S)
+            process.pause()
+            self.stops += 1
+
+    def end(self) -> None:
+        """Everybody goes on."""
+        for process in self._processes:
+            process.resume()
+            process.start()
+        self._still.clear()
+
+    def kill_all(self) -> None:
+        """Nobody goes on."""
+        for process in self._processes:
+            process.kill()
+        self._still.clear()
+
+    def lost_answers(self) -> int:
+        """Answers that the programs lost, from their logs."""
+        return sum(process.log_text().count(LOST) for process in self._processes)
+
+
+_TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
+_PRODUCT: Final = ("robotapp_operator", "robotapp_scheduler", "robotapp_agent")
+HERE: Final = "the campaign itself"
+
+
+class Cpu:
+    """`sample` now and then: what a program uses after the last look at it is not seen when it is killed."""
+
+    def __init__(self, root: int | None = None) -> None:
+        self._root = root or os.getpid()
+        self._used: dict[int, tuple[str, float]] = {}
+        self._before: Mapping[str, float] = {}
+
+    def __repr__(self) -> str:
+        return f"<Cpu of {len(self._used)} processes>"
+
+    def begin(self) -> None:
+        """Count from now on."""
+        self.sample()
+        self._before = self._totals()
+
+    def sample(self) -> None:
+        for pid, name, seconds in _descendants(self._root):
+            self._used[pid] = (name, seconds)
+
+    def by_program(self) -> dict[str, float]:
+        """Seconds since `begin`, the largest first."""
+        found = {name: seconds - self._before.get(name, 0.0) for name, seconds in self._totals().items()}
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    def _totals(self) -> dict[str, float]:
+        totals: defaultdict[str, float] = defaultdict(float)
+        for name, seconds in self._used.values():
+            totals[name] += seconds
+        return dict(totals)
+
+
+def _descendants(root: int) -> Iterator[tuple[int, str, float]]:
+    children: defaultdict[int, list[int]] = defaultdict(list)
+    seconds: dict[int, float] = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdecimal():
+            with suppress(OSError):
+                fields = (entry / "stat").read_text().rpartition(")")[2].split()
+                pid = int(entry.name)
+                children[int(fields[1])].append(pid)
+                seconds[pid] = (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
+    left = [root]
+    while left:
+        pid = left.pop()
+        left += children[pid]
+        if pid in seconds:
+            yield pid, HERE if pid == root else _name_of(pid), seconds[pid]
+
+
+def _name_of(pid: int) -> str:
+    with suppress(OSError):
+        words = Path(f"/proc/{pid}/cmdline").read_text(errors="replace").split("\0")
+        return next((name for name in _PRODUCT if any(name in word for word in words)), Path(words[0]).name)
+    return "ended"
+
 
 log = logging.getLogger(__name__)
 
@@ -80,7 +226,7 @@ class Report:
 class _Scene:
     """All who take part."""
 
-    world: World
+    site: SimulatedSite
     churn: Churn
     forger: Forger
     recorder: Recorder
@@ -127,30 +273,30 @@ class Storm:
         return self._lost(scene), self._left(scene)
 
     def _clear(self, scene: _Scene) -> None:
-        world = scene.world
-        for path in (world.apps_path, path_of(world, "pod"), f"/apis/{API_VERSION}/robotclaims"):
+        site = scene.site
+        for path in (site.apps_path, path_of(site, "pod"), f"/apis/{API_VERSION}/robotclaims"):
             self._cp.api.delete(path)
 
     def _scene(self, stack: ExitStack) -> _Scene:
-        world = stack.enter_context(self._world())
+        site = stack.enter_context(self._site())
         stranger = f"stranger-{self._mark}"
         stack.enter_context(created(self._cp, stranger))
-        processes = [world.operator, world.another_operator(**self._flags(2)), world.scheduler]
+        processes = [site.operator, site.another_operator(**self._flags(2)), site.scheduler]
         processes.append(self._second_scheduler(stack))
         recorder = stack.enter_context(Recorder(self._cp))
         churn = Churn(
-            world,
+            site,
             wanted=self._plan.wanted,
             chance=self._chance("churn"),
             holders=recorder.holders,
             full=self._plan.full_churn,
         )
         return _Scene(
-            world=world,
+            site=site,
             churn=churn,
-            forger=Forger(world, stranger, chance=self._chance("forger"), wishes=lambda: churn.there),
+            forger=Forger(site, stranger, chance=self._chance("forger"), wishes=lambda: churn.there),
             recorder=recorder,
-            judge=Judge(namespaces={world.namespace}, strangers={stranger}),
+            judge=Judge(namespaces={site.namespace}, strangers={stranger}),
             misfortune=Misfortune(processes, every=self._plan.every, chance=self._chance("misfortune")),
             cpu=Cpu(),
         )
@@ -159,8 +305,10 @@ class Storm:
         """Each draws from a source of its own, because they act side by side."""
         return random.Random(f"{whose} {self._plan.seed}")
 
-    def _world(self) -> World:
-        return World(self._cp, self._nodes, operator_flags=self._flags(1), scheduler_flags=self._flags(3), tidy=False)
+    def _site(self) -> SimulatedSite:
+        return SimulatedSite(
+            self._cp, self._nodes, operator_flags=self._flags(1), scheduler_flags=self._flags(3), tidy=False
+        )
 
     def _second_scheduler(self, stack: ExitStack) -> Process:
         """A Lease of its own lets it work at the same time as the first."""
@@ -212,15 +360,15 @@ class Storm:
         scene.churn.keep(kept)
 
         def waiting() -> list[str]:
-            return [text for kind in ("app", "pod") for text in self._waiting(scene.world, kind, kept)]
+            return [text for kind in ("app", "pod") for text in self._waiting(scene.site, kind, kept)]
 
         wait_until(lambda: not waiting(), timeout_s=WAIT_S, poll_s=0.5)
         return waiting()
 
-    def _waiting(self, world: World, kind: str, kept: Collection[Wish]) -> list[str]:
+    def _waiting(self, site: SimulatedSite, kind: str, kept: Collection[Wish]) -> list[str]:
         """Those of a kind who are not served, and what the product says about it."""
         names = {name for each, name in kept if each == kind}
-        found = {each["metadata"]["name"]: each for each in self._cp.api.get(path_of(world, kind))["items"]}
+        found = {each["metadata"]["name"]: each for each in self._cp.api.get(path_of(site, kind))["items"]}
         served = _bound if is_pod(kind) else _served
         return [
             f"{kind} {name} was never served: {found.get(name, {}).get('status')}"
@@ -229,13 +377,13 @@ class Storm:
         ]
 
     def _left(self, scene: _Scene) -> list[str]:
-        world = scene.world
+        site = scene.site
         scene.forger.clear()
-        self._cp.api.delete(world.apps_path)
-        self._cp.api.delete(f"/api/v1/namespaces/{world.namespace}/pods")
+        self._cp.api.delete(site.apps_path)
+        self._cp.api.delete(f"/api/v1/namespaces/{site.namespace}/pods")
 
         def left() -> list[str]:
-            return [claim["metadata"]["name"] for claim in world.claims()]
+            return [claim["metadata"]["name"] for claim in site.claims()]
 
         wait_until(lambda: not left(), timeout_s=WAIT_S, poll_s=0.5)
         return [f"claim {name} is left" for name in left()]

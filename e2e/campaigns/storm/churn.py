@@ -8,7 +8,6 @@ kept, and the programs do little but clean up.
 
 import random
 import statistics
-import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +15,8 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Final, Self
 
-from campaigns.rigs.world import World
+from campaigns.common.background import Background
+from campaigns.rigs.simulated_site import SimulatedSite
 from campaigns.storm.wishes import KINDS, is_pod, wish
 from robotapp_testbed.failures import ApiStatusError
 
@@ -32,26 +32,24 @@ OVERLOADED: Final = (429, 500, 503, 504)
 """Answers of a server that has too much to do: of a write nobody knows whether it was done."""
 
 
-class Churn:
+class Churn(Background):
     """`with` it, the churn goes on. `there`: what was made and not deleted; `holders` names those that hold something."""
 
     def __init__(
         self,
-        world: World,
+        site: SimulatedSite,
         *,
         wanted: int,
         chance: random.Random,
         holders: Callable[[], Collection[str]],
         full: bool = False,
     ) -> None:
-        self._world = world
+        self._site = site
         self._wanted = wanted
         self._chance = chance
         self._holders = holders
         self._full = full
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="churn", daemon=True)
-        self._error: BaseException | None = None
+        super().__init__("churn")
         self._rounds_s: list[float] = []
         self._short = self._began_s = self._ended_s = 0.0
         self._doubtful: list[Wish] = []
@@ -64,14 +62,12 @@ class Churn:
 
     def __enter__(self) -> Self:
         self._began_s = time.monotonic()
-        self._thread.start()
-        return self
+        return super().__enter__()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stop.set()
-        self._thread.join()
+        super().__exit__(kind, error, trace)
         self._ended_s = time.monotonic()
 
     @property
@@ -94,11 +90,6 @@ class Churn:
             reasons.append(f"grants (in {self._short / len(self._rounds_s):.0%} of the rounds too few held anything)")
         return " and ".join(reasons) or "nothing"
 
-    def check(self) -> None:
-        """Raise what ended the churn."""
-        if self._error is not None:
-            raise self._error
-
     def keep(self, kept: Iterable[Wish]) -> None:
         """Delete all others; for after the churn."""
         kept = set(kept)
@@ -106,17 +97,14 @@ class Churn:
             list(people.map(self._delete, [each for each in self.there if each not in kept]))
 
     def _run(self) -> None:
-        try:
-            with ThreadPoolExecutor(PEOPLE) as people:
-                while not self._stop.is_set():
-                    began_s = time.monotonic()
-                    went = self._round(people)
-                    round_s = time.monotonic() - began_s
-                    if went:  # else it was the first, in which all come
-                        self._rounds_s.append(round_s)
-                    self._stop.wait(max(0.0, ROUND_S - round_s))
-        except BaseException as error:  # noqa: BLE001 - `check` raises it where it is looked for
-            self._error = error
+        with ThreadPoolExecutor(PEOPLE) as people:
+            while not self._stop.is_set():
+                began_s = time.monotonic()
+                went = self._round(people)
+                round_s = time.monotonic() - began_s
+                if went:  # else it was the first, in which all come
+                    self._rounds_s.append(round_s)
+                self._stop.wait(max(0.0, ROUND_S - round_s))
 
     def _round(self, people: ThreadPoolExecutor) -> int:
         """How many went."""
@@ -149,12 +137,12 @@ class Churn:
         return self._chance.choice(KINDS), f"s-{self.made}"
 
     def _create(self, what: Wish) -> bool:
-        path = path_of(self._world, what[0])
-        return self._answered(what, lambda: self._world.cp.api.create(path, wish(*what)))
+        path = path_of(self._site, what[0])
+        return self._answered(what, lambda: self._site.cp.api.create(path, wish(*what)))
 
     def _delete(self, what: Wish) -> bool:
-        path = f"{path_of(self._world, what[0])}/{what[1]}"
-        return self._answered(what, lambda: self._world.cp.api.delete(path), 404, 409)
+        path = f"{path_of(self._site, what[0])}/{what[1]}"
+        return self._answered(what, lambda: self._site.cp.api.delete(path), 404, 409)
 
     def _answered(self, what: Wish, request: Callable[[], object], *allowed: int) -> bool:
         """A server that cannot answer in time is part of a storm; then False, and the wish is doubtful."""
@@ -173,8 +161,8 @@ class Churn:
         return False
 
 
-def path_of(world: World, kind: str) -> str:
-    return f"/api/v1/namespaces/{world.namespace}/pods" if is_pod(kind) else world.apps_path
+def path_of(site: SimulatedSite, kind: str) -> str:
+    return f"/api/v1/namespaces/{site.namespace}/pods" if is_pod(kind) else site.apps_path
 
 
 @contextmanager

@@ -1,12 +1,11 @@
 """Another tenant writes what looks like ours: in a thread of its own, two things a second that name apps of ours."""
 
 import random
-import threading
 from collections.abc import Callable, Collection
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
-from campaigns.rigs.world import World
+from campaigns.common.background import Background
+from campaigns.rigs.simulated_site import SimulatedSite
 from campaigns.storm.churn import OVERLOADED, Wish, refusals
 from campaigns.storm.wishes import forgery, is_pod
 
@@ -17,67 +16,47 @@ CLEARED_AFTER: Final = 20
 """Rounds until all that was forged is taken away."""
 
 
-class Forger:
+class Forger(Background):
     """`with` it, forgeries come. namespace: where all is forged; `wishes` are those of which an app is imitated."""
 
     def __init__(
-        self, world: World, namespace: str, *, chance: random.Random, wishes: Callable[[], Collection[Wish]]
+        self, site: SimulatedSite, namespace: str, *, chance: random.Random, wishes: Callable[[], Collection[Wish]]
     ) -> None:
-        self._world = world
+        self._site = site
         self._namespace = namespace
         self._chance = chance
         self._wishes = wishes
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="forger", daemon=True)
-        self._error: BaseException | None = None
+        super().__init__("forger")
         self.forged = self.refused = 0
 
     def __repr__(self) -> str:
         return f"<Forger in {self._namespace}: {self.forged}, {self.refused} refused>"
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        self._thread.join()
-
-    def check(self) -> None:
-        """Raise what ended the forging."""
-        if self._error is not None:
-            raise self._error
-
     def clear(self) -> None:
         """Take away all that was forged."""
         for kind, api in STRANGE.items():
-            self._world.cp.api.delete(f"{api}/namespaces/{self._namespace}/{kind}")
+            self._site.cp.api.delete(f"{api}/namespaces/{self._namespace}/{kind}")
 
     def _run(self) -> None:
         rounds = 0
-        try:
-            while not self._stop.wait(ROUND_S):
-                rounds += 1
-                try:
-                    self._forge()
-                    if rounds % CLEARED_AFTER == 0:
-                        with refusals(*OVERLOADED):
-                            self.clear()
-                except OSError:  # an answer that did not come in time; the next round tries again
-                    continue
-        except BaseException as error:  # noqa: BLE001 - `check` raises it where it is looked for
-            self._error = error
+        while not self._stop.wait(ROUND_S):
+            rounds += 1
+            try:
+                self._forge()
+                if rounds % CLEARED_AFTER == 0:
+                    with refusals(*OVERLOADED):
+                        self.clear()
+            except OSError:  # an answer that did not come in time; the next round tries again
+                continue
 
     def _forge(self) -> None:
         apps = [name for kind, name in self._wishes() if not is_pod(kind)]
         for name in self._chance.sample(apps, min(AT_ONCE, len(apps))):
             with refusals(404, 409, *OVERLOADED):
-                kind, forged = forgery(self._chance, app=self._world.app(name))
+                kind, forged = forgery(self._chance, app=self._site.app(name))
                 self.forged += 1
                 with refusals(403, 422, note=self._note_refused):
-                    self._world.cp.api.create(f"{STRANGE[kind]}/namespaces/{self._namespace}/{kind}", forged)
+                    self._site.cp.api.create(f"{STRANGE[kind]}/namespaces/{self._namespace}/{kind}", forged)
 
     def _note_refused(self) -> None:
         self.refused += 1

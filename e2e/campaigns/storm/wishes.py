@@ -4,7 +4,7 @@ import json
 import random
 from typing import Any, Final
 
-from campaigns.rigs.world import Object, plain_app
+from campaigns.rigs.simulated_site import Object, plain_app
 from robotapp_api.model.names import Annotation, Label
 
 KINDS: Final = ("app", "app", "device app", *("pod",) * 3, *("device pod",) * 2, *("devices pod",) * 2)

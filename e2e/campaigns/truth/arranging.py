@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
-from campaigns.rigs.world import APIS, Object, World, plain_app
+from campaigns.rigs.simulated_site import APIS, Object, SimulatedSite, plain_app
 from campaigns.truth.screen import Screen
 from robotapp_api.model.names import Label
 from robotapp_testbed import wait_until
@@ -21,9 +21,9 @@ Before = Callable[["Place"], AbstractContextManager[object]]
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The world, and the names of its nodes and pools. `mark` makes them this world's own."""
+    """The site, and the names of its nodes and pools. `mark` makes them this site's own."""
 
-    world: World
+    site: SimulatedSite
     mark: str
     seen: dict[str, Any] = field(default_factory=dict)
     """What a situation noted for its own check at the end."""
@@ -44,7 +44,7 @@ class Place:
         return f"{name}-{self.mark}"
 
     def patch_node(self, name: str, change: Mapping[str, Any], *, status: bool = False) -> None:
-        self.world.cp.api.patch(f"/api/v1/nodes/{name}{'/status' if status else ''}", change)
+        self.site.cp.api.patch(f"/api/v1/nodes/{name}{'/status' if status else ''}", change)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class Situation:
 
 
 def nodes(mark: str) -> Topology:
-    place = Place(world=None, mark=mark)  # type: ignore[arg-type] - for its names alone
+    place = Place(site=None, mark=mark)  # type: ignore[arg-type] - for its names alone
     devices = {place.robots[0]: [CAN], **{name: [CAMERA] for name in place.edges}}
     return fleet(robots=place.robots, edges=place.edges, clouds=[place.cloud], devices=devices)
 
@@ -103,8 +103,8 @@ def until(what: str, condition: Callable[[], object]) -> None:
 def other_app(place: Place, *, parts: Sequence[Object] = ({"name": "x"},), **spec: Any) -> Iterator[None]:
     """Another app that is Ready before this one comes."""
     other = Situation(says={}, phase="", parts=parts, spec=lambda _: spec)
-    place.world.create(app_of(other, place, "other"))
-    place.world.watch.until_ready("other", within_s=SEEN_S)
+    place.site.create(app_of(other, place, "other"))
+    place.site.watch.until_ready("other", within_s=SEEN_S)
     yield
 
 
@@ -114,11 +114,11 @@ def broken(place: Place, *names: str) -> Iterator[None]:
     for name in names:
         place.patch_node(name, {"metadata": {"labels": {Label.SIMULATED.value: None}}})
         _set_ready(place, name, "Unknown")
-    for pod in place.world.pods():
+    for pod in place.site.pods():
         if pod["spec"].get("nodeName") in names:
             lost = [{"type": kind, "status": "False"} for kind in ("Ready", "ContainersReady")]
-            path = f"/api/v1/namespaces/{place.world.namespace}/pods/{pod['metadata']['name']}/status"
-            place.world.cp.api.patch(path, {"status": {"conditions": lost}})
+            path = f"/api/v1/namespaces/{place.site.namespace}/pods/{pod['metadata']['name']}/status"
+            place.site.cp.api.patch(path, {"status": {"conditions": lost}})
     try:
         yield
     finally:
@@ -135,7 +135,7 @@ def _await_node_controller(place: Place, name: str) -> None:
     """
 
     def tainted() -> bool:
-        taints = place.world.cp.api.get(f"/api/v1/nodes/{name}")["spec"].get("taints", ())
+        taints = place.site.cp.api.get(f"/api/v1/nodes/{name}")["spec"].get("taints", ())
         return any(
             taint["key"].startswith("node.kubernetes.io/") and taint["effect"] == "NoExecute" for taint in taints
         )
@@ -151,7 +151,7 @@ def _set_ready(place: Place, name: str, status: str) -> None:
 @contextmanager
 def labelled(place: Place, node: str, **labels: str | None) -> Iterator[None]:
     """`labels` by the last part of their robotics.io name; None takes one away."""
-    stored = place.world.cp.api.get(f"/api/v1/nodes/{node}")["metadata"]["labels"]
+    stored = place.site.cp.api.get(f"/api/v1/nodes/{node}")["metadata"]["labels"]
     keys = {f"robotics.io/{name.replace('_', '-')}": value for name, value in labels.items()}
     place.patch_node(node, {"metadata": {"labels": keys}})
     try:
@@ -173,30 +173,30 @@ def cordoned(place: Place, *names: str) -> Iterator[None]:
 
 @contextmanager
 def rtt(place: Place, one: str, other: str, ms: float) -> Iterator[None]:
-    before = place.world.nodes.rtt_ms(one, other)
-    place.world.telemetry.set_rtt(one, other, ms)
-    place.world.telemetry.write()
+    before = place.site.nodes.rtt_ms(one, other)
+    place.site.telemetry.set_rtt(one, other, ms)
+    place.site.telemetry.write()
     try:
         yield
     finally:
-        place.world.telemetry.set_rtt(one, other, before)
+        place.site.telemetry.set_rtt(one, other, before)
 
 
 @contextmanager
 def pool_of(place: Place, name: str, **spec: Any) -> Iterator[None]:
     body = {"apiVersion": "robotics.io/v1alpha1", "kind": "DomainPool", "metadata": {"name": place.pool(name)}}
-    place.world.cp.api.create(
+    place.site.cp.api.create(
         f"{APIS}/domainpools", {**body, "spec": {"scope": "Cluster", "quarantineSeconds": 1, **spec}}
     )
     try:
         yield
     finally:
-        place.world.cp.api.delete(f"{APIS}/domainpools/{place.pool(name)}")
+        place.site.cp.api.delete(f"{APIS}/domainpools/{place.pool(name)}")
 
 
 @contextmanager
 def edited(place: Place, **spec: Any) -> Iterator[None]:
-    place.world.cp.api.patch(f"{place.world.apps_path}/app", {"spec": spec})
+    place.site.cp.api.patch(f"{place.site.apps_path}/app", {"spec": spec})
     yield
 
 

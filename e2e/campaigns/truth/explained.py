@@ -6,13 +6,47 @@ from datetime import UTC, datetime
 from itertools import product
 from typing import Any, Final, NamedTuple
 
-from campaigns.rigs.world import Object
+from campaigns.rigs.simulated_site import Object
 from campaigns.truth.history import History
 from campaigns.truth.screen import Screen, is_component, node_ready
-from campaigns.truth.selecting import admits
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.quantities.quantity import parse_milli
+
+
+def admits(pod: Mapping[str, Any], node: Mapping[str, Any]) -> bool:
+    """Does the node match the pod's nodeSelector and its required node affinity?"""
+    spec, labels = pod["spec"], node["metadata"].get("labels", {})
+    if any(labels.get(key) != value for key, value in (spec.get("nodeSelector") or {}).items()):
+        return False
+    affinity = ((spec.get("affinity") or {}).get("nodeAffinity") or {}).get(
+        "requiredDuringSchedulingIgnoredDuringExecution"
+    )
+    if not affinity:
+        return True
+    fields = {"metadata.name": node["metadata"]["name"]}
+    return any(
+        all(_holds(each, labels) for each in term.get("matchExpressions", ()))
+        and all(_holds(each, fields) for each in term.get("matchFields", ()))
+        for term in affinity["nodeSelectorTerms"]
+    )
+
+
+def _holds(expression: Mapping[str, Any], values: Mapping[str, str]) -> bool:
+    have, wanted = values.get(expression["key"]), expression.get("values", [])
+    match expression["operator"]:
+        case "In":
+            return have in wanted
+        case "NotIn":
+            return have not in wanted
+        case "Exists":
+            return have is not None
+        case "DoesNotExist":
+            return have is None
+        case "Gt":
+            return have is not None and int(have) > int(wanted[0])
+    return have is not None and int(have) < int(wanted[0])
+
 
 SAME: Final = 0.2
 """An older figure may differ from the newest measurement by less than this share."""

@@ -4,10 +4,10 @@ import threading
 from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from types import TracebackType
 from typing import Any, Final, Self
 
-from campaigns.rigs.world import APIS, Object, World
+from campaigns.common.background import Background
+from campaigns.rigs.simulated_site import APIS, Object, SimulatedSite
 from robotapp_api.model.names import Label
 
 EVERY_S: Final = 0.3
@@ -23,31 +23,23 @@ class Span:
     last: datetime
 
 
-class History:
+class History(Background):
     """Looks at pods, claims, nodes and telemetry while it is open, and remembers the spans of their facts.
 
     Facts are tuples: ("pod", component, node), ("claim", holder, domain id or "device on node"), ("rtt", node, peer, ms),
     ("device", node, id, present), ("ready", node, status), ("robot", name, node), ("cordoned", node).
     """
 
-    def __init__(self, world: World) -> None:
-        self._world = world
+    def __init__(self, site: SimulatedSite) -> None:
+        self._site = site
         self._spans: dict[Hashable, list[Span]] = {}
         self._at = datetime.now(UTC)
         self._lock = threading.Lock()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="history", daemon=True)
+        super().__init__("history")
 
     def __enter__(self) -> Self:
         self.look()
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        self._thread.join()
+        return super().__enter__()
 
     def was(self, *fact: Hashable, at: datetime, within_s: float = 0.0) -> bool:
         """Was it so at that time, or up to so many seconds before? `...` in a fact stands for anything."""
@@ -66,9 +58,9 @@ class History:
 
     def look(self) -> None:
         """Take in how things are."""
-        api = self._world.cp.api
+        api = self._site.cp.api
         now = datetime.now(UTC)
-        pods, claims = self._world.pods(), api.get(f"{APIS}/robotclaims")["items"]
+        pods, claims = self._site.pods(), api.get(f"{APIS}/robotclaims")["items"]
         nodes, reports = api.get("/api/v1/nodes")["items"], api.get(f"{APIS}/nodetelemetries")["items"]
         with self._lock:
             before, self._at = self._at, now

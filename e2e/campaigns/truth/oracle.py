@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from functools import cache
 
-from campaigns.rigs.world import Object
+from campaigns.rigs.simulated_site import Object
 from campaigns.truth.explained import false_explanation
 from campaigns.truth.history import History
 from campaigns.truth.screen import Screen, is_component, node_ready, replicas_up

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Final
 
-from campaigns.rigs.world import APIS, Object
+from campaigns.rigs.simulated_site import APIS, Object
 from campaigns.truth.arranging import (
     CAMERA,
     NO_GRACE,
@@ -53,7 +53,7 @@ def moving(**limits: Any) -> Callable[[Place], Object]:
 
 def node_of(place: Place, component: str) -> str:
     """Where its only pod is that is not ending, "" while there is none."""
-    for pod in place.world.pods():
+    for pod in place.site.pods():
         meta = pod["metadata"]
         if meta["labels"].get(Label.COMPONENT.value) == component and "deletionTimestamp" not in meta:
             return str(pod["spec"].get("nodeName", ""))
@@ -65,17 +65,17 @@ def the_other(place: Place, node: str) -> str:
 
 
 def told(place: Place, reason: str) -> None:
-    until(f"event {reason}", lambda: reason in {each["reason"] for each in place.world.events("app")})
+    until(f"event {reason}", lambda: reason in {each["reason"] for each in place.site.events("app")})
 
 
 @contextmanager
 def unplugged(place: Place) -> Iterator[None]:
     node = node_of(place, "talk")
-    place.world.telemetry.unplug(node, CAMERA.id)
+    place.site.telemetry.unplug(node, CAMERA.id)
     try:
         yield
     finally:
-        place.world.telemetry.plug(node, CAMERA.id)
+        place.site.telemetry.plug(node, CAMERA.id)
 
 
 @contextmanager
@@ -88,13 +88,13 @@ def unplugged_for_a_while(place: Place) -> Iterator[None]:
 @contextmanager
 def unplugged_until_it_counts(place: Place) -> Iterator[None]:
     """For ten seconds, so that the loss is recorded and the pod restarts afterwards."""
-    first = {pod["metadata"]["uid"] for pod in place.world.pods()}
+    first = {pod["metadata"]["uid"] for pod in place.site.pods()}
     with unplugged(place):
         recorded = Annotation.LOST_DEVICES.value
         until(
             "the loss is recorded", lambda: any(recorded in each["metadata"]["annotations"] for each in _wanted(place))
         )
-    until("the pod restarts", lambda: not first & {pod["metadata"]["uid"] for pod in place.world.pods()})
+    until("the pod restarts", lambda: not first & {pod["metadata"]["uid"] for pod in place.site.pods()})
     yield
 
 
@@ -145,39 +145,39 @@ def linked(place: Place, bandwidth: str, *names: str) -> Iterator[None]:
 @contextmanager
 def robot_gone(place: Place) -> Iterator[None]:
     """A robot's node is deleted, and the pods there with it, as the control plane's garbage collector has it."""
-    gone, world = place.robots[0], place.world
-    world.cp.api.delete(f"/api/v1/nodes/{gone}")
-    claim = next(each for each in world.claims() if each["spec"]["holder"]["instance"] == gone)
+    gone, site = place.robots[0], place.site
+    site.cp.api.delete(f"/api/v1/nodes/{gone}")
+    claim = next(each for each in site.claims() if each["spec"]["holder"]["instance"] == gone)
     place.seen["claim"] = claim["metadata"]["name"]
-    path = f"/api/v1/namespaces/{world.namespace}/pods"
+    path = f"/api/v1/namespaces/{site.namespace}/pods"
     try:
         until(
             "its instance ends",
             lambda: gone not in {pod["metadata"]["labels"][Label.INSTANCE] for pod in _wanted(place)},
         )
-        for pod in world.pods():
+        for pod in site.pods():
             if pod["spec"].get("nodeName") == gone:
-                world.cp.api.delete(f"{path}/{pod['metadata']['name']}?gracePeriodSeconds=0")
+                site.cp.api.delete(f"{path}/{pod['metadata']['name']}?gracePeriodSeconds=0")
         yield
     finally:
-        topology.apply(world.cp, [node for node in world.nodes if node.name == gone])
-        world.telemetry.write()
+        topology.apply(site.cp, [node for node in site.nodes if node.name == gone])
+        site.telemetry.write()
 
 
 def _wanted(place: Place) -> list[Object]:
-    path = f"/apis/apps/v1/namespaces/{place.world.namespace}/deployments"
-    found = place.world.cp.api.get(path)["items"]
+    path = f"/apis/apps/v1/namespaces/{place.site.namespace}/deployments"
+    found = place.site.cp.api.get(path)["items"]
     return [each for each in found if Label.INSTANCE.value in each["metadata"]["labels"]]
 
 
 def parked(place: Place, _: Screen) -> Iterable[str]:
     """The claim of the robot that is gone is kept for it, and named so."""
-    claim = place.world.cp.api.get(f"{APIS}/robotclaims/{place.seen['claim']}")
+    claim = place.site.cp.api.get(f"{APIS}/robotclaims/{place.seen['claim']}")
     phase, nodes = claim["status"].get("phase"), claim["status"].get("nodes")
     if (phase, nodes) != ("Parked", [place.robots[0]]):
         yield f"claim {place.seen['claim']} is {phase} for {nodes}"
-    shown = spoken(place.world, "domains", everywhere=True)
-    line = next((line for line in shown.splitlines() if place.world.namespace in line and place.robots[0] in line), "")
+    shown = spoken(place.site, "domains", everywhere=True)
+    line = next((line for line in shown.splitlines() if place.site.namespace in line and place.robots[0] in line), "")
     if "arked" not in line:
         yield f"domains does not say that it is parked: {shown}"
 
@@ -189,7 +189,7 @@ def parked(place: Place, _: Screen) -> Iterable[str]:
 def asked_and_lost(place: Place) -> Iterator[None]:
     """what-if about the loss of the node, and then that loss."""
     here = node_of(place, "talk")
-    answer = spoken(place.world, "what-if", "--node-loss", here, "-o", "json", scheduler=True)
+    answer = spoken(place.site, "what-if", "--node-loss", here, "-o", "json", scheduler=True)
     place.seen["answer"] = json.loads(answer)
     with broken(place, here):
         until("it leaves the node", lambda: node_of(place, "talk") != here)
@@ -239,7 +239,7 @@ def jittery(place: Place) -> Any:
 
 @contextmanager
 def _jitter(place: Place, one: str, other: str, *, p95_ms: float) -> Iterator[None]:
-    telemetry = place.world.telemetry
+    telemetry = place.site.telemetry
     telemetry.set_p95(one, other, p95_ms)
     try:
         with cordoned(place, place.edges[1]):

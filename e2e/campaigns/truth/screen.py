@@ -6,7 +6,7 @@ from typing import Any
 
 from typer.testing import CliRunner
 
-from campaigns.rigs.world import APIS, Object, World
+from campaigns.rigs.simulated_site import APIS, Object, SimulatedSite
 from robotapp_api.model.names import Label
 from robotapp_cli.main import app as command_line
 
@@ -105,14 +105,14 @@ class Screen:
         return [text for text in [*found, *(each["note"] for each in self.events)] if text]
 
 
-def look(world: World, name: str) -> Screen:
+def look(site: SimulatedSite, name: str) -> Screen:
     """Everything at about the same time; whoever compares looks again when something differs."""
-    cp = world.cp
-    app = world.app(name)
+    cp = site.cp
+    app = site.app(name)
     uid = app["metadata"]["uid"]
 
     def listed(prefix: str, kind: str) -> list[Object]:
-        path = f"{prefix}/namespaces/{world.namespace}/{kind}?labelSelector={INSTANCE_LABELS}{uid}"
+        path = f"{prefix}/namespaces/{site.namespace}/{kind}?labelSelector={INSTANCE_LABELS}{uid}"
         items: list[Object] = cp.api.get(path)["items"]
         return items
 
@@ -126,34 +126,34 @@ def look(world: World, name: str) -> Screen:
     return Screen(
         app=app,
         all_pods=all_pods,
-        pod_events=world.events_of_pods({pod["metadata"]["uid"] for pod in pods}),
-        explained=json.loads(spoken(world, "explain", name, "-o", "json", scheduler=True)),
-        explanation=spoken(world, "explain", name, scheduler=True),
+        pod_events=site.events_of_pods({pod["metadata"]["uid"] for pod in pods}),
+        explained=json.loads(spoken(site, "explain", name, "-o", "json", scheduler=True)),
+        explanation=spoken(site, "explain", name, scheduler=True),
         status=app.get("status", {}),
         instances=listed(APIS, "robotappinstances"),
         deployments=listed("/apis/apps/v1", "deployments"),
         pods=[pod for pod in pods if pod["status"].get("phase") not in ("Succeeded", "Failed")],
-        claims=[claim for claim in world.claims() if claim["spec"]["holder"]["uid"] == uid],
+        claims=[claim for claim in site.claims() if claim["spec"]["holder"]["uid"] == uid],
         nodes=by_name("/api/v1/nodes"),
         telemetry=by_name(f"{APIS}/nodetelemetries"),
-        events=world.events(name),
-        row=_row(world, name),
-        info=spoken(world, "info", name),
+        events=site.events(name),
+        row=_row(site, name),
+        info=spoken(site, "info", name),
     )
 
 
-def _row(world: World, name: str) -> dict[str, str]:
-    heading, line = world.kubectl("get", "ra", name, "-o", "wide").splitlines()[:2]
+def _row(site: SimulatedSite, name: str) -> dict[str, str]:
+    heading, line = site.kubectl("get", "ra", name, "-o", "wide").splitlines()[:2]
     starts = [heading.index(word) for word in heading.split()]
     cells = [line[start:end].strip() for start, end in zip(starts, [*starts[1:], None], strict=True)]
     return dict(zip(heading.split(), cells, strict=True))
 
 
-def spoken(world: World, *words: str, everywhere: bool = False, scheduler: bool = False) -> str:
-    """What `kubectl robotapp` prints, of the world's namespace unless it is about everywhere; `scheduler`: it is asked there."""
-    arguments = [*words, "--kubeconfig", str(world.cp.kubeconfig())]
-    arguments += [] if everywhere else ["-n", world.namespace]
-    arguments += ["--scheduler-url", str(world.scheduler.health_url)] if scheduler else []
+def spoken(site: SimulatedSite, *words: str, everywhere: bool = False, scheduler: bool = False) -> str:
+    """What `kubectl robotapp` prints, of the site's namespace unless it is about everywhere; `scheduler`: it is asked there."""
+    arguments = [*words, "--kubeconfig", str(site.cp.kubeconfig())]
+    arguments += [] if everywhere else ["-n", site.namespace]
+    arguments += ["--scheduler-url", str(site.scheduler.health_url)] if scheduler else []
     found = CliRunner().invoke(command_line, arguments, env={"COLUMNS": "200"})
     if found.exit_code:
         raise AssertionError(f"{words}: exit {found.exit_code}: {found.output}")

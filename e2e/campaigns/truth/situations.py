@@ -156,13 +156,13 @@ SITUATIONS: Mapping[str, Situation] = {
         around=lambda place: pool_of(place, "quota", ids="60-69", quota={"default": 0}),
     ),
     "a domain shared with another app": running(
-        spec=lambda place: {"ros2": {"shareWith": [{"namespace": place.world.namespace, "name": "other"}]}},
+        spec=lambda place: {"ros2": {"shareWith": [{"namespace": place.site.namespace, "name": "other"}]}},
         around=other_app,
     ),
     "a domain of an app that is not there": Situation(
         says={"Ready": "False/*", "Allocated": "*/*"},
         phase="Pending",
-        spec=lambda place: {"ros2": {"shareWith": [{"namespace": place.world.namespace, "name": "nobody"}]}},
+        spec=lambda place: {"ros2": {"shareWith": [{"namespace": place.site.namespace, "name": "nobody"}]}},
     ),
     "together on one node": running(parts=({"name": "talk", "colocateWith": ["hear"]}, {"name": "hear"})),
     "never on one node": running(parts=({"name": "talk", "separateFrom": ["hear"]}, {"name": "hear"})),

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Final
 
-from campaigns.rigs.world import Object
+from campaigns.rigs.simulated_site import Object
 from campaigns.truth.history import History
 from campaigns.truth.screen import Screen
 from robotapp_api.values.quantities.duration import parse_us
@@ -14,6 +14,23 @@ ABOUT_S: Final = 90.0
 """A status follows figures once a minute at most, so what it tells may be as old."""
 _TIME: Final = r"([\d.]+(?:us|ms|s|m)|unreachable|\?|unknown)"
 _EDGE: Final = rf"(\S+) (\S+) -> (\S+) {_TIME} of {_TIME}"
+Judge = Callable[[Screen, History, str, datetime], Iterator[str]]
+MatchJudge = Callable[[Screen, History, re.Match[str], datetime], Iterator[str]]
+
+
+def of_form(pattern: str, otherwise: str = "not of the form of such a sentence") -> Callable[[MatchJudge], Judge]:
+    """Makes a judge of texts from one of matches; a text that does not begin with the pattern is wrong for that alone."""
+
+    def decorate(judge: MatchJudge) -> Judge:
+        def judge_text(screen: Screen, history: History, note: str, at: datetime) -> Iterator[str]:
+            if match := re.match(pattern, note, re.DOTALL):
+                yield from judge(screen, history, match, at)
+            else:
+                yield otherwise
+
+        return judge_text
+
+    return decorate
 
 
 def false_events(screen: Screen, history: History) -> Iterator[str]:
@@ -56,17 +73,14 @@ def _shares(screen: Screen) -> bool:
     return bool((screen.app["spec"].get("ros2") or {}).get("shareWith"))
 
 
-def _placed(screen: Screen, history: History, note: str, at: datetime) -> Iterator[str]:
-    found = re.match(r"(\d+) of (\d+) components on ([^;]+)", note)
-    if not found:
-        yield "not of the form of such a sentence"
-        return
-    if found[1] != found[2] or int(found[2]) % len(screen.app["spec"]["components"]):
-        yield f"{found[1]} of {found[2]} is no number of whole instances"
-    for node in found[3].split(", "):
+@of_form(r"(\d+) of (\d+) components on ([^;]+)")
+def _placed(screen: Screen, history: History, match: re.Match[str], at: datetime) -> Iterator[str]:
+    if match[1] != match[2] or int(match[2]) % len(screen.app["spec"]["components"]):
+        yield f"{match[1]} of {match[2]} is no number of whole instances"
+    for node in match[3].split(", "):
         if not history.was("pod", ..., node, at=at, within_s=5):
             yield f"no pod was on {node}"
-    yield from _given_up(screen, history, note, at)
+    yield from _given_up(screen, history, match.string, at)
 
 
 def _given_up(screen: Screen, history: History, note: str, at: datetime) -> Iterator[str]:
@@ -83,14 +97,11 @@ def _given_up(screen: Screen, history: History, note: str, at: datetime) -> Iter
             yield f"{one} was never on {here} (the other end: {other})"
 
 
-def _rejected(screen: Screen, history: History, note: str, at: datetime) -> Iterator[str]:
-    found = re.match(r"(\d+) of (\d+) placed; (?:(\S+): )?(\S+): (.*)", note, re.DOTALL)
-    if not found:
-        yield "not of the form of such a sentence"
-        return
-    if found[4] not in screen.components:
-        yield f"there is no component {found[4]}"
-    yield from _counts_of_nodes(screen, history, found[5], at)
+@of_form(r"(\d+) of (\d+) placed; (?:(\S+): )?(\S+): (.*)")
+def _rejected(screen: Screen, history: History, match: re.Match[str], at: datetime) -> Iterator[str]:
+    if match[4] not in screen.components:
+        yield f"there is no component {match[4]}"
+    yield from _counts_of_nodes(screen, history, match[5], at)
 
 
 def _counts_of_nodes(screen: Screen, history: History, text: str, at: datetime) -> Iterator[str]:
@@ -106,12 +117,9 @@ def _counts_of_nodes(screen: Screen, history: History, text: str, at: datetime) 
         yield f"the reasons are about {counts} nodes, not about {total}"
 
 
-def _over(screen: Screen, history: History, note: str, at: datetime) -> Iterator[str]:
-    found = re.match(rf"(\d+) of (\d+) edges are over budget, worst {_EDGE}; (.*)", note, re.DOTALL)
-    if not found:
-        yield "not of the form of such a sentence"
-        return
-    over, count, topic, one, other, time, budget, advice = found.groups()
+@of_form(rf"(\d+) of (\d+) edges are over budget, worst {_EDGE}; (.*)")
+def _over(screen: Screen, history: History, match: re.Match[str], at: datetime) -> Iterator[str]:
+    over, count, topic, one, other, time, budget, advice = match.groups()
     edges = [edge for edge in screen.app["spec"].get("edges", ()) if edge.get("latency")]
     if int(over) > int(count) or int(count) % len(edges):
         yield f"{len(edges)} edges have a budget"
@@ -151,12 +159,9 @@ def _stays(screen: Screen, history: History, text: str, at: datetime) -> Iterato
         yield f"placement.reschedule is {limits}"
 
 
-def _within(screen: Screen, history: History, note: str, at: datetime) -> Iterator[str]:
-    found = re.match(rf"(\d+) of (\d+) edges within budget, tightest {_EDGE}", note)
-    if not found:
-        yield "not of the form of such a sentence"
-        return
-    _, _, topic, one, other, time, budget = found.groups()
+@of_form(rf"(\d+) of (\d+) edges within budget, tightest {_EDGE}")
+def _within(screen: Screen, history: History, match: re.Match[str], at: datetime) -> Iterator[str]:
+    _, _, topic, one, other, time, budget = match.groups()
     if parse_us(budget) not in _budgets(screen, topic):
         yield f"{topic} has no budget of {budget}"
     pairs = _pairs(history, one, other, at)
@@ -194,20 +199,17 @@ def _moved(screen: Screen, history: History, note: str, at: datetime) -> Iterato
         yield f"the reason is not known to the judge: {why}"
 
 
-def _lost(screen: Screen, history: History, note: str, at: datetime) -> Iterator[str]:
-    found = re.match(r"(?:(\S+): )?(\S+): device (\S+) on (\S+?)(?: and (\d+) more devices)? is gone", note)
-    if not found:
-        yield "not of the form of such a sentence"
-        return
-    if found[2] not in screen.components:
-        yield f"there is no component {found[2]}"
-    if not history.was("device", found[4], found[3], False, at=at, within_s=5):
-        yield f"{found[3]} was there"
-    if not history.ever("claim", screen.name, f"{found[3]} on {found[4]}", until=at):
+@of_form(r"(?:(\S+): )?(\S+): device (\S+) on (\S+?)(?: and (\d+) more devices)? is gone")
+def _lost(screen: Screen, history: History, match: re.Match[str], at: datetime) -> Iterator[str]:
+    if match[2] not in screen.components:
+        yield f"there is no component {match[2]}"
+    if not history.was("device", match[4], match[3], False, at=at, within_s=5):
+        yield f"{match[3]} was there"
+    if not history.ever("claim", screen.name, f"{match[3]} on {match[4]}", until=at):
         yield f"{screen.name} never held it"
-    for edge in re.findall(r"would have|over budget", note):
+    for edge in re.findall(r"would have|over budget", match.string):
         yield f"{edge} is no matter of a device"
-    yield from _stays(screen, history, note, at)
+    yield from _stays(screen, history, match.string, at)
 
 
 def _claimed(screen: Screen, history: History, note: str, at: datetime) -> Iterator[str]:
@@ -222,25 +224,19 @@ def _claimed(screen: Screen, history: History, note: str, at: datetime) -> Itera
         yield f"{screen.name} had only held {sorted(things)}"
 
 
-def _returned(screen: Screen, history: History, note: str, at: datetime) -> Iterator[str]:
-    found = re.match(r"device (\S+) on (\S+) is back: ", note)
-    if not found:
-        yield "not of the form of such an event"
-        return
-    if not history.was("device", found[2], found[1], True, at=at):
+@of_form(r"device (\S+) on (\S+) is back: ", "not of the form of such an event")
+def _returned(screen: Screen, history: History, match: re.Match[str], at: datetime) -> Iterator[str]:
+    if not history.was("device", match[2], match[1], True, at=at):
         yield "it was not there"
-    if not history.was("claim", screen.name, f"{found[1]} on {found[2]}", at=at, within_s=5):
+    if not history.was("claim", screen.name, f"{match[1]} on {match[2]}", at=at, within_s=5):
         yield f"{screen.name} did not hold it"
 
 
-def _busy(screen: Screen, history: History, note: str, at: datetime) -> Iterator[str]:
-    found = re.search(r"device (\S+) on (\S+) is held by (\S+?)(?: \(([^)]+)\))?(?::|;|$)", note)
-    if not found:
-        yield "names no device and holder"
-        return
-    holder = found[3] if "/" in found[3] else ...
-    if not history.was("claim", holder, f"{found[1]} on {found[2]}", at=at, within_s=5):
-        yield f"{found[3]} did not hold {found[1]} on {found[2]}"
+@of_form(r".*?device (\S+) on (\S+) is held by (\S+?)(?: \(([^)]+)\))?(?::|;|$)", "names no device and holder")
+def _busy(screen: Screen, history: History, match: re.Match[str], at: datetime) -> Iterator[str]:
+    holder = match[3] if "/" in match[3] else ...
+    if not history.was("claim", holder, f"{match[1]} on {match[2]}", at=at, within_s=5):
+        yield f"{match[3]} did not hold {match[1]} on {match[2]}"
     if holder == screen.name:
         yield "that is the app itself"
 
@@ -303,8 +299,6 @@ def _figure(history: History, pair: tuple[str, str], time: str, at: datetime, *,
     if measured and not _was(history, pair, time, at):
         yield f"nobody measured {time} between {' and '.join(pair)}"
 
-
-Judge = Callable[[Screen, History, str, datetime], Iterator[str]]
 
 _EVENTS: Final[Mapping[str, Judge]] = {
     "DomainAllocated": _domain,

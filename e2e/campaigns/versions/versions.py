@@ -4,7 +4,6 @@ Compiling one version takes about ten minutes on two cores. What ran live here i
 """
 
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from campaigns.common import options
+from campaigns.common.output import save
 from robotapp_testbed.binaries import pins, versions
 from robotapp_testbed.progress import Progress
 from suite.summary import Part, read
@@ -44,8 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     results = [_run(minor, progress) for minor in arguments.version or versions.OTHERS]
     for result in results:
         print(told(result))
-    if arguments.json:
-        arguments.json.write_text(json.dumps(results, indent=1) + "\n")
+    save(arguments.json, results)
     return int(any(result["failed"] for result in results))
 
 

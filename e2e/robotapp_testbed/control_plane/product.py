@@ -109,15 +109,10 @@ def start_operator(
     name: str = "operator",
     wait: bool = True,
     env: Mapping[str, str] | None = None,
-    program: Sequence[str] = (),
     **flags: object,
 ) -> Process:
-    """`python -m robotapp_operator` as the operator's identity. `sweep_seconds=1` becomes `--sweep-seconds 1`, True a bare flag.
-
-    `program`: another module, with arguments of its own, that runs the operator; it gets the usual ones behind them.
-    """
-    module = [*program, "robotapp_operator"]
-    return _start(cp, module, identity="operator", name=name, wait=wait, flags=flags, env=env)
+    """`python -m robotapp_operator` as the operator's identity. `sweep_seconds=1` becomes `--sweep-seconds 1`, True a bare flag."""
+    return _start(cp, "robotapp_operator", identity="operator", name=name, wait=wait, flags=flags, env=env)
 
 
 def start_scheduler(
@@ -127,14 +122,13 @@ def start_scheduler(
     name: str = "scheduler",
     wait: bool = True,
     env: Mapping[str, str] | None = None,
-    program: Sequence[str] = (),
     **flags: object,
 ) -> Process:
-    """`python -m robotapp_scheduler` as the scheduler's identity; `env` comes on top of ours, `program` as for the operator."""
+    """`python -m robotapp_scheduler` as the scheduler's identity; `env` comes on top of ours."""
     extra = {"config": config} if config else {}
-    given = {**extra, **flags}
-    module = [*program, "robotapp_scheduler"]
-    return _start(cp, module, identity="scheduler", name=name, wait=wait, flags=given, env=env)
+    return _start(
+        cp, "robotapp_scheduler", identity="scheduler", name=name, wait=wait, flags={**extra, **flags}, env=env
+    )
 
 
 def arguments(flags: Mapping[str, object]) -> list[str]:
@@ -151,7 +145,7 @@ def arguments(flags: Mapping[str, object]) -> list[str]:
 
 def _start(
     cp: ControlPlane,
-    module: Sequence[str],
+    module: str,
     *,
     identity: str,
     name: str,
@@ -164,7 +158,7 @@ def _start(
     url = f"https://127.0.0.1:{port}"
     process = Process(
         name,
-        [sys.executable, "-m", *module, *arguments({**own, **flags})],
+        [sys.executable, "-m", module, *arguments({**own, **flags})],
         run_dir=cp.run_dir,
         log_path=cp.logs_dir / f"{name}.log",
         env={key: value for key, value in os.environ.items() if key != "KUBECONFIG"}

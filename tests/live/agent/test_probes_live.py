@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from campaigns.network.namespaced import TAP, skip_where_impossible
-from campaigns.network.probing import Measured, ProbingNodes, is_as_ping, is_likely
+from campaigns.network.probes import Measured, ProbingNodes, is_as_ping, is_likely
 from robotapp_agent.probe.rounds import LOSS_ROUNDS
 
 pytestmark = pytest.mark.live

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from tests.live.attacks import agent_tokens
+from tests.live.attacks.table.kinds import CRD, NODE, POD, SECRET, TELEMETRY
 
-from campaigns.attacks import agent_tokens
-from campaigns.attacks.kinds import CRD, NODE, POD, SECRET, TELEMETRY
 from robotapp_api.model.telemetry import node_owner
 from robotapp_testbed import ControlPlane, wait_until
 from robotapp_testbed.control_plane.api import APPLY, Api

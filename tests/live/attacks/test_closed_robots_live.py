@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from campaigns.rigs.live import eventually
+from campaigns.rigs.simulated_site import SimulatedSite, plain_app
 from campaigns.rigs.twin import THEIRS, kube_scheduler
-from campaigns.rigs.world import World, plain_app
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import CommandError
@@ -37,29 +37,29 @@ def tainted(name: str, *, allowed: str | None) -> SimulatedNode:
 
 
 @pytest.fixture(scope="module")
-def world(installed_plane: ControlPlane, tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
+def world(installed_plane: ControlPlane, tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimulatedSite]:
     folder: Path = tmp_path_factory.mktemp("twin")
     nodes = Topology([tainted(CLOSED, allowed=OWNER), edge(EDGE)])
-    with World(installed_plane, nodes, pools={POOL: "1-40"}) as made, kube_scheduler(installed_plane, folder):
+    with SimulatedSite(installed_plane, nodes, pools={POOL: "1-40"}) as made, kube_scheduler(installed_plane, folder):
         rights = ("rolebinding", "owner", "--clusterrole=admin", "--user=tenant")
         made.kubectl("create", *rights)
         yield made
 
 
 @pytest.fixture(autouse=True)
-def _as_it_was(world: World) -> Iterator[None]:
+def _as_it_was(world: SimulatedSite) -> Iterator[None]:
     yield
     world.clear()
     cordon(world, on=False)
     admit(world, CLOSED, OWNER)
 
 
-def as_tenant(world: World, *args: str, stdin: object = None) -> str:
+def as_tenant(world: SimulatedSite, *args: str, stdin: object = None) -> str:
     return world.cp.kubectl("-n", world.namespace, *args, stdin=stdin, identity="tenant")
 
 
 def attack(
-    world: World,
+    world: SimulatedSite,
     name: str,
     *,
     template: Json | None = None,
@@ -77,24 +77,24 @@ def attack(
     as_tenant(world, "create", "-f", "-", stdin=app)
 
 
-def admit(world: World, node: str, allowed: str | None) -> None:
+def admit(world: SimulatedSite, node: str, allowed: str | None) -> None:
     world.cp.api.patch(f"/api/v1/nodes/{node}", {"metadata": {"annotations": {ALLOWED: allowed}}})
 
 
-def cordon(world: World, *, on: bool) -> None:
+def cordon(world: SimulatedSite, *, on: bool) -> None:
     world.cp.api.patch(f"/api/v1/nodes/{CLOSED}", {"spec": {"unschedulable": on}})
 
 
-def placed(world: World, name: str) -> Json:
+def placed(world: SimulatedSite, name: str) -> Json:
     found = world.app(name).get("status", {}).get("conditions", [])
     return next((item for item in found if item["type"] == "Placed"), {})
 
 
-def places(world: World) -> list[str]:
+def places(world: SimulatedSite) -> list[str]:
     return [pod["spec"].get("nodeName", "") for pod in world.pods() if not pod["metadata"].get("deletionTimestamp")]
 
 
-def wait_refused(world: World, name: str) -> None:
+def wait_refused(world: SimulatedSite, name: str) -> None:
     """The pods wait under our gate, and the reason names nobody."""
     said = f"no node that it may use admits namespace {world.namespace}"
     eventually(lambda: said in placed(world, name).get("message", ""), what=lambda: placed(world, name))
@@ -115,14 +115,14 @@ WAYS: dict[str, Json] = {
 
 
 @pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
-def test_an_app_for_any_robot_waits_and_starts_when_it_is_admitted(world: World, way: Json) -> None:
+def test_an_app_for_any_robot_waits_and_starts_when_it_is_admitted(world: SimulatedSite, way: Json) -> None:
     attack(world, "guest", **way)
     wait_refused(world, "guest")
     admit(world, CLOSED, f"{OWNER}, {world.namespace}")
     eventually(lambda: places(world) == [CLOSED], what=world.pods)
 
 
-def test_servers_of_its_discovery_get_there_no_more_than_its_components(world: World) -> None:
+def test_servers_of_its_discovery_get_there_no_more_than_its_components(world: SimulatedSite) -> None:
     """Servers go where all components may go: with a node selector of the template that is a robot."""
     there = {"nodeSelector": {str(Label.ROBOT): CLOSED}, "tolerations": EVERYTHING}
     attack(
@@ -136,7 +136,7 @@ def test_servers_of_its_discovery_get_there_no_more_than_its_components(world: W
     eventually(lambda: places(world) == [CLOSED] * 4, what=lambda: places(world))
 
 
-def test_a_roscore_on_a_named_node_is_no_way_round(world: World) -> None:
+def test_a_roscore_on_a_named_node_is_no_way_round(world: SimulatedSite) -> None:
     noetic = {"ros": {"distro": "noetic"}, "ros2": None, "placement": {"masterNode": CLOSED}}
     attack(world, "guest", on=("Edge",), template={"tolerations": EVERYTHING}, **noetic)
     said = f"its discovery or master is not ready: no node that it may use admits namespace {world.namespace}"
@@ -147,14 +147,14 @@ def test_a_roscore_on_a_named_node_is_no_way_round(world: World) -> None:
     assert sorted(places(world)) == ["", EDGE]
 
 
-def test_among_other_nodes_those_that_are_closed_are_left_out(world: World) -> None:
+def test_among_other_nodes_those_that_are_closed_are_left_out(world: SimulatedSite) -> None:
     attack(world, "guest", on=(), template={"tolerations": EVERYTHING})
     eventually(lambda: places(world) == [EDGE], what=world.pods)
     (pod,) = world.pods()
     assert CLOSED not in json.dumps(pod), "whose robots there are is no tenant's business"
 
 
-def test_a_robot_that_closes_while_a_pod_waits_for_room_takes_it_no_more(world: World) -> None:
+def test_a_robot_that_closes_while_a_pod_waits_for_room_takes_it_no_more(world: SimulatedSite) -> None:
     """The pod was let go when the robot was open; what runs already would stay."""
     admit(world, CLOSED, None)
     cordon(world, on=True)
@@ -167,7 +167,7 @@ def test_a_robot_that_closes_while_a_pod_waits_for_room_takes_it_no_more(world: 
     eventually(lambda: places(world) == [CLOSED], what=world.pods)
 
 
-def test_the_tenant_cannot_take_the_gate_off_his_pods(world: World) -> None:
+def test_the_tenant_cannot_take_the_gate_off_his_pods(world: SimulatedSite) -> None:
     attack(world, "guest")
     wait_refused(world, "guest")
     (pod,) = world.pods()
@@ -181,7 +181,7 @@ def test_the_tenant_cannot_take_the_gate_off_his_pods(world: World) -> None:
     assert places(world) == [""]
 
 
-def test_with_spec_robots_its_own_robot_is_the_only_one(world: World) -> None:
+def test_with_spec_robots_its_own_robot_is_the_only_one(world: SimulatedSite) -> None:
     """Instances of closed robots do not exist; that of an open one is bound to it, and to no sibling that is closed."""
     selector = {"matchExpressions": [{"key": str(Label.ROBOT), "operator": "In", "values": [CLOSED]}]}
     attack(world, "guest", robots={"nodeSelector": selector}, template={"tolerations": EVERYTHING})

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from campaigns.rigs.live import eventually
-from campaigns.rigs.world import World, plain_app
+from campaigns.rigs.simulated_site import SimulatedSite, plain_app
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.namespaces import created
 from robotapp_testbed.machines.network import Topology
@@ -20,13 +20,13 @@ Json = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def world(installed_plane: ControlPlane) -> Iterator[World]:
-    with World(installed_plane, Topology([edge(NODE)]), pools={f"pins-{MARK}": "1-9"}) as made:
+def world(installed_plane: ControlPlane) -> Iterator[SimulatedSite]:
+    with SimulatedSite(installed_plane, Topology([edge(NODE)]), pools={f"pins-{MARK}": "1-9"}) as made:
         yield made
 
 
 @pytest.fixture
-def abroad(installed_plane: ControlPlane, world: World) -> Iterator[str]:
+def abroad(installed_plane: ControlPlane, world: SimulatedSite) -> Iterator[str]:
     """The attacker's namespace, whose `admin` he is."""
     assert world
     with created(installed_plane, f"attacker-{secrets.token_hex(3)}") as namespace:
@@ -35,11 +35,11 @@ def abroad(installed_plane: ControlPlane, world: World) -> Iterator[str]:
         yield namespace
 
 
-def running(world: World) -> list[Json]:
+def running(world: SimulatedSite) -> list[Json]:
     return [pod for pod in world.pods() if pod["spec"].get("nodeName") and not pod["metadata"].get("deletionTimestamp")]
 
 
-def test_the_next_driver_starts_beside_a_look_alike_that_runs_elsewhere(world: World, abroad: str) -> None:
+def test_the_next_driver_starts_beside_a_look_alike_that_runs_elsewhere(world: SimulatedSite, abroad: str) -> None:
     name = f"teleop-{secrets.token_hex(2)}"
     world.create(plain_app(name, parts=("driver",), ros2={"pool": f"pins-{MARK}"}))
     world.watch.until_ready(name, within_s=60)

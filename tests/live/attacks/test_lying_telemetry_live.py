@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from campaigns.rigs.live import eventually, instances_of
-from campaigns.rigs.world import World, plain_app
+from campaigns.rigs.simulated_site import SimulatedSite, plain_app
 from robotapp_api.model.names import API_VERSION
 from robotapp_testbed import ApiStatusError, ControlPlane
 from robotapp_testbed.machines.network import Topology
@@ -25,10 +25,10 @@ Json = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def world(installed_plane: ControlPlane) -> Iterator[World]:
+def world(installed_plane: ControlPlane) -> Iterator[SimulatedSite]:
     nodes = [robot(ROBOT), edge(EDGE), edge(SPARE, taints=[{"key": "spare", "effect": "NoSchedule"}])]
     pools = {f"lies-{MARK}": "1-9"}
-    with World(installed_plane, Topology(nodes), pools=pools, telemetry_s=HEARTBEAT_S) as made:
+    with SimulatedSite(installed_plane, Topology(nodes), pools=pools, telemetry_s=HEARTBEAT_S) as made:
         yield made
 
 
@@ -42,12 +42,12 @@ def teleop(name: str) -> Json:
     return app
 
 
-def condition(world: World, name: str, kind: str) -> Json:
+def condition(world: SimulatedSite, name: str, kind: str) -> Json:
     found = world.app(name).get("status", {}).get("conditions", [])
     return next((item for item in found if item["type"] == kind), {})
 
 
-def wait_budget(world: World, name: str, status: str, reason: str) -> str:
+def wait_budget(world: SimulatedSite, name: str, status: str, reason: str) -> str:
     def settled() -> bool:
         found = condition(world, name, "BudgetMet")
         return (found.get("status"), found.get("reason")) == (status, reason)
@@ -56,7 +56,7 @@ def wait_budget(world: World, name: str, status: str, reason: str) -> str:
     return str(condition(world, name, "BudgetMet")["message"])
 
 
-def test_a_link_that_loses_every_probe_breaks_the_budget_in_status_and_for_the_scheduler(world: World) -> None:
+def test_a_link_that_loses_every_probe_breaks_the_budget_in_status_and_for_the_scheduler(world: SimulatedSite) -> None:
     world.create(teleop("before"))
     wait_budget(world, "before", "True", "WithinBudget")
     world.telemetry.set_rtt(ROBOT, EDGE, math.inf)
@@ -78,7 +78,9 @@ def test_a_link_that_loses_every_probe_breaks_the_budget_in_status_and_for_the_s
     wait_budget(world, "during", "True", "WithinBudget")
 
 
-def test_an_agent_that_writes_the_same_round_for_ever_is_believed_for_three_of_its_periods(world: World) -> None:
+def test_an_agent_that_writes_the_same_round_for_ever_is_believed_for_three_of_its_periods(
+    world: SimulatedSite,
+) -> None:
     """Each write is another resourceVersion, as from a stuck agent or from anybody who labels the object."""
     world.create(teleop("stuck"))
     wait_budget(world, "stuck", "True", "WithinBudget")
@@ -106,7 +108,7 @@ def test_an_agent_that_writes_the_same_round_for_ever_is_believed_for_three_of_i
     wait_budget(world, "stuck", "True", "WithinBudget")
 
 
-def test_a_node_that_goes_takes_its_telemetry_along_whoever_created_it(world: World) -> None:
+def test_a_node_that_goes_takes_its_telemetry_along_whoever_created_it(world: SimulatedSite) -> None:
     path = f"{TELEMETRY}/{SPARE}"
     uid = world.cp.api.get(f"/api/v1/nodes/{SPARE}")["metadata"]["uid"]
     owners = [{"apiVersion": "v1", "kind": "Node", "name": SPARE, "uid": uid}]

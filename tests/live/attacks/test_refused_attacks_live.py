@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from tests.live.attacks.attackers import Attackers, attacked
+from tests.live.attacks.table import ATTACKS, Attack, Road, Stop
+from tests.live.attacks.table.escalations import REFERENCES
+from tests.live.attacks.table.kinds import POLICY, ROBOTAPP
 
-from campaigns.attacks import ATTACKS, Attack, Road, Stop
-from campaigns.attacks.escalations import REFERENCES
-from campaigns.attacks.kinds import POLICY, ROBOTAPP
-from campaigns.attacks.world import World, attacked
 from robotapp_testbed import ControlPlane, wait_until
 from robotapp_testbed.failures import ApiStatusError
 
@@ -19,18 +19,18 @@ pytestmark = pytest.mark.live
 
 
 @pytest.fixture(scope="module")
-def world(installed_plane: ControlPlane) -> Iterator[World]:
+def attackers(installed_plane: ControlPlane) -> Iterator[Attackers]:
     end = secrets.token_hex(3)
     with attacked(installed_plane, f"attacker-{end}", f"victim-{end}") as found:
         yield found
 
 
 @pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.key)
-def test_an_attack_is_refused_over_every_road(world: World, attack: Attack) -> None:
+def test_an_attack_is_refused_over_every_road(attackers: Attackers, attack: Attack) -> None:
     wrong = []
     for road in Road:
         try:
-            world.attempt(attack, road)
+            attackers.attempt(attack, road)
         except ApiStatusError as error:
             if not re.search(attack.message, error.message):
                 wrong.append(f"{road}: refused for another reason: {error.status} {error.message}")
@@ -42,11 +42,13 @@ def test_an_attack_is_refused_over_every_road(world: World, attack: Attack) -> N
 @pytest.mark.parametrize(
     "attack", [each for each in ATTACKS if each.stop is Stop.SCHEMA], ids=lambda attack: attack.key
 )
-def test_a_field_that_does_not_exist_is_dropped_where_nobody_wants_it_refused(world: World, attack: Attack) -> None:
+def test_a_field_that_does_not_exist_is_dropped_where_nobody_wants_it_refused(
+    attackers: Attackers, attack: Attack
+) -> None:
     wrong = []
     for road in Road:
         try:
-            stored = world.attempt(attack, road, validation="Ignore", suffix="-dropped")
+            stored = attackers.attempt(attack, road, validation="Ignore", suffix="-dropped")
         except ApiStatusError as error:
             if not re.search(f"{attack.message}|is invalid", error.message):
                 wrong.append(f"{road}: refused for another reason: {error.status} {error.message}")
@@ -57,16 +59,16 @@ def test_a_field_that_does_not_exist_is_dropped_where_nobody_wants_it_refused(wo
 
 
 @pytest.mark.parametrize("attack", REFERENCES, ids=lambda attack: attack.key)
-def test_who_may_create_pods_may_name_accounts_and_secrets(world: World, attack: Attack) -> None:
+def test_who_may_create_pods_may_name_accounts_and_secrets(attackers: Attackers, attack: Attack) -> None:
     for road in Road:
-        assert attack.holds(world.attempt(attack, road, who="tenant", suffix="-tenant"))
+        assert attack.holds(attackers.attempt(attack, road, who="tenant", suffix="-tenant"))
 
 
-def test_suspend_and_metadata_stay_free_for_who_may_write_the_app(world: World) -> None:
-    namespace = world.namespaces["own"]
+def test_suspend_and_metadata_stay_free_for_who_may_write_the_app(attackers: Attackers) -> None:
+    namespace = attackers.namespaces["own"]
     account = next(attack for attack in REFERENCES if attack.key == "account")
-    name = world.attempt(account, Road.CREATE, who="tenant", suffix="-suspended")["metadata"]["name"]
-    path, clerk = ROBOTAPP.path(namespace, name), world.apis["clerk"]
+    name = attackers.attempt(account, Road.CREATE, who="tenant", suffix="-suspended")["metadata"]["name"]
+    path, clerk = ROBOTAPP.path(namespace, name), attackers.apis["clerk"]
     for suspend in (True, False):
         assert clerk.patch(path, {"spec": {"suspend": suspend}})["spec"]["suspend"] is suspend
     assert clerk.patch(path, {"metadata": {"labels": {"team": "a"}}})["metadata"]["labels"] == {"team": "a"}
@@ -76,7 +78,7 @@ def test_suspend_and_metadata_stay_free_for_who_may_write_the_app(world: World) 
     )
 
 
-def test_an_app_as_large_as_the_api_server_takes_it_is_within_the_policys_cost(world: World) -> None:
+def test_an_app_as_large_as_the_api_server_takes_it_is_within_the_policys_cost(attackers: Attackers) -> None:
     """A policy that runs out of its budget refuses: who names no Secret must not be refused for the length of his app."""
     env = [{"name": f"A{index}"} for index in range(128)]
     first = [{"name": f"i{index}", "image": "x", "env": env} for index in range(7)]
@@ -88,13 +90,13 @@ def test_an_app_as_large_as_the_api_server_takes_it_is_within_the_policys_cost(w
         "spec": {"ros": {"distro": "humble"}, "components": [{"name": f"c{n}", **component} for n in range(64)]},
     }
     assert len(json.dumps(app)) > 1_000_000
-    stored = world.apis["clerk"].create(f"{ROBOTAPP.path(world.namespaces['own'])}?dryRun=All", app)
+    stored = attackers.apis["clerk"].create(f"{ROBOTAPP.path(attackers.namespaces['own'])}?dryRun=All", app)
     assert len(stored["spec"]["components"]) == 64
 
 
-def test_the_api_servers_type_checker_has_nothing_to_say_about_our_policies(world: World) -> None:
+def test_the_api_servers_type_checker_has_nothing_to_say_about_our_policies(attackers: Attackers) -> None:
     def checked() -> list[dict[str, Any]]:
-        items = world.admin.get(POLICY.path(""))["items"]
+        items = attackers.admin.get(POLICY.path(""))["items"]
         return [
             item for item in items if item.get("status", {}).get("observedGeneration") == item["metadata"]["generation"]
         ]

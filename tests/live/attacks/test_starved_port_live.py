@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from tests.support.work_unit import is_in_time, is_within, slowness
 
+from campaigns.common.process_use import cpu_seconds
 from campaigns.rigs.ports import ask, token
-from campaigns.rigs.process_use import cpu_seconds
 from campaigns.rigs.stage import Stage, nodes, pod
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.binaries.pins import REPOSITORY

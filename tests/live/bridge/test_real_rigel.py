@@ -11,8 +11,8 @@ import pytest
 from tests.support.rigel.cases import ENVIRONMENT, first_generation
 from tests.support.rigel.rigelfiles import ONE, TWO, orchestration
 
-from campaigns.bridge.rigel_differences import difference
-from campaigns.bridge.rigel_differences import readings as readings_of
+from campaigns.bridge.rigelfiles import difference
+from campaigns.bridge.rigelfiles import readings as readings_of
 from rigel_bridge.document.tree import parse
 from rigel_bridge.generations.load import load
 from rigel_bridge.generations.model import Options

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from tests.live.chart.chart import CHART, Object
 
-from campaigns.versions.expressions import (
+from campaigns.versions.cel import (
     COMPILED,
     RELEASES,
     compiled,

@@ -28,7 +28,7 @@ NAMESPACE = "fleet-a"
 
 
 @dataclass
-class World:
+class CliUser:
     plane: ControlPlane
     scheduler_url: str
 
@@ -69,7 +69,7 @@ class World:
 
 
 @pytest.fixture(scope="module")
-def world() -> Iterator[World]:
+def world() -> Iterator[CliUser]:
     topology = fleet(
         robots=["amr-07", "amr-08"],
         edges=2,
@@ -85,28 +85,28 @@ def world() -> Iterator[World]:
             plane.kubectl("create", "namespace", NAMESPACE)
             for name in ("teleop", "can-holder"):
                 plane.kubectl("apply", "-n", NAMESPACE, "-f", str(EXAMPLES / f"{name}.yaml"))
-            found = World(plane, str(scheduler.health_url))
+            found = CliUser(plane, str(scheduler.health_url))
             for name in ("teleop", "can-holder"):
                 await_ready(found, name)
             plane.kubectl("apply", "-n", NAMESPACE, "-f", str(EXAMPLES / "can-rival.yaml"))
             yield found
 
 
-def await_ready(world: World, name: str) -> None:
+def await_ready(world: CliUser, name: str) -> None:
     until = time.monotonic() + 120
     while not any(c["type"] == "Ready" and c["status"] == "True" for c in world.app(name)["status"]["conditions"]):
         assert time.monotonic() < until, world.app(name)["status"]
         time.sleep(0.2)
 
 
-def test_explain_names_the_node_that_is_too_far_with_its_latency(world: World) -> None:
+def test_explain_names_the_node_that_is_too_far_with_its_latency(world: CliUser) -> None:
     text = world.text("explain", "teleop", "--scheduler-url", world.scheduler_url)
     assert "cloud-1: 60.0 ms to amr-07 > 30 ms" in text
     assert "/cmd_vel" in text
     assert "records" not in text, "the scheduler's own records are shown, no fallback"
 
 
-def test_explain_shows_how_old_each_measurement_is_and_the_figure_of_the_status(world: World) -> None:
+def test_explain_shows_how_old_each_measurement_is_and_the_figure_of_the_status(world: CliUser) -> None:
     def shown() -> re.Match[str] | None:
         text = world.text("explain", "teleop", "--scheduler-url", world.scheduler_url)
         return re.search(r"/cmd_vel .* (\S+)/30 ms .*measured (\d+)s ago", text)
@@ -119,13 +119,13 @@ def test_explain_shows_how_old_each_measurement_is_and_the_figure_of_the_status(
     assert budget == f"{found[1]}/30ms"
 
 
-def test_explain_without_the_scheduler_says_so_and_shows_the_nodes(world: World) -> None:
+def test_explain_without_the_scheduler_says_so_and_shows_the_nodes(world: CliUser) -> None:
     text = world.text("explain", "teleop")
     assert "no scheduler pod runs in namespace robotapp-system" in text
     assert "amr-07" in text
 
 
-def test_explain_of_a_waiting_app_names_what_is_missing(world: World) -> None:
+def test_explain_of_a_waiting_app_names_what_is_missing(world: CliUser) -> None:
     until = time.monotonic() + 120
     while "no free device" not in (text := world.text("explain", "can-rival", "--scheduler-url", world.scheduler_url)):
         assert time.monotonic() < until, text
@@ -134,7 +134,7 @@ def test_explain_of_a_waiting_app_names_what_is_missing(world: World) -> None:
     assert "amr-07: had no free device for the pod" in text
 
 
-def test_list_and_info_show_what_kubectl_get_shows(world: World) -> None:
+def test_list_and_info_show_what_kubectl_get_shows(world: CliUser) -> None:
     domain = world.app("teleop")["status"]["summary"]["domain"]
     row = next(line for line in world.text("list").splitlines() if line.startswith("teleop"))
     assert row.split()[1:4] == ["2/2", "Running", domain]
@@ -143,7 +143,7 @@ def test_list_and_info_show_what_kubectl_get_shows(world: World) -> None:
     assert "DomainAllocated" in info
 
 
-def test_info_shows_what_the_instance_objects_say(world: World) -> None:
+def test_info_shows_what_the_instance_objects_say(world: CliUser) -> None:
     def observed() -> list[
         dict[str, Any]
     ]:  # the object comes after the app's status, and its own status after the object
@@ -162,7 +162,7 @@ def test_info_shows_what_the_instance_objects_say(world: World) -> None:
     assert (missing.returncode, "it has: amr-07" in missing.stderr) == (4, True)
 
 
-def test_an_instance_object_that_somebody_deleted_is_no_reason_to_fail(world: World) -> None:
+def test_an_instance_object_that_somebody_deleted_is_no_reason_to_fail(world: CliUser) -> None:
     world.plane.kubectl("delete", "robotappinstances", "-n", NAMESPACE, "-l", "robotics.io/app=teleop", "--wait=false")
     assert "teleop" in world.text("info", "teleop")
     assert "amr-07" in world.text("explain", "teleop", "--scheduler-url", world.scheduler_url)
@@ -172,13 +172,13 @@ def test_an_instance_object_that_somebody_deleted_is_no_reason_to_fail(world: Wo
         time.sleep(0.2)
 
 
-def test_kubectl_completes_our_commands_and_the_names_in_the_cluster(world: World) -> None:
+def test_kubectl_completes_our_commands_and_the_names_in_the_cluster(world: CliUser) -> None:
     assert world.completed("expl")[0].startswith("explain\t")
     assert world.completed("info", "-n", NAMESPACE, "te") == ["teleop", ":4"]
     assert world.completed("info", "-n", NAMESPACE, "teleop", "--robot", "a") == ["amr-07", ":4"]
 
 
-def test_what_if_shows_where_a_pod_would_go_and_which_budget_would_break_and_writes_nothing(world: World) -> None:
+def test_what_if_shows_where_a_pod_would_go_and_which_budget_would_break_and_writes_nothing(world: CliUser) -> None:
     here = next(node for node in nodes_of(world, "teleop").values() if node.startswith("edge"))
     there = {"edge-1": "edge-2", "edge-2": "edge-1"}[here]
     before = versions(world)
@@ -202,7 +202,7 @@ def test_what_if_shows_where_a_pod_would_go_and_which_budget_would_break_and_wri
     assert versions(world) == before
 
 
-def nodes_of(world: World, app: str) -> dict[str, str]:
+def nodes_of(world: CliUser, app: str) -> dict[str, str]:
     """The node of each component."""
     pods = world.plane.kubectl("get", "pods", "-n", NAMESPACE, "-l", f"robotics.io/app={app}", "-o", "json")
     return {
@@ -212,14 +212,14 @@ def nodes_of(world: World, app: str) -> dict[str, str]:
     }
 
 
-def versions(world: World) -> dict[str, str]:
+def versions(world: CliUser) -> dict[str, str]:
     """The resourceVersion of everything that a decision could write."""
     kinds = "pods,deployments,robotapps,robotclaims,events.v1.events.k8s.io"
     found = json.loads(world.plane.kubectl("get", kinds, "-n", NAMESPACE, "-o", "json"))["items"]
     return {each["metadata"]["uid"]: each["metadata"]["resourceVersion"] for each in found}
 
 
-def test_domains_and_devices_name_their_holders(world: World) -> None:
+def test_domains_and_devices_name_their_holders(world: CliUser) -> None:
     domain = world.app("teleop")["status"]["summary"]["domain"]
     assert [domain, "default", f"{NAMESPACE}/teleop"] in [
         line.split()[:3] for line in world.text("domains").splitlines()
@@ -228,7 +228,7 @@ def test_domains_and_devices_name_their_holders(world: World) -> None:
     assert (device["node"], device["device"], device["holder"]) == ("amr-07", "can-can0", f"{NAMESPACE}/can-holder")
 
 
-def test_nodes_and_robots_show_what_the_agents_wrote_and_how_old_it_is(world: World) -> None:
+def test_nodes_and_robots_show_what_the_agents_wrote_and_how_old_it_is(world: CliUser) -> None:
     found = {row["node"]: row for row in json.loads(world.cluster("nodes", "-o", "json"))["nodes"]}
     robot = found["amr-07"]
     assert (robot["tier"], robot["robot"], robot["ready"], robot["silent"]) == ("robot", "amr-07", True, False)
@@ -240,14 +240,14 @@ def test_nodes_and_robots_show_what_the_agents_wrote_and_how_old_it_is(world: Wo
     assert world.cluster("nodes").splitlines()[0].split()[:3] == ["NODE", "TIER", "ZONE"]
 
 
-def test_nodes_need_the_right_to_see_the_cluster(world: World) -> None:
+def test_nodes_need_the_right_to_see_the_cluster(world: CliUser) -> None:
     done = world.run("nodes", identity="tenant")
     assert done.returncode == 1
     assert "nodes" in done.stderr
     assert "Traceback" not in done.stderr
 
 
-def test_a_node_without_an_agent_shows_the_devices_its_labels_name(world: World) -> None:
+def test_a_node_without_an_agent_shows_the_devices_its_labels_name(world: CliUser) -> None:
     lonely = edge("edge-lonely", devices=[Device(id="can-can1", type="can", interface="can1")])
     apply(world.plane, [lonely])
     try:
@@ -263,7 +263,7 @@ def test_a_node_without_an_agent_shows_the_devices_its_labels_name(world: World)
         remove(world.plane, [lonely])
 
 
-def test_what_render_shows_can_be_applied_again_without_a_change(world: World) -> None:
+def test_what_render_shows_can_be_applied_again_without_a_change(world: CliUser) -> None:
     documents = list(yaml.safe_load_all(world.text("render", "teleop")))
     assert {"Deployment", "Service"} <= {item["kind"] for item in documents}
     diff = world.plane.kubectl(
@@ -272,7 +272,7 @@ def test_what_render_shows_can_be_applied_again_without_a_change(world: World) -
     assert diff == ""
 
 
-def test_render_of_a_file_shows_the_defaults_and_stores_nothing(world: World) -> None:
+def test_render_of_a_file_shows_the_defaults_and_stores_nothing(world: CliUser) -> None:
     done = world.run("render", "-f", str(EXAMPLES / "minimal.yaml"), "-n", "default")
     assert done.returncode == 0, done.stderr
     (app,) = yaml.safe_load_all(done.stdout)
@@ -280,7 +280,7 @@ def test_render_of_a_file_shows_the_defaults_and_stores_nothing(world: World) ->
     assert "minimal" not in world.plane.kubectl("get", "robotapps", "-n", "default", "-o", "name")
 
 
-def test_render_of_a_wrong_file_names_the_field(world: World) -> None:
+def test_render_of_a_wrong_file_names_the_field(world: CliUser) -> None:
     text = (EXAMPLES / "minimal.yaml").read_text().replace("image:", "imgae:")
     done = world.run("render", "-f", "-", "-n", "default", stdin=text)
     assert done.returncode == 1
@@ -288,7 +288,7 @@ def test_render_of_a_wrong_file_names_the_field(world: World) -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_lint_finds_what_the_server_refuses_and_asks_nobody(world: World) -> None:
+def test_lint_finds_what_the_server_refuses_and_asks_nobody(world: CliUser) -> None:
     text = (EXAMPLES / "minimal.yaml").read_text().replace("image:", "imgae:")
     done = world.run("lint", "-", identity="tenant", stdin=text)
     assert done.returncode == 1
@@ -296,13 +296,13 @@ def test_lint_finds_what_the_server_refuses_and_asks_nobody(world: World) -> Non
     assert world.run("lint", *map(str, sorted(EXAMPLES.glob("*.yaml")))).returncode == 0
 
 
-def test_a_tenant_is_told_what_to_ask_for(world: World) -> None:
+def test_a_tenant_is_told_what_to_ask_for(world: CliUser) -> None:
     done = world.run("domains", identity="tenant")
     assert done.returncode == 1
     assert "robotapp-cluster-viewer" in done.stderr
 
 
-def test_our_processes_were_refused_nothing_by_the_charts_roles(world: World) -> None:
+def test_our_processes_were_refused_nothing_by_the_charts_roles(world: CliUser) -> None:
     ours = [
         event
         for event in world.plane.audit()

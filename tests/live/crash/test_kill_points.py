@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 from tests.support.seeds import daily_seed
 
-from campaigns.crash.campaign import CrashCampaign, kill_points, lives, sample
+from campaigns.crash.crash import CrashCampaign, kill_points, lives, sample
 from robotapp_testbed import ControlPlane
 
 SAMPLE = 15

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from campaigns.rigs.world import World
+from campaigns.rigs.simulated_site import SimulatedSite
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.machines.topology import fleet
 
@@ -29,19 +29,21 @@ def pools() -> Pools:
 
 
 @pytest.fixture(scope="module")
-def running(installed_plane: ControlPlane, pools: Pools) -> Iterator[World]:
+def running(installed_plane: ControlPlane, pools: Pools) -> Iterator[SimulatedSite]:
     mark = secrets.token_hex(2)
     nodes = fleet(
         robots=[f"amr-{mark}-{number}" for number in range(ROBOTS)],
         edges=[f"edge-{mark}-{number}" for number in range(2)],
         clouds=[f"cloud-{mark}"],
     )
-    with World(installed_plane, nodes, pools={pools.twelve: "1-12", pools.dozen: "1-12", pools.four: "1-4"}) as world:
+    with SimulatedSite(
+        installed_plane, nodes, pools={pools.twelve: "1-12", pools.dozen: "1-12", pools.four: "1-4"}
+    ) as world:
         yield world
 
 
 @pytest.fixture
-def world(running: World) -> Iterator[World]:
+def world(running: SimulatedSite) -> Iterator[SimulatedSite]:
     """Without apps at the beginning; whatever the test applied is deleted afterwards, claims included."""
     yield running
     running.clear()

@@ -8,10 +8,10 @@ from tests.live.journeys.conftest import Pools
 from tests.support.wrong_input.malformed import Malformed, malformed_apps
 from tests.support.wrong_input.malformed_annotations import Wrong, malformed_annotations, pod
 
-from campaigns.operating.misfits import misfits
+from campaigns.operating.apply import misfits
 from campaigns.rigs.appwatch import condition
 from campaigns.rigs.journeys import start_one
-from campaigns.rigs.world import World
+from campaigns.rigs.simulated_site import SimulatedSite
 from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.names import PodReason
 from robotapp_api.schema.crd import schema_of
@@ -37,7 +37,7 @@ ALLOWED = (
 
 
 @pytest.fixture(autouse=True)
-def steady(world: World) -> Iterator[None]:
+def steady(world: SimulatedSite) -> Iterator[None]:
     """Operator and scheduler are the same processes afterwards and logged no stack."""
     before = (world.operator.pid, world.scheduler.pid)
     yield
@@ -49,7 +49,7 @@ def steady(world: World) -> Iterator[None]:
 
 
 def test_ninety_malformed_apps_are_refused_by_field_and_healthy_ones_start_in_between(
-    world: World, pools: Pools
+    world: SimulatedSite, pools: Pools
 ) -> None:
     cases = malformed_apps(schema_of(RobotApp))
     chosen = [cases[index * len(cases) // MALFORMED] for index in range(MALFORMED)]
@@ -66,7 +66,7 @@ def test_ninety_malformed_apps_are_refused_by_field_and_healthy_ones_start_in_be
 
 
 def test_ten_apps_that_cannot_work_say_so_in_a_condition_and_healthy_ones_start_in_between(
-    world: World, pools: Pools
+    world: SimulatedSite, pools: Pools
 ) -> None:
     promised_s = _promised_s(world, pools)
     cases = misfits()
@@ -90,7 +90,7 @@ def test_ten_apps_that_cannot_work_say_so_in_a_condition_and_healthy_ones_start_
 
 
 def test_malformed_annotations_keep_a_pod_pending_and_name_key_field_value_and_what_is_allowed(
-    world: World, pools: Pools
+    world: SimulatedSite, pools: Pools
 ) -> None:
     promised_s = _promised_s(world, pools)
     cases = {f"wrong-{index:02}": wrong for index, wrong in enumerate(malformed_annotations())}
@@ -116,12 +116,12 @@ def test_malformed_annotations_keep_a_pod_pending_and_name_key_field_value_and_w
         world.cp.api.each(lambda name: world.cp.api.delete(f"{path}/{name}"), sent)
 
 
-def _promised_s(world: World, pools: Pools) -> float:
+def _promised_s(world: SimulatedSite, pools: Pools) -> float:
     """What a healthy app may take among bad ones, as this machine is now."""
     return max(READY_S, 2 * start_one(world, "undisturbed", pools.twelve))
 
 
-def _starts(world: World, name: str, pools: Pools, *, within_s: float, beside: Callable[[int], None]) -> bool:
+def _starts(world: SimulatedSite, name: str, pools: Pools, *, within_s: float, beside: Callable[[int], None]) -> bool:
     """Whether a healthy app gets Ready in time right after bad ones, which `beside` sends anew at each attempt.
 
     Bad apps would delay every one, other programs delay one: so one of a few counts.
@@ -140,7 +140,7 @@ def _named(obj: Object, attempt: int) -> Object:
     return obj | {"metadata": obj["metadata"] | {"name": obj["metadata"]["name"] + again}}
 
 
-def _refused(world: World, cases: Sequence[Malformed]) -> list[str]:
+def _refused(world: SimulatedSite, cases: Sequence[Malformed]) -> list[str]:
     """Of these cases, those that were taken, or refused without naming the field and then what is allowed."""
     unclear = []
     for case in cases:
@@ -159,5 +159,5 @@ def _verdict(found: dict) -> dict:
     return next((each for each in conditions if each["type"] == "PodScheduled" and each["status"] == "False"), {})
 
 
-def _all_judged(world: World, cases: dict[str, Wrong]) -> bool:
+def _all_judged(world: SimulatedSite, cases: dict[str, Wrong]) -> bool:
     return all(_verdict(each) for each in world.pods() if each["metadata"]["name"] in cases)

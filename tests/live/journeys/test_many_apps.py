@@ -6,19 +6,23 @@ import pytest
 from tests.live.journeys.conftest import ROBOTS, Pools
 
 from campaigns.rigs import journeys, quiet
-from campaigns.rigs.world import World, plain_app
+from campaigns.rigs.simulated_site import SimulatedSite, plain_app
 from robotapp_testbed.control_plane.identity import OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT
 
 pytestmark = pytest.mark.live
 
 
-def test_twenty_apps_applied_at_once_are_ready_with_distinct_domains_in_each_pool(world: World, pools: Pools) -> None:
+def test_twenty_apps_applied_at_once_are_ready_with_distinct_domains_in_each_pool(
+    world: SimulatedSite, pools: Pools
+) -> None:
     found = journeys.storm(world, [pools.twelve, pools.dozen], apps=20, within_s=120)
     assert found.problems == ()
     assert found.domains == {pools.twelve: 10, pools.dozen: 10}
 
 
-def test_apps_beyond_the_pool_wait_and_are_told_what_to_do_and_start_when_others_go(world: World, pools: Pools) -> None:
+def test_apps_beyond_the_pool_wait_and_are_told_what_to_do_and_start_when_others_go(
+    world: SimulatedSite, pools: Pools
+) -> None:
     found = journeys.overflow(world, pools.four, size=4, apps=6, within_s=120)
     assert found.problems == ()
     assert (found.ready, found.waiting) == (4, 2)
@@ -27,13 +31,13 @@ def test_apps_beyond_the_pool_wait_and_are_told_what_to_do_and_start_when_others
             assert part in message
 
 
-def test_an_app_for_each_robot_has_as_many_domains_as_robots(world: World, pools: Pools) -> None:
+def test_an_app_for_each_robot_has_as_many_domains_as_robots(world: SimulatedSite, pools: Pools) -> None:
     found = journeys.one_per_robot(world, pool=pools.dozen, within_s=120)
     assert found.problems == ()
     assert found.domains == {pools.dozen: ROBOTS}
 
 
-def test_nothing_is_written_while_nothing_changes(world: World, pools: Pools) -> None:
+def test_nothing_is_written_while_nothing_changes(world: SimulatedSite, pools: Pools) -> None:
     began = datetime.now(UTC)
     names = [f"calm-{number}" for number in range(3)]
     world.create_all([plain_app(name, ros2={"pool": pools.twelve}) for name in names])

@@ -3,8 +3,8 @@
 import pytest
 from tests.support.apiobjects import app, component
 
+from campaigns.rigs.simulated_site import SimulatedSite
 from campaigns.rigs.storage_live import VOLUMES, claim, claims_path, delete_volume, volume
-from campaigns.rigs.world import World
 from robotapp_api.model.names import Label
 from robotapp_testbed.machines.nodes import Tier
 
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.live
 PATIENCE_S = 60.0
 
 
-def test_components_run_where_the_volume_is_and_the_one_that_mounts_it_has_it(world: World) -> None:
+def test_components_run_where_the_volume_is_and_the_one_that_mounts_it_has_it(world: SimulatedSite) -> None:
     home = next(node.name for node in world.nodes if node.tier is Tier.EDGE)
     full = f"{world.namespace}-site-map"
     world.cp.api.create(VOLUMES, volume(full, "", node=home))

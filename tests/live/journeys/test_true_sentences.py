@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import pytest
 from tests.support.seeds import daily_seed
 
-from campaigns.rigs.world import World
+from campaigns.rigs.simulated_site import SimulatedSite
 from campaigns.truth.arranging import Place, nodes, pools
 from campaigns.truth.over_time import LONG
-from campaigns.truth.scene import run
 from campaigns.truth.situations import SITUATIONS
+from campaigns.truth.truth import run
 from robotapp_testbed import ControlPlane
 
 pytestmark = pytest.mark.live
@@ -21,7 +21,7 @@ SAMPLE = 12
 @pytest.fixture(scope="module")
 def place(installed_plane: ControlPlane) -> Iterator[Place]:
     mark = secrets.token_hex(2)
-    with World(installed_plane, nodes(mark), pools=pools(mark)) as world:
+    with SimulatedSite(installed_plane, nodes(mark), pools=pools(mark)) as world:
         yield Place(world, mark)
 
 

@@ -10,7 +10,7 @@ import yaml
 from tests.live.journeys.conftest import Pools
 
 from campaigns.rigs.appwatch import condition, is_ready
-from campaigns.rigs.world import World, plain_app
+from campaigns.rigs.simulated_site import SimulatedSite, plain_app
 from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE, EventReason, Label
 from robotapp_operator.watch.informers import LATENCY_DELAY_S
 from robotapp_testbed import wait_until
@@ -28,7 +28,9 @@ KOPF_WAITS_S = 5.0
 LEASE = f"/apis/coordination.k8s.io/v1/namespaces/{SYSTEM_NAMESPACE}/leases/{OPERATOR_MANAGER}"
 
 
-def test_the_example_is_waited_for_and_the_table_says_domain_robot_and_budget(world: World, pools: Pools) -> None:
+def test_the_example_is_waited_for_and_the_table_says_domain_robot_and_budget(
+    world: SimulatedSite, pools: Pools
+) -> None:
     app = _teleop(world, pools)
     world.kubectl("apply", "-f", "-", stdin=app)
     assert "condition met" in world.kubectl(
@@ -52,7 +54,7 @@ def test_the_example_is_waited_for_and_the_table_says_domain_robot_and_budget(wo
 
 
 @pytest.mark.parametrize("source", ["README.md", *(f"examples/{path.name}" for path in EXAMPLES)])
-def test_the_apps_of_readme_and_examples_are_taken_as_they_are_written(world: World, source: str) -> None:
+def test_the_apps_of_readme_and_examples_are_taken_as_they_are_written(world: SimulatedSite, source: str) -> None:
     text = (TELEOP.parents[1] / source).read_text()
     if source == "README.md":
         text = text.partition("```yaml\n")[2].partition("```")[0]
@@ -61,7 +63,7 @@ def test_the_apps_of_readme_and_examples_are_taken_as_they_are_written(world: Wo
     )
 
 
-def test_applying_twice_changes_nothing(world: World, pools: Pools) -> None:
+def test_applying_twice_changes_nothing(world: SimulatedSite, pools: Pools) -> None:
     app = _teleop(world, pools)
     for extra in ([], ["--server-side", "--force-conflicts"]):
         world.kubectl("apply", *extra, "-f", "-", stdin=app)
@@ -76,7 +78,9 @@ def test_applying_twice_changes_nothing(world: World, pools: Pools) -> None:
         assert {pod["metadata"]["uid"] for pod in world.pods()} == pods
 
 
-def test_deletion_is_not_held_up_by_an_operator_that_is_down_and_leaves_nothing(world: World, pools: Pools) -> None:
+def test_deletion_is_not_held_up_by_an_operator_that_is_down_and_leaves_nothing(
+    world: SimulatedSite, pools: Pools
+) -> None:
     world.create(plain_app("orphaned", ros2={"pool": pools.twelve}))
     world.watch.until_ready("orphaned", within_s=PATIENCE_S)
     world.operator.kill()
@@ -92,7 +96,7 @@ def test_deletion_is_not_held_up_by_an_operator_that_is_down_and_leaves_nothing(
         assert "Traceback" not in world.operator.log_text()
 
 
-def test_a_stopped_operator_ends_at_once_and_its_successor_need_not_wait(world: World, pools: Pools) -> None:
+def test_a_stopped_operator_ends_at_once_and_its_successor_need_not_wait(world: SimulatedSite, pools: Pools) -> None:
     """Other programs of this machine can only delay an end, so the quickest of three counts."""
 
     def end_s(number: int) -> float:
@@ -111,7 +115,7 @@ def test_a_stopped_operator_ends_at_once_and_its_successor_need_not_wait(world: 
     world.watch.until_ready("after", within_s=PATIENCE_S)
 
 
-def test_a_domain_written_into_a_deployment_by_hand_is_taken_out_again(world: World, pools: Pools) -> None:
+def test_a_domain_written_into_a_deployment_by_hand_is_taken_out_again(world: SimulatedSite, pools: Pools) -> None:
     world.create(plain_app("edited", parts=("only",), ros2={"pool": pools.twelve}))
     world.watch.until_ready("edited", within_s=PATIENCE_S)
     number = world.app("edited")["status"]["summary"]["domain"]
@@ -123,7 +127,9 @@ def test_a_domain_written_into_a_deployment_by_hand_is_taken_out_again(world: Wo
     world.watch.until(lambda apps: is_ready(apps["edited"]), within_s=PATIENCE_S, what="edited Ready again")
 
 
-def test_an_app_too_big_for_every_node_is_told_how_many_and_what_to_ask_next(world: World, pools: Pools) -> None:
+def test_an_app_too_big_for_every_node_is_told_how_many_and_what_to_ask_next(
+    world: SimulatedSite, pools: Pools
+) -> None:
     app = plain_app("big", parts=("giant",), ros2={"pool": pools.twelve})
     app["spec"]["components"][0]["resources"] = {"requests": {"cpu": "5000"}}
     world.create(app)
@@ -136,7 +142,7 @@ def test_an_app_too_big_for_every_node_is_told_how_many_and_what_to_ask_next(wor
     assert "Insufficient cpu" in world.kubectl("get", "robotapp", "big", "-o", "wide")
 
 
-def test_an_app_whose_number_is_taken_is_told_by_whom_and_three_ways_out(world: World, pools: Pools) -> None:
+def test_an_app_whose_number_is_taken_is_told_by_whom_and_three_ways_out(world: SimulatedSite, pools: Pools) -> None:
     world.create(plain_app("first", parts=("only",), ros2={"pool": pools.twelve, "domain": 5}))
     world.watch.until_ready("first", within_s=PATIENCE_S)
     world.create(plain_app("late", parts=("only",), ros2={"pool": pools.twelve, "domain": 5}))
@@ -149,7 +155,7 @@ def test_an_app_whose_number_is_taken_is_told_by_whom_and_three_ways_out(world: 
     assert condition(world.app("late"), "Progressing")["status"] == "False"
 
 
-def _teleop(world: World, pools: Pools) -> dict[str, Any]:
+def _teleop(world: SimulatedSite, pools: Pools) -> dict[str, Any]:
     """The example, for a robot and a pool of this world."""
     app: dict[str, Any] = yaml.safe_load(TELEOP.read_text())
     robot = next(node.robot for node in world.nodes if node.robot)
@@ -158,7 +164,7 @@ def _teleop(world: World, pools: Pools) -> dict[str, Any]:
     return app
 
 
-def _row(world: World, name: str) -> dict[str, str]:
+def _row(world: SimulatedSite, name: str) -> dict[str, str]:
     """The app's line of `kubectl get ra` by column; empty cells stay empty."""
     head, line = world.kubectl("get", "ra", name).splitlines()[:2]
     starts = [head.index(word) for word in head.split()]
@@ -166,7 +172,7 @@ def _row(world: World, name: str) -> dict[str, str]:
     return {head[a:b].strip(): line[a:b].strip() for a, b in zip(starts, ends, strict=True)}
 
 
-def _domains(world: World) -> set[str]:
+def _domains(world: SimulatedSite) -> set[str]:
     """Every domain that any container of any Deployment names."""
     items = world.cp.api.get(f"/apis/apps/v1/namespaces/{world.namespace}/deployments")["items"]
     pods = [item["spec"]["template"]["spec"] for item in items]
@@ -175,14 +181,14 @@ def _domains(world: World) -> set[str]:
     return {variable["value"] for variable in variables if variable["name"] == "ROS_DOMAIN_ID"}
 
 
-def _is_still(world: World, name: str) -> bool:
+def _is_still(world: SimulatedSite, name: str) -> bool:
     """The stored object did not change for a while."""
     before = world.app(name)["metadata"]["resourceVersion"]
     time.sleep(STILL_S)
     return bool(world.app(name)["metadata"]["resourceVersion"] == before)
 
 
-def _said(world: World, name: str, kind: str, parts: Sequence[str]) -> Mapping[str, Any]:
+def _said(world: SimulatedSite, name: str, kind: str, parts: Sequence[str]) -> Mapping[str, Any]:
     """The condition once it is False and says all of this."""
 
     def found() -> Mapping[str, Any]:

@@ -15,7 +15,7 @@ import pytest
 from tests.support.proxy import FaultProxy, Moment, Write, hide
 
 from campaigns.rigs.invariants import claims, domain_of, violations
-from campaigns.rigs.world import World, plain_app
+from campaigns.rigs.simulated_site import SimulatedSite, plain_app
 from robotapp_api.model.names import Label, PodReason
 from robotapp_testbed import ControlPlane, Process, wait_until
 from robotapp_testbed.control_plane import product
@@ -59,7 +59,7 @@ def plane() -> Iterator[ControlPlane]:
 
 
 @contextmanager
-def haunted(plane: ControlPlane, domain: int) -> Iterator[tuple[World, FaultProxy]]:
+def haunted(plane: ControlPlane, domain: int) -> Iterator[tuple[SimulatedSite, FaultProxy]]:
     """A world whose operator talks through a proxy, without election, and a pool `one-N` of that one domain."""
     with FaultProxy() as proxy, FaultProxy() as deaf:  # two, since a held write stops everything in its proxy
         route, deaf_route = (
@@ -68,7 +68,7 @@ def haunted(plane: ControlPlane, domain: int) -> Iterator[tuple[World, FaultProx
         )
         deaf.add(hide(when=_deletion_of_first), verbs="watch", resource="robotapps", times=None)
         nodes = fleet(robots=1, edges=2, clouds=1)
-        with World(
+        with SimulatedSite(
             plane,
             nodes,
             pools={f"one-{domain}": str(domain)},
@@ -127,13 +127,13 @@ def test_a_late_change_of_a_deleted_template_does_not_bring_it_back(plane: Contr
         assert _pods_of(world, first) == []
 
 
-def _create(world: World, name: str, domain: int) -> str:
+def _create(world: SimulatedSite, name: str, domain: int) -> str:
     """Create an app of one component on the pool of this one domain; its uid."""
     world.create(plain_app(name, parts=("only",), ros2={"pool": f"one-{domain}", "discovery": {"mode": "Multicast"}}))
     return str(world.app(name)["metadata"]["uid"])
 
 
-def _replaced(world: World, domain: int, *, tidy: str = "") -> str:
+def _replaced(world: SimulatedSite, domain: int, *, tidy: str = "") -> str:
     """Delete the first app (and what `tidy` selects); a second operator gives its domain to a second app, whose uid this is."""
     world.delete("first")
     if tidy:
@@ -144,7 +144,7 @@ def _replaced(world: World, domain: int, *, tidy: str = "") -> str:
     return second
 
 
-def _never_bound(world: World, uid: str) -> None:
+def _never_bound(world: SimulatedSite, uid: str) -> None:
     """For a while no pod of `uid` gets a node and no two apps run on one domain; the second app stays Ready."""
     seen: list[str] = []
 
@@ -165,11 +165,11 @@ def _is_template(write: Write) -> bool:
     return write.call.resource == "deployments" and b"ROS_DOMAIN_ID" in write.call.body
 
 
-def _pods_of(world: World, uid: str) -> list[dict[str, Any]]:
+def _pods_of(world: SimulatedSite, uid: str) -> list[dict[str, Any]]:
     return [pod for pod in world.pods() if pod["metadata"]["labels"].get(Label.APP_UID) == uid]
 
 
-def _scheduled(world: World, uid: str) -> dict[str, Any]:
+def _scheduled(world: SimulatedSite, uid: str) -> dict[str, Any]:
     """What is said of the placement of the only pod of `uid`; nothing before the scheduler has looked at it."""
     (pod,) = _pods_of(world, uid)
     return next((each for each in pod["status"].get("conditions", ()) if each["type"] == "PodScheduled"), {})

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 from tests.support.work_unit import slowness
 
-from campaigns.nodes import campaign as nodes_campaign
-from campaigns.nodes import machine_census, real_pods
+from campaigns.nodes import machine_census, nodes, real_pods
 from campaigns.nodes.real_pods import pod
 from robotapp_testbed import TestbedError
 from robotapp_testbed.real import RealNodes
@@ -20,18 +19,18 @@ NAMES = ("robot-1", "robot-2", "edge-1", "cloud-1")
 @pytest.mark.usefixtures("real_machine")
 def test_up_and_down_again_and_again_leaves_the_machine_as_it_was() -> None:
     slow = slowness()
-    lives = [nodes_campaign.live(NAMES) for _ in range(3)]
+    lives = [nodes.live(NAMES) for _ in range(3)]
     assert [each.left for each in lives] == [{}, {}, {}]
     # Twice what is allowed on an idle machine, which scripts/bench nodes holds against it: here others may run as well.
     allowed = 2 * max(slow, slowness())
-    assert min(each.up_s for each in lives) < allowed * nodes_campaign.UP_S
-    assert min(each.down_s for each in lives) < allowed * nodes_campaign.DOWN_S
+    assert min(each.up_s for each in lives) < allowed * nodes.UP_S
+    assert min(each.down_s for each in lives) < allowed * nodes.DOWN_S
 
 
 @pytest.mark.usefixtures("real_machine")
 @pytest.mark.parametrize("moment", range(3))
 def test_an_owner_killed_at_any_moment_leaves_nothing_and_the_next_up_works(moment: int) -> None:
-    strike = nodes_campaign.kill(["robot-1", "edge-1"], random.uniform(2.0 * moment, 2.0 * moment + 2.0))
+    strike = nodes.kill(["robot-1", "edge-1"], random.uniform(2.0 * moment, 2.0 * moment + 2.0))
     assert strike.left == {}, strike
 
 

@@ -30,7 +30,7 @@ WISHES = {"tap": False, "other tap": False, "driver": True, "other driver": True
 Weak = Callable[[pytest.MonkeyPatch], None]
 
 
-class World:
+class SharedDevices:
     """Two schedulers per pod, none of which sees what the others do but through the API server; and a sweep."""
 
     def __init__(self, names: tuple[str, ...]) -> None:
@@ -82,7 +82,7 @@ class World:
 async def run(seed: int) -> list[str]:
     chance = random.Random(seed)
     names = tuple(chance.sample(sorted(WISHES), 3))
-    world = World(names)
+    world = SharedDevices(names)
     director = Director(world)  # type: ignore[arg-type]  # what it steps through is the same
     for name in (*names, *names[:1]):
         director.add(f"scheduler of {name}", world.scheduler(name))

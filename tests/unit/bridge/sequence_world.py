@@ -27,7 +27,7 @@ def read(text: str, sequence: str) -> Objects:
     return from_bytes(text.encode(), Source(Path("Rigelfile"), options=Options(sequence=sequence)))
 
 
-class World:
+class SequenceCluster:
     """A cluster whose operator makes every app Ready at once, unless `ready` is false. `built` are Rigel's commands."""
 
     def __init__(self, *, ready: bool = True) -> None:

@@ -4,11 +4,12 @@ import re
 from collections.abc import Iterator
 from typing import Any, Final
 
-from campaigns.attacks import ATTACKS, ESCALATIONS, GRANTS
-from campaigns.attacks.attack import Json, merge_patch, steps
-from campaigns.attacks.escalations import REFERENCES
-from campaigns.attacks.forged_grants import GRANTED
-from campaigns.attacks.page import PAGE, page
+from tests.live.attacks.table import ATTACKS, ESCALATIONS, GRANTS
+from tests.live.attacks.table.attack import Json, merge_patch, steps
+from tests.live.attacks.table.escalations import REFERENCES
+from tests.live.attacks.table.forged_grants import GRANTED
+from tests.live.attacks.table.page import PAGE, page
+
 from robotapp_api.schema.crd import KINDS, schema_of
 
 CREDENTIAL: Final = re.compile(r"secret$|secretKeyRef$|secretRef$|imagePullSecrets$|serviceAccountName$", re.IGNORECASE)
@@ -56,7 +57,7 @@ def test_every_field_that_names_a_secret_or_an_account_is_attacked() -> None:
 
 def test_the_page_shows_the_table() -> None:
     text = PAGE.read_text()
-    assert page(text) == text, "run python -m campaigns.attacks.page"
+    assert page(text) == text, "run python -m tests.live.attacks.table.page"
 
 
 def test_a_patch_holds_what_differs_and_nothing_else() -> None:

@@ -45,7 +45,7 @@ class Worker:
     reconcile = report = publish = open = look = work
 
 
-class World:
+class StubbedController:
     def __init__(self) -> None:
         self.clock = Clock()
         self.cache = Cache()

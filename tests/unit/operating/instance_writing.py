@@ -21,7 +21,7 @@ from robotapp_operator.watch.cache import Cache
 REFUSED = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
 
 
-class World:
+class WrittenInstances:
     """A server and one operator. No informers: `mirror` does their work for RobotAppInstances."""
 
     def __init__(self, api: FakeApiServer, client: ApiClient) -> None:

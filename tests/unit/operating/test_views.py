@@ -29,7 +29,7 @@ from robotapp_operator.reconcile.scheduling_gates import Gates
 from robotapp_operator.watch.cache import Cache
 
 
-class World:
+class ViewedServer:
     def __init__(self, api: FakeApiServer, client: ApiClient) -> None:
         self.api = api
         self.client = client
@@ -52,12 +52,12 @@ class World:
 
 
 @pytest.fixture
-async def world() -> AsyncIterator[World]:
+async def world() -> AsyncIterator[ViewedServer]:
     async with FakeApiServer() as api, client_for(api.endpoint, field_manager="robotapp-operator") as client:
-        yield World(api, client)
+        yield ViewedServer(api, client)
 
 
-async def test_a_pools_status_is_written_when_it_changed_and_only_then(world: World) -> None:
+async def test_a_pools_status_is_written_when_it_changed_and_only_then(world: ViewedServer) -> None:
     pools = Pools(world.client, world.cache, now=lambda: datetime(2026, 1, 1, tzinfo=UTC))
     body = {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": "1-3"}}
     await world.client.create(DOMAINPOOLS, body)
@@ -84,7 +84,7 @@ async def test_a_pools_status_is_written_when_it_changed_and_only_then(world: Wo
     assert (await world.client.list(DOMAINPOOLS)).items == []
 
 
-async def test_a_pools_status_is_never_written_to_another_pool_of_the_same_name(world: World) -> None:
+async def test_a_pools_status_is_never_written_to_another_pool_of_the_same_name(world: ViewedServer) -> None:
     pools = Pools(world.client, world.cache, now=lambda: datetime(2026, 1, 1, tzinfo=UTC))
     for ids in ("1-3", "1-9"):
         body = {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": ids}}
@@ -107,7 +107,9 @@ async def test_a_pools_status_is_never_written_to_another_pool_of_the_same_name(
         ({"namespaces": {"team-a": 0}}, "True"),
     ],
 )
-async def test_a_pool_that_no_namespace_may_use_says_so(world: World, quota: dict[str, Any], status: str) -> None:
+async def test_a_pool_that_no_namespace_may_use_says_so(
+    world: ViewedServer, quota: dict[str, Any], status: str
+) -> None:
     pools = Pools(world.client, world.cache, now=lambda: datetime(2026, 1, 1, tzinfo=UTC))
     body = {"metadata": {"name": "default"}, "spec": {"scope": "Cluster", "ids": "1-3", "quota": quota}}
     await world.client.create(DOMAINPOOLS, body)
@@ -120,7 +122,7 @@ async def test_a_pool_that_no_namespace_may_use_says_so(world: World, quota: dic
         assert "leave it out for no limit" in condition["message"]
 
 
-async def test_a_pools_condition_keeps_its_time_while_its_status_stands(world: World) -> None:
+async def test_a_pools_condition_keeps_its_time_while_its_status_stands(world: ViewedServer) -> None:
     today = datetime(2026, 1, 1, tzinfo=UTC)
     pools = Pools(world.client, world.cache, now=lambda: today)
     created = await world.client.create(
@@ -142,7 +144,7 @@ async def test_a_pools_condition_keeps_its_time_while_its_status_stands(world: W
     assert await since() == "2026-01-02T00:00:00Z"
 
 
-async def test_the_fleet_view_is_written_once_and_follows(world: World) -> None:
+async def test_the_fleet_view_is_written_once_and_follows(world: ViewedServer) -> None:
     fleet = FleetView(world.client, world.cache)
     world.cache.update_app(app_body())
     world.cache.claims.put("uid-1", "c", domain_claim(7))
@@ -157,7 +159,7 @@ async def test_the_fleet_view_is_written_once_and_follows(world: World) -> None:
     assert await world.view() == {"app.teleop": "domain=7 driver@amr-07 operator@edge-1"}
 
 
-async def test_the_fleet_view_goes_with_the_last_app_and_comes_back_when_deleted(world: World) -> None:
+async def test_the_fleet_view_goes_with_the_last_app_and_comes_back_when_deleted(world: ViewedServer) -> None:
     fleet = FleetView(world.client, world.cache)
     world.cache.update_app(app_body())
     await fleet.publish("default")
@@ -170,7 +172,7 @@ async def test_the_fleet_view_goes_with_the_last_app_and_comes_back_when_deleted
     assert (await world.client.list(CONFIGMAPS)).items == []
 
 
-async def test_config_maps_that_an_operator_before_this_one_needed_are_deleted(world: World) -> None:
+async def test_config_maps_that_an_operator_before_this_one_needed_are_deleted(world: ViewedServer) -> None:
     ours = {Label.MANAGED_BY.value: OPERATOR_MANAGER}
     for suffix, labels in (("", ours), ("-2", ours), ("-3", ours), ("-4", {})):
         meta = {"name": f"{FLEET_CONFIG_MAP}{suffix}", "namespace": "default", "labels": labels}
@@ -182,7 +184,7 @@ async def test_config_maps_that_an_operator_before_this_one_needed_are_deleted(w
     assert await world.view() == {"app.teleop": "driver@- operator@-"}
 
 
-async def test_bare_annotated_pods_are_shown_others_are_not(world: World) -> None:
+async def test_bare_annotated_pods_are_shown_others_are_not(world: ViewedServer) -> None:
     marks = {"scheduler.robotics.io/dds-domain": "auto", "granted.robotics.io/dds-domain": "9"}
     world.cache.bare_pods.put("default", "lidar", make_pod("lidar", node="edge-1", metadata={"annotations": marks}))
     world.cache.bare_pods.put("default", "web", make_pod("web", node="edge-1"))
@@ -190,7 +192,7 @@ async def test_bare_annotated_pods_are_shown_others_are_not(world: World) -> Non
     assert await world.view() == {"pod.lidar": "domain=9 lidar@edge-1"}
 
 
-async def test_a_config_map_of_somebody_else_is_left_alone(world: World) -> None:
+async def test_a_config_map_of_somebody_else_is_left_alone(world: ViewedServer) -> None:
     body = {"metadata": {"name": FLEET_CONFIG_MAP, "namespace": "default"}, "data": {"a": "b"}}
     await world.client.create(CONFIGMAPS, body)
     world.cache.update_app(app_body())
@@ -198,7 +200,7 @@ async def test_a_config_map_of_somebody_else_is_left_alone(world: World) -> None
     assert await world.view() == {"a": "b"}
 
 
-async def test_agents_are_asked_for_the_pairs_in_use_and_no_longer_when_they_are_not(world: World) -> None:
+async def test_agents_are_asked_for_the_pairs_in_use_and_no_longer_when_they_are_not(world: ViewedServer) -> None:
     edges = [{"topic": "/t", "from": "operator", "to": "@robot"}, {"topic": "/u", "from": "operator", "to": "driver"}]
     robot = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "r"}}}
     world.cache.update_app(app_body(edges=edges, robots=robot))
@@ -220,7 +222,7 @@ async def test_agents_are_asked_for_the_pairs_in_use_and_no_longer_when_they_are
     assert (await world.client.get(NODETELEMETRIES, "edge-1"))["spec"]["probe"] == []
 
 
-async def test_pairs_are_of_pods_that_live_and_of_all_replicas(world: World) -> None:
+async def test_pairs_are_of_pods_that_live_and_of_all_replicas(world: ViewedServer) -> None:
     edges = [{"topic": "/u", "from": "operator", "to": "driver"}]
     world.cache.update_app(app_body(edges=edges))
     world.place("driver", "amr")
@@ -239,7 +241,7 @@ async def test_pairs_are_of_pods_that_live_and_of_all_replicas(world: World) -> 
 
 
 async def test_a_fleet_view_that_lost_a_race_is_written_by_the_next_call(
-    world: World, monkeypatch: pytest.MonkeyPatch
+    world: ViewedServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fleet = FleetView(world.client, world.cache)
     world.cache.update_app(app_body())
@@ -261,7 +263,7 @@ async def test_a_fleet_view_that_lost_a_race_is_written_by_the_next_call(
     assert await world.view() == {"app.teleop": "driver@- operator@edge-1"}
 
 
-async def test_a_node_owns_its_telemetry_and_a_node_that_came_back_owns_it_anew(world: World) -> None:
+async def test_a_node_owns_its_telemetry_and_a_node_that_came_back_owns_it_anew(world: ViewedServer) -> None:
     stored = await world.client.create(NODETELEMETRIES, {"metadata": {"name": "n-r"}})
     world.cache.telemetry["n-r"] = msgspec.convert(stored, Telemetry)
     probes = Probes(world.client, world.cache)
@@ -278,7 +280,7 @@ async def test_a_node_owns_its_telemetry_and_a_node_that_came_back_owns_it_anew(
     assert world.writes() == before
 
 
-async def test_an_owner_stays_while_its_node_is_not_in_the_cache(world: World) -> None:
+async def test_an_owner_stays_while_its_node_is_not_in_the_cache(world: ViewedServer) -> None:
     owner = {"apiVersion": "v1", "kind": "Node", "name": "edge-1", "uid": "u"}
     body = {"metadata": {"name": "edge-1", "ownerReferences": [owner]}, "spec": {"probe": ["gone"]}}
     stored = await world.client.create(NODETELEMETRIES, body)
@@ -288,7 +290,7 @@ async def test_an_owner_stays_while_its_node_is_not_in_the_cache(world: World) -
     assert (found["spec"]["probe"], found["metadata"]["ownerReferences"]) == ([], [owner])
 
 
-async def test_the_robot_is_its_primary_node_and_none_while_that_is_unclear(world: World) -> None:
+async def test_the_robot_is_its_primary_node_and_none_while_that_is_unclear(world: ViewedServer) -> None:
     robot = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "r"}}}
     world.cache.update_app(app_body(edges=[{"topic": "/t", "from": "operator", "to": "@robot"}], robots=robot))
     for name in ("one", "two"):
@@ -304,7 +306,7 @@ async def test_the_robot_is_its_primary_node_and_none_while_that_is_unclear(worl
     assert world.cache.telemetry["edge-1"].spec.probe == ["two"]
 
 
-async def gated_pod(world: World, *, domain: int = 7) -> dict[str, Any]:
+async def gated_pod(world: ViewedServer, *, domain: int = 7) -> dict[str, Any]:
     labels = {Label.APP_UID.value: "uid-1", Label.INSTANCE.value: "", Label.APP.value: "teleop"}
     body = {
         "metadata": {"name": "p", "namespace": "default", "labels": labels},
@@ -323,14 +325,14 @@ async def gated_pod(world: World, *, domain: int = 7) -> dict[str, Any]:
     return stored
 
 
-async def claim(world: World, phase: str) -> None:
+async def claim(world: ViewedServer, phase: str) -> None:
     body = msgspec.to_builtins(domain_claim(7, phase=phase))
     body["metadata"] = {"name": body["metadata"]["name"]}
     created = await world.client.create(ROBOTCLAIMS, body)
     await world.client.replace(ROBOTCLAIMS, created | {"status": body["status"]}, subresource="status")
 
 
-async def test_our_gate_opens_when_the_claim_stands_and_others_stay(world: World) -> None:
+async def test_our_gate_opens_when_the_claim_stands_and_others_stay(world: ViewedServer) -> None:
     await gated_pod(world)
     await claim(world, "Reserved")
     assert await Gates(world.client, world.cache, ReconcileState()).open("uid-1", "")
@@ -338,7 +340,7 @@ async def test_our_gate_opens_when_the_claim_stands_and_others_stay(world: World
     assert pod["spec"]["schedulingGates"] == [{"name": "other/gate"}]
 
 
-async def test_our_gate_stays_without_a_standing_claim(world: World) -> None:
+async def test_our_gate_stays_without_a_standing_claim(world: ViewedServer) -> None:
     await gated_pod(world)
     gates = Gates(world.client, world.cache, ReconcileState())
     assert not await gates.open("uid-1", "")
@@ -349,7 +351,7 @@ async def test_our_gate_stays_without_a_standing_claim(world: World) -> None:
 
 
 async def test_a_404_that_does_not_name_the_pod_is_no_reason_to_forget_its_gate(
-    world: World, monkeypatch: pytest.MonkeyPatch
+    world: ViewedServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     await gated_pod(world)
 
@@ -361,7 +363,7 @@ async def test_a_404_that_does_not_name_the_pod_is_no_reason_to_forget_its_gate(
         await Gates(world.client, world.cache, ReconcileState()).open("uid-1", "")
 
 
-async def test_a_gated_pod_in_another_namespace_does_not_make_the_apps_own_gates_wait(world: World) -> None:
+async def test_a_gated_pod_in_another_namespace_does_not_make_the_apps_own_gates_wait(world: ViewedServer) -> None:
     await gated_pod(world)
     await claim(world, "Draining")
     app = app_body(uid="uid-1")
@@ -370,7 +372,7 @@ async def test_a_gated_pod_in_another_namespace_does_not_make_the_apps_own_gates
     assert await Gates(world.client, world.cache, ReconcileState()).open("uid-1", "")
 
 
-async def test_a_pod_that_is_gone_or_another_needs_no_gate(world: World) -> None:
+async def test_a_pod_that_is_gone_or_another_needs_no_gate(world: ViewedServer) -> None:
     await gated_pod(world)
     await world.client.delete(PODS, "p", namespace="default")
     assert await Gates(world.client, world.cache, ReconcileState()).open("uid-1", "")
@@ -421,7 +423,7 @@ async def test_health_is_told_to_everybody_and_metrics_to_who_may_get_them(unuse
         await health.stop()
 
 
-async def test_metrics_carry_controller_runtimes_names(world: World) -> None:
+async def test_metrics_carry_controller_runtimes_names(world: ViewedServer) -> None:
     metrics = Metrics()
     metrics.watch(Queue(clock=lambda: 0.0, jitter=lambda: 0.0), world.cache, world.client)
     with metrics.reconciling("status", 0.5) as result:

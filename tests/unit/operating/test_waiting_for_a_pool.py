@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
-from tests.unit.operating.reconcile.test_instance_reconciler import World
+from tests.unit.operating.reconcile.test_instance_reconciler import ReconciledServer
 
 from robotapp_api.model.names import Reason
 from robotapp_claims.rules.identity import domain_spec, holder_of_app
@@ -14,9 +14,9 @@ from robotapp_claims.rules.objects import Claim, ClaimStatus, Meta, Pool, PoolQu
 
 
 @pytest.fixture
-async def world() -> AsyncIterator[World]:
+async def world() -> AsyncIterator[ReconciledServer]:
     async with FakeApiServer() as api, client_for(api.endpoint, field_manager="robotapp-operator") as client:
-        world = World(api, client)
+        world = ReconciledServer(api, client)
         await world.pool("1-2")
         world.cache.pools["default"] = pool_of()
         yield world
@@ -26,7 +26,7 @@ def pool_of(**spec: Any) -> Pool:
     return Pool(metadata=Meta(name="default"), spec=PoolSpec(ids="1-2", **spec))
 
 
-def claimed(world: World, number: int, *, uid: str = "another", phase: str = "Reserved") -> Claim:
+def claimed(world: ReconciledServer, number: int, *, uid: str = "another", phase: str = "Reserved") -> Claim:
     """A claim that the cache shows."""
     holder = holder_of_app(namespace="default", name="a", uid=uid, instance="")
     spec = domain_spec(pool="default", scope="Cluster", scope_value="", domain_id=number, holder=holder)
@@ -35,7 +35,7 @@ def claimed(world: World, number: int, *, uid: str = "another", phase: str = "Re
     return claim
 
 
-async def reads(world: World, uid: str) -> int:
+async def reads(world: ReconciledServer, uid: str) -> int:
     """How many requests it takes."""
     before = len(world.api.requests)
     await world.children.reconcile(uid, "")
@@ -43,7 +43,7 @@ async def reads(world: World, uid: str) -> int:
 
 
 async def test_while_the_caches_show_every_id_in_other_hands_nothing_is_asked_and_the_reason_is_known(
-    world: World,
+    world: ReconciledServer,
 ) -> None:
     claimed(world, 1)
     claimed(world, 2, phase="Draining")
@@ -56,7 +56,7 @@ async def test_while_the_caches_show_every_id_in_other_hands_nothing_is_asked_an
     assert world.memory.without_domain() == [(uid, "")], "it stands in the line"
 
 
-async def test_an_id_that_the_cache_shows_free_is_tried_for(world: World) -> None:
+async def test_an_id_that_the_cache_shows_free_is_tried_for(world: ReconciledServer) -> None:
     claimed(world, 1)
     uid = await world.app()
     assert await reads(world, uid) > 0
@@ -65,7 +65,7 @@ async def test_an_id_that_the_cache_shows_free_is_tried_for(world: World) -> Non
     assert outcome.held
 
 
-async def test_once_a_claim_is_gone_the_same_instance_gets_its_id(world: World) -> None:
+async def test_once_a_claim_is_gone_the_same_instance_gets_its_id(world: ReconciledServer) -> None:
     claimed(world, 1)
     claim = claimed(world, 2)
     uid = await world.app()
@@ -77,7 +77,7 @@ async def test_once_a_claim_is_gone_the_same_instance_gets_its_id(world: World) 
     assert outcome.id == 2
 
 
-async def test_what_it_holds_already_is_found_by_fresh_reads(world: World) -> None:
+async def test_what_it_holds_already_is_found_by_fresh_reads(world: ReconciledServer) -> None:
     claimed(world, 1)
     uid = await world.app()
     claimed(world, 2, uid=uid)
@@ -85,14 +85,16 @@ async def test_what_it_holds_already_is_found_by_fresh_reads(world: World) -> No
 
 
 @pytest.mark.parametrize("spec", [{"domain": 1}, {"shareWith": [{"name": "other"}]}])
-async def test_whoever_asks_for_one_id_or_for_anothers_is_told_afresh(world: World, spec: dict[str, Any]) -> None:
+async def test_whoever_asks_for_one_id_or_for_anothers_is_told_afresh(
+    world: ReconciledServer, spec: dict[str, Any]
+) -> None:
     claimed(world, 1)
     claimed(world, 2)
     uid = await world.app(ros2={"discovery": {"mode": "Multicast"}, **spec})
     assert await reads(world, uid) > 0
 
 
-async def test_a_namespace_with_a_quota_is_counted_afresh(world: World) -> None:
+async def test_a_namespace_with_a_quota_is_counted_afresh(world: ReconciledServer) -> None:
     claimed(world, 1)
     claimed(world, 2)
     world.cache.pools["default"] = pool_of(quota=PoolQuota(default=5))

@@ -23,7 +23,7 @@ from robotapp_scheduler.port.remote import Remote
 from robotapp_scheduler.port.request_handler import STARTS_AT_ONCE, RequestHandler
 
 
-class World:
+class ExplainingScheduler:
     """A scheduler that remembers pod "decided" and knows pod "waiting"."""
 
     def __init__(self) -> None:
@@ -54,8 +54,8 @@ class World:
 
 
 @asynccontextmanager
-async def opened() -> AsyncIterator[World]:
-    world = World()
+async def opened() -> AsyncIterator[ExplainingScheduler]:
+    world = ExplainingScheduler()
     ours, theirs = socket.socketpair()
     writers = []
     async with asyncio.TaskGroup() as group:

@@ -5,8 +5,7 @@ import sys
 import time
 from pathlib import Path
 
-from campaigns.profile.auditing import watched
-from campaigns.profile.hostile_package import SECRET, Hostile, everything, seconds
+from campaigns.profile.profile_hostile import SECRET, Hostile, everything, seconds, watched
 from ros_profile.generate import generate_profile
 
 SAMPLE = 40

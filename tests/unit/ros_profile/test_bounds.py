@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from tests.support.ros_sources import loaded, manifest, package, write
 
-from campaigns.profile.auditing import watched
+from campaigns.profile.profile_hostile import watched
 from ros_profile.files import walk
 from ros_profile.files.load import load
 from ros_profile.generate import generate_profile

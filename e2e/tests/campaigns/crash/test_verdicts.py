@@ -2,8 +2,7 @@
 
 from tests.support.proxy import Moment
 
-from campaigns.crash.campaign import KillPoint, Outcome
-from campaigns.crash.crash import exit_code
+from campaigns.crash.crash import KillPoint, Outcome, exit_code
 from campaigns.operating.apply import busy_in_quiet
 
 POINTS = tuple(KillPoint("operator", index, Moment.BEFORE) for index in range(1, 11))

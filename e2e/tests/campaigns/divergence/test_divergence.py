@@ -2,9 +2,7 @@
 
 from tests.support.seeds import daily_seed
 
-from campaigns.divergence.campaign import Outcome, Placed, outcomes, rows
-from campaigns.divergence.highs import Proof, proof
-from campaigns.divergence.schedulers import SCHEDULERS
+from campaigns.divergence.divergence import SCHEDULERS, Outcome, Placed, Proof, outcomes, proof, rows
 from campaigns.divergence.topology import Machine, Part, Topology, Wire
 
 SAMPLE = 10

@@ -1,6 +1,6 @@
 """What a campaign of random objects must keep to."""
 
-from campaigns.fuzz.judging import KEPT_BYTES, NOISE_BYTES, Samples, memory_problems, time_problems
+from campaigns.fuzz.campaign import KEPT_BYTES, NOISE_BYTES, Samples, memory_problems, time_problems
 
 
 def samples(*rss_mb: float) -> Samples:

@@ -3,8 +3,7 @@
 import pytest
 
 from campaigns.network import probes
-from campaigns.network.probes import Accuracy, Cost, Loss, Notice
-from campaigns.network.probing import is_as_ping, is_likely
+from campaigns.network.probes import Accuracy, Cost, Loss, Notice, is_as_ping, is_likely
 
 BAD = (
     [Accuracy(0, 120, [430, None])],

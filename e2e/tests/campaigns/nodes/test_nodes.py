@@ -1,7 +1,6 @@
 """What scripts/bench nodes holds against a run."""
 
-from campaigns.nodes.campaign import Kill, Life
-from campaigns.nodes.nodes import verdict
+from campaigns.nodes.nodes import Kill, Life, verdict
 
 
 def test_slowness_and_leftovers_are_problems() -> None:

@@ -1,8 +1,7 @@
 """`scripts/bench teleop` from rows made by hand."""
 
 from campaigns.nodes import teleop
-from campaigns.nodes import teleop_report as report
-from campaigns.nodes.teleop_report import Outcome
+from campaigns.nodes.teleop import Outcome
 from ros_nodes.trips import SENT, TRIP, Row
 
 
@@ -15,10 +14,10 @@ def rows(rtt_us: int, count: int = 500) -> list[Row]:
 
 
 def outcome(scheduler: str, told: dict[str, tuple[str, list[Row]]]) -> Outcome:
-    return report.outcome(scheduler, told, deadline_us=teleop.DEADLINE_US, settle_us=teleop.SETTLE_US)
+    return teleop.outcome(scheduler, told, deadline_us=teleop.DEADLINE_US, settle_us=teleop.SETTLE_US)
 
 
 def test_a_scheduler_without_any_command_missed_all() -> None:
     found = outcome("x", {})
     assert found.missed_share == 1.0
-    assert report.table([found])[1].split() == ["x", "1", "-", "-", "-", "100.0%", "(100.0%-100.0%)"]
+    assert teleop.table([found])[1].split() == ["x", "1", "-", "-", "-", "100.0%", "(100.0%-100.0%)"]

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from campaigns.operating.replacement_campaign import Count, Kind, Overlap, Replacement, Report, count, judge
+from campaigns.operating.replacements import Count, Kind, Overlap, Replacement, Report, count, judge
 from campaigns.storm.history import Event
 from robotapp_api.model.names import Label
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from campaigns.profile.profile_figures import Case, calibration_error, figures, folds, reliability
+from campaigns.profile.profile import Case, calibration_error, figures, folds, reliability
 
 GOOD = Case("r/p", "o/r", "high", "realtime", "realtime", 0.95, ("serial",), ("serial",), 0.9, "robot", "robot")
 

@@ -5,7 +5,7 @@ from typing import Any
 from campaigns.cluster_cases import storage_families as storage
 from campaigns.cluster_cases.scene import ZONE, Scene, make_node, make_pod
 from campaigns.reference_scheduler import ClusterDump, Config, Decision, decide
-from campaigns.reference_scheduler.requests import held
+from campaigns.reference_scheduler.nodes.resources import held
 
 Json = dict[str, Any]
 BALANCE = "NodeResourcesBalancedAllocation"

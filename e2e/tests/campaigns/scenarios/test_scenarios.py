@@ -1,11 +1,9 @@
 """The thesis' scenarios: what they count as kept, and the table that is made of it."""
 
-from campaigns.scenarios.campaign import Outcome
 from campaigns.scenarios.catalogue import SCENARIOS
 from campaigns.scenarios.contenders import KUBE_SCHEDULER, OURS, Contender
 from campaigns.scenarios.promises.place import Verdict, judged
-from campaigns.scenarios.report import Report, section
-from campaigns.scenarios.scenarios import BEGIN, END
+from campaigns.scenarios.scenarios import BEGIN, END, Outcome, Report, section
 from campaigns.speed.page import DOCS, replaced
 
 

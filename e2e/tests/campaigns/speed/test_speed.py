@@ -9,7 +9,7 @@ import pytest
 from tests.support.clients import client_for
 from tests.support.virtual_time import run_virtually
 
-from campaigns.speed.usage import family, usage
+from campaigns.speed.run import family, usage
 from campaigns.speed.verdict import CPU, P99, RATE, judge
 from campaigns.speed.watches import PodWatch, SeenPod
 from campaigns.speed.workloads import Targets

@@ -1,6 +1,6 @@
 """A storm in which nothing is granted any more is told apart from one on a slow machine."""
 
-from campaigns.storm.stall import STALL_S, STALL_WISHES, Stall
+from campaigns.storm.campaign import STALL_S, STALL_WISHES, Stall
 
 
 class Clock:

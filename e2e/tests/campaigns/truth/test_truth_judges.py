@@ -43,10 +43,10 @@ HOLDER = {"namespace": "n", "name": "app", "instance": "amr"}
 CLAIMS = [{"spec": {"holder": HOLDER, "device": {"id": "cam", "node": "edge"}}}]
 
 
-class World:
+class StillSite:
     """As it is in these tests."""
 
-    class cp:  # noqa: N801 - an attribute of a World
+    class cp:  # noqa: N801 - an attribute of a StillSite
         class api:  # noqa: N801
             @staticmethod
             def get(path: str) -> dict[str, Any]:
@@ -60,7 +60,7 @@ class World:
 
 @pytest.fixture
 def history() -> History:
-    found = History(World())  # type: ignore[arg-type]
+    found = History(StillSite())  # type: ignore[arg-type]
     found.look()
     return found
 

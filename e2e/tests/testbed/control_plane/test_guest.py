@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from journeys.world import confine
+from journeys.demo_cluster import confine
 from robotapp_testbed import TestbedError
 from robotapp_testbed.control_plane.guest import GUEST_LABEL, TAINT, GuestPlane, OwnKubectl
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 from tests.support.seeds import daily_seed
 
-from campaigns.operating import replacement_campaign as replacements
+from campaigns.operating import replacements
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane import product
 

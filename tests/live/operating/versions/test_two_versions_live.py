@@ -16,7 +16,7 @@ from tests.live.operating.versions import newer_wheel
 from tests.support.seeds import choose_for_today
 
 from campaigns.rigs.live import eventually
-from campaigns.rigs.world import World, plain_app
+from campaigns.rigs.simulated_site import SimulatedSite, plain_app
 from robotapp_api.model.names import Annotation, Label
 from robotapp_operator import __version__
 from robotapp_testbed import ControlPlane
@@ -53,7 +53,7 @@ def newer_crds(cp: ControlPlane) -> Iterator[None]:
         product.define(cp, newer_wheel.crds(newer=False))
 
 
-def life_of_an_app(world: World, pool: str) -> tuple[dict[str, Any], set[str]]:
+def life_of_an_app(world: SimulatedSite, pool: str) -> tuple[dict[str, Any], set[str]]:
     """It gets ready, stops and starts as the user says, and is gone with all that it had. Returns the app as it was when it was
     ready, and which versions of the operator rendered its children.
     """
@@ -73,7 +73,7 @@ def life_of_an_app(world: World, pool: str) -> tuple[dict[str, Any], set[str]]:
     return ready, rendered
 
 
-def suspend(world: World, value: str) -> None:
+def suspend(world: SimulatedSite, value: str) -> None:
     world.kubectl("patch", "ra", "life", "--type=merge", "-p", f'{{"spec": {{"suspend": {value}}}}}')
 
 
@@ -91,7 +91,7 @@ def test_an_app_lives_while_versions_are_mixed(
         else:
             kind = "scheduler_flags" if case == "newer scheduler" else "operator_flags"
             flags[kind] = {"env": request.getfixturevalue("wheel")}
-        world = stack.enter_context(World(installed_plane, nodes, pools=pools, **flags))
+        world = stack.enter_context(SimulatedSite(installed_plane, nodes, pools=pools, **flags))
         ready, rendered = life_of_an_app(world, *pools)
     assert rendered == {NEWER if case == "newer operator" else __version__}
     stored = {part.get(newer_wheel.LATER) for part in ready["spec"]["components"]}

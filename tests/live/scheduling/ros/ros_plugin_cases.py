@@ -216,7 +216,7 @@ CASES: Final = (*LATENCY_FILTER, *HARDWARE, *SHARED_DATA, *SCORES)
 PLAYED: Final = [(case, kind) for case in CASES for kind in case.kinds]
 
 
-class World:
+class MeasuredStage:
     """The nodes' measurements, loads and volumes, and a way to start either kind of pod."""
 
     def __init__(self, cp: ControlPlane, namespace: str) -> None:

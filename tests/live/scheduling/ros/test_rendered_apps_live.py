@@ -11,7 +11,7 @@ from tests.live.scheduling.ros import rendered_ros_cases as cases
 from tests.support.seeds import choose_for_today
 
 from campaigns.rigs.live import eventually
-from campaigns.rigs.world import World
+from campaigns.rigs.simulated_site import SimulatedSite
 from robotapp_api.model.names import Annotation, Label
 from robotapp_scheduler.plugins.registry import ROS
 from robotapp_testbed import ControlPlane, Process
@@ -26,7 +26,7 @@ MARK = "without-"
 class Played:
     """A world whose scheduler is started when all that it is to decide about waits for it."""
 
-    def __init__(self, world: World, folder: Path) -> None:
+    def __init__(self, world: SimulatedSite, folder: Path) -> None:
         self.world = world
         self._folder = folder
         self._scheduler: Process = world.scheduler
@@ -76,7 +76,7 @@ class Played:
 @pytest.fixture(scope="module")
 def played(installed_plane: ControlPlane, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Played]:
     """All apps at once, under the shipped configuration."""
-    with World(installed_plane, cases.world(), pools={cases.POOL: "1-40"}) as world:
+    with SimulatedSite(installed_plane, cases.world(), pools={cases.POOL: "1-40"}) as world:
         found = Played(world, tmp_path_factory.mktemp("rendered"))
         pods = f"/api/v1/namespaces/{world.namespace}/pods"
         for pod in cases.loads():

@@ -18,7 +18,7 @@ from tests.live.scheduling.ros.ros_plugin_cases import (
     POD,
     WORLD,
     Case,
-    World,
+    MeasuredStage,
     among,
     document,
 )
@@ -56,10 +56,12 @@ def namespace(installed_plane: ControlPlane) -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def world(installed_plane: ControlPlane, namespace: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
+def world(
+    installed_plane: ControlPlane, namespace: str, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[MeasuredStage]:
     config: Path = tmp_path_factory.mktemp("ros-plugins") / "scheduler.yaml"
     config.write_text(yaml.safe_dump(document()))
-    found = World(installed_plane, namespace)
+    found = MeasuredStage(installed_plane, namespace)
     with nodes(installed_plane, *WORLD):
         found.furnish()
         process = start_scheduler(installed_plane, config, name="scheduler-ros", sweep_seconds=1, log_format="text")
@@ -77,7 +79,7 @@ def test_every_ros_plugin_is_played_on_apps_and_on_bare_pods() -> None:
 
 
 @pytest.mark.parametrize(("case", "kind"), PLAYED, ids=[case.name(kind) for case, kind in PLAYED])
-def test_a_plugin_decides(world: World, case: Case, kind: str) -> None:
+def test_a_plugin_decides(world: MeasuredStage, case: Case, kind: str) -> None:
     name = world.start(case, kind)
     if case.refused:
         world.stage.wait_refused(name, reason="Unschedulable", saying=case.refused)
@@ -85,7 +87,7 @@ def test_a_plugin_decides(world: World, case: Case, kind: str) -> None:
         assert world.stage.wait_bound(name) == case.node
 
 
-def test_a_pod_that_waits_for_a_claim_is_tried_when_it_appears(world: World) -> None:
+def test_a_pod_that_waits_for_a_claim_is_tried_when_it_appears(world: MeasuredStage) -> None:
     name = world.annotated("early", {"shared-data": {"pvc": ["late"]}}, **among([DARK]))
     world.stage.wait_refused(name, reason="Unschedulable", saying='persistentvolumeclaim "late" not found')
     world.cp.api.create(claims_path(world.stage.namespace), claim("late", ""))
@@ -95,14 +97,14 @@ def test_a_pod_that_waits_for_a_claim_is_tried_when_it_appears(world: World) -> 
 # --- Queue, claims, Binding ------------------------------------------------------------------------------------------
 
 
-def start(world: World, kind: str, name: str, *, annotations: Json, fields: Json, **spec: object) -> str:
+def start(world: MeasuredStage, kind: str, name: str, *, annotations: Json, fields: Json, **spec: object) -> str:
     if kind == POD:
         return world.annotated(name, annotations, **spec)
     return world.member(name, fields, **spec)
 
 
 def test_the_queue_is_ordered_by_priority_or_as_in_the_thesis(
-    world: World, installed_plane: ControlPlane, tmp_path: Path
+    world: MeasuredStage, installed_plane: ControlPlane, tmp_path: Path
 ) -> None:
     """Of two pods a node takes one. They wait before their schedulers start, which so see them at once."""
     priority_class = f"urgent-{secrets.token_hex(3)}"
@@ -128,7 +130,7 @@ def test_the_queue_is_ordered_by_priority_or_as_in_the_thesis(
         installed_plane.api.delete(f"{PRIORITY_CLASSES}/{priority_class}")
 
 
-def queued(world: World, kind: str, order: str, qos_class: str, **spec: object) -> str:
+def queued(world: MeasuredStage, kind: str, order: str, qos_class: str, **spec: object) -> str:
     node, cpu = QUEUES[kind, order]
     box = {"name": "main", "image": IMAGE, "resources": {"requests": {"cpu": cpu}}}
     return start(
@@ -148,7 +150,9 @@ def ordering(cp: ControlPlane, folder: Path, order: str) -> Process:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_device_is_claimed_for_one_pod_granted_in_its_binding_and_the_next_pod_waits(world: World, kind: str) -> None:
+def test_a_device_is_claimed_for_one_pod_granted_in_its_binding_and_the_next_pod_waits(
+    world: MeasuredStage, kind: str
+) -> None:
     """ROSReserve claims, ROSBind hands over: the pod has its grant from the moment it is bound."""
     bus = {"type": CAN.type, "interface": CAN.interface}
     wish = {
@@ -168,7 +172,7 @@ def test_a_device_is_claimed_for_one_pod_granted_in_its_binding_and_the_next_pod
     Stage.wait(lambda: not claims(world.stage, "device"), what=lambda: "a device stays claimed")
 
 
-def test_a_bare_pods_domain_is_claimed_and_granted_in_its_binding(world: World) -> None:
+def test_a_bare_pods_domain_is_claimed_and_granted_in_its_binding(world: MeasuredStage) -> None:
     name = world.annotated("talker", {"dds-domain": "auto"}, **among([NEAR]))
     assert world.stage.wait_bound(name) == NEAR
     (held,) = claims(world.stage, "domain")
@@ -182,7 +186,7 @@ def claims(stage: Stage, thing: str) -> list[Json]:
     return [each for each in items if thing in each["spec"] and each["spec"]["holder"]["namespace"] == stage.namespace]
 
 
-def remove(world: World, kind: str, name: str) -> None:
+def remove(world: MeasuredStage, kind: str, name: str) -> None:
     """End a pod, with the app it is of."""
     if kind == APP:
         app = world.stage.pod(name)["metadata"]["labels"]["robotics.io/app"]

@@ -3,10 +3,9 @@
 import pytest
 from tests.support.seeds import daily_seed
 
-from campaigns.scenarios.campaign import Campaign, Outcome
 from campaigns.scenarios.catalogue import SCENARIOS
 from campaigns.scenarios.contenders import KUBE_SCHEDULER, OURS
-from campaigns.scenarios.report import line
+from campaigns.scenarios.scenarios import Campaign, Outcome, line
 from robotapp_testbed import ControlPlane
 
 pytestmark = pytest.mark.live

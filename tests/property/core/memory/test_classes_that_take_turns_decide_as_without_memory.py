@@ -99,7 +99,7 @@ PROFILES = st.tuples(st.sampled_from((ARGS[0], ARGS[0], *ARGS)), st.booleans())
 CHOSEN = st.lists(st.integers(0, len(KINDS) - 1), min_size=1, max_size=4)
 
 
-class World:
+class TwinEngines:
     """A core that decides, and an engine that remembers nothing, on the same cluster."""
 
     def __init__(self, sizes: list[tuple[Json, str]], args: Json, kinds: list[int], *, picky: bool) -> None:
@@ -219,7 +219,7 @@ def test_every_decision_and_its_explanation_is_that_of_an_engine_that_remembers_
     history: list[tuple[str, int]],
 ) -> None:
     args, picky = profile
-    world = World(sizes, args, kinds, picky=picky)
+    world = TwinEngines(sizes, args, kinds, picky=picky)
     world.burst(20)
     for name, number in history:
         getattr(world, name)(number)

@@ -13,7 +13,7 @@ from tests.property.core.memory.test_classes_that_take_turns_decide_as_without_m
     NODES,
     NUMBER,
     SLOW,
-    World,
+    TwinEngines,
 )
 from tests.support.scheduling import Clock, make_cluster, make_info, telemetry
 from tests.support.seeds import count_examples
@@ -166,7 +166,7 @@ HISTORY = st.lists(
 )
 
 
-class Zoo(World):
+class Zoo(TwinEngines):
     """A world with plugins of somebody else's, some of ours switched off, telemetry and annotations."""
 
     def __init__(

@@ -43,7 +43,7 @@ WISHES: tuple[dict[str, Any], ...] = (
 )
 
 
-class World(NamedTuple):
+class FullCluster(NamedTuple):
     nodes: list[Node]
     placed: list[Pod]
     nominated: list[Pod]
@@ -56,7 +56,7 @@ def containers(cpu_milli: int, port: bool) -> list[dict[str, Any]]:
 
 
 @st.composite
-def worlds(draw: st.DrawFn) -> World:
+def worlds(draw: st.DrawFn) -> FullCluster:
     count = draw(st.integers(1, 3))
     nodes = [
         make_node(
@@ -98,10 +98,10 @@ def worlds(draw: st.DrawFn) -> World:
     wanted = containers(draw(st.sampled_from((300, 1000, 1500))), draw(st.integers(0, 3)) == 0)
     wishes = draw(st.sampled_from(WISHES))
     pod = make_pod("vip", priority=draw(st.integers(0, 3)), labels={"app": "vip"}, containers=wanted, **wishes)
-    return World(nodes, placed, nominated, budgets, pod)
+    return FullCluster(nodes, placed, nominated, budgets, pod)
 
 
-def core_of(world: World, placed: Sequence[Pod], *, nominated: Sequence[Pod] = ()) -> SchedulerCore:
+def core_of(world: FullCluster, placed: Sequence[Pod], *, nominated: Sequence[Pod] = ()) -> SchedulerCore:
     core = make_core(*world.nodes)
     for pod in placed:
         core.cluster.apply_pod(pod)
@@ -116,7 +116,7 @@ def bound(pod: Pod, node: str) -> Pod:
     return msgspec.structs.replace(pod, spec=msgspec.structs.replace(pod.spec, node_name=node))
 
 
-def refusal(world: World, placed: Sequence[Pod], node: str) -> tuple[str, ...]:
+def refusal(world: FullCluster, placed: Sequence[Pod], node: str) -> tuple[str, ...]:
     """The reasons one node has against the pod, counted in a cluster built for this question; () = none."""
     core = core_of(world, placed)
     engine = core.runner(world.pod.spec.scheduler_name)
@@ -124,7 +124,7 @@ def refusal(world: World, placed: Sequence[Pod], node: str) -> tuple[str, ...]:
     return evaluation.reasons.values[int(evaluation.reason[0])].texts
 
 
-def both_passes(world: World, placed: Sequence[Pod], node: str) -> tuple[str, ...]:
+def both_passes(world: FullCluster, placed: Sequence[Pod], node: str) -> tuple[str, ...]:
     waiting = [
         bound(pod, node)
         for pod in world.nominated
@@ -137,7 +137,7 @@ def importance(pod: Pod) -> tuple[int, str]:
     return -pod.spec.priority, pod.status.start_time or "~"
 
 
-def violating(world: World, pods: Sequence[Pod]) -> list[bool]:
+def violating(world: FullCluster, pods: Sequence[Pod]) -> list[bool]:
     left = {
         b.spec.selector["matchLabels"]["app"]: b.status.disruptions_allowed for b in world.budgets if b.spec.selector
     }
@@ -150,7 +150,7 @@ def violating(world: World, pods: Sequence[Pod]) -> list[bool]:
     return found
 
 
-def victims_on(world: World, node: str) -> tuple[list[Pod], int] | tuple[str, ...]:
+def victims_on(world: FullCluster, node: str) -> tuple[list[Pod], int] | tuple[str, ...]:
     """(victims, violations), or the reasons that are left."""
     own = [pod for pod in world.placed if pod.spec.node_name == node]
     lower = sorted((pod for pod in own if pod.spec.priority < world.pod.spec.priority), key=importance)
@@ -182,7 +182,7 @@ def rank(victims: list[Pod], violations: int) -> tuple[Any, ...]:
 
 @settings(max_examples=count_examples(150), deadline=None)
 @given(worlds(), st.booleans())
-def test_the_plan_is_the_best_of_what_trying_each_node_finds(world: World, again: bool) -> None:
+def test_the_plan_is_the_best_of_what_trying_each_node_finds(world: FullCluster, again: bool) -> None:
     core = core_of(world, world.placed, nominated=world.nominated)
     before = (core.cluster.nodes.resources.requested.copy(), list(core.cluster.placed))
     decision = core.schedule_one(PodInfo(world.pod), assume=False)
@@ -214,7 +214,7 @@ def test_the_plan_is_the_best_of_what_trying_each_node_finds(world: World, again
     assert decision.plan.violations == violations
 
 
-def never(world: World, name: str, reasons: Sequence[str]) -> bool:
+def never(world: FullCluster, name: str, reasons: Sequence[str]) -> bool:
     """Refused for friends that are not there, or for more than the empty node offers: nobody's going helps."""
     if "Insufficient cpu" not in reasons:
         return "node(s) didn't match pod affinity rules" in reasons

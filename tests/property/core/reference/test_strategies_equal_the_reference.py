@@ -12,7 +12,7 @@ from tests.support.seeds import count_examples
 from campaigns.cluster_cases import Case, cases
 from campaigns.reference_scheduler import Config
 from campaigns.reference_scheduler.comparison import build
-from campaigns.reference_scheduler.resources import balance_score, fit_score
+from campaigns.reference_scheduler.nodes.resources import balance_score, fit_score
 from campaigns.reference_scheduler.state import State
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.framework.interface import MAX_SCORE

@@ -5,7 +5,7 @@ from typing import Any
 from hypothesis import strategies as st
 from tests.support.scheduling import node_json, pod_json
 
-from campaigns.cluster_cases.admission import admitted
+from campaigns.cluster_cases.case import admitted
 from campaigns.reference_scheduler import ClusterDump
 
 Json = dict[str, Any]

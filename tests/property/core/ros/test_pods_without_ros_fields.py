@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from tests.support.scheduling import make_info
 
 from campaigns.cluster_cases import seeded_case
-from campaigns.parity.ros import campaign
-from campaigns.parity.ros_surroundings import both, decided
+from campaigns.parity.offline import both, compare_without_ros_plugins, decided
 from robotapp_scheduler.plugins.kubernetes.queue_sort import PrioritySort
 from robotapp_scheduler.plugins.ros.queue_sort import ROSQueueSort
 
@@ -20,7 +19,7 @@ PODS = st.lists(st.tuples(PRIORITIES, st.integers(0, 10**6)), min_size=2, max_si
 def test_three_hundred_seeded_cases_are_decided_the_same() -> None:
     """Another three hundred in every run; `scripts/bench parity --ros-plugins --seed S` shows them again."""
     seed = str(random.randrange(10**6))
-    report = campaign(cases=SAMPLE, seed=seed, say=lambda _: None)
+    report = compare_without_ros_plugins(cases=SAMPLE, seed=seed, say=lambda _: None)
     assert report.found == [], f"--seed {seed}"
     assert report.compared["bound"] > SAMPLE // 4
     assert report.compared["refused"] > SAMPLE // 4

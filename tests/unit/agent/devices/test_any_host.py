@@ -6,8 +6,8 @@ from pathlib import Path
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.support.agent.devices import Tree, snapshots, trees
 from tests.support.seeds import count_examples
+from tests.unit.agent.devices.host_files import Tree, snapshots, trees
 
 from robotapp_agent.devices.device import Device
 from robotapp_agent.devices.discovery import discover

@@ -4,7 +4,7 @@ import re
 
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.agent.devices import devices as any_devices
+from tests.unit.agent.devices.host_files import devices as any_devices
 
 from robotapp_agent.devices.device import Device
 from robotapp_agent.devices.labels import MOST_LABELS, labels_of

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.unit.bridge.fake_cluster import app
-from tests.unit.bridge.sequence_world import LIST, World
+from tests.unit.bridge.sequence_world import LIST, SequenceCluster
 
 from rigel_bridge.cluster.deployment import deploy, roll_back
 from rigel_bridge.cluster.kubectl import ClusterError, Refusal
@@ -35,7 +35,7 @@ NOW = datetime(2026, 11, 22, 12, tzinfo=UTC)
 
 def held(name: str = "teleop-demo", *, renewed: datetime | None = NOW) -> dict[str, Any]:
     """An app that another run made."""
-    marks = Lease(World().cluster, "theirs", lambda: renewed or NOW).annotations("demo")
+    marks = Lease(SequenceCluster().cluster, "theirs", lambda: renewed or NOW).annotations("demo")
     if renewed is None:
         del marks[RENEWED]
     made = annotated(app(name), marks)
@@ -43,13 +43,13 @@ def held(name: str = "teleop-demo", *, renewed: datetime | None = NOW) -> dict[s
     return made
 
 
-def with_held(**options: Any) -> World:
-    world = World()
+def with_held(**options: Any) -> SequenceCluster:
+    world = SequenceCluster()
     world.cluster.objects["robotapps", "teleop-demo"] = held(**options)
     return world
 
 
-def renewing(world: World, *, times: int) -> None:
+def renewing(world: SequenceCluster, *, times: int) -> None:
     """Another process renews the lease when the app is read, so many times; then it is killed."""
     operate = world.cluster.before
 
@@ -84,7 +84,7 @@ def test_the_app_of_a_living_run_is_never_touched(tmp_path: Path) -> None:
 
 
 def test_an_app_that_was_kept_makes_room_at_once(tmp_path: Path) -> None:
-    world, without = with_held(renewed=None), World()
+    world, without = with_held(renewed=None), SequenceCluster()
     world.run(LIST, "demo", tmp_path / "a", run_id="ours")
     without.run(LIST, "demo", tmp_path / "b", run_id="ours")
     assert world.slept == without.slept
@@ -92,7 +92,7 @@ def test_an_app_that_was_kept_makes_room_at_once(tmp_path: Path) -> None:
 
 
 def test_a_run_that_begins_during_the_build_of_this_one_is_left_alone(tmp_path: Path) -> None:
-    world = World()
+    world = SequenceCluster()
     tools_of = world.tools
 
     def tools(**options: Any) -> Any:
@@ -114,7 +114,7 @@ def test_a_run_that_begins_during_the_build_of_this_one_is_left_alone(tmp_path: 
 
 def test_a_run_renews_its_apps_and_nobody_elses(tmp_path: Path) -> None:
     """Every sleep of the run is a moment at which the thread may work; the clock moves on by a second each time."""
-    world, beats = World(), 0
+    world, beats = SequenceCluster(), 0
     now = NOW
     work: list[Any] = []
 
@@ -168,14 +168,14 @@ def test_a_renewal_leaves_the_app_of_another_run_as_it_is() -> None:
 
 @pytest.mark.parametrize("reason", [Refusal.FORBIDDEN, Refusal.UNREACHABLE])
 def test_a_renewal_that_fails_ends_no_run(reason: Refusal, tmp_path: Path) -> None:
-    world = World()
+    world = SequenceCluster()
     world.cluster.refused["patch", "robotapps"] = reason
     world.run(LIST, "demo", tmp_path, keep=True)
     assert [each["outcome"] for each in read_summaries(tmp_path)] == ["ran"]
 
 
 def test_a_kept_app_bears_no_lease(tmp_path: Path) -> None:
-    world = World()
+    world = SequenceCluster()
     world.run(LIST, "demo", tmp_path, run_id="ours", keep=True)
     annotations = world.cluster.objects["robotapps", "teleop-demo"]["metadata"]["annotations"]
     assert (annotations[RUN], annotations[RUN_ID], RENEWED in annotations) == ("demo", "ours", False)
@@ -183,7 +183,7 @@ def test_a_kept_app_bears_no_lease(tmp_path: Path) -> None:
 
 
 def test_a_rollback_of_a_kept_app_revives_no_run(tmp_path: Path) -> None:
-    world = World()
+    world = SequenceCluster()
     world.run(LIST, "demo", tmp_path, run_id="ours", keep=True)
     stored = world.cluster.objects["robotapps", "teleop-demo"]
     deploy(world.cluster, {**stored, "spec": {**stored["spec"], "suspend": True}}, tell=print)
@@ -221,7 +221,7 @@ def test_annotations_of_any_shape_have_a_state(annotations: Any) -> None:
     found = {"metadata": {"name": "x", "annotations": annotations}}
     assert lease.sequence_of(found) in (None, "demo")
     assert state(found, NOW)[0] is State.ENDED
-    assert not lease.goes_on(World().cluster, found, clock=World().tools().clock)
+    assert not lease.goes_on(SequenceCluster().cluster, found, clock=SequenceCluster().tools().clock)
 
 
 def test_a_living_run_is_renewed_several_times_within_a_lease() -> None:
@@ -267,7 +267,7 @@ def test_a_comparison_points_out_the_run_that_has_not_ended(tmp_path: Path, caps
 
 def test_the_folder_of_a_run_that_was_killed_is_told_from_one_that_ended(tmp_path: Path) -> None:
     """SIGKILL lets nothing more happen: what stands in the folder while Rigel builds is what stays."""
-    world = World()
+    world = SequenceCluster()
     tools_of = world.tools
     during: list[Any] = []
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.rigel.rigelfiles import ONE
 from tests.unit.bridge.fake_cluster import app
-from tests.unit.bridge.sequence_world import LIST, THREE, WISHES, World, read
+from tests.unit.bridge.sequence_world import LIST, THREE, WISHES, SequenceCluster, read
 
 from rigel_bridge.cluster.deployment import deploy
 from rigel_bridge.cluster.kubectl import ClusterError
@@ -71,7 +71,7 @@ def test_the_thesis_file_cannot_be_built_by_rigel_and_the_message_shows_the_way(
 
 
 def test_a_run_builds_deploys_works_collects_and_cleans_up(tmp_path: Path) -> None:
-    world = World()
+    world = SequenceCluster()
     world.run(LIST, "benchmark_default", tmp_path)
     world.run(LIST, "benchmark_custom", tmp_path)
     assert world.built == [("create",), ("build", "--push")] * 2
@@ -85,7 +85,7 @@ def test_a_run_builds_deploys_works_collects_and_cleans_up(tmp_path: Path) -> No
 
 
 def test_what_fails_leaves_its_results_and_nothing_in_the_cluster(tmp_path: Path) -> None:
-    world = World(ready=False)
+    world = SequenceCluster(ready=False)
     with pytest.raises(ClusterError, match="is not Ready within 5 s"):
         world.run(LIST, "demo", tmp_path)
     assert world.apps() == []
@@ -94,7 +94,7 @@ def test_what_fails_leaves_its_results_and_nothing_in_the_cluster(tmp_path: Path
 
 @pytest.mark.parametrize("where", ["build", "apply", "sleep", "get"])
 def test_ctrl_c_at_any_time_leaves_nothing_in_the_cluster(where: str, tmp_path: Path) -> None:
-    world = World()
+    world = SequenceCluster()
     interrupted: list[str] = []
 
     def once(name: str) -> None:
@@ -119,7 +119,7 @@ def test_ctrl_c_at_any_time_leaves_nothing_in_the_cluster(where: str, tmp_path: 
 
 
 def test_an_app_in_use_is_never_touched_and_the_rest_of_a_killed_run_is_cleared(tmp_path: Path) -> None:
-    world = World()
+    world = SequenceCluster()
     deploy(world.cluster, app("teleop"), tell=str)
     deploy(world.cluster, app("teleop-demo"), tell=str)
     with pytest.raises(ClusterError, match="teleop-demo is there and of no earlier run"):
@@ -133,7 +133,7 @@ def test_an_app_in_use_is_never_touched_and_the_rest_of_a_killed_run_is_cleared(
 @pytest.mark.parametrize("moment", ["working", "waiting"])
 def test_a_run_that_another_one_replaced_is_no_success_and_leaves_that_one_alone(moment: str, tmp_path: Path) -> None:
     """Two people run one sequence: the second removes the app of the first as the rest of an earlier run, and brings its own."""
-    world = World()
+    world = SequenceCluster()
     operate, other = world.cluster.before, annotated(renamed(app("teleop"), "demo"), {RUN: "demo", RUN_ID: "theirs"})
 
     def replaced(call: tuple[str, ...]) -> None:
@@ -166,7 +166,7 @@ def test_a_run_that_another_one_replaced_is_no_success_and_leaves_that_one_alone
 
 
 def test_an_app_can_be_kept(tmp_path: Path) -> None:
-    world = World()
+    world = SequenceCluster()
     world.run(LIST, "demo", tmp_path, keep=True)
     assert world.apps() == ["teleop-demo"]
 
@@ -180,7 +180,7 @@ def test_a_run_has_a_name_that_fits(name: str, sequence: str) -> None:
 
 
 def test_what_a_container_leaves_is_no_summary_and_ends_no_run(tmp_path: Path) -> None:
-    world = World()
+    world = SequenceCluster()
     content = io.BytesIO()
     with tarfile.open(fileobj=content, mode="w") as made:
         for name in ("summary.json", "x.csv/summary.json", "deeper/summary.json"):
@@ -266,7 +266,7 @@ def test_the_command_lists_runs_and_compares(
     assert "benchmark_default: build -> deploy\n" in capsys.readouterr().out
     assert main(["sequences", "--run", "demoo"]) == 72
     assert "did you mean demo" in capsys.readouterr().err
-    world = World()
+    world = SequenceCluster()
     monkeypatch.setattr(verb, "kubectl_of", lambda _: world.cluster)
     monkeypatch.setattr(verb, "Clock", lambda: world.tools().clock)
     wanted = ["--run", "benchmark_default", "benchmark_custom", "--no-build", "--duration", "0"]
@@ -288,7 +288,7 @@ def test_a_file_without_sequences_says_so(
 def test_the_shipped_benchmark_builds_once_and_runs_under_both_schedulers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    world = World()
+    world = SequenceCluster()
     monkeypatch.setattr(verb, "kubectl_of", lambda _: world.cluster)
     monkeypatch.setattr(verb, "Clock", lambda: world.tools().clock)
     monkeypatch.setattr(verb, "run_rigel", lambda words, **_: world.built.append(tuple(words)))
@@ -305,7 +305,7 @@ def test_results_of_a_sequence_with_any_name_stay_in_their_folder(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("Rigelfile").write_text(LIST.replace("  demo:", f'  "{name}":'))
-    world = World()
+    world = SequenceCluster()
     monkeypatch.setattr(verb, "kubectl_of", lambda _: world.cluster)
     assert main(["sequences", "--run", name.replace("\\e", "\x1b"), "--no-build", "--results", "deep/r"]) == 72
     assert "is no name for a folder of results" in capsys.readouterr().err
@@ -333,7 +333,7 @@ def test_notes_end_a_run_before_it_begins_when_it_is_strict(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("Rigelfile").write_text(LIST.replace("{name: teleop,", "{name: teleop, namespace: lab,"))
-    world = World()
+    world = SequenceCluster()
     monkeypatch.setattr(verb, "kubectl_of", lambda _: world.cluster)
     assert main(["sequences", "--run", "demo", "--no-build", "--strict"]) == 72
     assert "has notes, and --strict allows none" in capsys.readouterr().err

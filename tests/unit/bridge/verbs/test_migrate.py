@@ -32,7 +32,7 @@ def pod(name: str) -> dict[str, Any]:
     return {"kind": "Pod", "metadata": metadata, "spec": {"containers": [{"name": "c"}]}}
 
 
-class World(FakeCluster):
+class MigratedCluster(FakeCluster):
     """Deployments `arm` and `base`, each with a pod that holds a domain of node n1. Apps become Ready, except those `failing`."""
 
     def __init__(self, *, failing: tuple[str, ...] = ()) -> None:
@@ -60,7 +60,7 @@ class World(FakeCluster):
             self.annotated.append(call)
 
 
-def run(world: World, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
+def run(world: MigratedCluster, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
     now = [0.0]
     clock = Clock(now_s=lambda: now[0], sleep=lambda seconds: now.__setitem__(0, now[0] + seconds))
     monkeypatch.setattr(verb, "kubectl_of", lambda _: world)
@@ -68,14 +68,14 @@ def run(world: World, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
     return main(["migrate", "--apply", "--backup", str(folder / "backup")])
 
 
-def names(world: World, kind: str) -> list[str]:
+def names(world: MigratedCluster, kind: str) -> list[str]:
     return sorted(name for each, name in world.objects if each == kind)
 
 
 def test_records_of_the_apps_that_were_done_are_cleared_when_a_later_one_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    world = World(failing=("base",))
+    world = MigratedCluster(failing=("base",))
     assert run(world, tmp_path, monkeypatch) == 75
     assert names(world, "robotapps") == ["arm"]
     assert names(world, "deployments") == ["base"]
@@ -83,7 +83,7 @@ def test_records_of_the_apps_that_were_done_are_cleared_when_a_later_one_fails(
 
 
 def test_entries_that_others_wrote_meanwhile_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    world = World()
+    world = MigratedCluster()
     operate = world.before
 
     def before(call: tuple[str, ...]) -> None:
@@ -104,7 +104,7 @@ def test_entries_that_others_wrote_meanwhile_stay(tmp_path: Path, monkeypatch: p
 def test_a_request_to_end_brings_the_old_workload_back(
     number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    world = World()
+    world = MigratedCluster()
     before = signal.getsignal(number)
     if before is signal.SIG_IGN:
         pytest.skip("this signal is ignored here")

@@ -21,7 +21,7 @@ def now() -> datetime:
     return datetime(2026, 1, 1, tzinfo=UTC)
 
 
-class World:
+class PodOnStore:
     def __init__(self) -> None:
         self.store = Store()
         self.store.put(PODS, pod_json(name="p", uid=ME.uid), uid="pod-1")
@@ -46,7 +46,7 @@ class World:
 
 
 async def test_what_is_of_no_use_without_a_device_of_another_holder_is_in_vain() -> None:
-    world = World()
+    world = PodOnStore()
     await world.reserve("can-b", holder=OTHER, pod_uid="pod-2")
     found = await world.reserve("can-a", "can-b")
     assert [claim.spec.device.id for claim in found.in_vain if claim.spec.device] == ["can-a"]
@@ -55,7 +55,7 @@ async def test_what_is_of_no_use_without_a_device_of_another_holder_is_in_vain()
 
 
 async def test_a_successor_keeps_what_it_has_while_its_predecessor_still_ends() -> None:
-    world = World()
+    world = PodOnStore()
     await world.reserve("can-b", pod_uid="pod-0")
     found = await world.reserve("can-a", "can-b")
     assert not found.ok
@@ -63,7 +63,7 @@ async def test_a_successor_keeps_what_it_has_while_its_predecessor_still_ends() 
 
 
 async def test_a_pod_that_changed_or_was_bound_meanwhile_keeps_its_devices() -> None:
-    world = World()
+    world = PodOnStore()
     await world.reserve("can-a")
     before = world.pod()
     world.store.put(PODS, pod_json(name="p", uid=ME.uid, node="edge-1"))
@@ -75,7 +75,7 @@ async def test_a_pod_that_changed_or_was_bound_meanwhile_keeps_its_devices() -> 
 
 
 async def test_a_claim_that_was_adopted_meanwhile_stays() -> None:
-    world = World()
+    world = PodOnStore()
     await world.reserve("can-a")
     stale = world.claims()
     await world.reserve("can-a")
@@ -84,7 +84,7 @@ async def test_a_claim_that_was_adopted_meanwhile_stays() -> None:
 
 
 async def test_a_second_time_in_the_same_second_is_a_fence_too() -> None:
-    world = World()
+    world = PodOnStore()
     for _ in range(3):
         await world.reserve("can-a")
         before = world.pod().metadata.resource_version
@@ -95,7 +95,7 @@ async def test_a_second_time_in_the_same_second_is_a_fence_too() -> None:
 
 async def test_a_write_that_changed_nothing_is_no_fence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robotapp_claims.protocol.release.SECOND", timedelta())
-    world = World()
+    world = PodOnStore()
     await world.reserve("can-a", "can-b")
     first, second = world.claims()
     assert await give_back(world.store.client(), world.pod(), (first,), now=now) == 1
@@ -104,7 +104,7 @@ async def test_a_write_that_changed_nothing_is_no_fence(monkeypatch: pytest.Monk
 
 
 async def test_without_claims_the_pod_is_left_alone() -> None:
-    world = World()
+    world = PodOnStore()
     before = world.pod()
     assert await give_back(world.store.client(), before, (), now=now) == 0
     assert world.pod() == before
@@ -112,7 +112,7 @@ async def test_without_claims_the_pod_is_left_alone() -> None:
 
 @pytest.mark.parametrize("bare", [True, False])
 async def test_a_pod_that_is_not_even_tried_gives_its_device_back_after_a_minute(bare: bool) -> None:
-    world = World()
+    world = PodOnStore()
     if bare:
         world.store.put(PODS, pod_json(name="p"), uid="pod-1")
     holder = pod_holder("pod-1", "p") if bare else ME

@@ -21,7 +21,7 @@ from robotapp_client.api.resources import DEPLOYMENTS, DOMAINPOOLS, PODS, ROBOTA
 Json = dict[str, object]
 
 
-class World:
+class SharingApps:
     """App `mapper` and whoever shares with it, on one store."""
 
     def __init__(self) -> None:
@@ -68,7 +68,7 @@ class World:
 
 @pytest.mark.parametrize("order", [(5, 7), (7, 5)])
 async def test_while_the_owner_moves_a_sharer_carries_the_id_the_owner_wants(order: tuple[int, int]) -> None:
-    world = World()
+    world = SharingApps()
     old, new = order
     owner = world.app("mapper", ros2={"domain": new})
     for number in order:
@@ -79,7 +79,7 @@ async def test_while_the_owner_moves_a_sharer_carries_the_id_the_owner_wants(ord
 
 
 async def test_of_two_equal_claims_the_owners_templates_decide_then_the_order_of_the_hash() -> None:
-    world = World()
+    world = SharingApps()
     owner = world.app("mapper")
     for number in (5, 7):
         world.claim(number, owner)
@@ -91,7 +91,7 @@ async def test_of_two_equal_claims_the_owners_templates_decide_then_the_order_of
 
 
 async def test_a_claim_of_another_pool_is_not_the_one_to_join() -> None:
-    world = World()
+    world = SharingApps()
     owner = world.app("mapper", ros2={"pool": "field"})
     world.claim(5, owner)
     sharer = world.app("teleop", "mapper")
@@ -99,7 +99,7 @@ async def test_a_claim_of_another_pool_is_not_the_one_to_join() -> None:
 
 
 async def test_a_draining_claim_is_waited_for_and_the_templates_that_name_it_are_left_alone() -> None:
-    world = World()
+    world = SharingApps()
     owner = world.app("mapper")
     world.claim(5, owner, phase="Draining")
     world.deployment(None, owner)
@@ -111,7 +111,7 @@ async def test_a_draining_claim_is_waited_for_and_the_templates_that_name_it_are
 
 async def test_the_owners_robot_that_has_deployments_is_the_one_to_join() -> None:
     """`instances: Any` moved from one robot to another: the old claim stays while somebody names it."""
-    world = World()
+    world = SharingApps()
     world.claim(5, world.app("mapper", instance="amr-1"))
     there = world.app("mapper", instance="amr-2")
     world.claim(7, there)
@@ -123,7 +123,7 @@ async def test_the_owners_robot_that_has_deployments_is_the_one_to_join() -> Non
 
 @pytest.mark.parametrize(("instance", "text"), [("", "this app is for none of them"), ("amr-9", "none for amr-9")])
 async def test_an_owner_with_a_domain_per_robot_is_joined_robot_by_robot(instance: str, text: str) -> None:
-    world = World()
+    world = SharingApps()
     for number, robot in ((5, "amr-1"), (7, "amr-2")):
         world.claim(number, world.app("mapper", instance=robot))
     assert (await world.ensure(world.app("teleop", "mapper", instance="amr-2"))).id == 7
@@ -135,7 +135,7 @@ async def test_an_owner_with_a_domain_per_robot_is_joined_robot_by_robot(instanc
 
 @pytest.mark.parametrize("spec", [{"ros2": {"isolation": "Discovery"}}, {"ros2": None, "ros": {"distro": "noetic"}}])
 async def test_an_owner_that_claims_no_domain_is_named_instead_of_waited_for(spec: Json) -> None:
-    world = World()
+    world = SharingApps()
     owner = world.app("mapper", **spec)
     world.claim(5, owner)
     sharer = world.app("teleop", "mapper")
@@ -146,7 +146,7 @@ async def test_an_owner_that_claims_no_domain_is_named_instead_of_waited_for(spe
 
 
 async def test_the_leader_of_a_ring_owns_its_domain_and_the_others_join_it() -> None:
-    world = World()
+    world = SharingApps()
     leader, member = world.app("a", "b"), world.app("b", "a")
     held = await world.ensure(leader)
     assert (await world.ensure(member)).claim == held.claim
@@ -157,7 +157,7 @@ async def test_the_leader_of_a_ring_owns_its_domain_and_the_others_join_it() -> 
 
 
 async def test_a_ring_leaders_claim_deleted_by_hand_is_made_again_and_a_members_is_not() -> None:
-    world = World()
+    world = SharingApps()
     leader, member = world.app("a", "b"), world.app("b", "a")
     for request, made in ((member, False), (leader, True)):
         claim = world.claim(5, request)
@@ -167,7 +167,7 @@ async def test_a_ring_leaders_claim_deleted_by_hand_is_made_again_and_a_members_
 
 
 async def test_a_ring_leader_on_somebody_elses_domain_is_told_and_a_member_on_its_leaders_is_not() -> None:
-    world = World()
+    world = SharingApps()
     leader, member = world.app("a", "b"), world.app("b", "a")
     claim = world.claim(5, world.app("stranger"))
     (conflict,) = await world.repair(world.pod(5, leader, claim))
@@ -178,7 +178,7 @@ async def test_a_ring_leader_on_somebody_elses_domain_is_told_and_a_member_on_it
 
 
 async def test_sharing_a_domain_is_no_excuse_for_using_somebody_elses_device() -> None:
-    world = World()
+    world = SharingApps()
     world.app("mapper")
     sharer = world.app("teleop", "mapper")
     claim = device_claim(holder=app_holder("stranger", component="driver"))

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from tests.support.claims.objects import pool_json
 from tests.support.factories import app_body, make_app, make_deployment, robots
-from tests.unit.operating.controlling import World
+from tests.unit.operating.controlling import StubbedController
 
 from robotapp_api.model.names import Label, Reason
 from robotapp_claims.rules.domain import DomainOutcome
@@ -32,12 +32,12 @@ EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "oper
 
 
 @pytest.fixture
-def world() -> World:
-    return World()
+def world() -> StubbedController:
+    return StubbedController()
 
 
 async def test_an_app_asks_for_its_instances_at_once_and_for_its_first_status_when_they_may_have_their_domains(
-    world: World,
+    world: StubbedController,
 ) -> None:
     world.cache.update_app(app_body(robots=EACH))
     world.cache.nodes.update(robots("a", "b"))
@@ -52,13 +52,13 @@ async def test_an_app_asks_for_its_instances_at_once_and_for_its_first_status_wh
     [app_body() | {"status": {"phase": "Running"}}, app_body(robots=EACH)],
     ids=["had a status before", "no robot matches"],
 )
-async def test_an_edit_and_a_refusal_are_told_at_once(world: World, body: dict[str, Any]) -> None:
+async def test_an_edit_and_a_refusal_are_told_at_once(world: StubbedController, body: dict[str, Any]) -> None:
     world.cache.update_app(body)
     await world.handle(Key(Work.APP, "uid-1"))
     assert Key(Work.STATUS, "uid-1") in world.due()
 
 
-async def test_objects_of_instances_that_are_gone_are_visited_too(world: World) -> None:
+async def test_objects_of_instances_that_are_gone_are_visited_too(world: StubbedController) -> None:
     world.cache.update_app(app_body())
     body = wanted_object(make_app(), "gone")
     body["metadata"] |= {"uid": "u", "resourceVersion": "1"}
@@ -70,7 +70,9 @@ async def test_objects_of_instances_that_are_gone_are_visited_too(world: World) 
     assert world.due(ORPHAN_S) == {Key(Work.INSTANCE, "uid-1", "gone")}
 
 
-async def test_children_whose_writes_are_not_seen_yet_are_looked_at_when_that_has_taken_too_long(world: World) -> None:
+async def test_children_whose_writes_are_not_seen_yet_are_looked_at_when_that_has_taken_too_long(
+    world: StubbedController,
+) -> None:
     key = Key(Work.CHILDREN, "uid-1", "a")
     world.cache.update_app(app_body())
     world.children.awaits_s = lambda *_: 5.0
@@ -79,7 +81,7 @@ async def test_children_whose_writes_are_not_seen_yet_are_looked_at_when_that_ha
     assert key in world.due(0.2)
 
 
-async def test_an_object_is_looked_at_again_when_that_is_asked_for(world: World) -> None:
+async def test_an_object_is_looked_at_again_when_that_is_asked_for(world: StubbedController) -> None:
     key = Key(Work.INSTANCE, "uid-1", "a")
     world.cache.update_app(app_body())
     world.objects.answer = 5.0
@@ -89,7 +91,9 @@ async def test_an_object_is_looked_at_again_when_that_is_asked_for(world: World)
     assert world.due(0.2) == {key}
 
 
-async def test_moves_are_looked_at_after_every_change_of_an_app_that_can_move_and_of_no_other(world: World) -> None:
+async def test_moves_are_looked_at_after_every_change_of_an_app_that_can_move_and_of_no_other(
+    world: StubbedController,
+) -> None:
     key, moves = Key(Work.INSTANCE, "uid-1", ""), Key(Work.MOVES, "uid-1", "")
     world.cache.update_app(app_body())
     await world.handle(key)
@@ -105,7 +109,7 @@ async def test_moves_are_looked_at_after_every_change_of_an_app_that_can_move_an
     assert world.due(0.2) == {moves}
 
 
-async def test_the_last_ones_of_a_crowd_are_looked_at_again_when_it_is_over(world: World) -> None:
+async def test_the_last_ones_of_a_crowd_are_looked_at_again_when_it_is_over(world: StubbedController) -> None:
     world.cache.update_app(app_body())
     body = wanted_object(make_app(), "")
     body["metadata"] |= {"uid": "u", "resourceVersion": "1"}
@@ -118,7 +122,7 @@ async def test_the_last_ones_of_a_crowd_are_looked_at_again_when_it_is_over(worl
     assert {Key(Work.STATUS, "uid-1"), Key(Work.INSTANCE, "uid-1", "")} <= world.due()
 
 
-async def test_a_status_is_looked_at_again_when_that_is_asked_for(world: World) -> None:
+async def test_a_status_is_looked_at_again_when_that_is_asked_for(world: StubbedController) -> None:
     world.cache.update_app(app_body())
     world.reporter.answer = 30.0
     await world.handle(Key(Work.STATUS, "uid-1"))
@@ -127,7 +131,7 @@ async def test_a_status_is_looked_at_again_when_that_is_asked_for(world: World) 
 
 
 async def test_background_work_goes_on_while_others_wait_but_slowly(
-    world: World, monkeypatch: pytest.MonkeyPatch
+    world: StubbedController, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pauses: list[float] = []
 
@@ -144,7 +148,7 @@ async def test_background_work_goes_on_while_others_wait_but_slowly(
     assert world.objects.calls == [("uid-1", "a")]
 
 
-async def test_instances_that_are_no_longer_wanted_are_visited_too(world: World) -> None:
+async def test_instances_that_are_no_longer_wanted_are_visited_too(world: StubbedController) -> None:
     world.cache.update_app(app_body())
     old = make_deployment("old")
     old.metadata.labels[Label.INSTANCE] = "gone"
@@ -153,13 +157,13 @@ async def test_instances_that_are_no_longer_wanted_are_visited_too(world: World)
     assert Key(Work.CHILDREN, "uid-1", "gone") in world.due()
 
 
-async def test_a_refused_app_only_gets_a_status(world: World) -> None:
+async def test_a_refused_app_only_gets_a_status(world: StubbedController) -> None:
     world.cache.update_app(app_body(ros={"distro": "humbel"}))
     await world.handle(Key(Work.APP, "uid-1"))
     assert world.due() == {Key(Work.STATUS, "uid-1")}
 
 
-async def test_a_refused_app_still_visits_instances_that_are_no_longer_its_own(world: World) -> None:
+async def test_a_refused_app_still_visits_instances_that_are_no_longer_its_own(world: StubbedController) -> None:
     world.cache.update_app(app_body(ros={"distro": "humbel"}, robots=EACH))
     world.cache.nodes.update(robots("kept"))
     for robot in ("kept", "revoked"):
@@ -170,14 +174,14 @@ async def test_a_refused_app_still_visits_instances_that_are_no_longer_its_own(w
     assert world.due() == {Key(Work.CHILDREN, "uid-1", "revoked"), Key(Work.STATUS, "uid-1")}
 
 
-async def test_a_deleted_app_is_forgotten_and_its_claims_are_swept_soon(world: World) -> None:
+async def test_a_deleted_app_is_forgotten_and_its_claims_are_swept_soon(world: StubbedController) -> None:
     world.memory.of("uid-1").bugs["app", ""] = "x"
     await world.handle(Key(Work.APP, "uid-1"))
     assert len(world.memory) == 0
     assert world.woken == 1
 
 
-async def test_an_app_that_is_being_deleted_is_left_to_the_garbage_collector(world: World) -> None:
+async def test_an_app_that_is_being_deleted_is_left_to_the_garbage_collector(world: StubbedController) -> None:
     body = app_body()
     body["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
     world.cache.update_app(body)
@@ -185,7 +189,7 @@ async def test_an_app_that_is_being_deleted_is_left_to_the_garbage_collector(wor
     assert world.due() == set()
 
 
-async def test_a_changed_outcome_is_reported(world: World) -> None:
+async def test_a_changed_outcome_is_reported(world: StubbedController) -> None:
     world.cache.update_app(app_body())
     full = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
     world.children.effect = lambda: world.memory.of("uid-1").outcomes.update({"": full})
@@ -195,7 +199,7 @@ async def test_a_changed_outcome_is_reported(world: World) -> None:
     assert world.due(1) == set()
 
 
-async def test_whoever_waits_for_a_domain_tries_again_when_one_may_be_free(world: World) -> None:
+async def test_whoever_waits_for_a_domain_tries_again_when_one_may_be_free(world: StubbedController) -> None:
     full = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
     sharing = {"shareWith": [{"namespace": "default", "name": "owner"}], "pool": "other"}
     for uid, ros2 in {"uid-1": {}, "uid-2": {"pool": "other"}, "uid-3": {}, "uid-4": sharing}.items():
@@ -206,7 +210,9 @@ async def test_whoever_waits_for_a_domain_tries_again_when_one_may_be_free(world
     assert world.due() == {Key(Work.CHILDREN, uid, "a") for uid in ("uid-1", "uid-4")}
 
 
-async def test_one_free_id_wakes_one_of_those_who_wait_and_the_next_one_a_little_later(world: World) -> None:
+async def test_one_free_id_wakes_one_of_those_who_wait_and_the_next_one_a_little_later(
+    world: StubbedController,
+) -> None:
     world.cache.pools["default"] = msgspec.convert(pool_json("1"), Pool)
     for uid in ("uid-1", "uid-2"):
         world.cache.update_app(app_body(uid, uid=uid))
@@ -219,7 +225,7 @@ async def test_one_free_id_wakes_one_of_those_who_wait_and_the_next_one_a_little
     assert world.due() == {Key(Work.CHILDREN, "uid-2", "")}
 
 
-async def test_unfinished_work_backs_off_and_lost_races_too(world: World) -> None:
+async def test_unfinished_work_backs_off_and_lost_races_too(world: StubbedController) -> None:
     for answer in (False, StartOver("race")):
         world.children.answer = answer
         await world.handle(Key(Work.CHILDREN, "uid-1", ""))
@@ -227,7 +233,7 @@ async def test_unfinished_work_backs_off_and_lost_races_too(world: World) -> Non
         assert world.due(60) == {Key(Work.CHILDREN, "uid-1", "")}
 
 
-async def test_an_unreachable_server_backs_off_and_its_wish_is_respected(world: World) -> None:
+async def test_an_unreachable_server_backs_off_and_its_wish_is_respected(world: StubbedController) -> None:
     world.children.answer = Unreachable("gone", maybe_applied=True)
     await world.handle(Key(Work.CHILDREN, "uid-1", ""))
     assert world.due(1.5) == {Key(Work.CHILDREN, "uid-1", "")}
@@ -239,7 +245,7 @@ async def test_an_unreachable_server_backs_off_and_its_wish_is_respected(world: 
 
 
 async def test_a_bug_is_logged_counted_shown_and_does_not_stop_the_others(
-    world: World, caplog: pytest.LogCaptureFixture
+    world: StubbedController, caplog: pytest.LogCaptureFixture
 ) -> None:
     world.cache.update_app(app_body())
     world.children.answer = KeyError("spec")
@@ -256,7 +262,7 @@ async def test_a_bug_is_logged_counted_shown_and_does_not_stop_the_others(
     assert world.due() == {Key(Work.STATUS, "uid-1"), Key(Work.INSTANCE, "uid-1", "")}
 
 
-async def test_statuses_fleet_views_and_pools_rest_between_two_writes(world: World) -> None:
+async def test_statuses_fleet_views_and_pools_rest_between_two_writes(world: StubbedController) -> None:
     world.cache.update_app(app_body())
     for key, rest_s in (
         (Key(Work.STATUS, "uid-1"), STATUS_REST_S),
@@ -270,14 +276,14 @@ async def test_statuses_fleet_views_and_pools_rest_between_two_writes(world: Wor
     assert world.fleet.calls == world.pools.calls == [("default",)]
 
 
-async def test_gates_that_cannot_be_opened_yet_are_tried_again(world: World) -> None:
+async def test_gates_that_cannot_be_opened_yet_are_tried_again(world: StubbedController) -> None:
     world.gates.answer = False
     await world.handle(Key(Work.GATES, "uid-1", "a"))
     assert world.gates.calls == [("uid-1", "a")]
     assert world.due(2) == {Key(Work.GATES, "uid-1", "a")}
 
 
-async def test_a_full_comparison_finds_what_vanished_unseen(world: World) -> None:
+async def test_a_full_comparison_finds_what_vanished_unseen(world: StubbedController) -> None:
     world.cache.update_app(app_body("old", uid="uid-old"))
     world.listed = [app_body("new", uid="uid-new")]
     await world.handle(Key(Work.RESYNC, ""))
@@ -285,7 +291,7 @@ async def test_a_full_comparison_finds_what_vanished_unseen(world: World) -> Non
     assert {Key(Work.APP, "uid-new"), Key(Work.APP, "uid-old")} <= world.due() | {Key(Work.APP, "uid-old")}
 
 
-async def test_instances_that_only_labels_name_are_forgotten_by_a_full_comparison(world: World) -> None:
+async def test_instances_that_only_labels_name_are_forgotten_by_a_full_comparison(world: StubbedController) -> None:
     """A tenant who creates and deletes Services of ever new instances of an app of its own filled the operator's memory."""
     world.cache.update_app(app_body())
     world.listed = [app_body()]
@@ -301,7 +307,9 @@ async def test_instances_that_only_labels_name_are_forgotten_by_a_full_compariso
     assert world.cache.version_of("uid-1", "i0") > before
 
 
-async def test_children_that_are_gone_are_forgotten_but_not_while_ours_are_not_seen_yet(world: World) -> None:
+async def test_children_that_are_gone_are_forgotten_but_not_while_ours_are_not_seen_yet(
+    world: StubbedController,
+) -> None:
     """Whoever deletes Deployments for ever lets the operator create new ones, and it remembered each of them."""
     world.cache.update_app(app_body())
     world.cache.deployments.put("uid-1", "there", make_deployment("there", uid="there"))
@@ -316,7 +324,7 @@ async def test_children_that_are_gone_are_forgotten_but_not_while_ours_are_not_s
     assert set(memory.settled) == {"there"}
 
 
-async def test_an_app_that_comes_or_goes_while_the_list_is_under_way_is_not_misjudged(world: World) -> None:
+async def test_an_app_that_comes_or_goes_while_the_list_is_under_way_is_not_misjudged(world: StubbedController) -> None:
     world.cache.update_app(app_body("going", uid="uid-going"))
     world.listed = [app_body("going", uid="uid-going")]
 
@@ -329,7 +337,9 @@ async def test_an_app_that_comes_or_goes_while_the_list_is_under_way_is_not_misj
     assert set(world.cache.apps) == {"uid-coming"}
 
 
-async def test_an_app_that_a_restored_etcd_has_again_is_known_after_the_next_full_comparison(world: World) -> None:
+async def test_an_app_that_a_restored_etcd_has_again_is_known_after_the_next_full_comparison(
+    world: StubbedController,
+) -> None:
     world.cache.update_app(app_body())
     world.cache.forget_app("uid-1")
     world.listed = [app_body()]
@@ -338,7 +348,7 @@ async def test_an_app_that_a_restored_etcd_has_again_is_known_after_the_next_ful
 
 
 @pytest.mark.parametrize("work", [Work.CHILDREN, Work.STATUS, Work.GATES, Work.INSTANCE])
-async def test_an_app_that_goes_while_it_is_worked_on_leaves_no_memory(world: World, work: Work) -> None:
+async def test_an_app_that_goes_while_it_is_worked_on_leaves_no_memory(world: StubbedController, work: Work) -> None:
     world.cache.update_app(app_body())
 
     def going() -> None:
@@ -354,7 +364,7 @@ async def test_an_app_that_goes_while_it_is_worked_on_leaves_no_memory(world: Wo
     assert world.queue.retry(Key(work, "uid-1", "a")) == 1, "once it is done with, its failures are forgotten too"
 
 
-async def test_gated_pods_that_belong_to_no_app_we_know_back_off(world: World) -> None:
+async def test_gated_pods_that_belong_to_no_app_we_know_back_off(world: StubbedController) -> None:
     """Anybody can make them. Each was looked at once a second, and at every event about its pod."""
     key = Key(Work.GATES, "forged", "")
     world.gates.answer = False
@@ -371,19 +381,19 @@ async def test_gated_pods_that_belong_to_no_app_we_know_back_off(world: World) -
     assert world.queue.retry(key) == 1, "nothing is remembered of a pod that is gone"
 
 
-async def test_asking_for_what_is_not_known_remembers_nothing(world: World) -> None:
+async def test_asking_for_what_is_not_known_remembers_nothing(world: StubbedController) -> None:
     assert world.memory.outcome("nobody", "") is None
     world.memory.forget_instances("nobody", set())
     await world.handle(Key(Work.CHILDREN, "nobody", ""))
     assert len(world.memory) == 0
 
 
-async def test_an_app_of_another_scheduler_has_its_gates_looked_at(world: World) -> None:
+async def test_an_app_of_another_scheduler_has_its_gates_looked_at(world: StubbedController) -> None:
     world.cache.update_app(app_body(schedulerName="by-hand"))
     await world.handle(Key(Work.APP, "uid-1"))
     assert Key(Work.GATES, "uid-1", "") in world.due()
 
 
-async def test_work_ends_when_the_queue_is_closed(world: World) -> None:
+async def test_work_ends_when_the_queue_is_closed(world: StubbedController) -> None:
     world.queue.close()
     await world.controller.run(workers=2)

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 from tests.support.factories import app_body, domain_claim, make_node, robots
-from tests.unit.operating.controlling import World
+from tests.unit.operating.controlling import StubbedController
 
 from robotapp_api.model.names import API_VERSION, Label
 from robotapp_claims.rules.objects import OwnerReference
@@ -18,11 +18,11 @@ EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "oper
 
 
 @pytest.fixture
-def world() -> World:
-    return World()
+def world() -> StubbedController:
+    return StubbedController()
 
 
-async def planned(world: World, *names: str, **spec: Any) -> None:
+async def planned(world: StubbedController, *names: str, **spec: Any) -> None:
     """An app with these robots whose work is done."""
     world.cache.update_app(app_body(robots=EACH, **spec))
     world.cache.nodes.update(robots(*names))
@@ -30,7 +30,7 @@ async def planned(world: World, *names: str, **spec: Any) -> None:
     world.due(60)
 
 
-async def test_a_robot_that_comes_asks_for_its_own_instance_alone(world: World) -> None:
+async def test_a_robot_that_comes_asks_for_its_own_instance_alone(world: StubbedController) -> None:
     await planned(world, *(f"r-{number}" for number in range(50)))
     world.cache.nodes.update(robots("new"))
     await world.handle(Key(Work.ROBOTS, "uid-1"))
@@ -44,7 +44,9 @@ async def test_a_robot_that_comes_asks_for_its_own_instance_alone(world: World) 
     assert world.due(60) == set()
 
 
-async def test_a_robot_that_leaves_takes_its_instance_along_and_what_is_remembered_of_it(world: World) -> None:
+async def test_a_robot_that_leaves_takes_its_instance_along_and_what_is_remembered_of_it(
+    world: StubbedController,
+) -> None:
     await planned(world, "a", "b")
     world.memory.of("uid-1").held["b"] = ("x",)
     del world.cache.nodes["n-b"]
@@ -56,7 +58,7 @@ async def test_a_robot_that_leaves_takes_its_instance_along_and_what_is_remember
 
 
 async def test_a_robot_out_of_sight_keeps_what_is_remembered_of_it_and_is_looked_at_when_its_grace_is_over(
-    world: World,
+    world: StubbedController,
 ) -> None:
     world.cache.sight = OutOfSight(world.clock)
     await planned(world, "a", "b")
@@ -76,7 +78,7 @@ async def test_a_robot_out_of_sight_keeps_what_is_remembered_of_it_and_is_looked
     assert world.memory.of("uid-1").held == {}
 
 
-async def test_a_robot_that_gets_a_second_computer_is_another_instance_to_look_at(world: World) -> None:
+async def test_a_robot_that_gets_a_second_computer_is_another_instance_to_look_at(world: StubbedController) -> None:
     await planned(world, "a", "b")
     world.cache.nodes["second"] = make_node("second", robot="a")
     await world.handle(Key(Work.ROBOTS, "uid-1"))
@@ -84,7 +86,9 @@ async def test_a_robot_that_gets_a_second_computer_is_another_instance_to_look_a
 
 
 @pytest.mark.parametrize("before", [("a",), ()])
-async def test_an_app_that_is_accepted_or_refused_now_is_planned_anew(world: World, before: tuple[str, ...]) -> None:
+async def test_an_app_that_is_accepted_or_refused_now_is_planned_anew(
+    world: StubbedController, before: tuple[str, ...]
+) -> None:
     await planned(world, *before)
     world.cache.nodes.clear()
     world.cache.nodes.update(robots(*({"a"} - set(before))))
@@ -92,7 +96,7 @@ async def test_an_app_that_is_accepted_or_refused_now_is_planned_anew(world: Wor
     assert world.due() == {Key(Work.APP, "uid-1")}
 
 
-async def test_nodes_of_an_app_that_is_going_or_gone_are_nobodys_business(world: World) -> None:
+async def test_nodes_of_an_app_that_is_going_or_gone_are_nobodys_business(world: StubbedController) -> None:
     await world.handle(Key(Work.ROBOTS, "nobody"))
     assert len(world.memory) == 0
     body = app_body()
@@ -102,7 +106,7 @@ async def test_nodes_of_an_app_that_is_going_or_gone_are_nobodys_business(world:
     assert world.due(60) == set()
 
 
-async def test_the_status_of_a_large_fleet_is_looked_at_less_often(world: World) -> None:
+async def test_the_status_of_a_large_fleet_is_looked_at_less_often(world: StubbedController) -> None:
     await planned(world, *(f"r-{number}" for number in range(500)))
     await world.handle(Key(Work.STATUS, "uid-1"))
     world.queue.add(Key(Work.STATUS, "uid-1"))

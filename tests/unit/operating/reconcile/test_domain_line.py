@@ -12,7 +12,7 @@ from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
 
 
-class World:
+class DomainQueue:
     def __init__(self, ids: str = "1-3", *, scope: str = "Cluster") -> None:
         self.cache, self.memory = Cache(), ReconcileState()
         self.cache.pools["default"] = msgspec.convert(make.pool_json(ids, scope=scope), Pool)
@@ -34,27 +34,27 @@ class World:
 
 
 def test_as_many_try_as_ids_are_free_and_each_in_its_turn() -> None:
-    world = World("1-3")
+    world = DomainQueue("1-3")
     world.claimed(1)
     world.wait(*"abcde")
     assert [world.next() for _ in range(3)] == [(["a", "b"], True), (["c", "d"], True), (["e", "a"], True)]
 
 
 def test_nobody_tries_while_every_id_is_claimed_and_nobody_is_asked_again() -> None:
-    world = World("1-2")
+    world = DomainQueue("1-2")
     world.claimed(1, 2)
     world.wait(*"abc")
     assert world.next() == ([], False)
 
 
 def test_the_last_one_in_line_is_not_waited_for() -> None:
-    world = World("1-2")
+    world = DomainQueue("1-2")
     world.wait("a")
     assert world.next() == (["a"], False)
 
 
 def test_the_turn_goes_on_when_who_had_it_is_gone() -> None:
-    world = World("1")
+    world = DomainQueue("1")
     world.wait(*"abc")
     assert world.next() == (["a"], True)
     world.cache.forget_app("a")
@@ -63,7 +63,7 @@ def test_the_turn_goes_on_when_who_had_it_is_gone() -> None:
 
 
 def test_nobody_waits_for_ever_behind_those_who_leave_and_come_back() -> None:
-    world = World("1")
+    world = DomainQueue("1")
     world.wait(*"abc")
     asked = []
     for returns in ("", "", "a", "b"):
@@ -76,7 +76,7 @@ def test_nobody_waits_for_ever_behind_those_who_leave_and_come_back() -> None:
 
 
 def test_who_was_refused_for_another_reason_than_a_full_pool_is_asked_each_time() -> None:
-    world = World("1")
+    world = DomainQueue("1")
     world.claimed(1)
     world.wait("quota", reason=Reason.QUOTA_EXCEEDED)
     world.wait("number", domain=7)
@@ -86,7 +86,7 @@ def test_who_was_refused_for_another_reason_than_a_full_pool_is_asked_each_time(
 
 
 def test_pools_that_count_by_zone_and_pools_that_are_not_known_ask_everybody() -> None:
-    world = World("1", scope="Zone")
+    world = DomainQueue("1", scope="Zone")
     world.wait(*"abc")
     assert world.next() == (["a", "b", "c"], False)
     world.cache.pools.clear()

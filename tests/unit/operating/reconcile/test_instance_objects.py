@@ -10,7 +10,7 @@ from tests.support.apiserver.store import Key as Stored
 from tests.support.clients import client_for
 from tests.support.factories import app_body, domain_claim, make_app, make_node, robots, telemetry
 from tests.unit.operating.controlling import place
-from tests.unit.operating.instance_writing import REFUSED, World
+from tests.unit.operating.instance_writing import REFUSED, WrittenInstances
 
 from robotapp_client import NotFound
 from robotapp_client.api.resources import ROBOTAPPINSTANCES, ROBOTAPPS
@@ -24,9 +24,9 @@ QUIET_S = 120.0
 
 
 @pytest.fixture
-async def world() -> AsyncIterator[World]:
+async def world() -> AsyncIterator[WrittenInstances]:
     async with FakeApiServer() as api, client_for(api.endpoint, field_manager="robotapp-operator") as client:
-        yield World(api, client)
+        yield WrittenInstances(api, client)
 
 
 def ready_of(item: dict[str, Any]) -> tuple[str, str]:
@@ -34,7 +34,7 @@ def ready_of(item: dict[str, Any]) -> tuple[str, str]:
     return found["status"], found["reason"]
 
 
-async def test_an_instance_gets_its_object_and_then_what_is_observed(world: World) -> None:
+async def test_an_instance_gets_its_object_and_then_what_is_observed(world: WrittenInstances) -> None:
     uid = await world.app()
     assert await world.objects.publish(uid, "") == 0.0
     (item,) = await world.stored()
@@ -48,7 +48,7 @@ async def test_an_instance_gets_its_object_and_then_what_is_observed(world: Worl
     assert world.writes() == 3, "the app, the object, its status"
 
 
-async def test_where_many_apps_start_an_instance_shows_later_how_far_it_has_come(world: World) -> None:
+async def test_where_many_apps_start_an_instance_shows_later_how_far_it_has_come(world: WrittenInstances) -> None:
     uid = await world.app()
     for number in range(300):
         world.memory.crowd.note(f"other-{number}", starts=True, begins=True, now_s=world.now_s)
@@ -56,7 +56,7 @@ async def test_where_many_apps_start_an_instance_shows_later_how_far_it_has_come
     assert await world.objects.publish(uid, "") == MOST_START_REST_S
 
 
-async def test_at_rest_nothing_is_written(world: World) -> None:
+async def test_at_rest_nothing_is_written(world: WrittenInstances) -> None:
     uid = await world.app()
     await world.settle(uid)
     before = world.writes()
@@ -68,7 +68,7 @@ async def test_at_rest_nothing_is_written(world: World) -> None:
     assert world.writes() == before
 
 
-async def test_a_failure_is_told_after_a_moment(world: World) -> None:
+async def test_a_failure_is_told_after_a_moment(world: WrittenInstances) -> None:
     uid = await world.app()
     await world.objects.publish(uid, "")
     world.now_s += QUIET_S
@@ -80,7 +80,7 @@ async def test_a_failure_is_told_after_a_moment(world: World) -> None:
     assert ready_of(item) == ("False", "DomainExhausted")
 
 
-async def test_what_is_over_again_at_once_is_never_told(world: World) -> None:
+async def test_what_is_over_again_at_once_is_never_told(world: WrittenInstances) -> None:
     uid = await world.app()
     await world.settle(uid)
     before = world.writes()
@@ -93,14 +93,14 @@ async def test_what_is_over_again_at_once_is_never_told(world: World) -> None:
     assert world.writes() == before
 
 
-async def test_two_urgent_news_are_a_second_apart(world: World) -> None:
+async def test_two_urgent_news_are_a_second_apart(world: WrittenInstances) -> None:
     uid = await world.app()
     await world.objects.publish(uid, "")
     world.refuse(uid)
     assert await world.objects.publish(uid, "") == pytest.approx(URGENT_REST_S)
 
 
-async def test_who_deletes_an_object_gets_it_back(world: World) -> None:
+async def test_who_deletes_an_object_gets_it_back(world: WrittenInstances) -> None:
     uid = await world.app()
     await world.settle(uid)
     (first,) = await world.stored()
@@ -111,7 +111,9 @@ async def test_who_deletes_an_object_gets_it_back(world: World) -> None:
     assert second["status"] == first["status"]
 
 
-async def test_an_object_that_is_back_although_its_end_was_announced_is_looked_for_without_haste(world: World) -> None:
+async def test_an_object_that_is_back_although_its_end_was_announced_is_looked_for_without_haste(
+    world: WrittenInstances,
+) -> None:
     """An etcd restored from a snapshot has it again, with the same uid."""
     uid = await world.app()
     await world.settle(uid)
@@ -123,7 +125,7 @@ async def test_an_object_that_is_back_although_its_end_was_announced_is_looked_f
     assert world.cache.instance_object_named
 
 
-async def test_an_object_that_went_with_its_app_does_not_come_back(world: World) -> None:
+async def test_an_object_that_went_with_its_app_does_not_come_back(world: WrittenInstances) -> None:
     """The event of the object came before that of its app."""
     uid = await world.app()
     await world.settle(uid)
@@ -134,7 +136,7 @@ async def test_an_object_that_went_with_its_app_does_not_come_back(world: World)
     assert await world.stored() == []
 
 
-async def test_an_app_that_is_being_deleted_gets_no_object(world: World) -> None:
+async def test_an_app_that_is_being_deleted_gets_no_object(world: WrittenInstances) -> None:
     body = app_body()
     body["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
     world.cache.update_app(body)
@@ -142,13 +144,13 @@ async def test_an_app_that_is_being_deleted_gets_no_object(world: World) -> None
     assert await world.stored() == []
 
 
-async def test_an_app_this_version_cannot_read_gets_none(world: World) -> None:
+async def test_an_app_this_version_cannot_read_gets_none(world: WrittenInstances) -> None:
     uid = await world.app(components="none")
     assert await world.objects.publish(uid, "") is None
     assert await world.stored() == []
 
 
-async def test_a_robot_that_leaves_takes_its_object_along(world: World) -> None:
+async def test_a_robot_that_leaves_takes_its_object_along(world: WrittenInstances) -> None:
     world.cache.nodes.update(robots("a", "b"))
     uid = await world.app(robots=EACH)
     for robot in ("a", "b"):
@@ -160,7 +162,7 @@ async def test_a_robot_that_leaves_takes_its_object_along(world: World) -> None:
     assert {item["spec"]["robot"] for item in await world.stored()} == {"a"}
 
 
-async def test_an_app_that_is_created_anew_gets_objects_of_its_own(world: World) -> None:
+async def test_an_app_that_is_created_anew_gets_objects_of_its_own(world: WrittenInstances) -> None:
     old = await world.app()
     await world.settle(old)
     await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
@@ -182,7 +184,9 @@ async def test_an_app_that_is_created_anew_gets_objects_of_its_own(world: World)
     ],
     ids=["of another app", "of an unknown app", "of another robot", "without an owner", "without labels"],
 )
-async def test_a_wrong_object_under_the_name_is_deleted_and_made_anew(world: World, wrong: dict[str, Any]) -> None:
+async def test_a_wrong_object_under_the_name_is_deleted_and_made_anew(
+    world: WrittenInstances, wrong: dict[str, Any]
+) -> None:
     uid = await world.app()
     body = wanted_object(make_app(uid=uid), "")
     body["metadata"] |= wrong.get("metadata", {})
@@ -195,7 +199,7 @@ async def test_a_wrong_object_under_the_name_is_deleted_and_made_anew(world: Wor
     assert item["spec"] == {"app": "teleop", "appUID": uid, "instance": "", "robot": ""}
 
 
-async def test_an_object_under_another_name_is_deleted(world: World) -> None:
+async def test_an_object_under_another_name_is_deleted(world: WrittenInstances) -> None:
     uid = await world.app()
     await world.settle(uid)
     body = wanted_object(make_app(uid=uid), "")
@@ -205,7 +209,7 @@ async def test_an_object_under_another_name_is_deleted(world: World) -> None:
     assert [item["metadata"]["name"] for item in await world.stored()] == [object_name("teleop", "")]
 
 
-async def test_an_orphan_is_swept_and_one_of_an_app_not_yet_announced_is_not(world: World) -> None:
+async def test_an_orphan_is_swept_and_one_of_an_app_not_yet_announced_is_not(world: WrittenInstances) -> None:
     await world.client.create(ROBOTAPPINSTANCES, wanted_object(make_app(name="gone", uid="uid-gone"), ""))
     early = await world.app("early")
     await world.client.create(ROBOTAPPINSTANCES, wanted_object(make_app(name="early", uid=early), ""))
@@ -216,7 +220,9 @@ async def test_an_orphan_is_swept_and_one_of_an_app_not_yet_announced_is_not(wor
     assert [item["spec"]["app"] for item in await world.stored()] == ["early"]
 
 
-async def test_a_404_that_does_not_name_the_app_makes_no_orphan(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_404_that_does_not_name_the_app_makes_no_orphan(
+    world: WrittenInstances, monkeypatch: pytest.MonkeyPatch
+) -> None:
     await world.client.create(ROBOTAPPINSTANCES, wanted_object(make_app(uid="uid-9"), ""))
     await world.mirror()
 
@@ -229,7 +235,7 @@ async def test_a_404_that_does_not_name_the_app_makes_no_orphan(world: World, mo
     assert len(await world.stored()) == 1
 
 
-async def test_an_object_the_cache_does_not_know_yet_is_taken_over_not_created_twice(world: World) -> None:
+async def test_an_object_the_cache_does_not_know_yet_is_taken_over_not_created_twice(world: WrittenInstances) -> None:
     uid = await world.app()
     first = await world.client.create(ROBOTAPPINSTANCES, wanted_object(make_app(uid=uid), ""))
     assert await world.objects.publish(uid, "") == 0.0
@@ -238,7 +244,9 @@ async def test_an_object_the_cache_does_not_know_yet_is_taken_over_not_created_t
     assert item["metadata"]["uid"] == first["metadata"]["uid"]
 
 
-async def test_a_name_that_is_taken_for_a_moment_is_tried_again(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_name_that_is_taken_for_a_moment_is_tried_again(
+    world: WrittenInstances, monkeypatch: pytest.MonkeyPatch
+) -> None:
     uid = await world.app()
     await world.client.create(ROBOTAPPINSTANCES, wanted_object(make_app(uid=uid), ""))
 
@@ -249,7 +257,7 @@ async def test_a_name_that_is_taken_for_a_moment_is_tried_again(world: World, mo
     assert await world.objects.publish(uid, "") == SOON_S
 
 
-async def test_an_object_that_only_the_cache_still_has_is_made_again(world: World) -> None:
+async def test_an_object_that_only_the_cache_still_has_is_made_again(world: WrittenInstances) -> None:
     """Its DELETED event came before the answer to our own write, which put it back into the cache for good."""
     uid = await world.app()
     await world.objects.publish(uid, "")
@@ -261,7 +269,9 @@ async def test_an_object_that_only_the_cache_still_has_is_made_again(world: Worl
     assert [each["metadata"]["name"] for each in await world.stored()] == [item["metadata"]["name"]]
 
 
-async def test_a_wrong_object_that_only_the_cache_still_has_keeps_nobody_from_the_right_one(world: World) -> None:
+async def test_a_wrong_object_that_only_the_cache_still_has_keeps_nobody_from_the_right_one(
+    world: WrittenInstances,
+) -> None:
     uid = await world.app()
     body = wanted_object(make_app(uid=uid), "")
     ghost = await world.client.create(ROBOTAPPINSTANCES, body | {"spec": body["spec"] | {"robot": "other"}})
@@ -272,7 +282,7 @@ async def test_a_wrong_object_that_only_the_cache_still_has_keeps_nobody_from_th
     assert [each["spec"]["robot"] for each in await world.stored()] == [""]
 
 
-async def test_a_status_is_never_written_over_what_was_not_seen(world: World) -> None:
+async def test_a_status_is_never_written_over_what_was_not_seen(world: WrittenInstances) -> None:
     uid = await world.app()
     await world.objects.publish(uid, "")
     (item,) = await world.stored()
@@ -287,13 +297,13 @@ async def test_a_status_is_never_written_over_what_was_not_seen(world: World) ->
     assert (await world.stored())[0]["status"]["phase"] == "Pending"
 
 
-async def measured(world: World, uid: str, ms: float | None) -> None:
+async def measured(world: WrittenInstances, uid: str, ms: float | None) -> None:
     world.cache.put_telemetry(telemetry("edge-1", amr=ms), now_s=0.0)
     world.cache.touch(uid, "")
     await world.settle(uid)
 
 
-async def test_figures_that_another_operator_published_are_taken_over_not_fought(world: World) -> None:
+async def test_figures_that_another_operator_published_are_taken_over_not_fought(world: WrittenInstances) -> None:
     edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "90ms"}}
     uid = await world.app(edges=[edge])
     place(world.cache, uid, operator="edge-1", driver="amr")
@@ -318,7 +328,7 @@ async def test_figures_that_another_operator_published_are_taken_over_not_fought
 
 
 async def test_figures_are_written_a_minute_after_the_last_write_was_answered(
-    world: World, monkeypatch: pytest.MonkeyPatch
+    world: WrittenInstances, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "90ms"}}
     uid = await world.app(edges=[edge])
@@ -350,7 +360,7 @@ async def test_figures_are_written_a_minute_after_the_last_write_was_answered(
     assert world.writes() == before + 2
 
 
-async def test_a_dead_link_is_stored_so_that_a_restart_alone_writes_nothing(world: World) -> None:
+async def test_a_dead_link_is_stored_so_that_a_restart_alone_writes_nothing(world: WrittenInstances) -> None:
     edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "90ms"}}
     uid = await world.app(edges=[edge])
     place(world.cache, uid, operator="edge-1", driver="amr")
@@ -368,7 +378,7 @@ async def test_a_dead_link_is_stored_so_that_a_restart_alone_writes_nothing(worl
     assert world.writes() == before
 
 
-async def test_after_a_start_a_refusal_that_was_not_asked_about_yet_stands(world: World) -> None:
+async def test_after_a_start_a_refusal_that_was_not_asked_about_yet_stands(world: WrittenInstances) -> None:
     uid = await world.app()
     world.refuse(uid)
     await world.settle(uid)
@@ -382,7 +392,7 @@ async def test_after_a_start_a_refusal_that_was_not_asked_about_yet_stands(world
     assert (await world.stored())[0]["status"]["domain"] == 7
 
 
-async def test_bugs_and_conflicts_are_told_where_they_are(world: World) -> None:
+async def test_bugs_and_conflicts_are_told_where_they_are(world: WrittenInstances) -> None:
     world.cache.nodes.update(robots("a", "b"))
     uid = await world.app(robots=EACH)
     world.memory.of(uid).bugs["children", "a"] = "KeyError in children"
@@ -397,7 +407,7 @@ async def test_bugs_and_conflicts_are_told_where_they_are(world: World) -> None:
     assert (found["b"]["Stalled"], found["b"]["Allocated"]) == ("NotStalled", "ClaimConflict")
 
 
-async def test_a_robot_whose_node_is_unclear_is_told_so_and_the_others_are_not(world: World) -> None:
+async def test_a_robot_whose_node_is_unclear_is_told_so_and_the_others_are_not(world: WrittenInstances) -> None:
     world.cache.nodes.update(robots("a") | {name: make_node(name, robot="b") for name in ("one", "two")})
     uid = await world.app(robots=EACH)
     for robot in ("a", "b"):
@@ -410,7 +420,7 @@ async def test_a_robot_whose_node_is_unclear_is_told_so_and_the_others_are_not(w
     assert (accepted["b"]["status"], accepted["b"]["reason"]) == ("False", "RobotNodeUnclear")
 
 
-async def test_a_refused_app_has_objects_that_say_so(world: World) -> None:
+async def test_a_refused_app_has_objects_that_say_so(world: WrittenInstances) -> None:
     uid = await world.app(ros={"distro": "humbel"})
     await world.settle(uid)
     (item,) = await world.stored()

@@ -40,7 +40,7 @@ VERSION = "1.2.0"
 MULTICAST = {"ros2": {"discovery": {"mode": "Multicast"}}}
 
 
-class World:
+class ReconciledServer:
     """A server, its client and one operator's memory. No informers: caches hold only what a test puts there, and each look
     at the clock is later than any watch would be, so that nothing is waited for; unless `now_s` stops it.
     """
@@ -93,9 +93,9 @@ class World:
 
 
 @pytest.fixture
-async def world() -> AsyncIterator[World]:
+async def world() -> AsyncIterator[ReconciledServer]:
     async with FakeApiServer() as api, client_for(api.endpoint, field_manager="robotapp-operator") as client:
-        yield World(api, client)
+        yield ReconciledServer(api, client)
 
 
 def domain_of(deployment: dict[str, Any]) -> str:
@@ -103,7 +103,7 @@ def domain_of(deployment: dict[str, Any]) -> str:
     return next(str(item["value"]) for item in container["env"] if item["name"] == "ROS_DOMAIN_ID")
 
 
-async def test_the_claim_exists_before_the_first_deployment(world: World) -> None:
+async def test_the_claim_exists_before_the_first_deployment(world: ReconciledServer) -> None:
     await world.pool()
     uid = await world.app()
     assert await world.children.reconcile(uid, "")
@@ -115,7 +115,7 @@ async def test_the_claim_exists_before_the_first_deployment(world: World) -> Non
     assert world.memory.of(uid).new_domains == {"": claim["spec"]["domain"]["id"]}
 
 
-async def test_a_new_app_is_read_once_and_children_that_cannot_be_there_are_not_listed(world: World) -> None:
+async def test_a_new_app_is_read_once_and_children_that_cannot_be_there_are_not_listed(world: ReconciledServer) -> None:
     await world.pool()
     uid = await world.app()
     world.api.requests.clear()
@@ -124,7 +124,7 @@ async def test_a_new_app_is_read_once_and_children_that_cannot_be_there_are_not_
     assert reads == ["teleop", "default", "robotclaims"]
 
 
-async def test_children_that_a_late_watch_has_not_shown_are_kept_as_they_are(world: World) -> None:
+async def test_children_that_a_late_watch_has_not_shown_are_kept_as_they_are(world: ReconciledServer) -> None:
     await world.pool()
     uid = await world.app()
     await world.children.reconcile(uid, "")
@@ -138,7 +138,7 @@ async def test_children_that_a_late_watch_has_not_shown_are_kept_as_they_are(wor
 
 
 async def test_an_edit_whose_event_overtakes_the_read_of_the_app_is_what_is_written(
-    world: World, monkeypatch: pytest.MonkeyPatch
+    world: ReconciledServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The request was that of the edit and the owner that of the read: an id of its own was taken, and two rolls."""
     await world.pool()
@@ -160,7 +160,7 @@ async def test_an_edit_whose_event_overtakes_the_read_of_the_app_is_what_is_writ
     assert {domain_of(item) for item in await world.deployments()} == {str(claim["spec"]["domain"]["id"])}
 
 
-async def test_a_second_run_writes_nothing(world: World) -> None:
+async def test_a_second_run_writes_nothing(world: ReconciledServer) -> None:
     await world.pool()
     uid = await world.app()
     await world.children.reconcile(uid, "")
@@ -169,7 +169,7 @@ async def test_a_second_run_writes_nothing(world: World) -> None:
     assert world.writes() == before
 
 
-async def test_what_was_written_is_awaited_before_anything_is_read_again(world: World) -> None:
+async def test_what_was_written_is_awaited_before_anything_is_read_again(world: ReconciledServer) -> None:
     """The events of our own writes come one by one, and each adds the key."""
     await world.pool()
     uid = await world.app()
@@ -189,7 +189,7 @@ async def test_what_was_written_is_awaited_before_anything_is_read_again(world: 
     assert not any("labelSelector" in path and "instance" in path for path in reads)
 
 
-async def test_an_edit_does_not_wait_for_the_events_of_the_last_write(world: World) -> None:
+async def test_an_edit_does_not_wait_for_the_events_of_the_last_write(world: ReconciledServer) -> None:
     await world.pool()
     uid = await world.app()
     world.now_s = 100.0
@@ -199,7 +199,7 @@ async def test_an_edit_does_not_wait_for_the_events_of_the_last_write(world: Wor
     assert {item["spec"]["replicas"] for item in await world.deployments()} == {0}
 
 
-async def test_events_that_never_come_are_awaited_for_seconds_only(world: World) -> None:
+async def test_events_that_never_come_are_awaited_for_seconds_only(world: ReconciledServer) -> None:
     """A Deployment that is deleted between its creation and its event is written again."""
     await world.pool()
     uid = await world.app()
@@ -215,7 +215,7 @@ async def test_events_that_never_come_are_awaited_for_seconds_only(world: World)
     assert len(await world.deployments()) == 2
 
 
-async def test_an_app_that_is_gone_is_forgotten_and_nothing_is_written(world: World) -> None:
+async def test_an_app_that_is_gone_is_forgotten_and_nothing_is_written(world: ReconciledServer) -> None:
     uid = await world.app()
     await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
     before = world.writes()
@@ -225,7 +225,7 @@ async def test_an_app_that_is_gone_is_forgotten_and_nothing_is_written(world: Wo
 
 
 async def test_an_app_whose_end_was_announced_while_it_was_read_is_not_written_for(
-    world: World, monkeypatch: pytest.MonkeyPatch
+    world: ReconciledServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     await world.pool()
     uid = await world.app()
@@ -244,7 +244,7 @@ async def test_an_app_whose_end_was_announced_while_it_was_read_is_not_written_f
 
 
 async def test_a_404_that_does_not_name_the_app_is_an_error_and_the_app_is_not_forgotten(
-    world: World, monkeypatch: pytest.MonkeyPatch
+    world: ReconciledServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     uid = await world.app()
 
@@ -257,7 +257,7 @@ async def test_a_404_that_does_not_name_the_app_is_an_error_and_the_app_is_not_f
     assert uid in world.cache.apps
 
 
-async def test_an_app_replaced_by_another_of_its_name_is_not_written_for(world: World) -> None:
+async def test_an_app_replaced_by_another_of_its_name_is_not_written_for(world: ReconciledServer) -> None:
     await world.pool()
     old = await world.app()
     await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
@@ -268,7 +268,7 @@ async def test_an_app_replaced_by_another_of_its_name_is_not_written_for(world: 
     assert set(world.cache.apps) == {new}
 
 
-async def test_without_a_free_id_nothing_is_created(world: World) -> None:
+async def test_without_a_free_id_nothing_is_created(world: ReconciledServer) -> None:
     await world.pool(ids="7")
     first, second = await world.app("one"), await world.app("two")
     assert await world.children.reconcile(first, "")
@@ -281,7 +281,7 @@ async def test_without_a_free_id_nothing_is_created(world: World) -> None:
     assert world.memory.without_domain() == [(second, "")]
 
 
-async def test_a_template_with_a_lost_domain_and_no_other_to_be_had_stops(world: World) -> None:
+async def test_a_template_with_a_lost_domain_and_no_other_to_be_had_stops(world: ReconciledServer) -> None:
     await world.pool(ids="7")
     first = await world.app("one")
     await world.children.reconcile(first, "")
@@ -300,7 +300,7 @@ async def test_a_template_with_a_lost_domain_and_no_other_to_be_had_stops(world:
     assert await world.deployments() == stopped, "at rest nothing is written"
 
 
-async def test_a_template_naming_an_id_that_is_not_held_is_rewritten(world: World) -> None:
+async def test_a_template_naming_an_id_that_is_not_held_is_rewritten(world: ReconciledServer) -> None:
     await world.pool()
     uid = await world.app()
     await world.children.reconcile(uid, "")
@@ -313,7 +313,7 @@ async def test_a_template_naming_an_id_that_is_not_held_is_rewritten(world: Worl
     assert {domain_of(item) for item in await world.deployments()} == {str(claim["spec"]["domain"]["id"])}
 
 
-async def test_a_removed_component_is_deleted(world: World) -> None:
+async def test_a_removed_component_is_deleted(world: ReconciledServer) -> None:
     await world.pool()
     uid = await world.app()
     await world.children.reconcile(uid, "")
@@ -322,7 +322,7 @@ async def test_a_removed_component_is_deleted(world: World) -> None:
     assert [item["metadata"]["labels"]["robotics.io/component"] for item in await world.deployments()] == ["driver"]
 
 
-async def test_an_instance_that_is_no_longer_wanted_is_pruned(world: World) -> None:
+async def test_an_instance_that_is_no_longer_wanted_is_pruned(world: ReconciledServer) -> None:
     await world.pool()
     uid = await world.app()
     await world.children.reconcile(uid, "")
@@ -338,7 +338,7 @@ async def test_an_instance_that_is_no_longer_wanted_is_pruned(world: World) -> N
 
 
 @pytest.mark.parametrize("revoked", [True, False], ids=["admits others only", "is gone"])
-async def test_what_runs_for_the_last_robot_goes_when_the_robot_does(world: World, revoked: bool) -> None:
+async def test_what_runs_for_the_last_robot_goes_when_the_robot_does(world: ReconciledServer, revoked: bool) -> None:
     await world.pool()
     world.cache.nodes.update(robot_nodes("amr-07"))
     uid = await world.app(robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}})
@@ -355,7 +355,7 @@ async def test_what_runs_for_the_last_robot_goes_when_the_robot_does(world: Worl
     assert await world.deployments() == []
 
 
-async def out_of_sight_for_the_grace(world: World, uid: str) -> None:
+async def out_of_sight_for_the_grace(world: ReconciledServer, uid: str) -> None:
     """The cache loses all nodes. During the grace nothing happens, then it is over."""
     now_s = 0.0
     world.cache.sight = OutOfSight(lambda: now_s)
@@ -368,7 +368,7 @@ async def out_of_sight_for_the_grace(world: World, uid: str) -> None:
     now_s = 300.0
 
 
-async def test_nothing_ends_on_an_old_view_of_the_nodes(world: World) -> None:
+async def test_nothing_ends_on_an_old_view_of_the_nodes(world: ReconciledServer) -> None:
     """The watch has lost the node, and it is there: a fresh read comes before any end."""
     await world.pool()
     world.cache.nodes.update(robot_nodes("amr-07"))
@@ -385,7 +385,7 @@ async def test_nothing_ends_on_an_old_view_of_the_nodes(world: World) -> None:
     assert await world.deployments() == []
 
 
-async def test_an_instance_out_of_sight_follows_its_user(world: World) -> None:
+async def test_an_instance_out_of_sight_follows_its_user(world: ReconciledServer) -> None:
     await world.pool()
     world.cache.nodes.update(robot_nodes("amr-07"))
     uid = await world.app(robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}})
@@ -397,7 +397,9 @@ async def test_an_instance_out_of_sight_follows_its_user(world: World) -> None:
     assert {item["spec"]["replicas"] for item in await world.deployments()} == {0}
 
 
-async def test_an_instance_whose_robot_has_no_clear_node_is_not_started_and_one_that_runs_goes_on(world: World) -> None:
+async def test_an_instance_whose_robot_has_no_clear_node_is_not_started_and_one_that_runs_goes_on(
+    world: ReconciledServer,
+) -> None:
     await world.pool()
     uid = await world.app(robots={"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}})
     world.cache.nodes.update({name: make_node(name, robot="amr-07") for name in ("one", "other")})
@@ -412,7 +414,7 @@ async def test_an_instance_whose_robot_has_no_clear_node_is_not_started_and_one_
     assert len(await world.deployments()) == 2
 
 
-async def test_a_refused_spec_leaves_what_runs_alone(world: World) -> None:
+async def test_a_refused_spec_leaves_what_runs_alone(world: ReconciledServer) -> None:
     await world.pool()
     uid = await world.app()
     await world.children.reconcile(uid, "")
@@ -423,7 +425,7 @@ async def test_a_refused_spec_leaves_what_runs_alone(world: World) -> None:
     assert len(await world.deployments()) == 2
 
 
-async def test_a_newer_operators_template_is_left_alone(world: World) -> None:
+async def test_a_newer_operators_template_is_left_alone(world: ReconciledServer) -> None:
     await world.pool()
     uid = await world.app()
     await world.children.reconcile(uid, "")
@@ -435,7 +437,7 @@ async def test_a_newer_operators_template_is_left_alone(world: World) -> None:
     assert world.writes() == before
 
 
-async def test_no_template_is_written_before_the_parameters_file_was_read(world: World) -> None:
+async def test_no_template_is_written_before_the_parameters_file_was_read(world: ReconciledServer) -> None:
     """Else every start of the operator would roll the pods twice: once for a file it has not seen, and back."""
     await world.pool()
     await world.client.create(CONFIGMAPS, configmap("drv", **{"params.yaml": "1"}))
@@ -465,7 +467,7 @@ async def test_no_template_is_written_before_the_parameters_file_was_read(world:
         watching.cancel()
 
 
-async def test_an_app_that_is_not_accepted_makes_nobody_read_a_config_map(world: World) -> None:
+async def test_an_app_that_is_not_accepted_makes_nobody_read_a_config_map(world: ReconciledServer) -> None:
     await world.pool()
     wrong = {
         "name": "driver",
@@ -484,14 +486,16 @@ async def test_an_app_that_is_not_accepted_makes_nobody_read_a_config_map(world:
         watching.cancel()
 
 
-async def test_ros_1_needs_no_pool(world: World) -> None:
+async def test_ros_1_needs_no_pool(world: ReconciledServer) -> None:
     uid = await world.app(ros={"distro": "noetic"}, ros2=None)
     assert await world.children.reconcile(uid, "")
     assert len(await world.deployments()) == 3
     assert await world.claims() == []
 
 
-async def test_a_race_that_never_ends_is_given_back_to_the_queue(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_race_that_never_ends_is_given_back_to_the_queue(
+    world: ReconciledServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
     await world.pool()
     uid = await world.app()
     turns = 0
@@ -507,7 +511,7 @@ async def test_a_race_that_never_ends_is_given_back_to_the_queue(world: World, m
     assert turns == 4
 
 
-async def test_an_existing_claim_is_adopted_after_a_crash(world: World) -> None:
+async def test_an_existing_claim_is_adopted_after_a_crash(world: ReconciledServer) -> None:
     """The claim was created, the process died before the Deployments."""
     await world.pool()
     uid = await world.app()
@@ -528,7 +532,7 @@ async def test_an_existing_claim_is_adopted_after_a_crash(world: World) -> None:
 
 
 async def test_a_refusal_of_what_is_no_longer_wanted_is_forgotten(
-    world: World, monkeypatch: pytest.MonkeyPatch
+    world: ReconciledServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     await world.pool()
     uid = await world.app()
@@ -553,7 +557,7 @@ async def test_a_refusal_of_what_is_no_longer_wanted_is_forgotten(
     assert world.memory.of(uid).troubles == {}
 
 
-async def test_an_app_that_needs_no_domain_any_more_is_not_told_that_it_got_none(world: World) -> None:
+async def test_an_app_that_needs_no_domain_any_more_is_not_told_that_it_got_none(world: ReconciledServer) -> None:
     await world.pool(ids="7")
     await world.children.reconcile(await world.app("first"), "")
     uid = await world.app("second")

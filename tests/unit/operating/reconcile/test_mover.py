@@ -32,7 +32,7 @@ FOR_S = 15.0
 CAMERA = {"name": "cam", "type": "usb"}
 
 
-class World:
+class Scene:
     """A planner on node far and a driver on node amr, 60 ms apart; node near is 8 ms away. Time is the test's."""
 
     def __init__(self, api: FakeApiServer, client: ApiClient) -> None:
@@ -188,12 +188,12 @@ class World:
 
 
 @pytest.fixture
-async def world() -> AsyncIterator[World]:
+async def world() -> AsyncIterator[Scene]:
     async with FakeApiServer() as api, client_for(api.endpoint, field_manager="robotapp-operator") as client:
-        yield World(api, client)
+        yield Scene(api, client)
 
 
-async def test_a_move_is_recorded_first_then_the_pod_is_evicted_and_its_user_is_told(world: World) -> None:
+async def test_a_move_is_recorded_first_then_the_pod_is_evicted_and_its_user_is_told(world: Scene) -> None:
     await world.app()
     await world.propose()
     assert await world.look() == FOR_S, "the budget must have been exceeded for a while"
@@ -223,7 +223,7 @@ async def test_a_move_is_recorded_first_then_the_pod_is_evicted_and_its_user_is_
         ("far", "planner was evicted from far and came back, near was proposed: /t planner"),
     ],
 )
-async def test_the_event_names_the_node_that_the_successor_is_on(world: World, node: str, text: str) -> None:
+async def test_the_event_names_the_node_that_the_successor_is_on(world: Scene, node: str, text: str) -> None:
     await world.late_with_proposal()
     await world.pod("planner", node)
     await world.look()
@@ -232,7 +232,7 @@ async def test_the_event_names_the_node_that_the_successor_is_on(world: World, n
     assert note.startswith(text)
 
 
-async def test_what_a_proposal_may_name_tells_nothing_about_nodes_that_do_not_admit_the_namespace(world: World) -> None:
+async def test_what_a_proposal_may_name_tells_nothing_about_nodes_that_do_not_admit_the_namespace(world: Scene) -> None:
     """Whoever may annotate a pod writes it: with texts that differ they could ask for the robots of others, and whether they are on."""
     await world.app()
     closed = {Annotation.ALLOWED_NAMESPACES: "team-b"}
@@ -248,7 +248,7 @@ async def test_what_a_proposal_may_name_tells_nothing_about_nodes_that_do_not_ad
     assert told == {"planner would have 8ms on NODE, but that node takes no pods of this namespace now"}
 
 
-async def test_who_did_not_opt_in_stays_and_is_told_so(world: World) -> None:
+async def test_who_did_not_opt_in_stays_and_is_told_so(world: Scene) -> None:
     await world.late_with_proposal(reschedule={"when": "Never"})
     assert await world.pods() == ["driver", "planner"]
     assert "placement.reschedule.when is Never" in world.stays()
@@ -256,7 +256,7 @@ async def test_who_did_not_opt_in_stays_and_is_told_so(world: World) -> None:
     assert facts.stays == world.stays()
 
 
-async def test_an_app_that_goes_to_another_scheduler_is_no_longer_told_why_it_stays(world: World) -> None:
+async def test_an_app_that_goes_to_another_scheduler_is_no_longer_told_why_it_stays(world: Scene) -> None:
     await world.late_with_proposal(reschedule={"when": "Never"})
     assert world.stays()
     world.body["spec"] |= {"schedulerName": "default-scheduler", "placement": {}}
@@ -268,7 +268,7 @@ async def test_an_app_that_goes_to_another_scheduler_is_no_longer_told_why_it_st
     assert (world.stays(), concerns(app, own)) == ("", False)
 
 
-async def test_an_operator_that_ended_after_the_record_evicts_the_same_pod_and_counts_once(world: World) -> None:
+async def test_an_operator_that_ended_after_the_record_evicts_the_same_pod_and_counts_once(world: Scene) -> None:
     await world.with_proposal()
     world.now_s += FOR_S
     await world.mirror()
@@ -292,7 +292,7 @@ async def test_an_operator_that_ended_after_the_record_evicts_the_same_pod_and_c
     assert await world.annotation(Annotation.MOVES) == before
 
 
-async def test_a_new_operator_keeps_the_cooldown_of_its_predecessor(world: World) -> None:
+async def test_a_new_operator_keeps_the_cooldown_of_its_predecessor(world: Scene) -> None:
     await world.late_with_proposal()
     await world.pod("planner", "far")  # the scheduler chose the same node again
     await world.propose()
@@ -307,7 +307,7 @@ async def test_a_new_operator_keeps_the_cooldown_of_its_predecessor(world: World
     assert len((await world.annotation(Annotation.MOVES))["times"]) == 2
 
 
-async def test_a_record_ahead_of_our_clock_is_written_with_the_present_and_ends_with_the_cooldown(world: World) -> None:
+async def test_a_record_ahead_of_our_clock_is_written_with_the_present_and_ends_with_the_cooldown(world: Scene) -> None:
     await world.app()
     await world.propose()
     ahead = json.dumps({"times": ["2099-01-01T00:00:00Z"], "pod": "another"})
@@ -324,7 +324,7 @@ async def test_a_record_ahead_of_our_clock_is_written_with_the_present_and_ends_
     assert await world.pods() == ["driver"]
 
 
-async def test_a_pod_that_a_disruption_budget_keeps_is_not_counted_and_tried_again(world: World) -> None:
+async def test_a_pod_that_a_disruption_budget_keeps_is_not_counted_and_tried_again(world: Scene) -> None:
     await world.with_proposal()
     world.now_s += FOR_S
     for _ in range(3):
@@ -340,7 +340,7 @@ async def test_a_pod_that_a_disruption_budget_keeps_is_not_counted_and_tried_aga
     assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
 
 
-async def test_a_disruption_budget_that_comes_in_between_has_the_move_counted_once(world: World) -> None:
+async def test_a_disruption_budget_that_comes_in_between_has_the_move_counted_once(world: Scene) -> None:
     await world.with_proposal()
     world.now_s += FOR_S
     for _ in range(3):
@@ -354,7 +354,7 @@ async def test_a_disruption_budget_that_comes_in_between_has_the_move_counted_on
     assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
 
 
-async def test_where_a_webhook_cannot_be_tried_the_pod_is_evicted_all_the_same(world: World) -> None:
+async def test_where_a_webhook_cannot_be_tried_the_pod_is_evicted_all_the_same(world: Scene) -> None:
     await world.with_proposal()
     world.now_s += FOR_S
     await world.mirror()
@@ -365,7 +365,7 @@ async def test_where_a_webhook_cannot_be_tried_the_pod_is_evicted_all_the_same(w
     assert len((await world.annotation(Annotation.MOVES))["times"]) == 1
 
 
-async def test_a_pod_that_several_disruption_budgets_cover_stays_and_its_user_is_told_so(world: World) -> None:
+async def test_a_pod_that_several_disruption_budgets_cover_stays_and_its_user_is_told_so(world: Scene) -> None:
     """The API server answers 500 then: not a server in trouble, which is tried again without a word."""
     await world.with_proposal()
     world.now_s += FOR_S
@@ -381,7 +381,7 @@ async def test_a_pod_that_several_disruption_budgets_cover_stays_and_its_user_is
     refused()
 
 
-async def test_of_a_pod_that_was_replaced_meanwhile_nobody_is_told_that_it_moved(world: World) -> None:
+async def test_of_a_pod_that_was_replaced_meanwhile_nobody_is_told_that_it_moved(world: Scene) -> None:
     await world.with_proposal()
     world.now_s += FOR_S
     await world.mirror()
@@ -391,14 +391,14 @@ async def test_of_a_pod_that_was_replaced_meanwhile_nobody_is_told_that_it_moved
     assert world.events == []
 
 
-async def test_on_a_robot_that_is_out_of_reach_nothing_is_evicted(world: World) -> None:
+async def test_on_a_robot_that_is_out_of_reach_nothing_is_evicted(world: Scene) -> None:
     await world.with_proposal()
     world.cache.nodes["far"] = make_node("far", ready=False)
     await world.look(later_s=FOR_S)
     assert await world.pods() == ["driver", "planner"]
 
 
-async def test_another_writer_of_the_deployment_makes_it_start_over(world: World) -> None:
+async def test_another_writer_of_the_deployment_makes_it_start_over(world: Scene) -> None:
     await world.app(on_loss="Restart")
     await world.plug(present=False)
     await world.look()
@@ -410,7 +410,7 @@ async def test_another_writer_of_the_deployment_makes_it_start_over(world: World
 
 
 async def test_a_pod_whose_device_is_kept_is_left_alone_and_the_loss_is_remembered_while_it_lasts(
-    world: World,
+    world: Scene,
 ) -> None:
     await world.app(on_loss="Keep")
     await world.plug(present=False)
@@ -426,7 +426,7 @@ async def test_a_pod_whose_device_is_kept_is_left_alone_and_the_loss_is_remember
     assert await world.pods() == ["driver", "planner"]
 
 
-async def test_a_pod_is_restarted_when_its_device_is_back_also_by_another_operator_and_once(world: World) -> None:
+async def test_a_pod_is_restarted_when_its_device_is_back_also_by_another_operator_and_once(world: Scene) -> None:
     await world.app(on_loss="Restart")
     await world.plug(present=False)
     await world.look()
@@ -447,7 +447,7 @@ async def test_a_pod_is_restarted_when_its_device_is_back_also_by_another_operat
     assert await world.annotation(Annotation.MOVES) is None, "it went nowhere"
 
 
-async def test_a_cable_that_was_touched_restarts_nothing(world: World) -> None:
+async def test_a_cable_that_was_touched_restarts_nothing(world: Scene) -> None:
     await world.app(on_loss="Restart")
     await world.plug(present=False)
     await world.look()
@@ -457,7 +457,7 @@ async def test_a_cable_that_was_touched_restarts_nothing(world: World) -> None:
     assert await world.pods() == ["driver", "planner"]
 
 
-async def test_a_pod_moves_to_another_device_where_there_is_one_that_is_free(world: World) -> None:
+async def test_a_pod_moves_to_another_device_where_there_is_one_that_is_free(world: Scene) -> None:
     await world.app(on_loss="Reschedule")
     await world.plug(present=False)
     await world.look()
@@ -472,7 +472,7 @@ async def test_a_pod_moves_to_another_device_where_there_is_one_that_is_free(wor
     assert world.events == [("Rescheduled", "planner moved from far to near: device usb-cam on far is lost")]
 
 
-async def test_when_all_pods_of_a_node_lose_their_devices_at_once_none_moves_until_some_are_back(world: World) -> None:
+async def test_when_all_pods_of_a_node_lose_their_devices_at_once_none_moves_until_some_are_back(world: Scene) -> None:
     await world.app(on_loss="Reschedule")
     await world.plug(present=False)
     await world.plug(present=True, node="near")
@@ -486,7 +486,7 @@ async def test_when_all_pods_of_a_node_lose_their_devices_at_once_none_moves_unt
     assert await world.pods() == ["driver"]
 
 
-async def test_a_recorded_loss_counts_as_one_also_when_the_agent_speaks_of_nothing_any_more(world: World) -> None:
+async def test_a_recorded_loss_counts_as_one_also_when_the_agent_speaks_of_nothing_any_more(world: Scene) -> None:
     await world.app(on_loss="Keep")
     await world.plug(present=False)
     await world.look()
@@ -496,7 +496,7 @@ async def test_a_recorded_loss_counts_as_one_also_when_the_agent_speaks_of_nothi
     assert device_losses(world.cache).lost.keys() == {"far"}
 
 
-async def test_devices_that_many_pods_lost_at_once_restart_nothing_when_they_are_back(world: World) -> None:
+async def test_devices_that_many_pods_lost_at_once_restart_nothing_when_they_are_back(world: Scene) -> None:
     await world.app(on_loss="Restart")
     await world.plug(present=False)
     world.also_holds(pods=4)
@@ -508,7 +508,7 @@ async def test_devices_that_many_pods_lost_at_once_restart_nothing_when_they_are
     assert await world.pods() == ["driver", "planner"]
 
 
-async def test_a_component_tied_to_its_robot_is_not_evicted_for_a_device_elsewhere(world: World) -> None:
+async def test_a_component_tied_to_its_robot_is_not_evicted_for_a_device_elsewhere(world: Scene) -> None:
     await world.app(on_loss="Reschedule", runsOn=["Robot"])
     await world.plug(present=False)
     await world.plug(present=True, node="near")
@@ -518,7 +518,7 @@ async def test_a_component_tied_to_its_robot_is_not_evicted_for_a_device_elsewhe
     assert world.device_stays() == "it stays on its robot: runsOn is [Robot]"
 
 
-async def test_no_pod_is_evicted_for_a_device_that_bare_pods_share(world: World) -> None:
+async def test_no_pod_is_evicted_for_a_device_that_bare_pods_share(world: Scene) -> None:
     await world.app(on_loss="Reschedule")
     await world.plug(present=False)
     await world.plug(present=True, node="near")
@@ -533,7 +533,7 @@ async def test_no_pod_is_evicted_for_a_device_that_bare_pods_share(world: World)
     assert await world.pods() == ["driver"]
 
 
-async def test_no_pod_is_evicted_for_a_node_whose_taints_it_does_not_tolerate(world: World) -> None:
+async def test_no_pod_is_evicted_for_a_node_whose_taints_it_does_not_tolerate(world: Scene) -> None:
     await world.app(on_loss="Reschedule")
     await world.plug(present=False)
     await world.plug(present=True, node="near")
@@ -547,7 +547,7 @@ async def test_no_pod_is_evicted_for_a_node_whose_taints_it_does_not_tolerate(wo
     assert await world.pods() == ["driver"]
 
 
-def _first(world: World) -> Any:
+def _first(world: Scene) -> Any:
     app = world.cache.apps[UID].app
     assert app is not None
     return app, instances_by_name(app, world.cache)[""]
@@ -557,7 +557,7 @@ def is_trial(eviction: bytes) -> bool:
     return json.loads(eviction)["deleteOptions"].get("dryRun") == ["All"]
 
 
-def _evictions(world: World) -> list[bytes]:
+def _evictions(world: Scene) -> list[bytes]:
     """Bodies of the evictions that are sent from now on."""
     real, sent = world.client.post_raw, []
 
@@ -571,7 +571,7 @@ def _evictions(world: World) -> list[bytes]:
 
 
 def _refuse_eviction(
-    world: World,
+    world: Scene,
     status: int = 429,
     message: str = "Cannot evict pod as it would violate the pod's disruption budget.",
     *,

@@ -27,7 +27,7 @@ NOW = "2026-01-01T00:00:00Z"
 EDGE = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}}
 
 
-class World:
+class ObservedApps:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s = 0.0
         self.cache = Cache()
@@ -61,11 +61,11 @@ class World:
 
 
 @pytest.fixture
-def world(monkeypatch: pytest.MonkeyPatch) -> World:
-    return World(monkeypatch)
+def world(monkeypatch: pytest.MonkeyPatch) -> ObservedApps:
+    return ObservedApps(monkeypatch)
 
 
-def test_facts_are_computed_once_and_remembered(world: World) -> None:
+def test_facts_are_computed_once_and_remembered(world: ObservedApps) -> None:
     app = world.app()
     first = world.facts(app)
     assert world.facts(app) is first
@@ -73,7 +73,7 @@ def test_facts_are_computed_once_and_remembered(world: World) -> None:
     assert world.changed == [], "who asks first needs no telling"
 
 
-def test_an_event_that_changes_nothing_leaves_the_very_same_facts(world: World) -> None:
+def test_an_event_that_changes_nothing_leaves_the_very_same_facts(world: ObservedApps) -> None:
     app = world.app()
     first = world.facts(app)
     world.cache.touch(UID, "")
@@ -82,7 +82,7 @@ def test_an_event_that_changes_nothing_leaves_the_very_same_facts(world: World) 
     assert world.changed == []
 
 
-def test_whatever_facts_depend_on_makes_others(world: World) -> None:
+def test_whatever_facts_depend_on_makes_others(world: ObservedApps) -> None:
     file = {"configMapKeyRef": {"name": "drv", "key": "k"}}
     parts = [{"name": "driver", "image": "x", "args": ["run"], "parameters": [file]}]
     robots = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "a"}}}
@@ -121,7 +121,7 @@ def test_whatever_facts_depend_on_makes_others(world: World) -> None:
     assert world.computed == computed + 1
 
 
-def test_another_spec_makes_other_facts(world: World) -> None:
+def test_another_spec_makes_other_facts(world: ObservedApps) -> None:
     world.facts(world.app())
     world.facts(world.app(generation=2, components=[{"name": "only", "image": "x"}]))
     assert world.computed == 2
@@ -131,7 +131,7 @@ def test_another_spec_makes_other_facts(world: World) -> None:
 CAN = {"metadata": {"name": "n"}, "status": {"devices": [{"id": "can0", "type": "can"}]}}
 
 
-def test_who_waits_for_a_device_looks_again_when_one_changes_hands_and_others_do_not(world: World) -> None:
+def test_who_waits_for_a_device_looks_again_when_one_changes_hands_and_others_do_not(world: ObservedApps) -> None:
     holder = {"apiVersion": "v1", "kind": "Pod", "namespace": "default", "name": "thief", "uid": "t"}
     thing = {"node": "n", "type": "can", "id": "can0"}
     claim = msgspec.convert({"metadata": {"name": "dev.n.can0"}, "spec": {"device": thing, "holder": holder}}, Claim)
@@ -149,7 +149,7 @@ def test_who_waits_for_a_device_looks_again_when_one_changes_hands_and_others_do
     assert world.computed == computed + 1
 
 
-def test_who_borrows_a_domain_follows_its_owner(world: World) -> None:
+def test_who_borrows_a_domain_follows_its_owner(world: ObservedApps) -> None:
     sharer = world.app(uid="uid-2", app_name="sharer", ros2={"shareWith": [{"name": "teleop"}]})
     world.app()
     assert world.facts(sharer).domain is None
@@ -157,7 +157,7 @@ def test_who_borrows_a_domain_follows_its_owner(world: World) -> None:
     assert world.facts(sharer).domain == 7
 
 
-def test_figures_that_must_rest_are_looked_at_when_they_may_be_shown(world: World) -> None:
+def test_figures_that_must_rest_are_looked_at_when_they_may_be_shown(world: ObservedApps) -> None:
     app = world.app(edges=[EDGE])
     place(world.cache, UID, operator="edge-1", driver="amr")
     world.measure(10)
@@ -174,7 +174,7 @@ def test_figures_that_must_rest_are_looked_at_when_they_may_be_shown(world: Worl
     assert world.changed == [(UID, "")]
 
 
-def test_after_a_start_the_figures_that_are_shown_stand(world: World) -> None:
+def test_after_a_start_the_figures_that_are_shown_stand(world: ObservedApps) -> None:
     body = wanted_object(make_app(), "")
     body["metadata"] |= {"uid": "u", "resourceVersion": "1"}
     shown = {
@@ -195,7 +195,7 @@ def test_after_a_start_the_figures_that_are_shown_stand(world: World) -> None:
 
 
 @pytest.mark.parametrize("nodes", [["elsewhere", "amr"], [], None])
-def test_after_a_start_figures_of_other_places_do_not_stand(world: World, nodes: list[str] | None) -> None:
+def test_after_a_start_figures_of_other_places_do_not_stand(world: ObservedApps, nodes: list[str] | None) -> None:
     body = wanted_object(make_app(), "")
     body["metadata"] |= {"uid": "u", "resourceVersion": "1"}
     body["status"] = {
@@ -219,12 +219,12 @@ def unready(name: str, *, since: str | None = None) -> Node:
     return node
 
 
-def clocks(world: World) -> None:
+def clocks(world: ObservedApps) -> None:
     """The caches tell the time by the test's clock; it is noon at second 0."""
     world.cache.nodes = Nodes(lambda: world.now_s, lambda: NOON + timedelta(seconds=world.now_s))
 
 
-def test_a_robot_is_offline_only_when_its_grace_is_over_and_the_operator_looks_again_then(world: World) -> None:
+def test_a_robot_is_offline_only_when_its_grace_is_over_and_the_operator_looks_again_then(world: ObservedApps) -> None:
     clocks(world)
     world.cache.nodes["n"] = make_node("n", robot="a")
     app = world.app(robots=ON_A, connectivity={"grace": "30s"})
@@ -261,7 +261,7 @@ def test_a_robot_is_offline_only_when_its_grace_is_over_and_the_operator_looks_a
     ],
 )
 def test_a_restarted_operator_counts_the_grace_from_the_condition(
-    world: World, since: str | None, left_s: float | None
+    world: ObservedApps, since: str | None, left_s: float | None
 ) -> None:
     clocks(world)
     world.cache.nodes["n"] = unready("n", since=since)
@@ -275,7 +275,7 @@ def test_a_restarted_operator_counts_the_grace_from_the_condition(
     [(50, 20.0, 80.0, True), (50, 80.0, 20.0, False), (95, 30.04, 30.04, False), (95, 20.0, 40.0, True)],
 )
 def test_a_restarted_operator_keeps_the_verdict_until_another_one_has_lasted(
-    world: World, percentile: int, before_ms: float, after_ms: float, met: bool
+    world: ObservedApps, percentile: int, before_ms: float, after_ms: float, met: bool
 ) -> None:
     app = world.app(edges=[EDGE | {"latency": {"budget": "30ms", "percentile": percentile}}])
     place(world.cache, UID, driver="amr", operator="edge-1")
@@ -293,14 +293,14 @@ def test_a_restarted_operator_keeps_the_verdict_until_another_one_has_lasted(
     assert edge.met is met
 
 
-def test_a_grace_longer_than_any_clock_counts_as_ten_years(world: World) -> None:
+def test_a_grace_longer_than_any_clock_counts_as_ten_years(world: ObservedApps) -> None:
     app = world.app(robots=ON_A, connectivity={"grace": "999999h999999h999999h"})
     assert app.grace_s == LONGEST_S
     world.cache.nodes["n"] = make_node("n", robot="a")
     assert not world.facts(app).offline
 
 
-def test_another_grace_counts_at_once(world: World) -> None:
+def test_another_grace_counts_at_once(world: ObservedApps) -> None:
     clocks(world)
     world.cache.nodes["n"] = make_node("n", robot="a")
     world.cache.nodes["n"] = unready("n")
@@ -310,7 +310,7 @@ def test_another_grace_counts_at_once(world: World) -> None:
     assert not world.facts(world.app(robots=ON_A, generation=3, connectivity={"grace": "9999h"})).offline
 
 
-def test_a_component_on_a_node_that_is_not_ready_is_said_to_be_there(world: World) -> None:
+def test_a_component_on_a_node_that_is_not_ready_is_said_to_be_there(world: ObservedApps) -> None:
     world.cache.nodes["edge-1"] = make_node("edge-1")
     app = world.app()
     place(world.cache, UID, driver="edge-1")
@@ -319,7 +319,7 @@ def test_a_component_on_a_node_that_is_not_ready_is_said_to_be_there(world: Worl
     assert "node edge-1 is not Ready" in [item.message for item in world.facts(app).components]
 
 
-def test_a_refused_app_is_observed_all_the_same_and_an_unreadable_one_is_not(world: World) -> None:
+def test_a_refused_app_is_observed_all_the_same_and_an_unreadable_one_is_not(world: ObservedApps) -> None:
     world.app(ros={"distro": "humbel"})
     facts = world.observer.app(world.cache.apps[UID], now=NOW)
     assert facts is not None
@@ -329,14 +329,14 @@ def test_a_refused_app_is_observed_all_the_same_and_an_unreadable_one_is_not(wor
     assert world.observer.app(record, now=NOW) is None
 
 
-def test_what_has_no_effect_yet_is_noted(world: World) -> None:
+def test_what_has_no_effect_yet_is_noted(world: ObservedApps) -> None:
     world.app(ros2={"transport": "SHM"})
     facts = world.observer.app(world.cache.apps[UID], now=NOW)
     assert facts is not None
     assert any("spec.ros2.transport" in note for note in facts.notes)
 
 
-def test_everything_is_computed_anew_once_in_a_while(world: World) -> None:
+def test_everything_is_computed_anew_once_in_a_while(world: ObservedApps) -> None:
     app = world.app()
     world.facts(app)
     world.memory.forget_facts()

@@ -6,19 +6,19 @@ from typing import Any
 import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for
-from tests.unit.operating.reconcile.test_instance_reconciler import VERSION, World
+from tests.unit.operating.reconcile.test_instance_reconciler import VERSION, ReconciledServer
 
 from robotapp_api.model.names import Annotation
 from robotapp_client.api.resources import DEPLOYMENTS
 
 
 @pytest.fixture
-async def world() -> AsyncIterator[World]:
+async def world() -> AsyncIterator[ReconciledServer]:
     async with FakeApiServer() as api, client_for(api.endpoint, field_manager="robotapp-operator") as client:
-        yield World(api, client)
+        yield ReconciledServer(api, client)
 
 
-async def of_the_newer_operator(world: World) -> str:
+async def of_the_newer_operator(world: ReconciledServer) -> str:
     """An app whose Deployments a newer operator has written; its uid."""
     await world.pool()
     uid = await world.app()
@@ -35,7 +35,7 @@ async def of_the_newer_operator(world: World) -> str:
     ids=["refused", "unknown word", "unreadable"],
 )
 async def test_suspend_stops_an_app_whose_spec_this_version_cannot_run_or_read(
-    world: World, written: dict[str, Any]
+    world: ReconciledServer, written: dict[str, Any]
 ) -> None:
     """After a rollback a spec may hold what only the newer version knows."""
     await world.pool()
@@ -56,7 +56,7 @@ async def test_suspend_stops_an_app_whose_spec_this_version_cannot_run_or_read(
     assert world.writes() == writes
 
 
-async def test_suspend_stops_the_pods_of_a_newer_operators_templates(world: World) -> None:
+async def test_suspend_stops_the_pods_of_a_newer_operators_templates(world: ReconciledServer) -> None:
     uid = await of_the_newer_operator(world)
     await world.edit("teleop", suspend=True)
     assert await world.children.reconcile(uid, "")
@@ -66,7 +66,9 @@ async def test_suspend_stops_the_pods_of_a_newer_operators_templates(world: Worl
     assert world.memory.of(uid).held[""] == ()
 
 
-async def test_an_edit_that_a_newer_operators_template_holds_back_is_remembered_for_the_status(world: World) -> None:
+async def test_an_edit_that_a_newer_operators_template_holds_back_is_remembered_for_the_status(
+    world: ReconciledServer,
+) -> None:
     uid = await of_the_newer_operator(world)
     driver = {"name": "driver", "image": "reg/driver:2", "args": ["new"]}
     await world.edit("teleop", components=[{"name": "operator", "image": "reg/operator:1"}, driver])

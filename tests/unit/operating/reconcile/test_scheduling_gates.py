@@ -25,7 +25,7 @@ def owner(kind: str, uid: str) -> list[dict[str, Any]]:
     return [{"apiVersion": "apps/v1", "kind": kind, "name": uid, "uid": uid, "controller": True}]
 
 
-class World:
+class GatedApp:
     """One component of an app of kube-scheduler's, and two robots; `amr-2` admits others only."""
 
     def __init__(self, api: FakeApiServer, client: ApiClient) -> None:
@@ -83,12 +83,12 @@ class World:
 
 
 @pytest.fixture
-async def world() -> AsyncIterator[World]:
+async def world() -> AsyncIterator[GatedApp]:
     async with FakeApiServer() as api, client_for(api.endpoint, field_manager="robotapp-operator") as client:
-        yield World(api, client)
+        yield GatedApp(api, client)
 
 
-async def test_the_gate_goes_and_the_nodes_come_in_one_write(world: World) -> None:
+async def test_the_gate_goes_and_the_nodes_come_in_one_write(world: GatedApp) -> None:
     await world.create()
     before = world.requests()
     assert await world.look()
@@ -101,7 +101,7 @@ async def test_the_gate_goes_and_the_nodes_come_in_one_write(world: World) -> No
     assert term["matchExpressions"] == [{"key": "kubernetes.io/hostname", "operator": "In", "values": ["amr-1"]}]
 
 
-async def test_a_pod_without_a_node_keeps_its_gate_and_is_not_tried_until_nodes_change(world: World) -> None:
+async def test_a_pod_without_a_node_keeps_its_gate_and_is_not_tried_until_nodes_change(world: GatedApp) -> None:
     await world.create(nodeSelector={"robotics.io/robot": "amr-2"})
     assert await world.look(), "it waits for a node, so that trying again makes no sense"
     assert (await world.see())["spec"]["schedulingGates"]
@@ -112,7 +112,7 @@ async def test_a_pod_without_a_node_keeps_its_gate_and_is_not_tried_until_nodes_
     assert not (await world.see())["spec"].get("schedulingGates")
 
 
-async def test_what_was_let_go_is_replaced_when_its_node_closes_and_not_looked_at_before(world: World) -> None:
+async def test_what_was_let_go_is_replaced_when_its_node_closes_and_not_looked_at_before(world: GatedApp) -> None:
     await world.create()
     await world.look()
     await world.see()
@@ -125,14 +125,14 @@ async def test_what_was_let_go_is_replaced_when_its_node_closes_and_not_looked_a
         await world.see()
 
 
-async def test_a_pod_whose_gate_an_older_operator_took_off_is_replaced(world: World) -> None:
+async def test_a_pod_whose_gate_an_older_operator_took_off_is_replaced(world: GatedApp) -> None:
     await world.create(schedulingGates=[])
     assert await world.look()
     with pytest.raises(NotFound):
         await world.see()
 
 
-async def test_a_pod_that_somebody_else_narrowed_is_left_alone_when_a_node_joins(world: World) -> None:
+async def test_a_pod_that_somebody_else_narrowed_is_left_alone_when_a_node_joins(world: GatedApp) -> None:
     world.node("amr-2")
     await world.create(schedulingGates=[], nodeSelector={"example.org/flavor": "spot"})
     before = world.requests()
@@ -142,7 +142,7 @@ async def test_a_pod_that_somebody_else_narrowed_is_left_alone_when_a_node_joins
     assert world.requests() == before, "where no node is closed, not even the pod is read"
 
 
-async def test_a_pod_that_was_narrowed_is_replaced_when_another_robot_admits_it(world: World) -> None:
+async def test_a_pod_that_was_narrowed_is_replaced_when_another_robot_admits_it(world: GatedApp) -> None:
     await world.create()
     await world.look()
     await world.see()
@@ -152,14 +152,14 @@ async def test_a_pod_that_was_narrowed_is_replaced_when_another_robot_admits_it(
         await world.see()
 
 
-async def test_what_runs_stays_whatever_its_node_admits(world: World) -> None:
+async def test_what_runs_stays_whatever_its_node_admits(world: GatedApp) -> None:
     await world.create(schedulingGates=[], nodeName="amr-2")
     before = world.requests()
     assert await world.look()
     assert world.requests() == before
 
 
-async def test_a_pod_that_was_bound_since_it_was_seen_stays(world: World) -> None:
+async def test_a_pod_that_was_bound_since_it_was_seen_stays(world: GatedApp) -> None:
     await world.create(schedulingGates=[])
     seen = await world.see()
     await world.client.replace(PODS, seen | {"spec": seen["spec"] | {"nodeName": "amr-2"}})
@@ -167,7 +167,7 @@ async def test_a_pod_that_was_bound_since_it_was_seen_stays(world: World) -> Non
     assert await world.see()
 
 
-async def test_pods_of_our_scheduler_and_such_that_only_bear_the_labels_are_left_alone(world: World) -> None:
+async def test_pods_of_our_scheduler_and_such_that_only_bear_the_labels_are_left_alone(world: GatedApp) -> None:
     await world.create(schedulingGates=[], schedulerName="ros-aware-scheduler")
     assert await world.look()
     assert await world.see()
@@ -178,7 +178,7 @@ async def test_pods_of_our_scheduler_and_such_that_only_bear_the_labels_are_left
     assert await world.see()
 
 
-async def test_a_gate_that_is_off_already_is_not_taken_off_again(world: World) -> None:
+async def test_a_gate_that_is_off_already_is_not_taken_off_again(world: GatedApp) -> None:
     """The watch shows an earlier state; the node affinity of a pod without gates cannot change."""
     await world.create()
     cached = world.cache.pods.of("uid-1")["default/p"]
@@ -190,7 +190,7 @@ async def test_a_gate_that_is_off_already_is_not_taken_off_again(world: World) -
     assert [method for method, _ in list(world.api.requests)[before:]] == ["GET"]
 
 
-async def test_a_gate_that_its_controller_took_away_meanwhile_is_not_added_again(world: World) -> None:
+async def test_a_gate_that_its_controller_took_away_meanwhile_is_not_added_again(world: GatedApp) -> None:
     await world.create(schedulingGates=[{"name": SCHEDULING_GATE}, {"name": "example.org/quota"}])
     await world.client.patch(PODS, "p", {"spec": {"schedulingGates": [{"name": SCHEDULING_GATE}]}}, namespace="default")
     assert await world.look()

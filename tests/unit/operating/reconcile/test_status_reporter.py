@@ -37,7 +37,7 @@ class Recorder:
         self.notes.append((reason, note if warning else note.lower()))
 
 
-class World:
+class ReportedServer:
     def __init__(self, api: FakeApiServer, client: ApiClient) -> None:
         self.api = api
         self.client = client
@@ -79,12 +79,12 @@ class World:
 
 
 @pytest.fixture
-async def world() -> AsyncIterator[World]:
+async def world() -> AsyncIterator[ReportedServer]:
     async with FakeApiServer() as api, client_for(api.endpoint) as client:
-        yield World(api, client)
+        yield ReportedServer(api, client)
 
 
-async def test_the_first_status_is_written_and_the_same_one_never_again(world: World) -> None:
+async def test_the_first_status_is_written_and_the_same_one_never_again(world: ReportedServer) -> None:
     uid = await world.app()
     await world.reporter.report(uid)
     assert (await world.status())["observedGeneration"] == 1
@@ -94,7 +94,7 @@ async def test_the_first_status_is_written_and_the_same_one_never_again(world: W
     assert world.patches() == 1
 
 
-async def test_a_conflict_over_a_claim_is_a_condition_and_one_event_until_it_is_over(world: World) -> None:
+async def test_a_conflict_over_a_claim_is_a_condition_and_one_event_until_it_is_over(world: ReportedServer) -> None:
     uid = await world.app()
     world.cache.claims.put(uid, "c", domain_claim(7, uid=uid))
     await world.reporter.report(uid)
@@ -113,7 +113,7 @@ async def test_a_conflict_over_a_claim_is_a_condition_and_one_event_until_it_is_
     assert (await allocated())[0] == "Allocated"
 
 
-async def test_a_change_is_written_once_more(world: World) -> None:
+async def test_a_change_is_written_once_more(world: ReportedServer) -> None:
     uid = await world.app()
     await world.reporter.report(uid)
     world.cache.claims.put(uid, "c", domain_claim(7, uid=uid))
@@ -126,7 +126,7 @@ async def test_a_change_is_written_once_more(world: World) -> None:
     assert world.memory.of(uid).new_domains == {}
 
 
-async def test_progress_is_written_more_seldom_where_many_apps_start(world: World) -> None:
+async def test_progress_is_written_more_seldom_where_many_apps_start(world: ReportedServer) -> None:
     uid = await world.app()
     await world.reporter.report(uid)
     for number in range(19):
@@ -140,7 +140,7 @@ async def test_progress_is_written_more_seldom_where_many_apps_start(world: Worl
     assert world.patches() == 2
 
 
-async def test_an_app_that_starts_is_in_the_crowd_until_it_is_gone(world: World) -> None:
+async def test_an_app_that_starts_is_in_the_crowd_until_it_is_gone(world: ReportedServer) -> None:
     uid = await world.app()
     await world.reporter.report(uid)
     assert world.memory.crowd.size(world.now_s) == 1
@@ -148,7 +148,7 @@ async def test_an_app_that_starts_is_in_the_crowd_until_it_is_gone(world: World)
     assert world.memory.crowd.size(world.now_s) == 0
 
 
-async def test_a_fleet_is_told_of_as_its_domains_come_and_not_only_when_all_are_there(world: World) -> None:
+async def test_a_fleet_is_told_of_as_its_domains_come_and_not_only_when_all_are_there(world: ReportedServer) -> None:
     world.cache.nodes.update(robots("a", "b"))
     uid = await world.app(robots=EACH)
     await world.reporter.report(uid)
@@ -159,7 +159,7 @@ async def test_a_fleet_is_told_of_as_its_domains_come_and_not_only_when_all_are_
     assert "1 of 2 instances wait" in json.dumps((await world.status())["conditions"])
 
 
-async def test_a_restarted_operator_does_not_doubt_a_refusal_it_has_not_asked_about(world: World) -> None:
+async def test_a_restarted_operator_does_not_doubt_a_refusal_it_has_not_asked_about(world: ReportedServer) -> None:
     uid = await world.app()
     refused = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
     world.memory.of(uid).outcomes[""] = refused
@@ -172,7 +172,7 @@ async def test_a_restarted_operator_does_not_doubt_a_refusal_it_has_not_asked_ab
     assert world.patches() == 1
 
 
-async def test_a_status_is_never_written_to_another_app_of_the_same_name(world: World) -> None:
+async def test_a_status_is_never_written_to_another_app_of_the_same_name(world: ReportedServer) -> None:
     old = await world.app()
     record = world.cache.apps[old]
     await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
@@ -182,7 +182,7 @@ async def test_a_status_is_never_written_to_another_app_of_the_same_name(world: 
     assert await world.status() == {}
 
 
-async def test_a_deleted_or_unknown_app_gets_none(world: World) -> None:
+async def test_a_deleted_or_unknown_app_gets_none(world: ReportedServer) -> None:
     await world.reporter.report("nobody")
     uid = await world.app()
     await world.client.delete(ROBOTAPPS, "teleop", namespace="default")
@@ -190,13 +190,13 @@ async def test_a_deleted_or_unknown_app_gets_none(world: World) -> None:
     assert world.recorder.notes == []
 
 
-async def test_refusals_and_dead_distributions_are_told(world: World) -> None:
+async def test_refusals_and_dead_distributions_are_told(world: ReportedServer) -> None:
     uid = await world.app(ros={"distro": "iron"}, ros1={})
     await world.reporter.report(uid)
     assert {reason for reason, _ in world.recorder.notes} == {"InvalidSpec", "EolDistro"}
 
 
-async def test_an_app_this_version_cannot_read_says_so(world: World) -> None:
+async def test_an_app_this_version_cannot_read_says_so(world: ReportedServer) -> None:
     uid = await world.app(components="none")
     await world.reporter.report(uid)
     status = await world.status()
@@ -208,7 +208,7 @@ async def test_an_app_this_version_cannot_read_says_so(world: World) -> None:
     assert world.patches() == 1
 
 
-async def test_a_restless_app_is_written_once_per_second_and_asks_for_a_later_look(world: World) -> None:
+async def test_a_restless_app_is_written_once_per_second_and_asks_for_a_later_look(world: ReportedServer) -> None:
     uid = await world.app()
     seen = []
     for number in range(100):
@@ -227,7 +227,7 @@ async def test_a_restless_app_is_written_once_per_second_and_asks_for_a_later_lo
     assert "conflict 100" in json.dumps(await world.status())
 
 
-async def test_an_app_that_starts_is_written_ever_more_seldom_until_something_happens(world: World) -> None:
+async def test_an_app_that_starts_is_written_ever_more_seldom_until_something_happens(world: ReportedServer) -> None:
     uid = await world.app()
     seen = []
     for number in range(300):
@@ -246,7 +246,7 @@ async def test_an_app_that_starts_is_written_ever_more_seldom_until_something_ha
     assert "held by another app" in json.dumps(await world.status())
 
 
-async def test_a_new_generation_is_observed_at_once_however_restless_the_app_was(world: World) -> None:
+async def test_a_new_generation_is_observed_at_once_however_restless_the_app_was(world: ReportedServer) -> None:
     uid = await world.app()
     for number in range(2 * BURST):
         world.cache.claims.put(uid, "c", domain_claim(number + 1, uid=uid))
@@ -257,7 +257,9 @@ async def test_a_new_generation_is_observed_at_once_however_restless_the_app_was
     assert (await world.status())["observedGeneration"] == 2
 
 
-async def test_only_the_instance_that_changed_is_computed_anew(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_only_the_instance_that_changed_is_computed_anew(
+    world: ReportedServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
     names = [f"r-{number:02}" for number in range(20)]
     world.cache.nodes.update(robots(*names))
     uid = await world.app(robots=EACH)
@@ -278,7 +280,7 @@ async def test_only_the_instance_that_changed_is_computed_anew(world: World, mon
     assert world.changed == [(uid, "r-07")]
 
 
-async def test_newer_figures_of_another_operator_stand(world: World) -> None:
+async def test_newer_figures_of_another_operator_stand(world: ReportedServer) -> None:
     edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "90ms"}}
     uid = await world.app(edges=[edge])
     world.memory.of(uid).outcomes[""] = DomainOutcome(Reason.DOMAIN_EXHAUSTED, "full")
@@ -304,7 +306,7 @@ async def test_newer_figures_of_another_operator_stand(world: World) -> None:
 
 
 async def test_an_app_of_which_nothing_changed_is_not_even_rendered(
-    world: World, monkeypatch: pytest.MonkeyPatch
+    world: ReportedServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     uid = await world.app()
     for _ in range(2):

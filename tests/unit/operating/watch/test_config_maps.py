@@ -19,7 +19,7 @@ from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config_maps import ParamsWatch
 
 
-class World:
+class WatchedParameters:
     def __init__(self, api: FakeApiServer, client: ApiClient) -> None:
         self.api = api
         self.client = client
@@ -48,16 +48,16 @@ def app(uid: str, *config_maps: str) -> App:
 
 
 @pytest.fixture
-async def world() -> AsyncIterator[World]:
+async def world() -> AsyncIterator[WatchedParameters]:
     async with FakeApiServer() as api, client_for(api.endpoint) as client:
-        made = World(api, client)
+        made = WatchedParameters(api, client)
         task = asyncio.create_task(made.watch.run())
         yield made
         task.cancel()
         await asyncio.wait([task])
 
 
-async def test_what_an_app_names_is_read_and_nothing_else(world: World) -> None:
+async def test_what_an_app_names_is_read_and_nothing_else(world: WatchedParameters) -> None:
     await world.write("drv", "1")
     await world.write("secretive", "2")
     await world.watch.read(app("uid-1", "drv", "missing"))
@@ -65,12 +65,12 @@ async def test_what_an_app_names_is_read_and_nothing_else(world: World) -> None:
     assert gets(world) == ["/api/v1/namespaces/default/configmaps/drv"]
 
 
-def gets(world: World) -> list[str]:
+def gets(world: WatchedParameters) -> list[str]:
     """Of single ConfigMaps: only there are contents read."""
     return [path for method, path in world.api.requests if method == "GET" and "/configmaps/" in path]
 
 
-async def test_absent_names_cost_one_watch_per_namespace(world: World) -> None:
+async def test_absent_names_cost_one_watch_per_namespace(world: WatchedParameters) -> None:
     """64 names that do not exist were 64 watches: with 200 such apps one tenant ended the operator of all."""
     for number in range(20):
         await world.watch.read(app(f"uid-{number}", *(f"absent-{number}-{name}" for name in range(64))))
@@ -79,7 +79,7 @@ async def test_absent_names_cost_one_watch_per_namespace(world: World) -> None:
     assert repr(world.watch) == "<ParamsWatch: 1 namespaces of 20 apps>"
 
 
-async def test_of_a_large_file_a_hash_is_kept(world: World) -> None:
+async def test_of_a_large_file_a_hash_is_kept(world: WatchedParameters) -> None:
     await world.write("drv", "x" * 1_000_000)
     await world.watch.read(app("uid-1", "drv"))
     kept = world.cache.config_maps["default/drv"]
@@ -88,7 +88,7 @@ async def test_of_a_large_file_a_hash_is_kept(world: World) -> None:
     await until(lambda: world.cache.config_maps["default/drv"].data != kept.data)
 
 
-async def test_a_file_changed_while_it_is_read_is_read_again(world: World) -> None:
+async def test_a_file_changed_while_it_is_read_is_read_again(world: WatchedParameters) -> None:
     await world.write("drv", "0")
     await world.watch.read(app("uid-1", "drv"))
     for text in range(1, 30):
@@ -99,11 +99,11 @@ async def test_a_file_changed_while_it_is_read_is_read_again(world: World) -> No
 
 async def test_an_app_without_parameters_waits_for_nothing() -> None:
     async with FakeApiServer() as api, client_for(api.endpoint) as client:
-        await World(api, client).watch.read(app("uid-1"))
+        await WatchedParameters(api, client).watch.read(app("uid-1"))
         assert api.requests == []
 
 
-async def test_a_change_wakes_the_apps_that_name_it_and_a_deletion_too(world: World) -> None:
+async def test_a_change_wakes_the_apps_that_name_it_and_a_deletion_too(world: WatchedParameters) -> None:
     await world.watch.read(app("uid-1", "drv"))
     await world.watch.read(app("uid-2", "drv"))
     await world.watch.read(app("uid-3", "other"))
@@ -118,7 +118,7 @@ async def test_a_change_wakes_the_apps_that_name_it_and_a_deletion_too(world: Wo
     assert world.asked() == both
 
 
-async def test_a_watch_ends_with_the_last_app_that_names_the_file(world: World) -> None:
+async def test_a_watch_ends_with_the_last_app_that_names_the_file(world: WatchedParameters) -> None:
     await world.write("drv", "1")
     for uid in ("uid-1", "uid-2"):
         await world.watch.read(app(uid, "drv"))

@@ -27,7 +27,7 @@ POOL = Key(Work.POOL, "pool/default")
 EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 
 
-class World:
+class InformedQueue:
     def __init__(self) -> None:
         self.now_s = 0.0
         self.cache = Cache()
@@ -57,8 +57,8 @@ class World:
 
 
 @pytest.fixture
-def world() -> World:
-    made = World()
+def world() -> InformedQueue:
+    made = InformedQueue()
     made.cache.update_app(app_body())
     return made
 
@@ -82,7 +82,7 @@ def pool(ids: str) -> Pool:
     return msgspec.convert({"metadata": {"name": "default"}, "spec": {"ids": ids}}, Pool)
 
 
-def test_a_new_or_deleted_deployment_plans_its_instance(world: World) -> None:
+def test_a_new_or_deleted_deployment_plans_its_instance(world: InformedQueue) -> None:
     assert world.see("_deployment", None, deployment()) == {CHILDREN, *OBSERVED}
     assert world.cache.deployments.of("uid-1")
     assert world.see("_deployment", deployment(), None) == {CHILDREN, *OBSERVED}
@@ -90,12 +90,12 @@ def test_a_new_or_deleted_deployment_plans_its_instance(world: World) -> None:
     assert world.swept == 1
 
 
-def test_a_deployments_progress_is_status_only(world: World) -> None:
+def test_a_deployments_progress_is_status_only(world: InformedQueue) -> None:
     revised = deployment(annotations={"deployment.kubernetes.io/revision": "2"})
     assert world.see("_deployment", deployment(), revised) == OBSERVED
 
 
-def test_an_edited_deployment_is_looked_at_for_drift(world: World) -> None:
+def test_an_edited_deployment_is_looked_at_for_drift(world: InformedQueue) -> None:
     for edited in (
         deployment(generation=2),
         deployment(labels={**LABELS, "x": "y"}),
@@ -104,11 +104,11 @@ def test_an_edited_deployment_is_looked_at_for_drift(world: World) -> None:
         assert world.see("_deployment", deployment(), edited) == {CHILDREN, *OBSERVED}
 
 
-def test_a_service_plans_its_instance(world: World) -> None:
+def test_a_service_plans_its_instance(world: InformedQueue) -> None:
     assert world.see("_service", None, deployment()) == {CHILDREN}
 
 
-def test_a_replica_set_links_pods_to_their_deployment(world: World) -> None:
+def test_a_replica_set_links_pods_to_their_deployment(world: InformedQueue) -> None:
     body = {
         "metadata": {
             "uid": "rs",
@@ -125,7 +125,7 @@ def test_a_replica_set_links_pods_to_their_deployment(world: World) -> None:
     assert world.cache.replica_sets == {}
 
 
-def test_a_pods_life_is_status_and_its_place_the_fleets_business(world: World) -> None:
+def test_a_pods_life_is_status_and_its_place_the_fleets_business(world: InformedQueue) -> None:
     assert world.see("_pod", None, pod()) == {*OBSERVED, FLEET}
     assert world.see("_pod", pod(), pod("edge-1")) == {*OBSERVED, FLEET}
     assert world.see("_pod", pod("edge-1"), pod("edge-1")) == OBSERVED
@@ -135,7 +135,9 @@ def test_a_pods_life_is_status_and_its_place_the_fleets_business(world: World) -
     assert world.swept == 2
 
 
-def test_a_proposal_of_a_better_node_is_looked_at_at_once_where_a_budget_may_move_something(world: World) -> None:
+def test_a_proposal_of_a_better_node_is_looked_at_at_once_where_a_budget_may_move_something(
+    world: InformedQueue,
+) -> None:
     meta = {"labels": LABELS, "annotations": {Annotation.BETTER_NODE.value: "{}"}}
     before, proposed = pod("edge-1"), make_pod(node="edge-1", metadata=meta)
     assert world.see("_pod", before, proposed) == OBSERVED
@@ -148,19 +150,19 @@ def test_a_proposal_of_a_better_node_is_looked_at_at_once_where_a_budget_may_mov
     assert world.see("_pod", proposed, proposed) == OBSERVED
 
 
-def test_a_gated_pod_asks_for_its_gate(world: World) -> None:
+def test_a_gated_pod_asks_for_its_gate(world: InformedQueue) -> None:
     assert Key(Work.GATES, "uid-1", "a") in world.see("_pod", None, pod(gates=(SCHEDULING_GATE,)))
     assert Key(Work.GATES, "uid-1", "a") not in world.see("_pod", None, pod(gates=("somebody/else",)))
 
 
-def test_a_pod_whose_gate_was_taken_off_is_looked_at_once_more(world: World) -> None:
+def test_a_pod_whose_gate_was_taken_off_is_looked_at_once_more(world: InformedQueue) -> None:
     """Its nodes may have changed while that was written."""
     key = Key(Work.GATES, "uid-1", "a")
     assert key in world.see("_pod", pod(gates=(SCHEDULING_GATE,)), pod())
     assert key not in world.see("_pod", pod(), pod("edge-1"))
 
 
-def test_what_nodes_admit_concerns_the_pods_of_other_schedulers(world: World) -> None:
+def test_what_nodes_admit_concerns_the_pods_of_other_schedulers(world: InformedQueue) -> None:
     world.see("_pod", None, pod())
     key = Key(Work.GATES, "uid-1", "a")
     before, after = make_node("n"), make_node("n", annotations={Annotation.ALLOWED_NAMESPACES.value: "theirs"})
@@ -171,21 +173,21 @@ def test_what_nodes_admit_concerns_the_pods_of_other_schedulers(world: World) ->
     assert key not in world.see("_node", before, make_node("n", ready=False))
 
 
-def test_a_bare_pod_is_only_in_the_fleet_view(world: World) -> None:
+def test_a_bare_pod_is_only_in_the_fleet_view(world: InformedQueue) -> None:
     assert world.see("_bare_pod", None, make_pod()) == {FLEET}
     assert world.cache.bare_pods.of("default")
     assert world.see("_bare_pod", make_pod(), None) == {FLEET}
     assert not world.cache.bare_pods.of("default")
 
 
-def test_a_claim_wakes_its_holder_and_a_freed_one_whoever_waits(world: World) -> None:
+def test_a_claim_wakes_its_holder_and_a_freed_one_whoever_waits(world: InformedQueue) -> None:
     claim = domain_claim(7, instance="a")
     assert world.see("_claim", None, claim) == {CHILDREN, *OBSERVED, POOL}
     assert world.see("_claim", claim, None) == {CHILDREN, *OBSERVED, POOL, Key(Work.WAITING, "pool/default")}
     assert not world.cache.claims
 
 
-def test_an_adoption_of_ours_is_no_news(world: World) -> None:
+def test_an_adoption_of_ours_is_no_news(world: InformedQueue) -> None:
     """Else a key that fails after it has adopted would wake itself for ever, and never back off."""
     claim = domain_claim(7, instance="a")
     adopted = msgspec.structs.replace(claim, status=msgspec.structs.replace(claim.status, attempt=1))
@@ -194,7 +196,7 @@ def test_an_adoption_of_ours_is_no_news(world: World) -> None:
     assert world.see("_claim", adopted, drained) == {CHILDREN, *OBSERVED, POOL}
 
 
-def test_a_claim_ends_the_back_off_of_its_holder_and_of_its_pods_gates(world: World) -> None:
+def test_a_claim_ends_the_back_off_of_its_holder_and_of_its_pods_gates(world: InformedQueue) -> None:
     world.cache.update_app(app_body(generation=2, schedulerName="by-hand"))
     for key in (CHILDREN, Key(Work.GATES, "uid-1", "a")):
         world.queue.add(key)
@@ -204,7 +206,7 @@ def test_a_claim_ends_the_back_off_of_its_holder_and_of_its_pods_gates(world: Wo
     assert world.see("_claim", None, domain_claim(7, instance="a")) == {CHILDREN, *OBSERVED, POOL, gates}
 
 
-def test_a_claim_wakes_whoever_joins_it_at_once(world: World) -> None:
+def test_a_claim_wakes_whoever_joins_it_at_once(world: InformedQueue) -> None:
     world.cache.update_app(app_body("sharer", uid="uid-2", ros2={"shareWith": [{"name": "teleop"}]}))
     claims = [
         msgspec.structs.replace(domain_claim(number, instance=robot), metadata=Meta(name=robot))
@@ -222,7 +224,7 @@ def test_a_claim_wakes_whoever_joins_it_at_once(world: World) -> None:
     assert Key(Work.APP, "uid-2") in world.see("_claim", claims[0], None)
 
 
-def test_another_id_in_the_owners_templates_wakes_whoever_joins_it(world: World) -> None:
+def test_another_id_in_the_owners_templates_wakes_whoever_joins_it(world: InformedQueue) -> None:
     world.cache.update_app(app_body("sharer", uid="uid-2", ros2={"shareWith": [{"name": "teleop"}]}))
     container = {"name": "main", "env": [{"name": "ROS_DOMAIN_ID", "value": "7"}]}
     named = msgspec.structs.replace(deployment(), spec={"template": {"spec": {"containers": [container]}}})
@@ -231,13 +233,13 @@ def test_another_id_in_the_owners_templates_wakes_whoever_joins_it(world: World)
     assert Key(Work.APP, "uid-2") in world.see("_deployment", named, None)
 
 
-def test_somebody_elses_claim_fills_the_pool_and_makes_room_when_it_goes(world: World) -> None:
+def test_somebody_elses_claim_fills_the_pool_and_makes_room_when_it_goes(world: InformedQueue) -> None:
     claim = domain_claim(7, uid="stranger")
     assert world.see("_claim", None, claim) == {POOL}
     assert world.see("_claim", claim, None) == {POOL, Key(Work.WAITING, "pool/default")}
 
 
-def test_a_pool_wakes_whoever_waits_when_its_spec_changes_and_not_when_its_status_does(world: World) -> None:
+def test_a_pool_wakes_whoever_waits_when_its_spec_changes_and_not_when_its_status_does(world: InformedQueue) -> None:
     waiting = Key(Work.WAITING, "pool/default")
     old, new = pool("1-3"), pool("1-4")
     assert world.see("_pool", None, old) == {POOL, waiting}
@@ -247,14 +249,14 @@ def test_a_pool_wakes_whoever_waits_when_its_spec_changes_and_not_when_its_statu
     assert not world.cache.pools
 
 
-def test_a_nodes_heartbeat_is_nobodys_business(world: World) -> None:
+def test_a_nodes_heartbeat_is_nobodys_business(world: InformedQueue) -> None:
     world.cache.update_app(app_body(uid="uid-2", robots=EACH))
     (node,) = robots("a").values()
     assert Key(Work.ROBOTS, "uid-2") in world.see("_node", None, node)
     assert world.see("_node", node, node) == set()
 
 
-def test_a_nodes_label_or_owner_concerns_apps_that_choose_robots(world: World) -> None:
+def test_a_nodes_label_or_owner_concerns_apps_that_choose_robots(world: InformedQueue) -> None:
     world.cache.update_app(app_body(uid="uid-2", robots=EACH))
     node = make_node("n", robot="a")
     for changed in (
@@ -266,7 +268,7 @@ def test_a_nodes_label_or_owner_concerns_apps_that_choose_robots(world: World) -
     assert world.cache.nodes == {}
 
 
-def test_a_robot_that_is_out_of_reach_concerns_its_own_instances_and_who_takes_any(world: World) -> None:
+def test_a_robot_that_is_out_of_reach_concerns_its_own_instances_and_who_takes_any(world: InformedQueue) -> None:
     world.cache.update_app(app_body(uid="uid-2", robots=EACH))
     world.cache.update_app(app_body(uid="uid-3", robots=EACH | {"assignment": "Any"}))
     for robot in ("a", "b"):
@@ -281,7 +283,7 @@ def test_a_robot_that_is_out_of_reach_concerns_its_own_instances_and_who_takes_a
     }
 
 
-def test_an_app_that_names_a_node_hears_of_nodes_that_come_and_go(world: World) -> None:
+def test_an_app_that_names_a_node_hears_of_nodes_that_come_and_go(world: InformedQueue) -> None:
     world.cache.update_app(app_body(uid="uid-2", placement={"masterNode": "n"}))
     assert world.see("_node", None, make_node("n")) == {Key(Work.ROBOTS, "uid-2")}
 
@@ -295,19 +297,19 @@ def instance_object(version: int = 5, *, uid: str = "u", app_uid: str = "uid-1",
     return msgspec.convert(body, AppInstance)
 
 
-def test_an_object_that_somebody_writes_or_deletes_is_looked_at(world: World) -> None:
+def test_an_object_that_somebody_writes_or_deletes_is_looked_at(world: InformedQueue) -> None:
     assert world.see("_instance_object", None, instance_object()) == {INSTANCE}
     assert world.see("_instance_object", instance_object(), instance_object(6)) == {INSTANCE}
     assert world.see("_instance_object", instance_object(6), None) == {INSTANCE}
     assert world.cache.instance_object_named == {}
 
 
-def test_the_echo_of_our_own_write_is_no_news(world: World) -> None:
+def test_the_echo_of_our_own_write_is_no_news(world: InformedQueue) -> None:
     world.cache.put_instance_object(instance_object(6))
     assert world.see("_instance_object", instance_object(5), instance_object(6)) == set()
 
 
-def test_an_object_comes_back_after_a_moment_and_an_orphan_waits_for_its_app(world: World) -> None:
+def test_an_object_comes_back_after_a_moment_and_an_orphan_waits_for_its_app(world: InformedQueue) -> None:
     world.informers._instance_object(Change("DELETED", "k", instance_object(), None))
     assert world.queue.next_due_s() == BACK_S
     world.now_s += BACK_S
@@ -318,14 +320,14 @@ def test_an_object_comes_back_after_a_moment_and_an_orphan_waits_for_its_app(wor
     assert world.queue.next_due_s() == ORPHAN_S
 
 
-def test_what_bears_the_name_of_another_apps_object_concerns_that_app_too(world: World) -> None:
+def test_what_bears_the_name_of_another_apps_object_concerns_that_app_too(world: InformedQueue) -> None:
     old = instance_object(app_uid="uid-0")
     assert world.see("_instance_object", None, old) == {Key(Work.INSTANCE, "uid-0", "a"), INSTANCE}
     assert world.see("_instance_object", old, None) == {Key(Work.INSTANCE, "uid-0", "a"), INSTANCE}
 
 
 @pytest.mark.parametrize("handler", ["_deployment", "_service", "_replica_set", "_pod"])
-def test_an_object_of_another_namespace_wakes_nobody_and_counts_for_nobody(world: World, handler: str) -> None:
+def test_an_object_of_another_namespace_wakes_nobody_and_counts_for_nobody(world: InformedQueue, handler: str) -> None:
     forged = deployment(namespace="elsewhere", ownerReferences=[{"uid": "uid-1", "controller": True}])
     if handler == "_pod":
         forged = msgspec.structs.replace(pod("n", gates=(SCHEDULING_GATE,)), metadata=forged.metadata)
@@ -337,7 +339,7 @@ def test_an_object_of_another_namespace_wakes_nobody_and_counts_for_nobody(world
 
 
 def test_an_object_that_came_before_the_app_of_another_namespace_is_forgotten_with_its_event() -> None:
-    world = World()
+    world = InformedQueue()
     world.see("_deployment", None, deployment(namespace="elsewhere"), key="elsewhere/x")
     world.see("_deployment", None, deployment(labels=LABELS | {Label.INSTANCE.value: "b"}), key="default/x")
     assert world.cache.running_instances("uid-1") == {"a", "b"}
@@ -345,7 +347,7 @@ def test_an_object_that_came_before_the_app_of_another_namespace_is_forgotten_wi
     assert world.cache.running_instances("uid-1") == {"b"}
 
 
-def test_a_pod_that_is_given_to_another_app_leaves_the_first(world: World) -> None:
+def test_a_pod_that_is_given_to_another_app_leaves_the_first(world: InformedQueue) -> None:
     world.cache.update_app(app_body("other", uid="uid-2"))
     mine = pod("edge-1")
     world.see("_pod", None, mine)
@@ -356,7 +358,7 @@ def test_a_pod_that_is_given_to_another_app_leaves_the_first(world: World) -> No
 
 
 @pytest.mark.parametrize("size", [10, 1000])
-def test_a_pods_event_concerns_one_instance_however_many_there_are(world: World, size: int) -> None:
+def test_a_pods_event_concerns_one_instance_however_many_there_are(world: InformedQueue, size: int) -> None:
     for number in range(size):
         labels = {Label.APP_UID.value: "uid-1", Label.INSTANCE.value: f"r-{number}"}
         world.cache.pods.put(
@@ -365,11 +367,11 @@ def test_a_pods_event_concerns_one_instance_however_many_there_are(world: World,
     assert world.see("_pod", pod(), pod("edge-1")) == {*OBSERVED, FLEET}
 
 
-def test_no_config_map_is_watched_from_the_start(world: World) -> None:
+def test_no_config_map_is_watched_from_the_start(world: InformedQueue) -> None:
     assert not [found for found in world.informers.reflectors if "configmaps" in repr(found)]
 
 
-def test_before_the_first_contact_nothing_is_synced(world: World) -> None:
+def test_before_the_first_contact_nothing_is_synced(world: InformedQueue) -> None:
     assert not world.informers.synced
     assert world.informers.silence_s == float("inf")
 

@@ -10,7 +10,7 @@ from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.kopf_handlers import observe
 
 
-class World:
+class HandledObjects:
     def __init__(self) -> None:
         self.cache = Cache()
         self.now_s = 0.0
@@ -30,24 +30,24 @@ def version(body: dict[str, Any], number: int) -> dict[str, Any]:
 
 
 def test_a_new_app_is_planned() -> None:
-    world = World()
+    world = HandledObjects()
     assert world.see("ADDED", app_body()) == [Key(Work.APP, "uid-1")]
     assert world.cache.apps["uid-1"].name == "teleop"
 
 
 def test_the_initial_listing_counts_as_new() -> None:
-    assert World().see(None, app_body()) == [Key(Work.APP, "uid-1")]
+    assert HandledObjects().see(None, app_body()) == [Key(Work.APP, "uid-1")]
 
 
 def test_a_status_write_only_compares_the_status() -> None:
-    world = World()
+    world = HandledObjects()
     world.see("ADDED", app_body())
     written = version(app_body(), 11) | {"status": {"phase": "Running"}}
     assert world.see("MODIFIED", written) == [Key(Work.STATUS, "uid-1")]
 
 
 def test_an_edit_an_approval_and_a_deletion_plan_anew() -> None:
-    world = World()
+    world = HandledObjects()
     world.see("ADDED", app_body())
     assert world.see("MODIFIED", version(app_body(generation=2), 11)) == [Key(Work.APP, "uid-1")]
     approved = version(app_body(generation=2), 12)
@@ -59,14 +59,14 @@ def test_an_edit_an_approval_and_a_deletion_plan_anew() -> None:
 
 
 def test_a_deleted_app_is_forgotten() -> None:
-    world = World()
+    world = HandledObjects()
     world.see("ADDED", app_body())
     assert world.see("DELETED", app_body()) == [Key(Work.APP, "uid-1")]
     assert world.cache.apps == {}
 
 
 def test_agents_are_no_longer_asked_for_the_pairs_of_a_deleted_app() -> None:
-    world = World()
+    world = HandledObjects()
     world.see("ADDED", app_body())
     assert Key(Work.PROBES, "") not in world.see("DELETED", app_body()), "many may be deleted at once"
     world.now_s += 2.0
@@ -74,21 +74,21 @@ def test_agents_are_no_longer_asked_for_the_pairs_of_a_deleted_app() -> None:
 
 
 def test_a_late_event_does_not_bring_back_an_older_copy() -> None:
-    world = World()
+    world = HandledObjects()
     world.see("ADDED", version(app_body(generation=2), 20))
     world.see("MODIFIED", version(app_body(generation=1), 10))
     assert world.cache.apps["uid-1"].generation == 2
 
 
 def test_an_app_of_the_same_name_is_another_app() -> None:
-    world = World()
+    world = HandledObjects()
     world.see("ADDED", app_body())
     world.see("ADDED", app_body(uid="uid-2"))
     assert set(world.cache.apps) == {"uid-1", "uid-2"}
 
 
 def test_whoever_follows_an_app_hears_of_its_birth_edit_and_death_but_not_of_its_status() -> None:
-    world = World()
+    world = HandledObjects()
     world.see("ADDED", app_body("sharer", uid="uid-2", ros2={"shareWith": [{"name": "teleop"}]}))
     world.see("ADDED", app_body("next", uid="uid-3", ros2={"shareWith": [{"name": "sharer"}]}))
     followers = {Key(Work.APP, "uid-2"), Key(Work.APP, "uid-3")}
@@ -101,7 +101,7 @@ def test_whoever_follows_an_app_hears_of_its_birth_edit_and_death_but_not_of_its
 
 
 def test_an_edit_ends_the_back_off_of_the_app_and_of_its_followers() -> None:
-    world = World()
+    world = HandledObjects()
     world.see("ADDED", app_body("sharer", uid="uid-2", ros2={"shareWith": [{"name": "teleop"}]}))
     keys = {Key(Work.CHILDREN, uid, "") for uid in ("uid-1", "uid-2", "uid-3")}
     for key in keys:
@@ -117,7 +117,7 @@ def test_an_edit_ends_the_back_off_of_the_app_and_of_its_followers() -> None:
 
 def test_what_our_own_read_or_write_learned_first_is_still_planned_at_its_event() -> None:
     # The answer to a status write carries the spec as it is by then; the event of that edit comes later.
-    world = World()
+    world = HandledObjects()
     world.see("ADDED", version(app_body(), 10))
     edited = version(app_body(generation=2), 11)
     world.cache.update_app(edited)
@@ -126,7 +126,7 @@ def test_what_our_own_read_or_write_learned_first_is_still_planned_at_its_event(
 
 
 def test_a_successor_that_was_read_before_its_event_is_planned() -> None:
-    world = World()
+    world = HandledObjects()
     world.see("ADDED", version(app_body(), 10))
     world.cache.update_app(version(app_body(uid="uid-2"), 12))
     world.see("DELETED", version(app_body(), 11))

@@ -21,7 +21,7 @@ HOLDER = holder_of_app(namespace="default", name="teleop", uid=UID, instance="",
 NODE = "amr-07"
 
 
-class World:
+class DriverApp:
     """A driver that wants the CAN bus of its node."""
 
     def __init__(self) -> None:
@@ -62,11 +62,11 @@ class World:
 
 
 @pytest.fixture
-def world() -> World:
-    return World()
+def world() -> DriverApp:
+    return DriverApp()
 
 
-def test_a_device_that_was_lost_stays_lost_while_its_node_is_silent(world: World) -> None:
+def test_a_device_that_was_lost_stays_lost_while_its_node_is_silent(world: DriverApp) -> None:
     world.pod("old", NODE)
     claim = world.claim(pod="old")
     world.plug(present=False)
@@ -76,7 +76,7 @@ def test_a_device_that_was_lost_stays_lost_while_its_node_is_silent(world: World
     assert [device.device for device in world.facts().lost] == ["can-can0"]
 
 
-def test_what_a_silent_node_reported_last_is_no_loss(world: World) -> None:
+def test_what_a_silent_node_reported_last_is_no_loss(world: DriverApp) -> None:
     world.pod("old", NODE)
     world.claim(pod="old")
     world.plug(present=False)
@@ -86,7 +86,7 @@ def test_what_a_silent_node_reported_last_is_no_loss(world: World) -> None:
 
 @pytest.mark.parametrize(("present", "held"), [(True, 1), (False, 0)])
 def test_a_claim_that_waits_for_the_next_pod_counts_while_its_device_is_there(
-    world: World, present: bool, held: int
+    world: DriverApp, present: bool, held: int
 ) -> None:
     world.pod("new", "")
     world.claim(phase="Draining")

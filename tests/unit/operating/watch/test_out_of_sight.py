@@ -18,7 +18,7 @@ ALL = {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}
 NAMES = [f"r-{number:02}" for number in range(40)]
 
 
-class World:
+class RobotApps:
     """One app on robots, its grace being 300 s."""
 
     def __init__(self, *names: str, count: int = 0, **spec: Any) -> None:
@@ -67,7 +67,7 @@ class World:
 
 @pytest.mark.parametrize("how", ["node deleted", "robot label off", "label of the selector off"])
 def test_an_instance_goes_on_for_the_grace_after_its_node_vanished_and_ends_then(how: str) -> None:
-    world = World("a", "b", nodeSelector={"matchLabels": {Label.TIER.value: "robot"}})
+    world = RobotApps("a", "b", nodeSelector={"matchLabels": {Label.TIER.value: "robot"}})
     if how == "node deleted":
         world.take("a")
     else:
@@ -81,7 +81,7 @@ def test_an_instance_goes_on_for_the_grace_after_its_node_vanished_and_ends_then
 
 
 def test_a_node_that_comes_back_in_time_begins_a_new_grace_the_next_time() -> None:
-    world = World("a", "b")
+    world = RobotApps("a", "b")
     for _ in range(5):
         world.take("a")
         assert world.instances(after_s=200) == ["a", "b"]
@@ -91,7 +91,7 @@ def test_a_node_that_comes_back_in_time_begins_a_new_grace_the_next_time() -> No
 
 
 def test_a_restart_of_the_operator_begins_the_grace_anew() -> None:
-    world = World("a", "b")
+    world = RobotApps("a", "b")
     world.take("a")
     assert world.instances(after_s=299) == ["a", "b"]
     world.restart()
@@ -115,7 +115,7 @@ def test_a_restart_of_the_operator_begins_the_grace_anew() -> None:
 def test_nothing_ends_while_too_many_robots_are_missing_however_often_the_operator_restarts(
     count: int, lost: int, braked: bool
 ) -> None:
-    world = World(count=count)
+    world = RobotApps(count=count)
     world.take(*NAMES[:lost])
     world.instances()
     for _ in range(3):
@@ -130,7 +130,7 @@ def test_nothing_ends_while_too_many_robots_are_missing_however_often_the_operat
 
 
 def test_the_brake_counts_robots_that_hold_claims_alone() -> None:
-    world = World("a", "b", "c", "d", "e")
+    world = RobotApps("a", "b", "c", "d", "e")
     for name in ("v", "w", "x"):  # their instances have ended already, with their claims parked
         claim = _claim_of(name)
         world.cache.claims.put("other", claim.name, claim)
@@ -153,7 +153,7 @@ def _claim_of(robot: str) -> Any:
 
 
 def test_a_change_of_the_selector_ends_instances_at_once_also_of_robots_out_of_sight() -> None:
-    world = World("a", "b", "c")
+    world = RobotApps("a", "b", "c")
     world.take("a")
     assert world.instances() == ["a", "b", "c"]
     only_c = {"matchLabels": {Label.ROBOT.value: "c"}}
@@ -163,7 +163,7 @@ def test_a_change_of_the_selector_ends_instances_at_once_also_of_robots_out_of_s
 
 
 def test_another_edit_of_the_app_ends_nothing() -> None:
-    world = World("a", "b")
+    world = RobotApps("a", "b")
     world.take("a")
     world.instances()
     world.app = make_app(robots={"nodeSelector": ALL}, suspend=True, generation=2)
@@ -171,13 +171,13 @@ def test_another_edit_of_the_app_ends_nothing() -> None:
 
 
 def test_a_robot_that_revokes_its_admission_loses_the_instance_at_once() -> None:
-    world = World("a", "b")
+    world = RobotApps("a", "b")
     world.cache.nodes["n-a"] = make_node("n-a", robot="a", annotations={"robotics.io/allowed-namespaces": "other"})
     assert world.instances() == ["b"]
 
 
 def test_any_stays_with_its_robot_while_that_is_out_of_sight() -> None:
-    world = World("a", assignment="Any")
+    world = RobotApps("a", assignment="Any")
     world.bring("b", "c")
     assert world.instances() == ["a"]
     world.take("a")
@@ -187,7 +187,7 @@ def test_any_stays_with_its_robot_while_that_is_out_of_sight() -> None:
 
 
 def test_a_deployment_that_only_wears_labels_makes_no_instance() -> None:
-    world = World("a")
+    world = RobotApps("a")
     world.deploy(world.app, "ghost", owned=False)
     assert world.instances() == ["a"]
 
@@ -210,7 +210,7 @@ def only(*names: str, **labels: str) -> dict[str, Any]:
 def test_an_edit_of_the_selector_ends_no_instance_of_a_robot_out_of_sight_that_it_still_selects(
     robots: dict[str, Any], kept: bool
 ) -> None:
-    world = World("a", "b", "c")
+    world = RobotApps("a", "b", "c")
     world.app = make_app(robots=only("a", "b", "c"), generation=2)
     assert world.instances() == ["a", "b", "c"]
     world.take("c")
@@ -220,7 +220,7 @@ def test_an_edit_of_the_selector_ends_no_instance_of_a_robot_out_of_sight_that_i
 
 
 def test_deployments_for_robots_that_never_were_make_no_instances_and_hold_up_no_end() -> None:
-    world = World("a", "b", "c")
+    world = RobotApps("a", "b", "c")
     for number in range(9):
         world.deploy(world.app, f"ghost-{number}")
     assert world.instances() == ["a", "b", "c"]
@@ -230,7 +230,7 @@ def test_deployments_for_robots_that_never_were_make_no_instances_and_hold_up_no
 
 
 def test_an_app_all_of_whose_robots_are_out_of_sight_is_still_accepted_so_that_it_follows_its_user() -> None:
-    world = World("a", "b")
+    world = RobotApps("a", "b")
     world.take("a", "b")
     assert problems_now(world.app, world.cache) == ()
     world.app = make_app(robots={"nodeSelector": {"matchLabels": {Label.ROBOT.value: "z"}}}, generation=2)
@@ -238,7 +238,7 @@ def test_an_app_all_of_whose_robots_are_out_of_sight_is_still_accepted_so_that_i
 
 
 def test_the_end_of_a_grace_is_an_appointment_and_nothing_missing_is_none() -> None:
-    world = World("a", "b")
+    world = RobotApps("a", "b")
     world.instances()
     assert world.cache.sight.look_again_s(world.app) is None
     world.take("a")

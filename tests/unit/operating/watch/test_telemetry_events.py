@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 from tests.support.factories import app_body, make_node, make_pod, telemetry
-from tests.unit.operating.watch.test_informers import EACH, OBSERVED, World, pod
+from tests.unit.operating.watch.test_informers import EACH, OBSERVED, InformedQueue, pod
 
 from robotapp_api.model.names import Label
 from robotapp_client import Change
@@ -13,8 +13,8 @@ from robotapp_operator.queue.workqueue import Key
 
 
 @pytest.fixture
-def world() -> World:
-    made = World()
+def world() -> InformedQueue:
+    made = InformedQueue()
     made.cache.update_app(app_body())
     return made
 
@@ -23,7 +23,7 @@ PROBES = Key(Work.PROBES, "")
 EDGE = {"topic": "/t", "from": "operator", "to": "driver"}
 
 
-def test_new_round_trip_times_concern_instances_with_both_ends_there(world: World) -> None:
+def test_new_round_trip_times_concern_instances_with_both_ends_there(world: InformedQueue) -> None:
     world.cache.update_app(app_body(generation=2, edges=[EDGE]))
     assert world.see("_telemetry", None, telemetry("edge-1", amr=3)) == set()
     for name, node, instance in (("p", "edge-1", "a"), ("q", "amr", "a"), ("r", "edge-1", "b"), ("s", "other", "b")):
@@ -41,7 +41,7 @@ def test_new_round_trip_times_concern_instances_with_both_ends_there(world: Worl
 
 
 def test_an_app_that_moves_for_its_budgets_is_looked_at_in_the_moment_of_a_report_others_when_their_status_is(
-    world: World,
+    world: InformedQueue,
 ) -> None:
     moves = Key(Work.MOVES, "uid-1", "a")
     limits = {"reschedule": {"when": "BudgetExceeded"}}
@@ -60,7 +60,7 @@ def test_an_app_that_moves_for_its_budgets_is_looked_at_in_the_moment_of_a_repor
         assert world.due() - {PROBES} == OBSERVED
 
 
-def test_the_robot_itself_is_an_end(world: World) -> None:
+def test_the_robot_itself_is_an_end(world: InformedQueue) -> None:
     world.cache.update_app(app_body(generation=2, edges=[EDGE | {"to": "@robot"}], robots=EACH))
     world.cache.nodes["amr"] = make_node("amr", robot="a")
     world.see("_pod", None, pod("edge-1"))
@@ -68,7 +68,7 @@ def test_the_robot_itself_is_an_end(world: World) -> None:
     assert world.see("_telemetry", None, telemetry("amr", edge_1=3)) == {*OBSERVED, PROBES}
 
 
-def test_a_time_that_grew_too_old_concerns_its_instances_though_no_event_comes(world: World) -> None:
+def test_a_time_that_grew_too_old_concerns_its_instances_though_no_event_comes(world: InformedQueue) -> None:
     world.cache.update_app(app_body(generation=2, edges=[EDGE | {"to": "@robot"}], robots=EACH))
     world.cache.nodes["amr"] = make_node("amr", robot="a")
     world.see("_pod", None, pod("edge-1"))
@@ -86,12 +86,12 @@ def test_a_time_that_grew_too_old_concerns_its_instances_though_no_event_comes(w
     assert world.see("_telemetry", report, telemetry("edge-1", 2, amr=3)) == OBSERVED
 
 
-def test_apps_without_edges_do_not_mind_round_trip_times(world: World) -> None:
+def test_apps_without_edges_do_not_mind_round_trip_times(world: InformedQueue) -> None:
     world.see("_pod", None, pod("edge-1"))
     assert world.see("_telemetry", None, telemetry("edge-1", edge_1=3)) == {PROBES}
 
 
-def test_an_agent_that_begins_on_a_node_in_use_is_asked_for_its_pairs(world: World) -> None:
+def test_an_agent_that_begins_on_a_node_in_use_is_asked_for_its_pairs(world: InformedQueue) -> None:
     assert world.see("_telemetry", None, telemetry("edge-1")) == set()
     world.see("_pod", None, pod("edge-2"))
     assert world.see("_telemetry", None, telemetry("edge-2")) == {PROBES}
@@ -100,7 +100,7 @@ def test_an_agent_that_begins_on_a_node_in_use_is_asked_for_its_pairs(world: Wor
     assert world.see("_telemetry", None, telemetry("amr")) == {PROBES}
 
 
-def test_a_device_that_comes_or_goes_concerns_every_app_that_wants_one(world: World) -> None:
+def test_a_device_that_comes_or_goes_concerns_every_app_that_wants_one(world: InformedQueue) -> None:
     wanting = {"name": "a", "image": "x", "devices": [{"name": "bus", "type": "can"}]}
     world.cache.update_app(app_body(uid="uid-2", components=[wanting]))
     bare = telemetry("edge-1")
@@ -117,7 +117,7 @@ def test_a_device_that_comes_or_goes_concerns_every_app_that_wants_one(world: Wo
     assert len(versions) == 3
 
 
-def test_telemetry_that_its_node_does_not_own_yet_is_written(world: World) -> None:
+def test_telemetry_that_its_node_does_not_own_yet_is_written(world: InformedQueue) -> None:
     owned = Key(Work.PROBES, "")
     assert world.see("_telemetry", None, telemetry("n")) == set()
     assert world.see("_node", None, make_node("n", uid="u")) == {owned}

@@ -53,7 +53,7 @@ class Planner:
         return self.pod.spec.node_name
 
 
-class World:
+class MovingApps:
     """A robot whose driver stays, and one planner per app on servers that hold one each."""
 
     def __init__(
@@ -155,7 +155,7 @@ def step(server: str, second: int) -> float:
 
 
 def test_a_step_is_answered_by_one_move_to_the_proposed_node_two_seconds_after_the_time_at_most() -> None:
-    world = World(step, apps={"one": "e1"})
+    world = MovingApps(step, apps={"one": "e1"})
     world.run(HOUR_S)
     ((at_s, *nodes),) = world.planners[0].moves
     assert nodes == ["e1", "e2", "e2"]
@@ -167,7 +167,7 @@ def test_servers_that_take_turns_being_slow_cause_no_more_moves_than_the_limits_
     def network(server: str, second: int) -> float:
         return 60 if SERVERS[second // period_s % 3] == server else 5
 
-    world = World(network, apps={"one": "e1"})
+    world = MovingApps(network, apps={"one": "e1"})
     world.run(HOUR_S)
     moves = world.planners[0].moves
     assert len(moves) <= MOST
@@ -179,7 +179,7 @@ def test_servers_that_take_turns_being_slow_cause_no_more_moves_than_the_limits_
 @settings(max_examples=count_examples(5), deadline=None)
 def test_noise_of_a_fifth_moves_nothing(seed: int, ms: float) -> None:
     chance = random.Random(seed)
-    world = World(lambda *_: ms * chance.uniform(0.8, 1.2), apps={"one": "e1"})
+    world = MovingApps(lambda *_: ms * chance.uniform(0.8, 1.2), apps={"one": "e1"})
     world.run(900)
     assert world.planners[0].moves == []
 
@@ -187,13 +187,13 @@ def test_noise_of_a_fifth_moves_nothing(seed: int, ms: float) -> None:
 @pytest.mark.parametrize("ms", [8, 20, 25])
 def test_an_hour_of_noise_of_a_fifth_that_stays_within_the_budget_moves_nothing(ms: float) -> None:
     chance = random.Random(ms)
-    world = World(lambda *_: ms * chance.uniform(0.8, 1.2), apps={"one": "e1"})
+    world = MovingApps(lambda *_: ms * chance.uniform(0.8, 1.2), apps={"one": "e1"})
     world.run(HOUR_S)
     assert world.planners[0].moves == []
 
 
 def test_two_apps_that_want_one_place_do_not_drive_each_other_about() -> None:
-    world = World(lambda server, _: {"e1": 60, "e2": 5, "e3": 60}[server], apps={"one": "e1", "two": "e3"})
+    world = MovingApps(lambda server, _: {"e1": 60, "e2": 5, "e3": 60}[server], apps={"one": "e1", "two": "e3"})
     world.run(HOUR_S)
     assert sorted(len(planner.moves) for planner in world.planners) == [0, 1]
     assert sorted(planner.node for planner in world.planners) in (["e1", "e2"], ["e2", "e3"])
@@ -206,7 +206,7 @@ def test_of_two_apps_on_one_slow_server_one_is_moved_to_the_only_free_place_and_
     def network(server: str, second: int) -> float:
         return {"e1": 60.0 if second >= 10 else 5.0, "e2": 4.0, "e3": 60.0}[server]
 
-    world = World(network, apps={"one": "e1", "two": "e1"}, cpu="1", looks=4, lag_s=lag_s)
+    world = MovingApps(network, apps={"one": "e1", "two": "e1"}, cpu="1", looks=4, lag_s=lag_s)
     world.run(300)
     assert sorted(planner.node for planner in world.planners) == ["e1", "e2"]
     assert sorted(len(planner.moves) for planner in world.planners) == [0, 1]
@@ -220,7 +220,7 @@ def test_on_any_network_apps_stay_within_their_limits_and_every_move_is_to_a_nod
     def network(server: str, second: int) -> float:
         return random.Random(f"{seed}/{server}/{second // period_s}").choice([2.0, 15.0, 26.0, 28.0, 60.0])
 
-    world = World(network, apps={"one": "e1", "two": "e2"}, cpu="2500m")
+    world = MovingApps(network, apps={"one": "e1", "two": "e2"}, cpu="2500m")
     world.run(1200)
     for planner in world.planners:
         assert len(planner.moves) <= MOST

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from tests.support.ros_sources import manifest
 
-from campaigns.profile.damage import mutated
+from campaigns.profile.profile_hostile import mutated
 from ros_profile.model.launch import LaunchFile
 from ros_profile.model.package import SourceFile
 from ros_profile.read.launch.python import read_launch_python

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from campaigns.profile.damage import mutated
+from campaigns.profile.profile_hostile import mutated
 from ros_profile.model.package import SourceFile
 from ros_profile.read.cmake import read_cmake
 from ros_profile.read.cpp import read_cpp

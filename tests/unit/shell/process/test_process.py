@@ -53,7 +53,7 @@ def pod(name: str = "p", **spec: Any) -> dict[str, Any]:
     return {"metadata": {"name": name, "namespace": "default"}, "spec": body, "status": {"phase": "Pending"}}
 
 
-class World:
+class RunningScheduler:
     """A fake API server with our scheduler at work on it."""
 
     def __init__(self, server: FakeApiServer, client: ApiClient, scheduler: Scheduler, task: asyncio.Task[int]) -> None:
@@ -71,13 +71,13 @@ class World:
 
 
 @asynccontextmanager
-async def world(*, leader: bool = False, **changes: Any) -> AsyncIterator[World]:
+async def world(*, leader: bool = False, **changes: Any) -> AsyncIterator[RunningScheduler]:
     """`changes` are of the process' flags."""
     async with FakeApiServer() as server, client_for(server.endpoint) as client:
         scheduler = Scheduler(client, Running(config(leader=leader)), options(**changes))
         task = asyncio.create_task(scheduler.run())
         try:
-            yield World(server, client, scheduler, task)
+            yield RunningScheduler(server, client, scheduler, task)
         finally:
             scheduler.stop()
             await asyncio.wait_for(task, 60)
