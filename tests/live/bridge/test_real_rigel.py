@@ -109,11 +109,11 @@ def test_rigel_creates_its_docker_files_from_our_example(rigel: Path, tmp_path: 
 
 def test_the_bridge_lives_in_rigels_environment_and_writes_the_same(rigel: Path, tmp_path: Path) -> None:
     (tmp_path / "Rigelfile").write_text(SAMPLES["example"])
-    source = Path(__file__).resolve().parents[3] / "rigel_bridge"
+    sources = [Path(__file__).resolve().parents[3] / name for name in ("rigel_bridge", "ros_profile")]
     outputs = []
     for python in (Path(sys.executable), rigel):
         command = [python, "-m", "rigel_bridge.main", "render"]
-        environment = {**os.environ, "PYTHONPATH": str(source)}
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, sources))}
         result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
         outputs.append([line for line in result.stdout.splitlines() if "bridge-version" not in line])
     assert outputs[0] == outputs[1]
