@@ -6,10 +6,10 @@ import signal
 
 import pytest
 from hypothesis import settings
-from tests.support.seeds import TODAY, daily_seed
+from tests.support.seeds import TODAY, count_examples, daily_seed
 
 # How long an example takes says something about the machine's other work, not about the rule under test.
-settings.register_profile("untimed", deadline=None)
+settings.register_profile("untimed", deadline=None, max_examples=count_examples(100))
 settings.load_profile("untimed")
 
 # Processes of pytest-xdist that begin before and after midnight have the same tests: they inherit the day.

@@ -20,7 +20,6 @@ from journeys.demo_cluster import NAMESPACE, NAMESPACES, ROOT, DemoCluster
 from journeys.stage import FalseClaimError, Stage
 from journeys.steps import apply_teleop, explain_teleop, render_from_rigel, share_a_can_bus
 from robotapp_testbed import ControlPlane, TestbedError
-from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.control_plane import guest, product
 from robotapp_testbed.control_plane.guest import GuestPlane
 from robotapp_testbed.machines.network import Topology
@@ -193,7 +192,7 @@ def _start_holder(kubeconfig: Path | None) -> int:
     if _CLUSTER.state():
         print("The demo's cluster is still up from an earlier run: scripts/demo --down ends it.")
         return 1
-    Assets().resolve()
+    _plane(kubeconfig).get_binaries()  # here, so that an interrupt finds no holder to end
     own = [f"--kubeconfig={kubeconfig.absolute()}"] if kubeconfig else []
     holder = subprocess.Popen([sys.executable, "-m", "journeys.demo", "--hold", *own], start_new_session=True)
     try:

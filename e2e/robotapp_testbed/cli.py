@@ -7,10 +7,11 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 
 from robotapp_testbed import cli_nodes
-from robotapp_testbed.binaries import pins
+from robotapp_testbed.binaries import pins, programs
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.control_plane import components_as_pods, product
 from robotapp_testbed.control_plane.controlplane import ControlPlane
@@ -21,7 +22,9 @@ from robotapp_testbed.processes.detached import Cluster, State
 from robotapp_testbed.processes.process import cpu_seconds, rss_bytes
 
 _EXAMPLES = """examples:
-  python -m robotapp_testbed build                       get or compile all binaries, once (safe to interrupt)
+  python -m robotapp_testbed build                       get or compile everything, once (safe to interrupt)
+  python -m robotapp_testbed build --for simulated       what clusters of simulated nodes and the demo run
+  python -m robotapp_testbed build etcd kubectl          these two
   python -m robotapp_testbed up --install --fleet 2,2,1  a cluster with our CRDs and five simulated nodes
   python -m robotapp_testbed up --run --fleet FILE.yaml  with operator and scheduler, and the nodes of a file
   eval "$(python -m robotapp_testbed env)"               use it from this shell
@@ -30,6 +33,17 @@ _EXAMPLES = """examples:
 
 real nodes:
 """
+_BUILD_EXAMPLES = """examples:
+  python -m robotapp_testbed build                   everything
+  python -m robotapp_testbed build --for simulated   for `up --fleet …`, the demo and most tests: no kubelet, no kube-proxy
+  python -m robotapp_testbed build --for real        for `up --nodes …`
+  python -m robotapp_testbed build etcd kubectl      these two
+"""
+_PROGRAMS = programs.FOLDERS | programs.TOOLS
+_PURPOSES = {
+    "simulated": tuple(name for name in pins.NAMES if name not in pins.REAL_ONLY),
+    "real": (*(name for name in pins.NAMES if name not in pins.SIMULATED_ONLY), *programs.FOLDERS),
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -63,10 +77,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
-    build = commands.add_parser("build", help="get the binaries: cache, official releases, or compile them")
-    _add_release_option(build)
-    build.set_defaults(run=_build)
-
+    _add_build(commands)
     up = _add_up(commands)
     env = commands.add_parser("env", help="print the shell lines that point KUBECONFIG and PATH at the cluster")
     env.add_argument(
@@ -86,6 +97,35 @@ def _parser() -> argparse.ArgumentParser:
     for command in (up, env, status, down, link, replay):
         command.add_argument("--name", default="default", help="several clusters can run side by side")
     return parser
+
+
+def _add_build(commands: cli_nodes.Commands) -> None:
+    build = commands.add_parser(
+        "build",
+        help="get the binaries: cache, official releases, or compile them",
+        description="Gets binaries from the cache, from official releases, or by compiling them, and prints where each is. "
+        "`up` and the tests get what they need themselves: this is for doing it ahead.",
+        epilog=_BUILD_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    program_names = ", ".join((*pins.NAMES, *_PROGRAMS))
+    build.add_argument(
+        "names",
+        nargs="*",
+        type=_program,
+        metavar="NAME",
+        help=f"only these of {program_names}; none and no --for: all but cel-cost",
+    )
+    build.add_argument(
+        "--for",
+        dest="purposes",
+        action="append",
+        default=[],
+        choices=_PURPOSES,
+        help="only what clusters of simulated, or of real nodes run; repeatable, and adds to the names",
+    )
+    _add_release_option(build)
+    build.set_defaults(run=_build)
 
 
 def _add_up(commands: cli_nodes.Commands) -> argparse.ArgumentParser:
@@ -139,8 +179,19 @@ def _fleet(text: str) -> cli_nodes.Fleet:
     return cli_nodes.Fleet(text, topology.fleet(robots, edges, clouds))
 
 
+def _program(text: str) -> str:
+    if text not in (*pins.NAMES, *_PROGRAMS):
+        raise argparse.ArgumentTypeError(f"there is no {text!r}, known are {', '.join((*pins.NAMES, *_PROGRAMS))}")
+    return text
+
+
 def _build(arguments: argparse.Namespace) -> int:
-    for name, path in Assets(base_urls=dict(arguments.release_url)).resolve().items():
+    chosen = [*arguments.names, *chain.from_iterable(_PURPOSES[purpose] for purpose in arguments.purposes)]
+    names = dict.fromkeys(chosen or (*pins.NAMES, *programs.FOLDERS))
+    assets = Assets(base_urls=dict(arguments.release_url))
+    paths = assets.resolve([name for name in names if name in pins.NAMES])
+    paths |= {name: programs.build(name) for name in names if name in _PROGRAMS}
+    for name, path in paths.items():
         print(f"{name:24} {path}")
     return 0
 
@@ -155,10 +206,10 @@ def _up(arguments: argparse.Namespace) -> int:
         )
         return _tell(running)
     cli_nodes.check(arguments)
-    assets = Assets(base_urls=dict(arguments.release_url))
-    assets.resolve()  # here, so that the user sees the progress
+    plane = _plane(arguments, Assets(base_urls=dict(arguments.release_url)))
+    plane.get_binaries()  # here, so that the user sees the progress
     if arguments.hold:
-        cluster.hold(_plane(arguments, assets), prepare=lambda cp, stack: _prepare(cp, stack, arguments))
+        cluster.hold(plane, prepare=lambda cp, stack: _prepare(cp, stack, arguments))
         return 0
     if arguments.nodes:
         cli_nodes.prepare(arguments)

@@ -7,10 +7,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TextIO
 
+from robotapp_testbed import estimate
+
 _BAR_CELLS = 24
 _REDRAW_S = 0.25
 _LINE_EVERY_S = 20.0
-_FASTEST_RATIO = 0.02
+_NOTE_CHARACTERS = 40
 
 
 class Progress:
@@ -28,8 +30,8 @@ class Progress:
         self._clock = clock
         self._plan: list[tuple[str, float]] = []
         self._index = 0
-        self._expected_done_s = 0.0
-        self._took_s = 0.0
+        self._finished_expected_s = 0.0
+        self._finished_took_s = 0.0
         self._started_s = 0.0
         self._said_s = 0.0
         self._note = ""
@@ -42,7 +44,8 @@ class Progress:
 
     def plan(self, steps: Sequence[tuple[str, float]]) -> None:
         """The steps to come, each with the seconds it should take on this machine."""
-        self._plan, self._index, self._expected_done_s, self._took_s = list(steps), 0, 0.0, 0.0
+        self._plan, self._index = list(steps), 0
+        self._finished_expected_s = self._finished_took_s = 0.0
 
     @contextmanager
     def step(self, title: str) -> Iterator[Callable[[str], None]]:
@@ -55,12 +58,12 @@ class Progress:
         self._started_s = self._said_s = self._clock()
         self._note = ""
         if not self._interactive:
-            self.say(f"{self._prefix()} {title}: {self._remaining_text()}")
+            self.say(f"{self._prefix()} {title}: {estimate.describe_remaining(self._standing())}")
         with self._ticking():
             yield self._take_note
         took_s = self._elapsed_s()
-        self._took_s += took_s
-        self._expected_done_s += self._plan[self._index][1]
+        self._finished_took_s += took_s
+        self._finished_expected_s += self._plan[self._index][1]
         self.say(f"{self._prefix()} {title}: done in {took_s:.0f} s")
 
     @contextmanager
@@ -76,9 +79,16 @@ class Progress:
 
     def remaining_s(self) -> float:
         """Expected seconds until the last planned step ends."""
-        ratio = max(self._took_s / self._expected_done_s, _FASTEST_RATIO) if self._expected_done_s else 1.0
-        ahead_s = sum(expected_s for _, expected_s in self._plan[self._index + 1 :]) * ratio
-        return ahead_s + max(self._plan[self._index][1] * ratio - self._elapsed_s(), 0.0)
+        return estimate.predict_remaining_s(self._standing())
+
+    def _standing(self) -> estimate.Standing:
+        return estimate.Standing(
+            finished_expected_s=self._finished_expected_s,
+            finished_took_s=self._finished_took_s,
+            running_expected_s=self._plan[self._index][1],
+            running_s=self._elapsed_s(),
+            ahead_expected_s=sum(expected_s for _, expected_s in self._plan[self._index + 1 :]),
+        )
 
     def _elapsed_s(self) -> float:
         return self._clock() - self._started_s
@@ -97,24 +107,25 @@ class Progress:
                 self._stream.flush()
         elif self._clock() - self._said_s >= _LINE_EVERY_S:
             self._said_s = self._clock()
-            self.say(
-                f"{self._prefix()} {self._plan[self._index][0]}: {self._elapsed_s():.0f} s, {self._remaining_text()}"
-            )
+            self.say(self._line())
 
     def _prefix(self) -> str:
         return f"[{self._index + 1}/{len(self._plan)}]"
 
-    def _bar(self) -> str:
-        title, expected_s = self._plan[self._index]
-        share = min(self._elapsed_s() / expected_s, 1.0) if expected_s else 1.0
-        cells = "█" * round(share * _BAR_CELLS)
-        return f"{self._prefix()} {title} {cells:░<{_BAR_CELLS}} {self._remaining_text()} {self._note[:40]}"
+    def _line(self) -> str:
+        """Names the running step and what it works on, so that a long one explains itself."""
+        standing = self._standing()
+        running_text = "" if estimate.is_late(standing) else f"{standing.running_s:.0f} s, "
+        note = f" ({self._note})" if self._note else ""
+        return f"{self._prefix()} {self._plan[self._index][0]}: {running_text}{estimate.describe_remaining(standing)}{note}"
 
-    def _remaining_text(self) -> str:
-        seconds = self.remaining_s()
-        if seconds < 1:
-            return "nearly done"
-        return f"about {seconds / 60:.0f} min left" if seconds >= 90 else f"about {seconds:.0f} s left"
+    def _bar(self) -> str:
+        title, standing = self._plan[self._index][0], self._standing()
+        expected_s = estimate.predict_running_s(standing)
+        share = min(standing.running_s / expected_s, 1.0) if expected_s else 1.0
+        cells = "█" * round(share * _BAR_CELLS)
+        remaining = estimate.describe_remaining(standing)
+        return f"{self._prefix()} {title} {cells:░<{_BAR_CELLS}} {remaining} {self._note[:_NOTE_CHARACTERS]}"
 
     def _erase(self) -> str:
         return "\r\x1b[2K" if self._interactive else ""

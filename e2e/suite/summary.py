@@ -44,14 +44,15 @@ def read(name: str, path: Path) -> Part:
     for case in suite.iter("testcase"):
         said = [BAD.get(child.tag, child.tag) for child in case]
         outcome = next((word for word in ("failed", "error", "skipped") if word in said), "passed")
-        known = outcomes.setdefault(_test_id(case), outcome)
+        known = outcomes.setdefault(find_test_id(case), outcome)
         if known == "passed":
-            outcomes[_test_id(case)] = outcome
+            outcomes[find_test_id(case)] = outcome
     bad = tuple(test for test, outcome in outcomes.items() if outcome in BAD.values())
     return Part(name, Counter(outcomes.values()), bad, float(suite.get("time", 0)))
 
 
-def _test_id(case: ET.Element) -> str:
+def find_test_id(case: ET.Element) -> str:
+    """Returns the id of a test case of a report, as pytest takes it on its command line."""
     file, name, where = (case.get(key, "") for key in ("file", "name", "classname"))
     if not where:
         return file or name  # a file that could not be collected

@@ -63,7 +63,7 @@ MEASURED_S: Final = 600.0
 CALM_S: Final = 240.0
 """Until the last latency figures are published, and then a while in which nothing is written."""
 NODE_LEASE_S: Final = 600
-"""The simulated kubelets must not be late beside a busy API server: pods of a node that was NotReady stay so under kwok."""
+"""The simulated kubelets must not be late beside a busy API server: each node that is out of contact costs writes."""
 INSTANCES: Final = "robotappinstances"
 Figures = dict[str, Any]
 

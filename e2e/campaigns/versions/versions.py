@@ -27,10 +27,10 @@ SMOKE: Final = (
     "tests/live/crds/test_rule_costs_live.py",
     "tests/live/attacks/test_forged_members.py",
     "tests/live/claims/test_sweep.py",
-    "tests/live/operating/test_life_of_an_app.py",
-    "tests/live/scheduling/test_apps_live.py",
-    "tests/live/scheduling/test_pods_live.py",
-    "tests/live/scheduling/test_devices_live.py",
+    "tests/live/operating/apps/test_life_of_an_app.py",
+    "tests/live/scheduling/ros/test_apps_live.py",
+    "tests/live/scheduling/pods/test_pods_live.py",
+    "tests/live/scheduling/ros/test_devices_live.py",
 )
 """What touches the API server in every way we do: CRDs, rules, policies, apply, bindings with grants, watches, sweeps."""
 

@@ -2,17 +2,15 @@
 
 import os
 from collections.abc import Iterable, Mapping
-from contextlib import AbstractContextManager
 from functools import partial
 from itertools import chain
 from pathlib import Path
 
-from robotapp_testbed.binaries import cache, gobuild, pins, release, toolchain
+from robotapp_testbed.binaries import cache, gobuild, pins, release
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.progress import Progress
 
 FOLDER_VARIABLES = ("ROBOTAPP_ASSETS", "KUBEBUILDER_ASSETS")
-_REFERENCE_CORES = 2
 _DOWNLOAD_S = 8.0
 
 
@@ -32,9 +30,9 @@ class Assets:
         self._progress = progress or Progress()
         self._base_urls = {**release.base_urls(env), **(base_urls or {})}
 
-    def resolve(self, names: Iterable[str] = pins.NAMES) -> dict[str, Path]:
+    def resolve(self, names: Iterable[str]) -> dict[str, Path]:
         """Paths of all `names`, downloading or compiling what is missing; TestbedError says what to do if it cannot."""
-        wanted = [pins.binary(name) for name in names]
+        wanted = sorted(map(pins.binary, names), key=pins.BINARIES.index)  # what they cost is known in this order
         found = self.present(binary.name for binary in wanted)
         missing = [binary for binary in wanted if binary.name not in found]
         if not missing:
@@ -43,7 +41,13 @@ class Assets:
         self._progress.say(f"Control plane: getting {', '.join(binary.name for binary in missing)} into {self._home}")
         try:
             found |= self._download([binary for binary in missing if binary.release])
-            return found | self._compile([binary for binary in missing if binary.name not in found])
+            return found | gobuild.build_all(
+                [binary for binary in missing if binary.name not in found],
+                cache.built_store(home=self._home),
+                home=self._home,
+                progress=self._progress,
+                env=self._env,
+            )
         except OSError as error:
             raise TestbedError(
                 f"the cache {self._home} cannot be used ({error}): make room there, or set XDG_CACHE_HOME to a folder you may write"
@@ -81,31 +85,20 @@ class Assets:
         for binary in offered:
             if not downloader.offers(binary):  # its source was given up on meanwhile
                 continue
+            announce_wait = partial(
+                self._progress.say, f"{binary.name} is being downloaded by another process: waiting for it"
+            )
             try:
-                with self._progress.step(f"downloading {binary.name}") as note, self._adding(store, binary) as target:
+                with (
+                    self._progress.step(f"downloading {binary.name}") as note,
+                    store.adding(binary.name, on_wait=announce_wait) as target,
+                ):
                     if target:
                         downloader.fetch(binary, target, note=note)
                 found[binary.name] = store.path(binary.name)
             except release.ReleaseProblem as problem:
                 self._progress.say(f"{problem}: compiling instead")
         return found
-
-    def _compile(self, wanted: list[pins.Binary]) -> dict[str, Path]:
-        if not wanted:
-            return {}
-        go = toolchain.find(self._env, home=self._home) or toolchain.install_wheel(self._progress.say, home=self._home)
-        store = cache.built_store(home=self._home)
-        scale = _REFERENCE_CORES / min(os.cpu_count() or _REFERENCE_CORES, 8)
-        self._progress.plan([(f"compiling {binary.name}", binary.compile_s * scale) for binary in wanted])
-        for binary in wanted:
-            with self._progress.step(f"compiling {binary.name}") as note, self._adding(store, binary) as target:
-                if target:
-                    gobuild.build(go, binary, target, on_line=note, env=self._env)
-        return {binary.name: store.path(binary.name) for binary in wanted}
-
-    def _adding(self, store: cache.Store, binary: pins.Binary) -> AbstractContextManager[Path | None]:
-        waiting = f"{binary.name} is being made by another process: waiting for it"
-        return store.adding(binary.name, on_wait=partial(self._progress.say, waiting))
 
 
 def _is_program(path: Path) -> bool:

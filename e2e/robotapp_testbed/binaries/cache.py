@@ -42,7 +42,8 @@ def module_key(*, module_dir: Path = pins.MODULE_DIR, ldflags: str = pins.LDFLAG
 
 def release_key() -> str:
     """Hash of the pinned versions of the official releases, and of the machine they are for."""
-    return hashlib.sha256(repr((pins.BINARIES, pins.platform_names())).encode()).hexdigest()[:16]
+    releases = tuple((binary.name, binary.release) for binary in pins.BINARIES)
+    return hashlib.sha256(repr((releases, pins.platform_names())).encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True, slots=True)

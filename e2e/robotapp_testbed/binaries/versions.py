@@ -6,11 +6,10 @@ own under e2e/controlplane, because one module can hold only one version of Kube
 
 import os
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Final
 
-from robotapp_testbed.binaries import cache, gobuild, pins, toolchain
+from robotapp_testbed.binaries import cache, gobuild, pins
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.progress import Progress
 
@@ -27,23 +26,18 @@ def module_dir(minor: str) -> Path:
 
 def servers(minor: str, *, progress: Progress | None = None, env: Mapping[str, str] = os.environ) -> Path:
     """The folder with PROGRAMS of that version, for ROBOTAPP_ASSETS. Compiles what is missing (about ten minutes on two cores)."""
-    shown = progress or Progress()
     folder, ldflags = module_dir(minor), pins.ldflags(OTHERS[minor])
     home = cache.cache_home(env)
     store = cache.built_store(home=home, module_dir=folder, ldflags=ldflags)
     missing = [pins.binary(name) for name in PROGRAMS if store.get(name) is None]
-    if not missing:
-        return store.directory
-    go = toolchain.find(env, home=home) or toolchain.install_wheel(shown.say, home=home)
-    shown.plan([(f"compiling {binary.name} {OTHERS[minor]}", float(binary.compile_s)) for binary in missing])
-    for binary in missing:
-        waiting = partial(
-            shown.say, f"{binary.name} {OTHERS[minor]} is being compiled by another process: waiting for it"
-        )
-        with (
-            shown.step(f"compiling {binary.name} {OTHERS[minor]}") as note,
-            store.adding(binary.name, on_wait=waiting) as target,
-        ):
-            if target:
-                gobuild.build(go, binary, target, on_line=note, env=env, module_dir=folder, ldflags=ldflags)
+    gobuild.build_all(
+        missing,
+        store,
+        home=home,
+        progress=progress or Progress(),
+        env=env,
+        version=OTHERS[minor],
+        module_dir=folder,
+        ldflags=ldflags,
+    )
     return store.directory

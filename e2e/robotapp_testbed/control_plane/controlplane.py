@@ -116,6 +116,11 @@ class ControlPlane:
         return self._started().logs_dir
 
     @property
+    def binary_names(self) -> list[str]:
+        """The binaries of this control plane and of its `bin_dir`; others are never downloaded or compiled for it."""
+        return [*self._wanted, *self._tools]
+
+    @property
     def has_controllers(self) -> bool:
         return Program.CONTROLLER_MANAGER in self._wanted
 
@@ -164,9 +169,13 @@ class ControlPlane:
 
     # --- life -------------------------------------------------------------------------------------------------
 
+    def get_binaries(self) -> dict[str, Path]:
+        """Downloads or compiles what is missing, with progress; `start` does it as well. TestbedError when it cannot be had."""
+        return self._assets.resolve(self.binary_names)
+
     def start(self) -> Self:
         """Start everything and wait until it serves (2 to 4 s). On failure nothing is left behind."""
-        binaries = self._assets.resolve([*self._wanted, *self._tools])
+        binaries = self.get_binaries()
         _require_room(Path(tempfile.gettempdir()), self._room_mb())
         self._run_dir = Path(tempfile.mkdtemp(prefix="robotapp-testbed-"))
         try:

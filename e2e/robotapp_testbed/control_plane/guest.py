@@ -54,7 +54,7 @@ class GuestPlane(ControlPlane):
     ) -> None:
         super().__init__(kwok=True, assets=assets)
         self._wanted = [Program.KWOK]
-        self._own = OwnKubectl(kubeconfig)
+        self._own = OwnKubectl(kubeconfig, assets=assets)
         self._nodes = tuple(nodes)
         self._namespaces = (SYSTEM_NAMESPACE, *namespaces)
         self._is_guest = False
@@ -153,12 +153,13 @@ class OwnKubectl:
         if not kubeconfig.is_file():
             raise TestbedError(f"there is no kubeconfig {kubeconfig}")
         self.kubeconfig = kubeconfig.absolute()
-        self._kubectl = (assets or Assets()).resolve(["kubectl"])["kubectl"]
+        self._assets = assets or Assets()
         self._cluster: dict[str, str] | None = None
 
     def run(self, *args: str, stdin: object = None) -> str:
         """Standard output; CommandError when it fails."""
-        command = [str(self._kubectl), f"--kubeconfig={self.kubeconfig}", *args]
+        kubectl = self._assets.resolve(["kubectl"])["kubectl"]
+        command = [str(kubectl), f"--kubeconfig={self.kubeconfig}", *args]
         done = subprocess.run(
             command, input=as_input(stdin), capture_output=True, text=True, timeout=_COMMAND_S, check=False
         )

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from robotapp_api.model.names import Label
 from robotapp_testbed import images
-from robotapp_testbed.binaries import programs
+from robotapp_testbed.binaries import pins, programs
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.control_plane import components
 from robotapp_testbed.control_plane.authority import Authority
@@ -83,7 +83,7 @@ class RealNodes(ControlPlane):
             extra_args=extra_args,
             assets=assets,
         )
-        self._tools += ["kubelet", "kube-proxy"]
+        self._tools += pins.REAL_ONLY
         self._given_args = extra_args or {}
         self._delays = delays
         self._images = ("pause", *images)

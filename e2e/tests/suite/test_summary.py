@@ -54,11 +54,6 @@ def test_a_real_report_is_read_with_the_ids_that_pytest_takes(tmp_path: Path) ->
     assert part.seconds is not None
 
 
-def test_a_file_that_cannot_be_collected_is_an_error_with_its_name(tmp_path: Path) -> None:
-    part = read("b", run_pytest(tmp_path, "b", "import nothing_of_that_name"))
-    assert (part.counts, part.bad) == ({"error": 1}, ("test_b.py",))
-
-
 @pytest.mark.parametrize("content", [None, "", "<testsuites>", "<testsuites/>"])
 def test_a_part_without_a_whole_report_did_not_finish(tmp_path: Path, content: str | None) -> None:
     report = tmp_path / "report.xml"

@@ -21,7 +21,6 @@ class ReleaseServer:
     files: dict[str, bytes] = field(default_factory=dict)
     requests: list[str] = field(default_factory=list)
     trickle_s: dict[str, float] = field(default_factory=dict)
-    silent: bool = False
     stop: threading.Event = field(default_factory=threading.Event)
 
     def publish(self, binary: pins.Binary, content: bytes, *, digest: str | None = None) -> None:
@@ -60,9 +59,6 @@ def handler(server: ReleaseServer) -> type[BaseHTTPRequestHandler]:
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             server.requests.append(self.path)
-            if server.silent:
-                server.stop.wait()
-                return
             data = server.files.get(self.path)
             if data is None:
                 self.send_error(404)

@@ -1,39 +1,24 @@
 import fcntl
 import json
-import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 
 import pytest
 
-from robotapp_testbed import cli
-from robotapp_testbed.binaries import pins
+from robotapp_testbed import ControlPlane, cli
+from robotapp_testbed.binaries import pins, programs
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.processes.detached import Cluster, Holder
-
-_PRINTS = """
-import sys
-from robotapp_testbed import cli, cli_nodes
-cli_nodes._doctor = lambda _: print("x" * 100_000) or 0
-sys.exit(cli.main(["doctor"]))
-"""
+from robotapp_testbed.real import RealNodes, prerequisites
 
 
 @pytest.fixture(autouse=True)
 def _home(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-
-
-@pytest.mark.parametrize("command", [["--help"], ["build", "--help"], ["up", "--help"], ["env", "--help"]])
-def test_help_is_there(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        cli.main(command)
-    assert ended.value.code == 0
-    assert "usage: python -m robotapp_testbed" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -43,6 +28,8 @@ def test_help_is_there(command: list[str], capsys: pytest.CaptureFixture[str]) -
         (["up", "--fleet", "a,b,c"], "is not three numbers"),
         (["build", "--release-url", "docker=http://x"], "SOURCE one of kubernetes, etcd, helm"),
         (["build", "--release-url", "etcd"], "is not SOURCE=URL"),
+        (["build", "minikube"], "there is no 'minikube', known are etcd, kube-apiserver"),
+        (["build", "--for", "nothing"], "choose from"),
         (["rebuild"], "invalid choice"),
         ([], "required"),
     ],
@@ -54,20 +41,55 @@ def test_wrong_arguments_are_explained(command: list[str], reason: str, capsys: 
     assert reason in capsys.readouterr().err
 
 
-def test_build_prints_where_each_binary_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(Assets, "resolve", lambda self: dict.fromkeys(pins.NAMES, "/somewhere") if self else {})
-    assert cli.main(["build"]) == 0
-    assert len(capsys.readouterr().out.splitlines()) == len(pins.NAMES)
+@pytest.mark.parametrize(
+    ("options", "names"),
+    [
+        (["etcd", "kubectl", "etcd"], {"etcd", "kubectl"}),
+        (["pause"], {"pause"}),
+        (["cel-cost"], {"cel-cost"}),
+        (["--for", "simulated"], {*ControlPlane(kube_scheduler=True).binary_names}),
+        (["--for", "real"], {*RealNodes(["node-1"]).binary_names, *programs.FOLDERS}),
+        (["--for", "real", "--for", "simulated"], {*pins.NAMES, *programs.FOLDERS}),
+        (["pause", "--for", "simulated"], {*ControlPlane(kube_scheduler=True).binary_names, "pause"}),
+    ],
+)
+def test_build_gets_what_it_is_asked_for(
+    options: list[str], names: set[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(Assets, "resolve", lambda _, names: dict.fromkeys(names, "/somewhere"))
+    monkeypatch.setattr(programs, "build", lambda name: f"/compiled/{name}")
+    assert cli.main(["build", *options]) == 0
+    assert {line.split()[0] for line in capsys.readouterr().out.splitlines()} == names
 
 
-def test_output_that_nobody_reads_ends_it_quietly() -> None:
-    reader, writer = os.pipe()
-    os.close(reader)
-    with open(writer, "w") as closed:  # noqa: PTH123 - a descriptor, no path
-        done = subprocess.run(
-            [sys.executable, "-c", _PRINTS], stdout=closed, stderr=subprocess.PIPE, text=True, check=False
-        )
-    assert (done.returncode, done.stderr) == (141, "")
+SIMULATED = {"etcd", "kube-apiserver", "kube-controller-manager", "kwok", "kubectl", "helm"}
+REAL = SIMULATED - {"kwok"} | {"kube-scheduler", "kubelet", "kube-proxy"}
+
+
+@pytest.mark.parametrize(
+    ("options", "names"),
+    [
+        ([], SIMULATED),
+        (["--run", "--fleet", "2,2,1"], SIMULATED),
+        (["--kube-scheduler"], SIMULATED | {"kube-scheduler"}),
+        (["--nodes", "2"], REAL),
+        (["--nodes", "2", "--fleet", "1,0,0"], REAL | {"kwok"}),
+    ],
+)
+@pytest.mark.parametrize("held", [[], ["--hold"]])
+def test_up_gets_the_binaries_of_its_nodes_and_no_others(
+    options: list[str], names: set[str], held: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wanted: list[str] = []
+
+    def stop(_: Assets, names: Iterable[str]) -> None:
+        wanted.extend(names)
+        raise TestbedError("nothing is started")
+
+    monkeypatch.setattr(Assets, "resolve", stop)
+    monkeypatch.setattr(prerequisites, "require", lambda: None)
+    assert cli.main(["up", *options, *held]) == 1
+    assert set(wanted) == names
 
 
 @pytest.mark.parametrize("command", ["env", "status"])
@@ -92,21 +114,10 @@ def test_a_failure_is_one_message_without_a_traceback(
     )
 
 
-def test_a_full_disk_is_one_message_without_a_traceback(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def full(_: Assets) -> None:
-        raise OSError(28, "No space left on device", "/tmp/x")  # noqa: S108 - a name in a text
-
-    monkeypatch.setattr(Assets, "resolve", full)
-    assert cli.main(["build"]) == 1
-    assert capsys.readouterr().err == "[Errno 28] No space left on device: '/tmp/x'\n"
-
-
 def test_an_interrupt_says_that_nothing_is_lost(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(_: Assets) -> None:
+    def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Assets, "resolve", interrupted)

@@ -2,6 +2,7 @@
 
 import io
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,18 +11,14 @@ from rich.console import Console
 
 from journeys import demo
 from journeys.stage import Stage
+from robotapp_testbed import TestbedError
+from robotapp_testbed.binaries.assets import Assets
+from robotapp_testbed.processes.detached import Cluster
 
 
 def stage_on_paper() -> tuple[Stage, io.StringIO]:
     paper = io.StringIO()
     return Stage(console=Console(file=paper, width=100, soft_wrap=True, highlight=False)), paper
-
-
-def test_steps_are_numbered_as_they_are_told() -> None:
-    stage, paper = stage_on_paper()
-    for title in ("One", "Another"):
-        stage.step(title)
-    assert [line.rstrip("─ ") for line in paper.getvalue().splitlines() if line] == ["1  One", "2  Another"]
 
 
 def test_whoever_goes_on_can_ask_the_scheduler_and_has_a_kubectl() -> None:
@@ -33,6 +30,21 @@ def test_whoever_goes_on_can_ask_the_scheduler_and_has_a_kubectl() -> None:
     assert "export KUBECONFIG=/run/x/admin.yaml ROBOTAPP_SCHEDULER_URL=https://127.0.0.1:20001\n" in said
     assert "/.venv/bin:$PATH:/run/x/bin\n" in said
     assert "kubectl robotapp explain teleop -n demo" in said
+
+
+def test_the_demo_gets_kube_scheduler_to_compare_with_and_no_kubelet(monkeypatch: pytest.MonkeyPatch) -> None:
+    wanted: list[str] = []
+
+    def stop(_: Assets, names: Iterable[str]) -> None:
+        wanted.extend(names)
+        raise TestbedError("nothing is started")
+
+    monkeypatch.setattr(Assets, "resolve", stop)
+    monkeypatch.setattr(Cluster, "state", lambda _: None)
+    monkeypatch.setattr(sys, "argv", ["demo"])
+    assert demo.main() == 1
+    servers = {"etcd", "kube-apiserver", "kube-controller-manager", "kube-scheduler"}
+    assert set(wanted) == servers | {"kwok", "kubectl", "helm"}
 
 
 def test_an_interrupted_story_ends_with_a_sentence(

@@ -85,7 +85,7 @@ def rigel(request: pytest.FixtureRequest, tmp_path: Path) -> Rigel:
     (tmp_path / "Rigelfile").write_text(RIGELFILE)
     (tmp_path / "reading.py").write_text(READER)
     if request.param == "double":
-        path = f"{ROOT / 'tests' / 'support' / 'rigel03'}:{ROOT / 'rigel_bridge'}"
+        path = f"{ROOT / 'tests' / 'live' / 'bridge' / 'rigel03'}:{ROOT / 'rigel_bridge'}"
         return Rigel((sys.executable, "-m", "rigel"), path, tmp_path)
     return Rigel((str(request.getfixturevalue("checkout") / "bin" / "rigel"),), "", tmp_path)
 

@@ -309,6 +309,15 @@ def test_the_operator_is_told_the_scheduler_of_apps_that_name_none(chart: Chart,
 
 
 @pytest.mark.parametrize(
+    ("values", "switch"), [({}, "on"), ({"scheduler.betterNodes": "false"}, "off"), ({"agent.enabled": "false"}, "off")]
+)
+def test_better_nodes_are_proposed_where_agents_measure_unless_switched_off(
+    chart: Chart, values: dict[str, str], switch: str
+) -> None:
+    assert f"--better-nodes={switch}" in pod_spec(chart.render(values), "scheduler")["containers"][0]["args"]
+
+
+@pytest.mark.parametrize(
     ("value", "where"),
     [
         ("typo=1", "typo"),

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from tests.support.seeds import third_of_today
+from tests.support.seeds import choose_for_today
 
 from robotapp_api.model.names import Reason
 from robotapp_cli.lint.findings import Severity
@@ -78,7 +78,7 @@ def refusal(plane: ControlPlane, text: str) -> str:
     return ""
 
 
-@pytest.mark.parametrize("what", third_of_today(PECULIAR))  # each starts a kubectl
+@pytest.mark.parametrize("what", choose_for_today(PECULIAR))  # each starts a kubectl
 def test_lint_refuses_exactly_what_the_server_refuses(control_plane: ControlPlane, what: str) -> None:
     text = APP + PECULIAR[what]
     errors = [

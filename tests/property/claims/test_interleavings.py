@@ -7,6 +7,7 @@ from collections import Counter
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.support.seeds import count_examples
 
 from campaigns.claims.claims_weakened import one_phase
 from campaigns.claims.claims_world import Director, World
@@ -60,7 +61,7 @@ async def run(seed: int, *, length: int = 1200, ours: bool = True) -> list[str]:
     return director.steps
 
 
-@settings(max_examples=40, deadline=None, derandomize=False)
+@settings(max_examples=count_examples(40), deadline=None, derandomize=False)
 @given(st.integers(0, 2**32))
 def test_no_interleaving_shares_an_id_or_loses_a_claim_and_all_come_to_rest(seed: int) -> None:
     asyncio.run(run(seed))

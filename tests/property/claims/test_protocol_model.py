@@ -1,7 +1,7 @@
 """The claim protocol, state by state, with the product's own decision functions; mutants of each must be caught."""
 
 import pytest
-from tests.support.seeds import third_of_today
+from tests.support.seeds import choose_for_today
 
 from campaigns.claims.model.device import DeviceModel
 from campaigns.claims.model.domain import DomainModel
@@ -19,7 +19,7 @@ def test_the_protocol_gets_the_verdict_it_must_get(scenario: Scenario) -> None:
     assert result.verdict in scenario.expect, str(result)
 
 
-@pytest.mark.parametrize("name", third_of_today(IN_TURN))
+@pytest.mark.parametrize("name", choose_for_today(IN_TURN))
 def test_a_third_of_the_larger_scenarios_gets_its_verdict_each_day(name: str) -> None:
     scenario = ALL[name]
     result = scenario.run()

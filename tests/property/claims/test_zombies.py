@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from tests.support.seeds import third_of_today
+from tests.support.seeds import choose_for_today
 
 from campaigns.claims.claims_weakened import ONE_SLEEPER, Weakened
 from campaigns.claims.claims_zombies import CASES, SLEEPERS, first_failure
@@ -18,7 +18,7 @@ FOUND_BY = {
 @pytest.mark.parametrize("sleeper", SLEEPERS)
 def test_a_zombie_that_wakes_up_breaks_nothing_wherever_it_slept(sleeper: str) -> None:
     """A third of the cases each day; `scripts/bench claims` has them all."""
-    assert first_failure(third_of_today(case for case in CASES if case.sleeper == sleeper)) == ""
+    assert first_failure(choose_for_today(case for case in CASES if case.sleeper == sleeper)) == ""
 
 
 @pytest.mark.parametrize(("weakened", "harm"), ONE_SLEEPER.items(), ids=lambda each: getattr(each, "__name__", None))

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.support.apiserver import FakeApiServer, Key
 from tests.support.clients import client_for, configmap, until
+from tests.support.seeds import count_examples
 
 from robotapp_client import Change, Reflector
 from robotapp_client.api.backoff import Backoff
@@ -84,7 +85,7 @@ class Replay:
 
 @pytest.mark.parametrize("streaming", [False, True], ids=["list+watch", "streaming list"])
 @pytest.mark.parametrize("selector", ["", "keep=yes"])
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=count_examples(60), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(story=stories, early=st.booleans())
 def test_the_mirror_equals_the_server_after_any_story(
     story: list[tuple[str, str]], early: bool, streaming: bool, selector: str

@@ -12,6 +12,7 @@ from tests.support.scheduler.joint_problems import (
     small_problem,
     small_ranks,
 )
+from tests.support.seeds import count_examples
 
 from robotapp_scheduler.joint.problem import INF, Problem, with_tiers
 from robotapp_scheduler.joint.search import Board
@@ -107,7 +108,7 @@ def test_a_boards_prices_are_what_the_plan_costs_more(random: Random) -> None:
     assert all(abs((totals[a] - totals[b]) - (prices[a] - prices[b])) < 1e-6 for a in known for b in known)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=count_examples(10))
 @given(RANDOM)
 def test_no_row_of_a_large_plan_holds_more_than_it_has(random: Random) -> None:
     problem = field_problem(random, pods=8, edges=12, rows=120)

@@ -6,6 +6,7 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.factories import component, make_app, round_trips, telemetry
+from tests.support.seeds import count_examples
 
 from robotapp_api.model.app.status import RobotAppStatus
 from robotapp_api.model.instance import InstanceStatus
@@ -209,7 +210,7 @@ def measured(*times_ms: float | None) -> list[EdgeView]:
 
 
 @given(st.lists(st.tuples(st.floats(0.1, 40), TIMES_MS, TIMES_MS), min_size=1, max_size=30))
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=count_examples(50))
 def test_published_figures_are_old_or_new_ones_worst_first_and_a_later_look_is_asked_for(
     rounds: list[tuple[float, float | None, float | None]],
 ) -> None:

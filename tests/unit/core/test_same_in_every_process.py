@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 
-PROGRAM = [sys.executable, "-m", "tests.property.core.same_decisions"]
+PROGRAM = [sys.executable, "-m", "tests.property.core.memory.same_decisions"]
 
 
 def test_equal_clusters_give_equal_decisions_in_every_process() -> None:

@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 from campaigns.nodes.walkthrough import Command, File, not_seen, steps
-from robotapp_testbed import wait_until
-from robotapp_testbed.binaries.assets import Assets
+from robotapp_testbed import ControlPlane, wait_until
 from robotapp_testbed.processes import guard
 from robotapp_testbed.processes.detached import Cluster
 
@@ -31,7 +30,7 @@ class Shell:
         self.root = folder / "robotapp" / "clusters"
         binaries = folder / "binaries"
         binaries.mkdir()
-        for name, path in Assets().resolve().items():
+        for name, path in ControlPlane().get_binaries().items():
             (binaries / name).symlink_to(path)
         self.temporary = folder / "tmp"
         self.temporary.mkdir()

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from robotapp_testbed import images
-from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.images import oci, recipes
 from robotapp_testbed.progress import Progress
 
@@ -54,18 +53,3 @@ def test_two_builds_are_equal_byte_by_byte(little: type[Little], tmp_path: Path)
     other = images.archive("little", home=tmp_path / "b", progress=QUIET)
     assert little.built == 2
     assert one.read_bytes() == other.read_bytes()
-
-
-def test_an_unknown_image_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(TestbedError, match="no image 'paws', known are pause, tools"):
-        images.archive("paws")
-
-
-def test_a_missing_busybox_is_said_with_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recipes.shutil, "which", lambda *_args, **_kwargs: None)
-    with pytest.raises(TestbedError, match="apt-get install busybox-static"):
-        recipes.Tools().inputs()
-
-
-def test_names_are_those_a_pod_uses() -> None:
-    assert images.reference("pause") == "localhost/robotapp-pause:testbed"

@@ -1,10 +1,5 @@
 """Locked wheels as image content."""
 
-from pathlib import Path
-
-import pytest
-
-from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.images import wheels
 from robotapp_testbed.images.pythonic import Component, Ros2
 
@@ -15,11 +10,6 @@ def test_requirements_are_those_of_the_lock_file_with_hashes() -> None:
     assert "numpy" not in text
     assert text.count("--hash=sha256:") > 10
     assert "cyclonedds==11" in wheels.requirements(*Ros2.selection)
-
-
-def test_an_unknown_extra_is_one_sentence() -> None:
-    with pytest.raises(TestbedError, match="the locked wheels cannot be had"):
-        wheels.requirements("--extra", "nonsense")
 
 
 def test_our_wheel_is_made_from_all_its_packages_and_the_project_file() -> None:
@@ -36,18 +26,6 @@ def test_our_wheel_is_made_from_all_its_packages_and_the_project_file() -> None:
         "rigel_bridge",
     } <= folders
     assert "__pycache__" not in folders
-
-
-def test_what_tells_where_a_wheel_was_installed_is_removed(tmp_path: Path) -> None:
-    metadata = tmp_path / "thing-1.dist-info"
-    (metadata / "licenses").mkdir(parents=True)
-    for name in ("METADATA", "RECORD", "INSTALLER", "direct_url.json", "uv_cache.json", "entry_points.txt"):
-        (metadata / name).write_text("")
-    (tmp_path / "bin").mkdir()
-    (tmp_path / ".lock").write_text("")
-    wheels._forget_the_machine(tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == {"thing-1.dist-info"}
-    assert {path.name for path in metadata.iterdir()} == {"METADATA", "entry_points.txt", "licenses"}
 
 
 def test_components_start_like_their_dockerfiles_say() -> None:

@@ -3,7 +3,7 @@ import ipaddress
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_testbed.real.config.addresses import CLUSTERS, NODES, POD_NETWORK, Addresses
+from robotapp_testbed.real.config.addresses import CLUSTERS, NODES, Addresses
 
 clusters = st.integers(0, CLUSTERS - 1)
 nodes = st.integers(1, NODES)
@@ -23,15 +23,3 @@ def test_control_addresses_are_of_the_networks_set_aside_for_tests(cluster: int,
     assert ipaddress.ip_address(addresses.host_ip) in reserved
     assert ipaddress.ip_address(addresses.node_ip(node)) in reserved
     assert len(addresses.host_link) <= 15  # IFNAMSIZ
-
-
-@given(nodes, nodes)
-def test_nodes_hand_out_addresses_of_their_own_below_one_pod_network(node: int, other: int) -> None:
-    first, last = map(ipaddress.ip_address, Addresses.pod_range(node))
-    gateway = ipaddress.ip_address(Addresses.pod_gateway(node))
-    assert first in ipaddress.ip_network(POD_NETWORK)
-    assert gateway < first < last
-    if node != other:
-        its_first, its_last = map(ipaddress.ip_address, Addresses.pod_range(other))
-        assert last < its_first or its_last < first
-        assert Addresses.bridge_mac(node) != Addresses.bridge_mac(other)

@@ -1,44 +1,10 @@
 """Traces are read strictly: every error names the path of what is wrong."""
 
-from pathlib import Path
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_testbed.switch.links import LinkChange
-from robotapp_testbed.switch.traces import Step, Trace, TraceError
-
-GOOD = """
-steps:
-- at_s: 0
-  links:
-  - {between: [robot-1, edge-1], delay_ms: 2, jitter_ms: 0.5}
-  - {from: robot-1, to: cloud-1, delay_ms: 30, loss: 0.01, mbit_s: 50}
-- at_s: 20
-  links: [{node: robot-1, down: true}]
-repeat_every_s: 60
-"""
-
-
-def test_a_trace_is_steps_with_changes() -> None:
-    trace = Trace.parse(GOOD)
-    assert trace.repeat_every_s == 60
-    assert trace.steps[1] == Step(at_s=20, changes=(LinkChange({"down": True}, node="robot-1"),))
-    both, one_way = trace.steps[0].changes
-    assert (both.origin, both.target, both.one_way, both.values) == (
-        "robot-1",
-        "edge-1",
-        False,
-        {"delay_ms": 2, "jitter_ms": 0.5},
-    )
-    assert one_way.one_way
-    assert trace.nodes() == {"robot-1", "edge-1", "cloud-1"}
-
-
-def test_a_file_is_read(tmp_path: Path) -> None:
-    (tmp_path / "trace.yaml").write_text(GOOD)
-    assert Trace.read(tmp_path / "trace.yaml") == Trace.parse(GOOD)
+from robotapp_testbed.switch.traces import Trace, TraceError
 
 
 @pytest.mark.parametrize(
@@ -108,11 +74,3 @@ def test_no_tree_is_answered_with_anything_but_a_trace_or_a_trace_error(tree: ob
     except TraceError:
         return
     assert trace.steps
-
-
-def test_a_repeated_trace_goes_on_and_one_that_is_not_ends() -> None:
-    trace = Trace.parse(GOOD)
-    assert [trace.step(number).at_s for number in range(5)] == [0, 20, 60, 80, 120]  # type: ignore[union-attr] # it never ends
-    once = Trace(steps=trace.steps)
-    assert once.step(1) == trace.steps[1]
-    assert once.step(2) is None

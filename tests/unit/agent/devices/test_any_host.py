@@ -6,6 +6,7 @@ from pathlib import Path
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.support.seeds import count_examples
 from tests.unit.agent.devices.host_files import Tree, snapshots, trees
 
 from robotapp_agent.devices.device import Device
@@ -38,7 +39,7 @@ def check(devices: tuple[Device, ...]) -> None:
     assert len({device.id for device in devices}) == len(devices)
 
 
-@settings(max_examples=200)
+@settings(max_examples=count_examples(200))
 @given(snapshots(), st.sampled_from([Rules(), SOME_RULES]))
 def test_any_snapshot_gives_devices_that_the_api_takes(snapshot: Snapshot, rules: Rules) -> None:
     check(discover(snapshot, rules).devices)
@@ -53,7 +54,11 @@ def test_the_order_in_which_the_kernel_lists_entries_changes_no_id(snapshot: Sna
     assert discover(snapshot).devices == discover(Snapshot(entries=tuple(mixed), folders=snapshot.folders)).devices
 
 
-@settings(max_examples=200, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large], deadline=None)
+@settings(
+    max_examples=count_examples(200),
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+    deadline=None,
+)
 @given(trees())
 def test_any_tree_of_files_is_scanned_without_harm(tree: Tree) -> None:
     root = Path(tempfile.mkdtemp())

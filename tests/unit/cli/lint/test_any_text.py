@@ -8,6 +8,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.support.apiobjects import pool
+from tests.support.seeds import count_examples
 from tests.support.wrong_input.malformed import full_app
 
 from robotapp_cli.lint.linter import lint
@@ -44,19 +45,19 @@ def check(data: bytes) -> None:
         assert found.message
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=count_examples(100), deadline=None)
 @given(st.lists(PIECES, max_size=25).map("".join) | st.text(max_size=200))
 def test_any_text_gives_findings_and_no_exception(text: str) -> None:
     check(text.encode(errors="replace"))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=count_examples(50), deadline=None)
 @given(st.binary(max_size=200))
 def test_any_bytes_give_findings_and_no_exception(data: bytes) -> None:
     check(data)
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=count_examples(40), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.data())
 def test_any_value_in_any_field_gives_findings_and_no_exception(data: st.DataObject) -> None:
     number, path = data.draw(st.sampled_from(PLACES))

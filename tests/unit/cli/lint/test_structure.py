@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import yaml
 from tests.support.apiobjects import app, component, edge, pool
-from tests.support.seeds import third_of_today
+from tests.support.seeds import choose_for_today
 from tests.support.wrong_input.gone_fields import GONE_FIELDS, GONE_VALUES, with_field
 from tests.support.wrong_input.malformed import full_app, malformed_apps
 
@@ -55,7 +55,7 @@ def test_the_full_app_has_nothing_wrong_in_its_schema() -> None:
 
 def test_every_wrong_value_is_refused_by_its_path() -> None:
     """A third of them a day; `integration/crds/test_malformed_live.py` shows all of them to the API server."""
-    for case in third_of_today(malformed_apps(schema_of(RobotApp))):
+    for case in choose_for_today(malformed_apps(schema_of(RobotApp))):
         paths = [each.path for each in found(case.obj) if each.severity is Severity.ERROR]
         assert any(path == case.field or path.startswith((f"{case.field}[", f"{case.field}.")) for path in paths), (
             case.field,

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.apiserver import Key, Store
+from tests.support.seeds import count_examples
 from tests.unit.client.memory import ManualTime, MemoryTransport, Mishap, memory_client, settle
 
 from robotapp_client.tools.leader_election import LeaderElection, boot_time, candidate_identity
@@ -266,6 +267,28 @@ async def test_two_that_see_an_abandoned_lease_do_not_both_get_it() -> None:
         assert store.objects[KEY]["spec"]["leaseTransitions"] == 1
 
 
+async def test_who_finds_the_lease_taken_between_reading_and_writing_it_does_not_lead(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with candidates("dead", "b") as (store, _, b):
+        request, overtaken = b.network.request, []
+
+        async def overtake(method: str, path: str, **sent: Any) -> Any:
+            if method == "PUT":
+                overtaken.append(path)
+                lease = store.get(KEY)
+                lease["spec"] |= {"holderIdentity": "c", "renewTime": str(len(overtaken))}
+                store.update(KEY, lease)
+            return await request(method, path, **sent)
+
+        monkeypatch.setattr(b.network, "request", overtake)
+        await pass_time(20, b)
+        assert overtaken
+        assert not b.leads
+        assert b.said == []
+        assert store.objects[KEY]["spec"]["holderIdentity"] == "c"
+
+
 async def test_a_renewal_that_hangs_is_given_up_at_the_deadline() -> None:
     store = Store()
     network = MemoryTransport(store)
@@ -309,7 +332,7 @@ async def test_periods_that_cannot_work_are_refused(wrong: dict[str, float]) -> 
         LeaderElection(client, "n", "l", "")
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=count_examples(50), deadline=None)
 @given(seed=st.integers(0, 2**32), trouble=st.floats(0, 0.9))
 def test_whatever_happens_to_requests_two_never_lead_at_once(seed: int, trouble: float) -> None:
     chance = random.Random(seed)

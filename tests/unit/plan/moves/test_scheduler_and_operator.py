@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from tests.support.factories import component, make_app
 from tests.support.scheduler.late_apps import annotate, edge, placed
 from tests.support.scheduling import Clock, app_object, chain, make_core, make_node, member_pod, telemetry
+from tests.support.seeds import count_examples
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.placement.better_node import parse_better_node
@@ -175,7 +176,7 @@ def test_servers_that_take_turns_being_slow_cause_no_more_moves_than_the_limits_
 
 
 @given(st.integers(0, 2**32), st.floats(2, 24))
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=count_examples(5), deadline=None)
 def test_noise_of_a_fifth_moves_nothing(seed: int, ms: float) -> None:
     chance = random.Random(seed)
     world = MovingApps(lambda *_: ms * chance.uniform(0.8, 1.2), apps={"one": "e1"})
@@ -212,7 +213,7 @@ def test_of_two_apps_on_one_slow_server_one_is_moved_to_the_only_free_place_and_
 
 
 @given(st.integers(0, 2**32), st.integers(5, 300))
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=count_examples(5), deadline=None)
 def test_on_any_network_apps_stay_within_their_limits_and_every_move_is_to_a_node_within_the_budget(
     seed: int, period_s: int
 ) -> None:

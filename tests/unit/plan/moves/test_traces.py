@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.factories import component, make_app
+from tests.support.seeds import count_examples
 
 from robotapp_api.values.placement.better_node import BetterNode
 from robotapp_api.values.placement.round_trips import Figures
@@ -142,14 +143,14 @@ def test_a_step_is_answered_by_one_move_within_the_time_and_the_budget_is_met_ag
 
 
 @given(st.integers(0, 2**32), st.floats(2, 24))
-@settings(max_examples=15)
+@settings(max_examples=count_examples(15))
 def test_noise_of_a_fifth_moves_nothing(seed: int, ms: float) -> None:
     chance = random.Random(seed)
     assert run(lambda *_: ms * chance.uniform(0.8, 1.2), seconds=900).moves == []
 
 
 @given(st.integers(0, 2**32), st.integers(5, 200), st.integers(0, 5), st.integers(0, 600))
-@settings(max_examples=25)
+@settings(max_examples=count_examples(25))
 def test_an_operator_that_ends_anywhere_repeats_no_move_and_forgets_no_cooldown(
     seed: int, period_s: int, most: int, cooldown_s: int
 ) -> None:

@@ -1,0 +1,220 @@
+"""Runs the tests for `scripts/test`; `scripts/test --help` explains the options."""
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from suite import durations, landing
+from suite.lanes import Lanes
+from suite.plan import (
+    QUICK_FOLDERS,
+    Group,
+    choose_touched,
+    cut_parts,
+    join_groups,
+    plan_essential,
+    plan_rest,
+    read_entries,
+)
+from suite.summary import summary
+
+ESSENTIAL: Final = landing.REPOSITORY / "tests" / "essential.txt"
+EXAMPLES: Final = "ROBOTAPP_EXAMPLES"
+"""Variable that makes property tests try `few` examples."""
+TOUCHED_BUDGET_S: Final = 900.0
+"""At most so many seconds of tests that a landing's files concern, by measured durations; more waits for its part."""
+QUICK: Final = "unit and property tests"
+EVERYTHING: Final = "everything"
+REAL_NODES: Final = ("tests/live/nodes", "tests/live/images", "e2e/tests/live")
+"""Groups that start kubelets or build images; all others do with the programs of simulated nodes."""
+TOOLS: Final = ("testbed", "campaigns", "ros_nodes", "suite")
+EPILOG: Final = """\
+examples:
+  scripts/test                     a quarter of an hour: unit, property and essential live tests
+  scripts/test tests/live/cli      a path or any arguments of pytest
+  scripts/test --part 3/8          the third of eight parts of everything else
+  scripts/test --all --record      everything, and keep the measured durations
+  scripts/test --list --all        what would run, and how long it should take
+"""
+
+
+class Plan(NamedTuple):
+    """Groups to run, and what the last line says of them."""
+
+    groups: list[Group]
+    ran: str
+    next_part: str = ""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs what the arguments ask for and returns 0 when every test passed."""
+    options = parse_arguments(arguments)
+    if options.landed:
+        last_landing = landing.record_landing()
+        sys.stdout.write(
+            f"landed {last_landing.landed[:12]}; part {last_landing.next_part} of {landing.PARTS} is next\n"
+        )
+        return 0
+    entries = read_entries(ESSENTIAL.read_text())
+    plan = make_plan(options, entries)
+    if options.list:
+        _print_plan(plan.groups)
+        return 0
+    return _run(plan, entries, record=options.record)
+
+
+def parse_arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="scripts/test",
+        description="Runs the tests. Without options: what a newcomer runs. Anything else than these options goes to pytest.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    mode = parser.add_mutually_exclusive_group()
+    mode.add_argument("--all", action="store_true", help="all tests, and property tests with all their examples")
+    mode.add_argument(
+        "--part", metavar="K/N", type=_parse_part, help="part K of N of what plain scripts/test leaves out"
+    )
+    mode.add_argument(
+        "--ci", action="store_true", help="plain scripts/test, then what changed files concern and one part"
+    )
+    mode.add_argument(
+        "--landed", action="store_true", help="record that HEAD has landed: the next part is due (.ci/landing.json)"
+    )
+    parser.add_argument(
+        "--list", action="store_true", help="print the groups and their expected durations; run nothing"
+    )
+    parser.add_argument("--record", action="store_true", help="keep the measured durations in e2e/suite/durations.json")
+    return parser.parse_args(arguments)
+
+
+def _parse_part(text: str) -> tuple[int, int]:
+    number, _, count = text.partition("/")
+    if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise argparse.ArgumentTypeError(f"{text!r} is no part: write K/N with 1 <= K <= N, for example 3/8")
+    return int(number), int(count)
+
+
+def make_plan(options: argparse.Namespace, entries: list[str]) -> Plan:
+    seconds_by_name = durations.load_durations()
+    rest = _plan_tools(seconds_by_name) + plan_rest(landing.list_test_modules(), entries, seconds_by_name)
+    essential = [_plan_quick(seconds_by_name), *plan_essential(entries, seconds_by_name)]
+    if options.all:
+        return Plan([*essential[1:], *join_groups(rest)], EVERYTHING)
+    if options.part:
+        number, count = options.part
+        return Plan(join_groups(cut_parts(rest, count)[number - 1]), f"part {number}/{count}")
+    if options.ci:
+        return _plan_landing(essential, rest)
+    return Plan(essential, "unit, property and essential live tests")
+
+
+def _plan_landing(essential: list[Group], rest: list[Group]) -> Plan:
+    """Plans what a landing runs: the essential tests, what its files concern, and the part whose turn it is."""
+    last_landing = landing.read_landing()
+    changed_files = landing.list_changed_files(last_landing.landed)
+    concerned_groups, later_groups = choose_touched(rest, changed_files or (), TOUCHED_BUDGET_S)
+    parts = cut_parts(rest, landing.PARTS)
+    part = parts[last_landing.next_part - 1]
+    next_part = last_landing.next_part % landing.PARTS + 1
+    ran = f"essential tests, part {last_landing.next_part}/{landing.PARTS}, {len(concerned_groups)} modules that changed files concern"
+    if changed_files is None:
+        ran += f" (commit {last_landing.landed[:12]} is not here: changed files are unknown)"
+    if later_groups:
+        ran += f" ({len(later_groups)} more wait for their part)"
+    groups = join_groups({group.name: group for group in (*concerned_groups, *part)}.values())
+    return Plan([*essential, *groups], ran, f"part {next_part}/{landing.PARTS}: {_name_folders(parts[next_part - 1])}")
+
+
+def _name_folders(groups: Sequence[Group]) -> str:
+    return ", ".join(group.name for group in join_groups(groups))
+
+
+def _plan_quick(seconds_by_name: dict[str, float]) -> Group:
+    return Group(
+        QUICK,
+        QUICK_FOLDERS,
+        seconds_by_name.get(QUICK, 180.0),
+        on_all_cores=True,
+    )
+
+
+def _plan_tools(seconds_by_name: dict[str, float]) -> list[Group]:
+    """Returns the groups without control planes: the property tests with all examples, and the tests of the tools."""
+    whole = "unit and property tests, all examples"
+    groups = [Group(whole, QUICK_FOLDERS, seconds_by_name.get(whole, 240.0), on_all_cores=True)]
+    for tool in TOOLS:
+        folder = f"e2e/tests/{tool}"
+        groups.append(Group(f"{folder}/", (folder,), seconds_by_name.get(f"{folder}/", 30.0), on_all_cores=True))
+    return groups
+
+
+def _print_plan(groups: Sequence[Group]) -> None:
+    for group in groups:
+        note = "alone" if group.exclusive else "all cores" if group.on_all_cores else ""
+        sys.stdout.write(f"{group.seconds:6.0f} s  {group.name}  {note}\n")
+        for selector in group.selectors:
+            sys.stdout.write(f"          {selector}\n")
+    sys.stdout.write(f"{sum(group.seconds for group in groups):6.0f} s  in all, if one ran after the other\n")
+
+
+def _run(plan: Plan, entries: list[str], *, record: bool) -> int:
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="robotapp-test-") as folder:
+        quick = [group for group in plan.groups if group.name == QUICK]
+        others = [group for group in plan.groups if group.name != QUICK]
+        lanes = Lanes(Path(folder))
+        lanes.run(quick, {**os.environ, EXAMPLES: "few"})
+        if _build_binaries(others):
+            lanes.run(others, os.environ)
+        else:
+            lanes.give_up(others)
+        if record:
+            _record(lanes, plan, entries)
+        sys.stdout.write("\n".join(("", *summary(lanes.parts), "")))
+    _print_last_line(plan, time.monotonic() - began)
+    return 0 if lanes.succeeded else 1
+
+
+def _build_binaries(groups: Sequence[Group]) -> bool:
+    """Gets or compiles the programs of the control plane that the groups start. Returns False when that failed."""
+    live = [group for group in groups if not group.on_all_cores]
+    if not live:
+        return True
+    real = any(group.name.startswith(REAL_NODES) for group in live)
+    purpose = () if real else ("--for", "simulated")
+    return subprocess.run([sys.executable, "-m", "robotapp_testbed", "build", *purpose], check=False).returncode == 0
+
+
+def _record(lanes: Lanes, plan: Plan, entries: list[str]) -> None:
+    """Keeps the measured durations. A module is measured only when all of its tests ran."""
+    seconds_by_name = durations.read_reports(lanes.reports, entries)
+    if plan.ran != EVERYTHING:
+        for entry in entries:
+            module, _, test = entry.partition("::")
+            if test:
+                seconds_by_name.pop(module, None)
+    seconds_by_name |= {part.name: part.seconds for part in lanes.parts if part.seconds is not None}
+    tools = [group.name for group in _plan_tools({})]
+    durations.save_durations(seconds_by_name, [*landing.list_test_modules(), *entries, *tools, QUICK])
+
+
+def _print_last_line(plan: Plan, seconds: float) -> None:
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu_s = usage.ru_utime + usage.ru_stime
+    sys.stdout.write(f"ran: {plan.ran}, in {seconds:.0f} s ({cpu_s:.0f} s of CPU)")
+    sys.stdout.write(f"; next in rotation: {plan.next_part}\n" if plan.next_part else "\n")
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -1,0 +1,174 @@
+"""Plans a run of the tests: which groups of tests there are, and which of them make a part. Pure.
+
+A *group* is one pytest process: the tests of one folder, with one control plane. The *essential* tests, listed in
+tests/essential.txt, prove each path that a user takes; everything else is *the rest*, which is cut into parts of about
+equal length by measured durations.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+UNKNOWN_SECONDS: Final = 20.0
+"""Duration of a module that has not been measured yet."""
+QUICK_FOLDERS: Final = ("tests/unit", "tests/property")
+"""Tests without a control plane: they share all cores."""
+EXCLUSIVE: Final = (
+    "tests/live/nodes",
+    "tests/live/speed",
+    "tests/live/images",
+    "tests/live/scheduling/pods/test_cost_per_pod.py",
+    "e2e/tests/live/switch",
+)
+"""Folders and modules that measure the machine or fill it: nothing else runs beside them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Tests for one pytest process.
+
+    `selectors` are paths or test ids, `deselected` ids or paths to leave out, `seconds` the expected duration. `exclusive`
+    groups run alone; `cores` is the number of pytest workers (1: live tests, which share their control plane).
+    """
+
+    name: str
+    selectors: tuple[str, ...]
+    seconds: float
+    deselected: tuple[str, ...] = ()
+    exclusive: bool = False
+    on_all_cores: bool = False
+
+
+def read_entries(text: str) -> list[str]:
+    """Returns the paths and test ids of tests/essential.txt: one a line, `#` begins a comment."""
+    lines = (line.partition("#")[0].strip() for line in text.splitlines())
+    return [line for line in lines if line]
+
+
+def plan_essential(entries: Sequence[str], durations: Mapping[str, float]) -> list[Group]:
+    """Groups the essential live tests by folder, the longest first. Durations are per entry, in seconds."""
+    folders: dict[str, list[str]] = defaultdict(list)
+    for entry in entries:
+        folders[_group_name(_module_of(entry))].append(entry)
+    groups = [
+        Group(
+            name=folder,
+            selectors=tuple(selectors),
+            seconds=sum(durations.get(selector, UNKNOWN_SECONDS) for selector in selectors),
+            exclusive=folder.startswith(EXCLUSIVE),
+        )
+        for folder, selectors in folders.items()
+    ]
+    return sorted(groups, key=lambda group: -group.seconds)
+
+
+def plan_rest(modules: Iterable[str], entries: Sequence[str], durations: Mapping[str, float]) -> list[Group]:
+    """Returns one group per module of live tests that is not wholly essential, ordered by path.
+
+    Essential tests inside a module are deselected: `scripts/test` runs them anyway.
+    """
+    essential = set(entries)
+    groups = []
+    for module in sorted(set(modules) - essential):
+        inside = tuple(entry for entry in entries if entry.startswith(f"{module}::"))
+        module_seconds = durations.get(module, UNKNOWN_SECONDS)
+        seconds = max(1.0, module_seconds - sum(durations.get(entry, 0.0) for entry in inside))
+        groups.append(Group(module, (module,), seconds, inside, module.startswith(EXCLUSIVE)))
+    return groups
+
+
+def join_groups(groups: Iterable[Group]) -> list[Group]:
+    """Joins groups of the same folder into one process each, the longest first."""
+    folders: dict[tuple[str, bool], list[Group]] = defaultdict(list)
+    processes = []
+    for group in groups:
+        if group.on_all_cores:
+            processes.append(group)
+        else:
+            folders[_group_name(group.name), group.exclusive].append(group)
+    for (folder, exclusive), members in folders.items():
+        processes.append(
+            Group(
+                name=folder,
+                selectors=tuple(selector for member in members for selector in member.selectors),
+                seconds=sum(member.seconds for member in members),
+                deselected=tuple(entry for member in members for entry in member.deselected),
+                exclusive=exclusive,
+            )
+        )
+    return sorted(processes, key=lambda group: -group.seconds)
+
+
+def cut_parts(groups: Sequence[Group], count: int) -> list[list[Group]]:
+    """Cuts the groups, in their order, into `count` parts of about equal duration, so that a folder stays together."""
+    parts: list[list[Group]] = [[] for _ in range(count)]
+    total = sum(group.seconds for group in groups)
+    before = 0.0
+    for group in groups:
+        middle = before + group.seconds / 2
+        index = min(count - 1, int(middle * count / total)) if total else 0
+        parts[index].append(group)
+        before += group.seconds
+    return parts
+
+
+def choose_touched(
+    groups: Sequence[Group], changed_files: Iterable[str], budget_s: float
+) -> tuple[list[Group], list[Group]]:
+    """Returns the groups that changed files concern, as many as fit into the budget (seconds), and those left out.
+
+    Changed tests come first, then the shortest.
+    """
+    folders = {folder for name in changed_files for folder in find_test_folders(name)}
+    changed_names = set(changed_files)
+    concerned_groups = [
+        group for group in groups if group.name in changed_names or group.name.startswith(tuple(folders))
+    ]
+    chosen: list[Group] = []
+    later_groups: list[Group] = []
+    remaining_s = budget_s
+    for group in sorted(concerned_groups, key=lambda group: (group.name not in changed_names, group.seconds)):
+        if group.seconds <= remaining_s:
+            remaining_s -= group.seconds
+            chosen.append(group)
+        else:
+            later_groups.append(group)
+    return chosen, later_groups
+
+
+TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
+    "agent/": ("tests/live/agent/",),
+    "claims/": ("tests/live/claims/",),
+    "cli/": ("tests/live/cli/",),
+    "client/": ("tests/live/client/",),
+    "crds/": ("tests/live/crds/",),
+    "helm/": ("tests/live/chart/", "tests/live/attacks/"),
+    "operator/": ("tests/live/operating/", "tests/live/journeys/", "tests/live/crash/"),
+    "rigel_bridge/": ("tests/live/bridge/",),
+    "scheduler/": ("tests/live/scheduling/", "tests/live/faults/"),
+    "e2e/robotapp_testbed/images/": ("tests/live/images/",),
+    "e2e/robotapp_testbed/real/": ("tests/live/nodes/",),
+    "e2e/robotapp_testbed/": ("e2e/tests/live/testbed/", "e2e/tests/testbed/"),
+    "e2e/latency_switch/": ("e2e/tests/live/switch/",),
+    "e2e/campaigns/": ("e2e/tests/campaigns/",),
+}
+"""Beginning of a source file's path → folders of the rest that test it."""
+
+
+def find_test_folders(name: str) -> tuple[str, ...]:
+    """Returns the folders of tests that a changed file concerns; for a file of the tests, its own folder."""
+    if name.startswith(("tests/live/", "e2e/tests/")):
+        return (f"{_group_name(name)}/",)
+    return next((folders for start, folders in TEST_FOLDERS.items() if name.startswith(start)), ())
+
+
+def _module_of(entry: str) -> str:
+    return entry.partition("::")[0]
+
+
+def _group_name(path: str) -> str:
+    """Returns the folder whose tests share a process: tests/live/FOLDER, e2e/tests/live/FOLDER or e2e/tests/FOLDER."""
+    parts = path.split("/")
+    depth = 4 if path.startswith("e2e/tests/live/") else 3
+    return "/".join(parts[:depth]).removesuffix(".py")

@@ -1,0 +1,126 @@
+"""The tools that judge must be right themselves."""
+
+from pathlib import Path
+
+import pytest
+
+from campaigns.cluster_cases import FAMILIES, Case
+from campaigns.cluster_cases.eviction_families import set_priority
+from campaigns.cluster_cases.scene import Scene, make_node, make_pod
+from campaigns.parity.live import LIVE, NOT_LIVE, campaign, numbered
+from campaigns.parity.oracle import OracleLog
+from campaigns.parity.probe import told
+from campaigns.parity.profiles import PROFILES
+from campaigns.parity.verdict import FOUND, Verdict, differences, judged
+
+LOG = """\
+I1121 00:00:00.1 7 schedule_one.go:1] "Plugin scored node for pod" pod="a/p" plugin="NodeAffinity" node="n1" score=20
+I1121 00:00:00.1 7 schedule_one.go:1] "Plugin scored node for pod" pod="a/p" plugin="NodeAffinity" node="n2" score=0
+I1121 00:00:00.1 7 schedule_one.go:1] "Calculated node's final score for pod" pod="a/p" node="n1" score=320
+I1121 00:00:00.1 7 schedule_one.go:1] "Calculated node's final score for pod" pod="a/p" node="n2" score=300
+I1121 00:00:00.1 7 round_trippers.go:1] "Response" body="Plugin scored node for pod"
+"""
+
+
+def test_the_log_of_the_oracle_gives_feasible_nodes_scores_and_the_best(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    path.write_text(LOG)
+    found = OracleLog(path).read()["a/p"]
+    assert found.plugins == {"n1": {"NodeAffinity": 20}, "n2": {"NodeAffinity": 0}}
+    assert found.best == {"n1"}
+
+
+def test_a_line_that_is_still_being_written_is_read_when_it_is_complete(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    log = OracleLog(path)
+    path.write_text(LOG[:130])
+    log.read()
+    path.write_text(LOG)
+    assert len(log.read()["a/p"].totals) == 2
+
+
+SCORES = {"n1": {"Fit": 90}, "n2": {"Fit": 80}}
+
+
+@pytest.mark.parametrize(
+    ("ours", "found"),
+    [
+        (Verdict("n1", "", SCORES), ""),
+        (Verdict("n2", "", SCORES), "choice"),
+        (Verdict("n1", "", {"n1": {"Fit": 90}, "n2": {"Fit": 81}}), "scores of n2"),
+        (Verdict("n1", "", {"n1": {"Fit": 90}}), "feasible"),
+        (Verdict("", "0/2 nodes are available."), "text"),
+        (Verdict("n1", "", SCORES, victims=("p0",)), "victims"),
+    ],
+)
+def test_every_kind_of_difference_is_found(ours: Verdict, found: str) -> None:
+    theirs = Verdict("n1", "", SCORES, best=frozenset({"n1"}))
+    problems = differences(theirs, ours)
+    assert (found in problems[0]) if found else problems == []
+
+
+def test_one_space_more_in_a_text_is_a_difference() -> None:
+    assert differences(Verdict("", "0/1 nodes"), Verdict("", "0/1  nodes"))
+
+
+def full_nodes(*cpu: str) -> Case:
+    """A node per amount, full of one pod of low priority; the pod to place needs one of them to go."""
+    scene = Scene(pod=make_pod("new", cpu="3"))
+    set_priority(scene, scene.pod, 100)
+    for index, amount in enumerate(cpu):
+        scene.nodes.append(make_node(f"n{index}"))
+        scene.placed.append(make_pod(f"low{index}", node=f"n{index}", cpu=amount))
+        set_priority(scene, scene.placed[-1], 0)
+    return Case(("preemption",), (*scene.objects, *scene.nodes, *scene.placed, scene.pod))
+
+
+def preempting(node: str, *victims: str) -> Verdict:
+    text = f"0/2 nodes are available: 2 Insufficient cpu. {FOUND} for pod on node {node}, preempting 1 victims"
+    return Verdict(node, text, victims=victims)
+
+
+def test_another_node_of_the_same_price_is_no_difference_and_a_dearer_one_is() -> None:
+    theirs, ours = preempting("n0", "low0"), preempting("n1", "low1")
+    equal = full_nodes("2", "2")
+    assert judged(equal, theirs, ours) == []
+    dearer = full_nodes("2", "2")
+    dearer.objects[-2]["spec"]["priority"] = 10
+    assert judged(dearer, theirs, ours)
+
+
+def test_the_wrong_victim_is_a_difference_wherever_it_was() -> None:
+    case = full_nodes("2", "2")
+    assert judged(case, preempting("n0", "low0"), preempting("n0", "low1"))
+    assert judged(case, preempting("n0", "low0"), preempting("n1", "low0"))
+
+
+def condition(message: str, reason: str = "Unschedulable") -> dict[str, str]:
+    return {"type": "PodScheduled", "status": "False", "reason": reason, "message": message}
+
+
+@pytest.mark.parametrize(
+    ("spec", "status", "promised", "expected"),
+    [
+        ({}, {}, "", None),
+        ({"nodeName": "n1"}, {}, "", ("n1", "")),
+        ({}, {"conditions": [condition("0/1 nodes")], "nominatedNodeName": "n1"}, "", ("", "0/1 nodes")),
+        ({}, {"conditions": [condition(FOUND)], "nominatedNodeName": "n1"}, "", ("n1", FOUND)),
+        ({}, {"conditions": [condition("gated", "SchedulingGated")]}, "", None),
+        ({}, {"nominatedNodeName": "n1"}, "", ("n1", "")),
+        ({}, {"nominatedNodeName": "n1"}, "n1", None),
+    ],
+)
+def test_a_pod_tells_its_decision(
+    spec: dict[str, str], status: dict[str, object], promised: str, expected: tuple[str, str] | None
+) -> None:
+    assert told({"spec": spec, "status": status}, promised=promised) == expected
+
+
+def test_equal_seeds_give_equal_campaigns_and_every_family_and_profile_takes_its_turn() -> None:
+    cases = [each for each in campaign("7", 400) if each.number is not None]
+    assert cases == [each for each in campaign("7", 400) if each.number is not None]
+    assert cases[17] == numbered("7", 17)
+    assert {each.case.families[0] for each in cases} == set(LIVE)
+    assert {each.profile for each in cases} == set(PROFILES)
+    assert len(LIVE) >= 20
+    assert set(LIVE) | set(NOT_LIVE) == set(FAMILIES)
