@@ -83,22 +83,18 @@ class Namespace:
 
 
 class Wire:
-    """`with Wire(["a", "b"]) as wire:` namespaces with one TAP each (10.9.0.1, 10.9.0.2 …) on a switch of their own.
+    """`with Wire(["a", "b"]) as wire:` namespaces with one TAP each (10.9.0.1, 10.9.0.2 …) on a switch of their own."""
 
-    `kind` is another switch that is driven alike.
-    """
-
-    def __init__(self, names: Sequence[str], *, seed: int = 0, kind: type[LatencySwitch] = LatencySwitch) -> None:
+    def __init__(self, names: Sequence[str], *, seed: int = 0) -> None:
         self._names = list(names)
         self._seed = seed
-        self._kind = kind
         self._stack = ExitStack()
         self.nodes: dict[str, Namespace] = {}
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             self.run_dir = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="robotapp-wire-")))
-            self.switch = self._kind(run_dir=self.run_dir, seed=self._seed)
+            self.switch = LatencySwitch(run_dir=self.run_dir, seed=self._seed)
             stack.callback(self.switch.process.kill)
             self.switch.start()
             for number, name in enumerate(self._names, start=1):

@@ -29,6 +29,10 @@ def outcome(decision: Decision) -> str:
     return "placed" if decision.feasible else "nowhere"
 
 
+def test_a_case_is_a_function_of_seed_and_number() -> None:
+    assert seeded_case("s", number=11, families=EVERY) == seeded_case("s", number=11, families=EVERY)
+
+
 @pytest.mark.parametrize("family", choose_for_today(name for name, each in FAMILIES.items() if not each.alone))
 def test_a_family_lets_pods_in_and_keeps_pods_out(family: str) -> None:
     found = Counter(outcome(decide(case.cluster, case.pod)) for case in of(family))
