@@ -18,7 +18,7 @@ from robotapp_testbed.binaries.pins import REPOSITORY
 from robotapp_testbed.control_plane.controlplane import ControlPlane
 from robotapp_testbed.control_plane.servers import answers
 from robotapp_testbed.failures import ApiStatusError, CommandError, TestbedError
-from robotapp_testbed.processes import ports
+from robotapp_testbed.processes import as_in_image, ports
 from robotapp_testbed.processes.process import Process, wait_until
 
 CHART = REPOSITORY / "helm" / "robotapp"
@@ -116,8 +116,8 @@ def start_operator(
 
     `program`: another module, with arguments of its own, that runs the operator; it gets the usual ones behind them.
     """
-    module = [*program, "robotapp_operator"]
-    return _start(cp, module, identity="operator", name=name, wait=wait, flags=flags, env=env)
+    command = [as_in_image.__file__, *program, "robotapp_operator"]
+    return _start(cp, command, identity="operator", name=name, wait=wait, flags=flags, env=env)
 
 
 def start_scheduler(
@@ -133,8 +133,8 @@ def start_scheduler(
     """`python -m robotapp_scheduler` as the scheduler's identity; `env` comes on top of ours, `program` as for the operator."""
     extra = {"config": config} if config else {}
     given = {**extra, **flags}
-    module = [*program, "robotapp_scheduler"]
-    return _start(cp, module, identity="scheduler", name=name, wait=wait, flags=given, env=env)
+    command = ["-m", *program, "robotapp_scheduler"]
+    return _start(cp, command, identity="scheduler", name=name, wait=wait, flags=given, env=env)
 
 
 def arguments(flags: Mapping[str, object]) -> list[str]:
@@ -151,7 +151,7 @@ def arguments(flags: Mapping[str, object]) -> list[str]:
 
 def _start(
     cp: ControlPlane,
-    module: Sequence[str],
+    command: Sequence[str],
     *,
     identity: str,
     name: str,
@@ -164,7 +164,7 @@ def _start(
     url = f"https://127.0.0.1:{port}"
     process = Process(
         name,
-        [sys.executable, "-m", *module, *arguments({**own, **flags})],
+        [sys.executable, *command, *arguments({**own, **flags})],
         run_dir=cp.run_dir,
         log_path=cp.logs_dir / f"{name}.log",
         env={key: value for key, value in os.environ.items() if key != "KUBECONFIG"}
