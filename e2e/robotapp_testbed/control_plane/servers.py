@@ -1,6 +1,5 @@
 """Turn settings into the control plane's processes, each with what tells that it serves."""
 
-import functools
 import ssl
 import urllib.error
 import urllib.request
@@ -28,9 +27,8 @@ class Program(StrEnum):
     SCHEDULER = "kube-scheduler"
 
 
-@functools.cache
 def unverified() -> ssl.SSLContext:
-    """Returns one context for our own loopback ports, whose certificates are made at the start and cannot be verified.
+    """Returns a new context for our own loopback ports, whose certificates are made at the start and cannot be verified.
 
     It loads no authorities of the machine: that takes 20 ms of CPU, and a program that starts is probed 50 times a second.
     """
