@@ -16,6 +16,13 @@ APT = '#!/bin/sh\necho "$@" >> {log}\ncase "$*" in *missing*) echo "E: Unable to
 DPKG = '#!/bin/sh\nmkdir -p {work}/usr/share/doc {work}/usr/lib/__pycache__ && cp "$2" {work}/usr/lib/$(basename "$2").installed; cd {work} && tar -c ./usr\n'
 
 
+@pytest.fixture(autouse=True)
+def _nothing_resolved() -> None:
+    """Other tests of this process have another apt."""
+    debian._resolve.cache_clear()
+    debian._fetch.cache_clear()
+
+
 @pytest.fixture
 def tools(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder on PATH with the two; a log of what apt was asked; a cache with the three packages."""
