@@ -7,12 +7,14 @@ import sys
 import textwrap
 import threading
 from collections.abc import Iterator
+from itertools import islice, pairwise
 from pathlib import Path
 
 import pytest
 
 from robotapp_testbed import Process, TestbedError, wait_until
 from robotapp_testbed.processes import guard
+from robotapp_testbed.processes.process import growing_pauses
 
 SHELL = "/bin/sh"
 
@@ -237,3 +239,11 @@ def test_a_damaged_program_is_named_with_what_to_do(tmp_path: Path) -> None:
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert result.returncode == 1
     assert result.stderr.startswith(f"{damaged} cannot be run (Exec format error): ")
+
+
+def test_looks_at_a_condition_are_close_together_at_first_and_never_further_apart_than_asked() -> None:
+    pauses = list(islice(growing_pauses(0.5), 30))
+    assert pauses[0] == 0.02
+    assert all(one <= other for one, other in pairwise(pauses))
+    assert pauses[-1] == 0.5
+    assert set(islice(growing_pauses(0.01), 30)) == {0.01}
