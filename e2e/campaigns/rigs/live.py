@@ -12,6 +12,7 @@ from campaigns.common.background import Background
 from robotapp_api.model.names import API_VERSION, Label, Phase
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import ApiStatusError
+from robotapp_testbed.processes.process import growing_pauses
 
 APPS: Final = "/apis/robotics.io/v1alpha1/namespaces/{}/robotapps"
 INSTANCES: Final = "/apis/robotics.io/v1alpha1/namespaces/{}/robotappinstances"
@@ -26,12 +27,13 @@ PATIENCE_S: Final = 60.0
 
 
 def eventually(look: Callable[[], T], *, timeout_s: float = PATIENCE_S, poll_s: float = 0.1, what: object = "") -> T:
-    """The first true value of `look`; an error with the last one after `timeout_s`."""
+    """Returns the first true value of `look`; an error with the last one after `timeout_s`. Looks are at most `poll_s` apart."""
     deadline = time.monotonic() + timeout_s
+    pauses = growing_pauses(poll_s)
     while not (value := look()):
         if time.monotonic() > deadline:
             raise AssertionError(f"not within {timeout_s} s: {what() if callable(what) else what or value!r}")
-        time.sleep(poll_s)
+        time.sleep(next(pauses))
     return value
 
 

@@ -24,18 +24,15 @@ _OURS = (OPERATOR_ACCOUNT, SCHEDULER_ACCOUNT)
 _BY_THE_CLOCK = frozenset({"leases"})
 _LOG_DELAY_S = 0.5
 """The server flushes audit records in batches of this order."""
+_LOOK_OVERLAP: Final = timedelta(seconds=5)
+"""A record may come this much later than the request has ended."""
 
 
 def writes_since(cp: ControlPlane, since: datetime, *, namespace: str = "") -> list[Mapping[str, Any]]:
     """Successful writes by our two accounts, Leases left out, that the server received after `since`; to objects of one
     namespace if it is given."""
     return [
-        record
-        for record in audit.writes(cp.audit())
-        if record["user"].get("username", "").rpartition(":")[2] in _OURS
-        and record["objectRef"]["resource"] not in _BY_THE_CLOCK
-        and namespace in ("", record["objectRef"].get("namespace"))
-        and datetime.fromisoformat(record["requestReceivedTimestamp"]) >= since
+        record for record in _our_writes(cp.audit(since=since), namespace=namespace) if _received_at(record) >= since
     ]
 
 
@@ -43,10 +40,10 @@ def requests_since(cp: ControlPlane, since: datetime, *, account: str) -> Counte
     """How often an account asked for what after `since`, reads included: `verb resource/subresource`."""
     return Counter(
         " ".join(_shown(record).split()[1:3])
-        for record in cp.audit()
+        for record in cp.audit(since=since)
         if record["user"].get("username", "").rpartition(":")[2] == account
         and record.get("objectRef", {}).get("resource") not in (None, *_BY_THE_CLOCK)
-        and datetime.fromisoformat(record["requestReceivedTimestamp"]) >= since
+        and _received_at(record) >= since
     )
 
 
@@ -63,18 +60,28 @@ def refused_since(cp: ControlPlane, since: datetime) -> set[str]:
     """
     return {
         f"{record['user'].get('username', '').rpartition(':')[2]} {record['verb']} {record['requestURI'].partition('?')[0]}"
-        for record in cp.audit()
+        for record in cp.audit(since=since)
         if record["user"].get("username", "").rpartition(":")[2] in _OURS
         and record.get("annotations", {}).get("authorization.k8s.io/decision") == "forbid"
-        and datetime.fromisoformat(record["requestReceivedTimestamp"]) >= since
+        and _received_at(record) >= since
     }
 
 
 def until_quiet(cp: ControlPlane, *, quiet_s: float, within_s: float, namespace: str = "") -> bool:
-    """Wait until neither wrote anything (there) for `quiet_s`; False when that did not come."""
+    """Waits until neither wrote anything (there) for `quiet_s`; False when that did not come.
+
+    Each look reads what was recorded since the last one, not the whole of the time that has to be quiet.
+    """
+    silence = timedelta(seconds=quiet_s)
+    last_look = last_write = datetime.now(UTC) - silence
 
     def is_quiet() -> bool:
-        return not writes_since(cp, datetime.now(UTC) - timedelta(seconds=quiet_s), namespace=namespace)
+        nonlocal last_look, last_write
+        now = datetime.now(UTC)
+        records = _our_writes(cp.audit(since=last_look - _LOOK_OVERLAP), namespace=namespace)
+        last_write = max((last_write, *map(_received_at, records)))
+        last_look = now
+        return now - last_write >= silence
 
     return wait_until(is_quiet, timeout_s=within_s, poll_s=0.5)
 
@@ -86,13 +93,28 @@ def writes_during(cp: ControlPlane, seconds: float, *, namespace: str = "") -> l
     return [
         record
         for record in writes_since(cp, began, namespace=namespace)
-        if datetime.fromisoformat(record["requestReceivedTimestamp"]) <= began + timedelta(seconds=seconds)
+        if _received_at(record) <= began + timedelta(seconds=seconds)
     ]
 
 
 def by_object(records: Iterable[Mapping[str, Any]]) -> Counter[str]:
     """How often each object was written: `user verb resource/subresource namespace/name`."""
     return Counter(_shown(record) for record in records)
+
+
+def _our_writes(records: Iterable[dict[str, Any]], *, namespace: str) -> list[dict[str, Any]]:
+    """Returns the successful writes by our two accounts, Leases left out; to objects of one namespace if it is given."""
+    return [
+        record
+        for record in audit.writes(records)
+        if record["user"].get("username", "").rpartition(":")[2] in _OURS
+        and record["objectRef"]["resource"] not in _BY_THE_CLOCK
+        and namespace in ("", record["objectRef"].get("namespace"))
+    ]
+
+
+def _received_at(record: Mapping[str, Any]) -> datetime:
+    return datetime.fromisoformat(record["requestReceivedTimestamp"])
 
 
 def _shown(record: Mapping[str, Any]) -> str:

@@ -60,16 +60,21 @@ def run(cp: ControlPlane, *, values: Mapping[str, Any] | None = None) -> None:
 @contextmanager
 def agents(cp: ControlPlane, *, interval_s: int = 2, values: Mapping[str, Any] | None = None) -> Iterator[None]:
     """The chart's agent on every node, measuring each `interval_s`; at the end both go, the agents and what they wrote."""
-    merged = _values({"agent": {"intervalSeconds": interval_s, **(values or {})}})
-    product.install(cp, values=merged)
-    product.apply_workloads(cp, values=merged, kinds={"DaemonSet"})
     try:
-        _wait_rolled_out(cp, f"daemonset/{AGENTS}", AGENTS)
+        start_agents(cp, interval_s=interval_s, values=values)
         yield
     finally:
         # In the foreground: an agent that still runs would write its telemetry again.
         cp.kubectl("delete", "daemonset", AGENTS, "-n", AGENTS, "--cascade=foreground", f"--timeout={_ROLLED_OUT_S}s")
         cp.api.delete(TELEMETRY)
+
+
+def start_agents(cp: ControlPlane, *, interval_s: int = 2, values: Mapping[str, Any] | None = None) -> None:
+    """Installs the chart with its agents and waits until they run; for a cluster that is thrown away with them."""
+    merged = _values({"agent": {"intervalSeconds": interval_s, **(values or {})}})
+    product.install(cp, values=merged)
+    product.apply_workloads(cp, values=merged, kinds={"DaemonSet"})
+    _wait_rolled_out(cp, f"daemonset/{AGENTS}", AGENTS)
 
 
 def wait_measured(cp: ControlPlane, *, timeout_s: float = _MEASURED_S) -> None:

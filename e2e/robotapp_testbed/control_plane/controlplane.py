@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -161,11 +162,11 @@ class ControlPlane:
         """Process ids by program name, of what runs now."""
         return {str(name): process.pid for name, process in self._processes.items() if process.running}
 
-    def audit(self) -> list[dict[str, Any]]:
-        """All audit records so far. Needs audit=True."""
+    def audit(self, *, since: datetime | None = None) -> list[dict[str, Any]]:
+        """Returns the audit records so far, or those of requests that ended after `since` and few others. Needs audit=True."""
         if not self._audit_level:
             raise TestbedError("this control plane keeps no audit log: start it with audit=True")
-        return audit_log.read(self._started().audit_log)
+        return audit_log.read(self._started().audit_log, since=since)
 
     # --- life -------------------------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ from robotapp_testbed.binaries.pins import REPOSITORY
 from robotapp_testbed.control_plane.controlplane import ControlPlane
 from robotapp_testbed.control_plane.servers import answers
 from robotapp_testbed.failures import ApiStatusError, CommandError, TestbedError
-from robotapp_testbed.processes import ports
+from robotapp_testbed.processes import as_in_image, ports
 from robotapp_testbed.processes.process import Process, wait_until
 
 CHART = REPOSITORY / "helm" / "robotapp"
@@ -112,7 +112,8 @@ def start_operator(
     **flags: object,
 ) -> Process:
     """`python -m robotapp_operator` as the operator's identity. `sweep_seconds=1` becomes `--sweep-seconds 1`, True a bare flag."""
-    return _start(cp, "robotapp_operator", identity="operator", name=name, wait=wait, flags=flags, env=env)
+    command = [as_in_image.__file__, "robotapp_operator"]
+    return _start(cp, command, identity="operator", name=name, wait=wait, flags=flags, env=env)
 
 
 def start_scheduler(
@@ -126,9 +127,8 @@ def start_scheduler(
 ) -> Process:
     """`python -m robotapp_scheduler` as the scheduler's identity; `env` comes on top of ours."""
     extra = {"config": config} if config else {}
-    return _start(
-        cp, "robotapp_scheduler", identity="scheduler", name=name, wait=wait, flags={**extra, **flags}, env=env
-    )
+    command = ["-m", "robotapp_scheduler"]
+    return _start(cp, command, identity="scheduler", name=name, wait=wait, flags={**extra, **flags}, env=env)
 
 
 def arguments(flags: Mapping[str, object]) -> list[str]:
@@ -145,7 +145,7 @@ def arguments(flags: Mapping[str, object]) -> list[str]:
 
 def _start(
     cp: ControlPlane,
-    module: str,
+    command: Sequence[str],
     *,
     identity: str,
     name: str,
@@ -158,7 +158,7 @@ def _start(
     url = f"https://127.0.0.1:{port}"
     process = Process(
         name,
-        [sys.executable, "-m", module, *arguments({**own, **flags})],
+        [sys.executable, *command, *arguments({**own, **flags})],
         run_dir=cp.run_dir,
         log_path=cp.logs_dir / f"{name}.log",
         env={key: value for key, value in os.environ.items() if key != "KUBECONFIG"}

@@ -4,6 +4,7 @@ So the interpreter in an image is Debian's own, of this machine's release, wheth
 whatever Python runs us. Which versions those are is part of an image's inputs.
 """
 
+import functools
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -38,7 +39,15 @@ class Package:
 
 
 def closure(names: Sequence[str]) -> tuple[Package, ...]:
-    """What must be unpacked, in apt's order, so that `names` run."""
+    """Returns what must be unpacked, in apt's order, so that `names` run.
+
+    apt is asked once per process: it takes a second of CPU, and the inputs of every image and its layers depend on it.
+    """
+    return _resolve(tuple(names))
+
+
+@functools.cache
+def _resolve(names: tuple[str, ...]) -> tuple[Package, ...]:
     lines = _apt("--print-uris", names).splitlines()
     # 'URI' file size [checksum]: some archives give apt their checksums only when it fetches.
     found = [Package(*fields[1:4]) for fields in map(str.split, lines) if len(fields) >= 3]
@@ -52,13 +61,13 @@ def unpack(names: Sequence[str], layer: Path, *, without: Sequence[str] = ()) ->
     for name in _MERGED:  # Debian's merged /usr: the packages themselves do not bring these links
         (layer / "usr" / name).mkdir(parents=True, exist_ok=True)
         (layer / name).symlink_to(f"usr/{name}")
-    folder = _fetch(names)
+    folder = _fetch(tuple(names), cache.cache_home() / "debian")
     for package in wanted:
         _extract(folder / package.file, layer)
 
 
-def _fetch(names: Sequence[str]) -> Path:
-    folder = cache.cache_home() / "debian"
+@functools.cache
+def _fetch(names: tuple[str, ...], folder: Path) -> Path:
     (folder / "partial").mkdir(parents=True, exist_ok=True)
     with cache.locked(folder / ".lock"):
         _apt("--download-only", names, f"Dir::Cache::archives={folder}", "Debug::NoLocking=1")

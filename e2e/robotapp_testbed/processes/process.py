@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -18,6 +18,7 @@ _LAUNCH = Path(__file__).with_name("launch.py")
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 _POLL_S = 0.02
+_GROWTH = 1.25
 _LOG_TAIL_LINES = 15
 
 # The kernel ends a process when the *thread* that forked it ends (prctl PR_SET_PDEATHSIG), so all are forked by one
@@ -26,13 +27,22 @@ _SPAWNER = ThreadPoolExecutor(max_workers=1, thread_name_prefix="testbed-spawner
 
 
 def wait_until(condition: Callable[[], bool], *, timeout_s: float, poll_s: float = _POLL_S) -> bool:
-    """Poll `condition` until it holds; False when `timeout_s` passed first."""
+    """Polls `condition` until it holds, at most `poll_s` apart; False when `timeout_s` passed first."""
     deadline = time.monotonic() + timeout_s
+    pauses = growing_pauses(poll_s)
     while not condition():
         if time.monotonic() > deadline:
             return False
-        time.sleep(poll_s)
+        time.sleep(next(pauses))
     return True
+
+
+def growing_pauses(longest_s: float) -> Iterator[float]:
+    """Yields the seconds between looks at a condition: a fifth of the time waited so far, as most conditions hold soon."""
+    pause_s = min(_POLL_S, longest_s)
+    while True:
+        yield pause_s
+        pause_s = min(pause_s * _GROWTH, longest_s)
 
 
 def launcher(argv: Sequence[str | Path], *, register: Path | None = None) -> list[str]:

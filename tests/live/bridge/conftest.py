@@ -1,5 +1,6 @@
 """One stage for the bridge's live tests: a robot with hardware, edge and cloud, operator and scheduler, and a user with the editor's role alone."""
 
+import json
 import secrets
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -7,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
-import yaml
 
 from campaigns.rigs.live import PATIENCE_S, eventually, pool
 from rigel_bridge.main import main
@@ -54,12 +54,16 @@ class Stage:
         found: dict[str, Any] = self.plane.api.get(self._path(name))
         return found
 
+    def apps(self) -> list[dict[str, Any]]:
+        items: list[dict[str, Any]] = self.plane.api.get(self._path(""))["items"]
+        return items
+
     def edit(self, name: str, spec: dict[str, Any]) -> None:
         self.plane.api.patch(self._path(name), {"spec": spec})
 
     def listed(self, kind: str) -> list[dict[str, Any]]:
-        text = self.plane.kubectl("get", kind, "-n", self.namespace, "-o", "yaml")
-        items: list[dict[str, Any]] = yaml.safe_load(text)["items"]
+        text = self.plane.kubectl("get", kind, "-n", self.namespace, "-o", "json")
+        items: list[dict[str, Any]] = json.loads(text)["items"]
         return items
 
     def gone(self, name: str) -> None:
@@ -72,7 +76,7 @@ class Stage:
         return [claim for claim, who in holders if (who["namespace"], who["name"]) == (self.namespace, name)]
 
     def _path(self, name: str) -> str:
-        return f"/apis/robotics.io/v1alpha1/namespaces/{self.namespace}/robotapps/{name}"
+        return f"/apis/robotics.io/v1alpha1/namespaces/{self.namespace}/robotapps/{name}".rstrip("/")
 
 
 @pytest.fixture(scope="module")

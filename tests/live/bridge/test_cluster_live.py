@@ -330,7 +330,7 @@ def test_a_killed_run_is_told_from_a_living_one_and_cleared_by_the_next(
 
 def renewal(stage: Stage, name: str) -> str:
     """When the run of an app was last renewed; empty while there is no such app."""
-    found = [item for item in stage.listed("robotapps") if item["metadata"]["name"] == name]
+    found = [item for item in stage.apps() if item["metadata"]["name"] == name]
     return found[0]["metadata"]["annotations"][lease.RENEWED] if found else ""
 
 

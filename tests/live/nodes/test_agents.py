@@ -59,9 +59,9 @@ def cluster(real_machine: type[RealNodes]) -> Iterator[RealNodes]:
     with real_machine(nodes, delays={}, images=("tools", "agent")) as cp:
         for (one, other), whole_ms in ROUND_TRIP_MS.items():
             cp.switch.set_link(one, other, delay_ms=whole_ms / 2, jitter_ms=JITTER * whole_ms / 2, loss=LOSS)
-        with components_as_pods.agents(cp, interval_s=INTERVAL_S):
-            components_as_pods.wait_measured(cp)
-            yield cp
+        components_as_pods.start_agents(cp, interval_s=INTERVAL_S)
+        components_as_pods.wait_measured(cp)
+        yield cp
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,14 @@ import signal
 import subprocess
 import sys
 import textwrap
+from itertools import islice, pairwise
 from pathlib import Path
 
 import pytest
 
 from robotapp_testbed import wait_until
 from robotapp_testbed.processes import guard
+from robotapp_testbed.processes.process import growing_pauses
 
 
 def alive(pid: int) -> bool:
@@ -79,3 +81,11 @@ def test_a_program_whose_owner_is_already_gone_does_not_start(tmp_path: Path) ->
     assert result.returncode != 0
     assert "gone" in result.stderr
     assert result.stdout == ""
+
+
+def test_looks_at_a_condition_are_close_together_at_first_and_never_further_apart_than_asked() -> None:
+    pauses = list(islice(growing_pauses(0.5), 30))
+    assert pauses[0] == 0.02
+    assert all(one <= other for one, other in pairwise(pauses))
+    assert pauses[-1] == 0.5
+    assert set(islice(growing_pauses(0.01), 30)) == {0.01}
