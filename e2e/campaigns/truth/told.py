@@ -255,16 +255,17 @@ def _robot(screen: Screen, history: History, note: str, at: datetime) -> Iterato
 
 
 def _pod_event(screen: Screen, history: History, event: Object) -> Iterator[str]:
-    note, at = event["note"], _time(event)
+    """Judges the scheduler's events. Those of kube-controller-manager, which a late node causes, have no eventTime."""
+    note = event["note"]
     match event["reason"]:
         case "Scheduled":
             found = re.match(r"Successfully assigned (\S+?)/(\S+) to ([a-z0-9.-]+)", note)
-            if not found or not history.ever("uid", event["regarding"]["uid"], found[3], until=at):
+            if not found or not history.ever("uid", event["regarding"]["uid"], found[3], until=_time(event)):
                 yield "it was not on that node"
         case "FailedScheduling":
-            yield from _counts_of_nodes(screen, history, note, at)
+            yield from _counts_of_nodes(screen, history, note, _time(event))
         case "DeviceBusy":
-            yield from _busy(screen, history, note, at)
+            yield from _busy(screen, history, note, _time(event))
 
 
 # Numbers
