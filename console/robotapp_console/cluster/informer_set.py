@@ -28,8 +28,8 @@ SETTLE_S: Final = 5.0
 """So long a page waits for what it shows; then it shows what there is."""
 TICK_S: Final = 10.0
 """Period of what happens without an event: agents fall silent, a half minute of the history ends."""
-SHARE: Final = 20.0
-"""A model that takes a millisecond to build is built at most every so many: five percent of a core."""
+SHARE: Final = 10.0
+"""A model that takes a millisecond to build is built at most every ten, so that changes without end take a tenth of a core at most."""
 LEAST_PAUSE_S: Final = 0.25
 EVENTS_KEPT_S: Final = 5.0
 SELF_REVIEWS: Final = Resource(
