@@ -35,7 +35,7 @@ _CERTIFICATE_POLL_S: Final = 30.0
 def main(argv: Sequence[str] | None = None) -> int:
     """0 after a clean stop, 2 when flags, files, credentials or the port cannot be used."""
     settings = parse(argv)
-    logs.set_up(settings.log_format, "warning" if settings.local else settings.log_level)
+    logs.set_up(settings.log_format, settings.log_level)
     try:
         asyncio.run(_serve_local(settings) if settings.local else _serve_cluster(settings))
     except LoginError as error:

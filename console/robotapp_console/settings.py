@@ -31,7 +31,7 @@ class Settings:
     api_server: str = ""
     certificate_authority: Path | None = None
     log_format: str = "text"
-    log_level: str = "info"
+    log_level: str = ""
 
 
 def parse(argv: Sequence[str] | None = None) -> Settings:
@@ -69,10 +69,13 @@ def parse(argv: Sequence[str] | None = None) -> Settings:
     )
     parser.add_argument("--port", type=int, help=f"default: {DEFAULT_PORT}, or a free one with --local")
     parser.add_argument("--log-format", choices=("json", "text"), default="text")
-    parser.add_argument("--log-level", choices=("debug", "info", "warning", "error"), default="info")
+    parser.add_argument(
+        "--log-level", choices=("debug", "info", "warning", "error"), help="default: info, or error with --local"
+    )
     values = vars(parser.parse_args(argv))
     if (values["certificate"] is None) != (values["key"] is None):
         parser.error("--tls-cert-file and --tls-private-key-file belong together")
     if values["port"] is None:
         values["port"] = 0 if values["local"] else DEFAULT_PORT
+    values["log_level"] = values["log_level"] or ("error" if values["local"] else "info")
     return Settings(**values | {"hosts": tuple(values["hosts"])})

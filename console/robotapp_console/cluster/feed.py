@@ -9,8 +9,10 @@ from typing import Any, Final
 from robotapp_client import ApiClient, Change, ClientError, Forbidden, NotFound, Reflector, Unauthorized
 from robotapp_console.cluster.kinds import Kind
 
-REFUSED_RETRY_S: Final = 30.0
+REFUSED_RETRY_S: Final = 15.0
 """A right that was granted shows after this long at the latest."""
+CONFIRM_S: Final = 10.0
+"""So long a kind that could be read must be refused before it counts as such: a server that starts refuses for a moment what it allows."""
 
 
 class Feed:
@@ -42,6 +44,7 @@ class Feed:
         self._signed_out = signed_out
         self._on_change = on_change
         self._refused = asyncio.Event()
+        self._refused_from_s: float | None = None
         self._started_s = time.time()
         self._reflector = self._make_reflector()
 
@@ -98,18 +101,35 @@ class Feed:
         self._changed()
 
     def _take_problem(self, problem: ClientError | None) -> None:
-        if problem is None:
-            self.stale_since_s, self.stale_why = None, ""
-        elif isinstance(problem, Unauthorized):
+        if isinstance(problem, Unauthorized):
             self._signed_out()
-        elif isinstance(problem, Forbidden | NotFound):
-            self.refusal = problem.message
-            self.is_absent = isinstance(problem, NotFound)
-            self.stale_since_s = None
+        elif isinstance(problem, Forbidden | NotFound) and self._is_confirmed():
+            self.refusal, self.is_absent = problem.message, isinstance(problem, NotFound)
+            self._note_contact()
             self._refused.set()
-        elif self.stale_since_s is None:
+        elif problem is None:
+            self._note_contact()
+        else:
+            self._note_silence(problem)
+        self.settled.set()
+        self._changed()
+
+    def _is_confirmed(self) -> bool:
+        """Returns whether a refusal counts: it is the first answer ever, or has lasted."""
+        now_s = time.monotonic()
+        if self._refused_from_s is None:
+            self._refused_from_s = now_s
+        return not self._reflector.synced.is_set() or now_s - self._refused_from_s >= CONFIRM_S
+
+    def _note_contact(self) -> None:
+        self.stale_since_s, self.stale_why = None, ""
+        self._refused_from_s = None
+
+    def _note_silence(self, problem: ClientError) -> None:
+        """Keeps since when nothing was heard, and why; what was known stays."""
+        if not isinstance(problem, Forbidden | NotFound):
+            self._refused_from_s = None
+        if self.stale_since_s is None:
             silence_s = self._reflector.last_contact_s
             self.stale_since_s = time.time() - silence_s if isfinite(silence_s) else self._started_s
             self.stale_why = str(problem)
-        self.settled.set()
-        self._changed()

@@ -67,7 +67,10 @@
       typing.blur();
     }
   });
-  document.addEventListener('htmx:sse:error', () => noteLoss(true));
+  document.addEventListener('htmx:sse:error', (event) => {
+    if (event.detail?.status === 401) location.reload();
+    else noteLoss(true);
+  });
   document.addEventListener('htmx:sse:close', () => noteLoss(true));
   document.addEventListener('htmx:sse:after:connection', () => noteLoss(false));
   document.addEventListener('htmx:after:swap', () => { addCopyButtons(); renewAges(); });

@@ -12,13 +12,13 @@ from robotapp_console.views.devices import NodeDevice, count_devices, devices_by
 from robotapp_console.views.history import Sparkline, draw_sparkline
 from robotapp_console.views.links import Link, link_of, zones_of
 from robotapp_console.views.objects import Battery, Load, Node, find_condition
-from robotapp_console.views.paging import Page, Query, take_page
+from robotapp_console.views.paging import NAMESPACE, Page, Query, take_page
 from robotapp_console.views.problems import Problems, find_problems, path_of_app
 from robotapp_console.views.snapshot import Refusal, Snapshot
 from robotapp_console.views.texts import clean
 
 SORTS: Final = ("robot", "zone", "link", "apps", "devices", "load", "battery")
-FILTERS: Final = ("zone", "state")
+FILTERS: Final = ("zone", "state", NAMESPACE)
 STATES: Final = ("troubled", "offline", "idle")
 MOST_CHIPS: Final = 8
 MOST_LOOSE: Final = 60

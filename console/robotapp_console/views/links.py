@@ -49,12 +49,12 @@ def link_of(node: str, zones: Mapping[str, str], round_trips: RoundTrips) -> Lin
     for peer, figures in round_trips.around(node).items():
         if zone := zones.get(peer):
             by_zone[zone].append(figures.p95_us)
-    usual = {zone: median_low(times) for zone, times in by_zone.items()}
-    if not usual:
-        return Link()
     own = zones.get(node, "")
-    zone = own if own in usual else min(usual, key=lambda name: (usual[name], name))
-    return Link(zone, usual[zone])
+    if own in by_zone:
+        return Link(own, median_low(by_zone[own]))
+    usual = {zone: median_low(times) for zone, times in by_zone.items()}
+    zone = min(usual, key=lambda name: (usual[name], name), default="")
+    return Link(zone, usual.get(zone))
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,12 +11,12 @@ from robotapp_api.values.quantities.requests import pod_requests
 from robotapp_console.views.devices import NodeDevice, devices_by_node
 from robotapp_console.views.links import ZoneMatrix, build_zone_matrix, zones_of
 from robotapp_console.views.objects import Load, Node, Pod, find_condition
-from robotapp_console.views.paging import Page, Query, take_page
+from robotapp_console.views.paging import NAMESPACE, Page, Query, take_page
 from robotapp_console.views.snapshot import Refusal, Snapshot
 from robotapp_console.views.texts import clean
 
 SORTS: Final = ("node", "zone", "tier", "cpu", "memory", "heard")
-FILTERS: Final = ("zone", "tier")
+FILTERS: Final = ("zone", "tier", NAMESPACE)
 MOST_DEVICES: Final = 6
 _NO_ZONES: Final = ZoneMatrix((), ())
 _FINISHED: Final = frozenset({"Succeeded", "Failed"})

@@ -10,6 +10,8 @@ T = TypeVar("T")
 PAGE_ROWS: Final = 50
 MOST_QUERY: Final = 200
 MOST_PAGE: Final = 100_000
+NAMESPACE: Final = "namespace"
+"""The filter that belongs to every screen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,11 @@ class Query:
             page=min(MOST_PAGE, max(1, int(page))) if page.isascii() and page.isdigit() and len(page) < 7 else 1,
             filters=chosen,
         )
+
+    @property
+    def is_narrowed(self) -> bool:
+        """Returns whether rows may be left out, apart from those of other namespaces."""
+        return bool(self.text) or any(name != NAMESPACE for name, _ in self.filters)
 
     def filter_value(self, name: str) -> str:
         """Returns the chosen value of a filter, empty without one."""

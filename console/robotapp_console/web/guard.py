@@ -87,8 +87,17 @@ async def _find_write_problem(console: Console, request: web.Request, caller: Ca
 
 
 def ask_to_sign_in(request: web.Request) -> web.Response:
-    """Returns the answer to who has no session: people get the login form, programs 401."""
+    """Returns the answer to who has no session: people get the login form, programs 401.
+
+    Who follows a link from another site may well have a session: strict cookies are not sent with that request, but with the
+    next one, which the page itself makes.
+    """
     console = request.app[CONSOLE]
+    if request.headers.get("Sec-Fetch-Site") == "cross-site" and request.headers.get("Sec-Fetch-Mode") == "navigate":
+        page = console.render(
+            request, "again.html", {"title": "One moment", "path": security.clean_next(request.path_qs)}
+        )
+        return web.Response(status=401, text=page, content_type="text/html")
     wants_page = request.method in security.SAFE_METHODS and "text/html" in request.headers.get("Accept", "")
     if console.door is not None:
         text = "Open the address that kubectl robotapp console printed. It works once; after that a new one is printed."

@@ -48,7 +48,7 @@ def make_app(console: Console) -> web.Application:
     )
     for path, screen in screens:
         app.router.add_get(path, _make_page(screen))
-        app.router.add_get(f"{path.rstrip('/')}/stream", _make_stream(screen))
+        app.router.add_get(f"{path.rstrip('/')}/stream", _make_stream(screen), allow_head=False)
     return app
 
 

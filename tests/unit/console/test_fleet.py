@@ -154,6 +154,17 @@ def test_the_address_filters_and_orders(parameters: dict[str, str], robots: list
     assert [row.robot for row in page.rows] == robots
 
 
+def test_every_link_of_a_page_keeps_what_was_chosen() -> None:
+    fleet = build_fleet(snapshot(nodes=[node(f"amr-{i:03}", robot=f"amr-{i:03}", zone="hall") for i in range(120)]))
+    chosen = {"q": "amr", "zone": "hall", "namespace": "team-a", "page": "2", "sort": "zone"}
+    page = take_fleet_page(fleet, read_fleet_query(chosen))
+    shared = "?q=amr&zone=hall&namespace=team-a&sort=zone"
+    assert (page.previous, page.following) == (f"{shared}&page=1", f"{shared}&page=3")
+    assert page.query.encode_sort("zone") == f"{shared}&desc=1"
+    assert page.query.is_narrowed
+    assert not read_fleet_query({"namespace": "team-a"}).is_narrowed
+
+
 @pytest.mark.parametrize("sort", ["robot", "zone", "link", "apps", "devices", "load", "battery"])
 def test_every_order_takes_robots_of_which_nothing_is_known(sort: str) -> None:
     fleet = build_fleet(

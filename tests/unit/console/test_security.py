@@ -40,6 +40,18 @@ async def test_the_local_console_answers_401_without_its_session(path: str) -> N
         assert (await stage.browser().get(path)).status == 401
 
 
+async def test_a_link_from_another_site_is_opened_by_a_second_request_of_our_own() -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        headers = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}
+        page = await browser.get('/nodes?q="><script>', **headers)
+        assert page.status == 401
+        assert 'http-equiv="refresh" content="0; url=/nodes?q=' in page.text
+        assert "<script>" not in page.text
+        await browser.sign_in(ADMIN)
+        assert (await browser.get("/nodes", **headers)).status == 200
+
+
 async def test_login_static_files_and_health_need_no_session() -> None:
     async with staged() as stage:
         browser = stage.browser()

@@ -134,6 +134,7 @@ async def test_a_broken_watch_is_told_and_resumes_by_itself() -> None:
 
 async def test_a_right_that_is_taken_greys_the_panel_of_an_open_page(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(feed, "REFUSED_RETRY_S", 0.2)
+    monkeypatch.setattr(feed, "CONFIRM_S", 0.2)
     async with staged() as stage:
         browser = stage.browser()
         await browser.sign_in(ADMIN)
@@ -146,6 +147,23 @@ async def test_a_right_that_is_taken_greys_the_panel_of_an_open_page(monkeypatch
             assert "amr-07" not in message
             stage.api.forbidden = set()
             await stream.find("amr-07")
+
+
+async def test_a_refusal_that_passes_greys_nothing() -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        stage.api.put(NODES, node("amr-07", robot="amr-07"))
+        async with opened(stage, browser) as stream:
+            await stream.find("amr-07")
+            stage.api.forbidden = {"nodes"}
+            stage.api.end_watches()
+            message = await stream.find("stale since")
+            assert "Not shown" not in message
+            assert "amr-07" in message
+            stage.api.forbidden = set()
+            while "stale since" in await stream.next_message(15.0):
+                pass
 
 
 async def test_an_app_that_is_deleted_is_told_on_its_open_page() -> None:
