@@ -36,6 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """0 after a clean stop, 2 when flags, files, credentials or the port cannot be used."""
     settings = parse(argv)
     logs.set_up(settings.log_format, settings.log_level)
+    logging.getLogger("robotapp_client.informer").setLevel(logging.ERROR)  # pages show what cannot be read, and to whom
     try:
         asyncio.run(_serve_local(settings) if settings.local else _serve_cluster(settings))
     except LoginError as error:

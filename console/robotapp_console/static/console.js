@@ -19,18 +19,6 @@
     }
   }
 
-  function addCopyButtons() {
-    if (!navigator.clipboard) return;
-    for (const box of document.querySelectorAll('pre.command')) {
-      if (box.querySelector('button')) continue;
-      const button = document.createElement('button');
-      button.type = 'button';
-      button.textContent = 'Copy';
-      button.setAttribute('aria-label', `Copy: ${box.textContent.trim()}`);
-      box.append(button);
-    }
-  }
-
   async function copy(button) {
     try {
       await navigator.clipboard.writeText(button.parentElement.querySelector('code').textContent);
@@ -73,8 +61,8 @@
   });
   document.addEventListener('htmx:sse:close', () => noteLoss(true));
   document.addEventListener('htmx:sse:after:connection', () => noteLoss(false));
-  document.addEventListener('htmx:after:swap', () => { addCopyButtons(); renewAges(); });
+  document.addEventListener('htmx:after:swap', renewAges);
   window.addEventListener('pagehide', () => noteLoss(false));
-  addCopyButtons();
+  if (navigator.clipboard) document.documentElement.classList.add('copies');
   setInterval(renewAges, 1000);
 })();

@@ -91,7 +91,8 @@ class Fleet:
     loose_total: int = 0
     problems: Problems = _NO_PROBLEMS
     zones: tuple[str, ...] = ()
-    counts: Mapping[str, int] = field(default_factory=dict)
+    counts: Mapping[str, int | None] = field(default_factory=dict)
+    """None for what may not be read."""
     refusals: tuple[Refusal, ...] = ()
     has_apps: bool = False
 
@@ -199,16 +200,20 @@ def _build_row(
     )
 
 
-def _count(rows: tuple[RobotRow, ...], snapshot: Snapshot) -> dict[str, int]:
+def _count(rows: tuple[RobotRow, ...], snapshot: Snapshot) -> dict[str, int | None]:
     phases = [app.status.phase for app in snapshot.apps.values()]
-    return {
-        "robots": len(rows),
-        "offline": sum(bool(row.offline_since) for row in rows),
-        "apps": len(phases),
-        "running": phases.count(Phase.RUNNING),
-        "held": sum(claim.spec.device is not None for claim in snapshot.claims.values()),
-        "domains": sum(claim.spec.domain is not None for claim in snapshot.claims.values()),
+    claims = snapshot.claims.values()
+    counts = {
+        "robots": ("robotappinstances", len(rows)),
+        "offline": ("nodes", sum(bool(row.offline_since) for row in rows)),
+        "apps": ("robotapps", len(phases)),
+        "running": ("robotapps", phases.count(Phase.RUNNING)),
+        "held": ("robotclaims", sum(claim.spec.device is not None for claim in claims)),
+        "domains": ("robotclaims", sum(claim.spec.domain is not None for claim in claims)),
     }
+    if "nodes" not in snapshot.refusals:  # then robots are known without their instances
+        counts["robots"] = ("nodes", len(rows))
+    return {name: None if plural in snapshot.refusals else count for name, (plural, count) in counts.items()}
 
 
 _KEYS: Final = {

@@ -108,6 +108,12 @@ def test_figures_count_what_there_is() -> None:
     assert fleet.counts == {"robots": 2, "offline": 1, "apps": 2, "running": 1, "held": 1, "domains": 0}
 
 
+def test_what_may_not_be_read_is_not_counted_as_nothing() -> None:
+    fleet = build_fleet(snapshot(refused=("robotclaims", "nodes")))
+    assert fleet.counts == {"robots": 0, "offline": None, "apps": 0, "running": 0, "held": None, "domains": None}
+    assert build_fleet(snapshot(refused=("robotappinstances", "nodes"))).counts["robots"] is None
+
+
 def test_a_thousand_robots_come_in_pages_that_keep_their_order() -> None:
     fleet = build_fleet(
         snapshot(nodes=[node(f"amr-{i:04}", robot=f"amr-{i:04}", zone=f"z{i % 3}") for i in range(1000)])
