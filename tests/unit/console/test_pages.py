@@ -21,6 +21,9 @@ from tests.unit.console.guarded_api import (
 )
 from tests.unit.console.objects import app, device_claim, instance, node, pod, pool, telemetry
 
+from robotapp_console.cluster import informer_sets
+from robotapp_console.web import screens
+
 
 def fill(stage: Stage) -> None:
     api = stage.api
@@ -259,3 +262,29 @@ async def test_raw_bytes_in_an_address_do_no_harm() -> None:
         answer = await reader.read()
         writer.close()
         assert answer.split()[1] in (b"200", b"400")
+
+
+async def test_too_many_users_at_once_are_told_to_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with staged() as stage:
+        first, second = stage.browser(), stage.browser()
+        await first.sign_in(ADMIN)
+        monkeypatch.setattr(informer_sets, "MOST_SETS", 1)
+        page = await second.sign_in(TENANT)
+        assert page.status == 503
+        assert "Try again in a minute" in page.text
+        assert (await first.get("/")).status == 200
+
+
+async def test_a_bug_shows_nothing_of_itself(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    def fail(_snapshot: object) -> None:
+        raise ZeroDivisionError("inner detail")
+
+    async with staged() as stage:
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        monkeypatch.setattr(screens, "build_fleet", fail)
+        page = await browser.get("/")
+        assert page.status == 500
+        assert "inner detail" not in page.text
+        assert "inner detail" in caplog.text
+        assert page.headers["Content-Security-Policy"]
