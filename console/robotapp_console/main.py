@@ -143,7 +143,7 @@ def _find_api_server(settings: Settings) -> Endpoint:
         tls = ssl.create_default_context(cafile=str(authority))
     except (OSError, ssl.SSLError) as error:
         raise LoginError(f"the API server's certificate authority {authority} cannot be loaded: {error}") from error
-    tls.verify_flags &= ~ssl.VERIFY_X509_STRICT  # many clusters' own authorities lack what Python 3.13 wants
+    tls.verify_flags &= ~ssl.VERIFY_X509_STRICT  # many clusters' own authorities lack what Python 3.13 checks
     return Endpoint(server, tls=tls)
 
 

@@ -208,7 +208,7 @@ class InformerSet:
         return listing.items
 
     async def fetch_user(self) -> str:
-        """Returns the name under which the API server knows the token. Raises Unauthorized for one that is not valid."""
+        """Returns the user name that the API server gives the token. Raises Unauthorized for one that is not valid."""
         try:
             review = await self.client.create(SELF_REVIEWS, {})
         except ApiError as error:

@@ -1,4 +1,4 @@
-"""Filter, order and page of a long table, as its address says."""
+"""Filter, order and page of a long table, read from its address."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ NAMESPACE: Final = "namespace"
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """The wishes of a table's address. Every field has a safe default, so that any address shows a page."""
+    """The filter, order and page of a table's address. Every field has a safe default, so that any address shows a page."""
 
     text: str = ""
     sort: str = ""
@@ -105,7 +105,7 @@ def take_page(
     keys: Mapping[str, Callable[[T], Any]],
     matches: Callable[[T, str], bool],
 ) -> Page[T]:
-    """Returns the page of `rows` that the query asks for, or the last one when there are fewer.
+    """Returns the page of `rows` of the query, or the last one when there are fewer.
 
     keys: what each order compares; rows that are equal in it keep the order they come in.
     """

@@ -110,7 +110,7 @@ class Console:
         return self.pages.render(template, shared | dict(context), now_s=now_s)
 
     def answer_message(self, request: web.Request, status: int, title: str, text: str, **more: Any) -> web.Response:
-        """Returns a page that tells what is wrong; a program or a stream gets the text alone."""
+        """Returns a page with what is wrong; a program or a stream gets the text alone."""
         if "text/html" not in request.headers.get("Accept", "") or "HX-Request" in request.headers:
             return web.Response(status=status, text=f"{title}: {text}\n")
         context = {"title": title, "text": text, "commands": (), "links": {}} | more

@@ -36,7 +36,7 @@ async def answer_errors(request: web.Request, handler: Handler) -> web.StreamRes
     except ConnectionResetError:
         raise
     except Exception:
-        log.exception("%s %s failed", request.method, request.path)
+        log.exception("%s %r failed", request.method, request.path)
         return console.answer_message(request, 500, "Internal error", "The console's log has the reason.")
 
 
@@ -44,7 +44,7 @@ async def answer_errors(request: web.Request, handler: Handler) -> web.StreamRes
 async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
     """Lets through what may pass: the right Host, a known caller, not too often, and writes only from our own pages."""
     console = request.app[CONSOLE]
-    if request.path == "/healthz":  # asked by address, and says nothing
+    if request.path == "/healthz":  # probes use the address, and nothing is shown
         return await handler(request)
     if problem := security.find_host_problem(request, console.hosts):
         return web.Response(status=403, text=f"Refused: {problem}.\n")
@@ -63,7 +63,7 @@ async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
     if caller is not None:
         request[CALLER] = caller
     if request.method not in security.SAFE_METHODS and (refusal := await _find_write_problem(console, request, caller)):
-        log.warning("refused %s %s: %s", request.method, request.path, refusal)
+        log.warning("refused %s %r: %s", request.method, request.path, refusal)
         return console.answer_message(request, 403, "Refused", f"{refusal[0].upper()}{refusal[1:]}.")
     if caller is None and request.path not in _OPEN_PATHS:
         return ask_to_sign_in(request)

@@ -24,7 +24,7 @@ HEADERS: Final = {
 
 
 async def add_headers(request: web.Request, response: web.StreamResponse) -> None:
-    """Adds the security headers to every answer. Nothing is cached but what says so itself."""
+    """Adds the security headers to every answer. Nothing is cached unless the answer allows it."""
     del request
     response.headers.update(HEADERS)
     response.headers.setdefault("Cache-Control", "no-store")

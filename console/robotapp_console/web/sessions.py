@@ -20,7 +20,7 @@ MOST_COOKIE: Final = 3800
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """The maker of a request. `key` tells callers apart and reveals no token; `session` is what the CSRF token belongs to."""
+    """The maker of a request. `key` distinguishes callers and reveals no token; `session` is what the CSRF token belongs to."""
 
     key: str
     endpoint: Endpoint = field(repr=False)
