@@ -8,6 +8,7 @@ import typer
 from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_cli.commands.apps import show_info, show_list
 from robotapp_cli.commands.claims import show_domains
+from robotapp_cli.commands.console import ConsoleOptions, start_console
 from robotapp_cli.commands.devices import show_devices
 from robotapp_cli.commands.explain import Question, show_explain
 from robotapp_cli.commands.nodes import show_nodes, show_robots
@@ -330,6 +331,21 @@ def lint_command(
     except CliError as failure:
         raise ended_by(failure) from failure
     raise typer.Exit(code)
+
+
+@app.command("console", epilog="Examples: kubectl robotapp console; kubectl robotapp console --no-browser --port 8080")
+def console_command(
+    *,
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port on 127.0.0.1 (default: a free one).")] = 0,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
+    context: Context = None,
+    kubeconfig: Kubeconfig = None,
+) -> None:
+    """Watch the fleet, its apps and nodes in a browser, with your own rights, until Ctrl-C."""
+    try:
+        start_console(ConsoleOptions(kubeconfig=kubeconfig, context=context, port=port, browser=browser))
+    except CliError as failure:
+        raise ended_by(failure) from failure
 
 
 def main() -> None:

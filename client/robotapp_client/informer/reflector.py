@@ -106,9 +106,11 @@ class Reflector(Generic[T]):
         backoff: Backoff | None = None,
         fixed_keys: bool = False,
         kept: Callable[[T], T] | None = None,
+        on_problem: Callable[[ClientError | None], None] | None = None,
     ) -> None:
         """`fixed_keys` is for `WatchDecoder`. `kept` returns what `store`, and `old` of later changes, have of an object: all of it
-        unless given. `new` of a change is always whole.
+        unless given. `new` of a change is always whole. `on_problem` gets each error that ends an attempt, and None when a list
+        or watch is answered again; it must not raise.
         """
         self._client = client
         self._resource = resource
@@ -117,6 +119,8 @@ class Reflector(Generic[T]):
         self._decoder: WatchDecoder[T] = WatchDecoder(as_type, namespaced=resource.namespaced, fixed_keys=fixed_keys)
         self._on_change = on_change
         self._kept = kept
+        self._on_problem = on_problem
+        self._failing = False
         self._streaming = streaming
         self._page = page
         self._inactivity_s = inactivity_s
@@ -175,6 +179,7 @@ class Reflector(Generic[T]):
             least_s = error.pause_s if isinstance(error, ApiError) else 0.0
             log.warning("%s: %s", self, error, extra={"fields": describe(error)})
             self._answered = self._answered and not isinstance(error, TooManyRequests)
+            self._report_problem(error)
         finally:
             self._initial = None
         if self._progress or self._was_steady():
@@ -237,6 +242,7 @@ class Reflector(Generic[T]):
                 if self._streaming and isinstance(error, BadRequest | Invalid):
                     self._streaming = False  # an older server: list and watch, then
                 raise error
+            self._report_problem(None)
             lines = Lines()
 
             def take(pieces: Sequence[bytes]) -> None:
@@ -313,6 +319,12 @@ class Reflector(Generic[T]):
         old = self._objects.pop(key, None)
         if old is not None:
             self._report(Change(DELETED, key, old, None))
+
+    def _report_problem(self, problem: ClientError | None) -> None:
+        """Reports each problem, and its end once."""
+        if self._on_problem is not None and (problem is not None or self._failing):
+            self._on_problem(problem)
+        self._failing = problem is not None
 
     def _report(self, change: Change) -> None:
         if self._on_change is None:

@@ -24,6 +24,7 @@ RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {
     "operator": partial(Component, "operator"),
     "scheduler": partial(Component, "scheduler"),
     "agent": partial(Component, "agent"),
+    "console": partial(Component, "console"),
     "ros2": Ros2,
     "ros1": Ros1,
 }

@@ -12,7 +12,7 @@ CHART = Path(__file__).resolve().parents[3] / "helm" / "robotapp"
 SCHEMA = json.loads((CHART / "values.schema.json").read_text())
 VALUES = yaml.safe_load((CHART / "values.yaml").read_text())
 
-PODS = ("operator", "scheduler", "agent", "agent.labeller")
+PODS = ("operator", "scheduler", "agent", "agent.labeller", "console")
 # Passed on to Kubernetes as they stand; the API server (or the scheduler, for its config) checks them.
 PASSED_ON = {
     "global",

@@ -18,7 +18,7 @@ from tests.support.scripted import (
 )
 from tests.unit.client.mirrors import Mirror, mirror
 
-from robotapp_client import Change, Reflector
+from robotapp_client import Change, ClientError, Reflector
 from robotapp_client.api.resources import CONFIGMAPS, NODES
 
 
@@ -398,3 +398,15 @@ async def test_its_repr_says_where_it_stands() -> None:
         assert repr(seen.reflector) == "<Reflector configmaps (all namespaces): 0 objects, must list>"
         await seen.asked(2)
         assert repr(seen.reflector) == "<Reflector configmaps (all namespaces): 1 objects, at 9>"
+
+
+async def test_every_problem_is_reported_and_its_end_once() -> None:
+    problems: list[str] = []
+
+    def note(problem: ClientError | None) -> None:
+        problems.append(type(problem).__name__)
+
+    refusals = [refusal(403, "Forbidden"), refusal(403, "Forbidden")]
+    async with mirror(*refusals, listing(9, item("a", 1)), watch(), watch(then="hang"), on_problem=note) as seen:
+        await seen.asked(5)
+        assert problems == ["Forbidden", "Forbidden", "NoneType"]

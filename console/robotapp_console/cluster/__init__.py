@@ -1,0 +1,1 @@
+"""Reads from the API server: one set of informers per user."""

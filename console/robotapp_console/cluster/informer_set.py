@@ -1,0 +1,276 @@
+"""All that one user follows: a feed per kind, shared by all of the user's pages."""
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from typing import Any, Final, Generic, TypeVar, cast
+
+from robotapp_api.values.placement.round_trips import RoundTrips
+from robotapp_client import ApiClient, ApiError, Change, Endpoint
+from robotapp_client.api.resources import EVENTS, Resource
+from robotapp_console.cluster.feed import Feed
+from robotapp_console.cluster.kinds import NODE_KIND, TELEMETRY, Kind
+from robotapp_console.views.fleet import measure_links
+from robotapp_console.views.history import LinkHistory
+from robotapp_console.views.objects import Event, Telemetry
+from robotapp_console.views.snapshot import Refusal, Snapshot, Stale
+from robotapp_console.views.texts import clean, parse_timestamp
+
+M = TypeVar("M")
+log = logging.getLogger(__name__)
+
+SETTLE_S: Final = 5.0
+"""So long a page waits for what it shows; then it shows what there is."""
+TICK_S: Final = 10.0
+"""Period of what happens without an event: agents fall silent, a half minute of the history ends."""
+SHARE: Final = 10.0
+"""A model that takes a millisecond to build is built at most every ten, so that changes without end take a tenth of a core at most."""
+LEAST_PAUSE_S: Final = 0.25
+EVENTS_KEPT_S: Final = 5.0
+SELF_REVIEWS: Final = Resource(
+    "authentication.k8s.io", "v1", "selfsubjectreviews", "SelfSubjectReview", namespaced=False
+)
+
+
+@dataclass(slots=True)
+class _Built(Generic[M]):
+    """A model with what it was built of. Times are of the monotonic clock."""
+
+    version: int
+    built_s: float
+    cost_s: float
+    snapshot: Snapshot
+    model: M
+
+    @property
+    def due_s(self) -> float:
+        """Returns from when it may be built anew."""
+        return self.built_s + max(LEAST_PAUSE_S, SHARE * self.cost_s)
+
+
+class InformerSet:
+    """One user's view of the cluster. `signed_out` becomes true when the API server does not accept the token any more."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.client = ApiClient(endpoint, user_agent="robotapp-console", max_connections=8, timeout_s=10.0)
+        self.version = 0
+        self.signed_out = False
+        self.streams = 0
+        """Pages that follow changes."""
+        self.last_used_s = time.monotonic()
+        self._feeds: dict[tuple[str, str], Feed] = {}
+        self._tasks: list[asyncio.Task[None]] = []
+        self._listeners: set[asyncio.Event] = set()
+        self._round_trips = RoundTrips()
+        self._history = LinkHistory()
+        self._models: dict[tuple[str, ...], _Built[Any]] = {}
+        self._events: dict[str, tuple[float, list[Event]]] = {}
+
+    def __repr__(self) -> str:
+        return f"<InformerSet {len(self._feeds)} feeds, {self.streams} streams>"
+
+    async def open(self) -> None:
+        await self.client.__aenter__()
+        self._tasks.append(asyncio.create_task(self._tick_forever()))
+
+    async def close(self) -> None:
+        """Ends every watch and connection."""
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._wake_listeners()
+        await self.client.__aexit__(None, None, None)
+
+    async def use(self, kinds: Iterable[Kind], namespace: str) -> None:
+        """Follows these kinds from now on and waits until they are known. Where all namespaces are refused, `namespace` alone is followed."""
+        self.last_used_s = time.monotonic()
+        page_kinds = tuple(kinds)
+        await self._settle([self._follow(kind, "") for kind in page_kinds])
+        if namespace:
+            refused_kinds = [kind for kind in page_kinds if self._is_narrowed(kind)]
+            await self._settle([self._follow(kind, namespace) for kind in refused_kinds])
+
+    def _follow(self, kind: Kind, namespace: str) -> Feed:
+        key = (kind.plural, namespace)
+        feed = self._feeds.get(key)
+        if feed is None:
+            feed = self._feeds[key] = Feed(
+                self.client,
+                kind,
+                namespace,
+                changed=self._note_change,
+                signed_out=self._sign_out,
+                on_change=self._take_telemetry if kind is TELEMETRY else None,
+            )
+            feed_task = asyncio.create_task(feed.run())
+            feed_task.add_done_callback(partial(_log_end, feed))
+            self._tasks.append(feed_task)
+        return feed
+
+    async def _settle(self, feeds: list[Feed]) -> None:
+        tasks = [asyncio.ensure_future(feed.settled.wait()) for feed in feeds if not feed.settled.is_set()]
+        if tasks:
+            _, pending = await asyncio.wait(tasks, timeout=SETTLE_S)
+            for task in pending:
+                task.cancel()
+
+    def _is_narrowed(self, kind: Kind) -> bool:
+        feed = self._feeds.get((kind.plural, ""))
+        return kind.resource.namespaced and not kind.whole and feed is not None and bool(feed.refusal)
+
+    def take_snapshot(self, namespace: str, home: str) -> Snapshot:
+        """Returns all that is followed. `namespace` is the user's choice, `home` what is shown where all namespaces are refused."""
+        stores: dict[str, Any] = {}
+        refusals: dict[str, Refusal] = {}
+        stale: list[Stale] = []
+        fallback_namespace = ""
+        for (plural, scope), feed in self._feeds.items():
+            if scope:
+                continue
+            source = feed
+            if self._is_narrowed(feed.kind) and (local_feed := self._feeds.get((plural, namespace or home))):
+                source, fallback_namespace = local_feed, local_feed.namespace
+            if source.refusal:
+                cure = _NOT_INSTALLED if source.is_absent else f"You may not read them: {feed.kind.cure}."
+                refusals[plural] = Refusal(feed.kind.words, clean(source.refusal), cure)
+                continue
+            if source.stale_since_s is not None:
+                stale.append(Stale(feed.kind.words, _format_time(source.stale_since_s), clean(source.stale_why, 300)))
+            stores[plural] = _select_namespace(source, namespace)
+        return Snapshot(
+            namespace=namespace or fallback_namespace,
+            apps=stores.get("robotapps", {}),
+            instances=stores.get("robotappinstances", {}),
+            claims=stores.get("robotclaims", {}),
+            pools=stores.get("domainpools", {}),
+            telemetry=stores.get("nodetelemetries", {}),
+            nodes=stores.get("nodes", {}),
+            pods=stores.get("pods", {}),
+            round_trips=self._round_trips,
+            history=self._history,
+            refusals=refusals,
+            stale=tuple(stale),
+            now_s=time.time(),
+        )
+
+    def build_model(
+        self, key: tuple[str, ...], build: Callable[[Snapshot], M], *, namespace: str, home: str
+    ) -> tuple[Snapshot, M]:
+        """Returns what `build` makes of a snapshot. All pages share it, and it is built no more often than it is cheap."""
+        key = (*key, namespace, home)
+        started_s = time.monotonic()
+        entry = cast("_Built[M] | None", self._models.get(key))
+        if entry is not None and (entry.version == self.version or started_s < entry.due_s):
+            return entry.snapshot, entry.model
+        version = self.version
+        snapshot = self.take_snapshot(namespace, home)
+        model = build(snapshot)
+        ended_s = time.monotonic()
+        if len(self._models) >= _MOST_MODELS:
+            self._models.pop(next(iter(self._models)))
+        self._models[key] = _Built(version, ended_s, ended_s - started_s, snapshot, model)
+        return snapshot, model
+
+    def pause_s(self, key: tuple[str, ...], *, namespace: str, home: str) -> float:
+        """Returns in how many seconds this model may be built anew."""
+        entry = self._models.get((*key, namespace, home))
+        return 0.0 if entry is None else max(0.0, entry.due_s - time.monotonic())
+
+    @contextlib.contextmanager
+    def listen(self) -> Iterator[asyncio.Event]:
+        """Gives an event that is set after every change, for a page that follows them."""
+        wake = asyncio.Event()
+        self._listeners.add(wake)
+        self.streams += 1
+        try:
+            yield wake
+        finally:
+            self.streams -= 1
+            self._listeners.discard(wake)
+            self.last_used_s = time.monotonic()
+
+    async def list_events(self, namespace: str, uid: str) -> list[Event]:
+        """Returns the events about an object, read again after a few seconds. Raises ApiError when they may not be read."""
+        entry = self._events.get(uid)
+        if entry is not None and time.monotonic() - entry[0] < EVENTS_KEPT_S:
+            return entry[1]
+        listing = await self.client.list(
+            EVENTS, namespace=namespace, field_selector=f"regarding.uid={uid}", as_type=Event
+        )
+        if len(self._events) >= _MOST_MODELS:
+            self._events.pop(next(iter(self._events)))
+        self._events[uid] = (time.monotonic(), listing.items)
+        return listing.items
+
+    async def fetch_user(self) -> str:
+        """Returns the user name that the API server gives the token. Raises Unauthorized for one that is not valid."""
+        try:
+            review = await self.client.create(SELF_REVIEWS, {})
+        except ApiError as error:
+            if error.status in (
+                403,
+                404,
+            ):  # an older cluster, or one that took the right away: the token is valid all the same
+                return ""
+            raise
+        user = ((review.get("status") or {}).get("userInfo") or {}).get("username", "")
+        return clean(str(user), 253)
+
+    def _take_telemetry(self, change: Change) -> None:
+        report: Telemetry | None = change.new
+        if report is None:
+            self._round_trips.drop(change.key)
+            return
+        written_s = parse_timestamp(report.written_at)
+        if written_s is not None:
+            status = report.status
+            self._round_trips.receive(
+                change.key, status.rtt, seq=status.seq, interval_s=status.interval_seconds, now_s=written_s
+            )
+
+    def _sign_out(self) -> None:
+        self.signed_out = True
+        self._wake_listeners()
+
+    def _note_change(self) -> None:
+        self.version += 1
+        self._wake_listeners()
+
+    def _wake_listeners(self) -> None:
+        for listener in self._listeners:
+            listener.set()
+
+    async def _tick_forever(self) -> None:
+        while True:
+            self._round_trips.expire(time.time())
+            if self._feeds.keys() >= {(TELEMETRY.plural, ""), (NODE_KIND.plural, "")}:
+                snapshot = self.take_snapshot("", "")
+                self._history.record(measure_links(snapshot), snapshot.now_s)
+            if self._listeners:
+                self._note_change()
+            await asyncio.sleep(TICK_S)
+
+
+_MOST_MODELS: Final = 64
+_NOT_INSTALLED: Final = "The cluster does not have this kind: install RobotApp (docs/installation.md)."
+
+
+def _log_end(feed: Feed, task: asyncio.Task[None]) -> None:
+    """Logs a feed that ended although nobody ended it."""
+    if not task.cancelled() and (error := task.exception()) is not None:
+        log.error("%r ended: %s", feed, error, exc_info=error)
+
+
+def _select_namespace(feed: Feed, namespace: str) -> Any:
+    if not namespace or not feed.kind.resource.namespaced or feed.kind.whole:
+        return feed.store
+    return {key: obj for key, obj in feed.store.items() if key.startswith(f"{namespace}/")}
+
+
+def _format_time(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

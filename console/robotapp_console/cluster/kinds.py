@@ -1,0 +1,62 @@
+"""The kinds that pages read, and who may read them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from robotapp_api.values.placement.round_trips import without_round_trips
+from robotapp_claims.rules.objects import Claim
+from robotapp_client.api.resources import (
+    DOMAINPOOLS,
+    NODES,
+    NODETELEMETRIES,
+    PODS,
+    ROBOTAPPINSTANCES,
+    ROBOTAPPS,
+    ROBOTCLAIMS,
+    Resource,
+)
+from robotapp_console.views.objects import App, Instance, Node, Pod, Pool, Telemetry
+
+_VIEWER: Final = "ask for a ClusterRoleBinding of robotapp-cluster-viewer (nodes, claims, pools, telemetry)"
+_VIEW: Final = (
+    "ask for a RoleBinding of ClusterRole view and choose that namespace above, or for a ClusterRoleBinding of it"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One kind. `whole`: the objects of a single namespace would be misleading, so only all of them are read."""
+
+    resource: Resource
+    as_type: type[Any]
+    words: str
+    cure: str
+    field_selector: str = ""
+    kept: Callable[[Any], Any] | None = None
+    whole: bool = False
+
+    @property
+    def plural(self) -> str:
+        return self.resource.plural
+
+
+APPS: Final = Kind(ROBOTAPPS, App, "RobotApps", _VIEW)
+INSTANCES: Final = Kind(ROBOTAPPINSTANCES, Instance, "RobotAppInstances", _VIEW)
+CLAIMS: Final = Kind(ROBOTCLAIMS, Claim, "RobotClaims (who holds which device and domain)", _VIEWER)
+POOLS: Final = Kind(DOMAINPOOLS, Pool, "DomainPools", _VIEWER)
+TELEMETRY: Final = Kind(
+    NODETELEMETRIES, Telemetry, "NodeTelemetries (round trips, devices, load)", _VIEWER, kept=without_round_trips
+)
+NODE_KIND: Final = Kind(NODES, Node, "Nodes", _VIEWER)
+POD_KIND: Final = Kind(
+    PODS,
+    Pod,
+    "Pods of all namespaces (what is requested of a node)",
+    "ask for a ClusterRoleBinding of ClusterRole view",
+    field_selector="status.phase!=Succeeded,status.phase!=Failed",
+    whole=True,
+)
+FLEET_KINDS: Final = (APPS, INSTANCES, CLAIMS, POOLS, TELEMETRY, NODE_KIND)
+APP_KINDS: Final = (APPS, INSTANCES, TELEMETRY, NODE_KIND)
+NODES_KINDS: Final = (CLAIMS, TELEMETRY, NODE_KIND, POD_KIND)

@@ -1,0 +1,160 @@
+"""`robotapp-console`: reads flags, serves until stopped."""
+
+import asyncio
+import contextlib
+import logging
+import os
+import secrets
+import signal
+import socket
+import ssl
+import sys
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from aiohttp import web
+
+from robotapp_client import ClientError, Endpoint, LoginError, load
+from robotapp_client.serving import logs
+from robotapp_client.serving.tls import TlsPort, loaded
+from robotapp_client.transport.kubeconfig import default_kubeconfigs
+from robotapp_console.cluster.informer_sets import IDLE_S, InformerSets
+from robotapp_console.settings import TRUSTED_ROOT, Settings, parse
+from robotapp_console.web.console import LOCAL, Console
+from robotapp_console.web.server import start_app
+from robotapp_console.web.sessions import LocalDoor, Seal
+
+log = logging.getLogger(__name__)
+LOOPBACK: Final = "127.0.0.1"
+_LEAST_KEY: Final = 32
+_CERTIFICATE_POLL_S: Final = 30.0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """0 after a clean stop, 2 when flags, files, credentials or the port cannot be used."""
+    settings = parse(argv)
+    logs.set_up(settings.log_format, settings.log_level)
+    logging.getLogger("robotapp_client.informer").setLevel(logging.ERROR)  # pages show what cannot be read, and to whom
+    try:
+        asyncio.run(_serve_local(settings) if settings.local else _serve_cluster(settings))
+    except LoginError as error:
+        print(f"robotapp-console: {error}", file=sys.stderr)  # noqa: T201 - for the person who started us
+        return 2
+    return 0
+
+
+async def _serve_local(settings: Settings) -> None:
+    """Serves the kubeconfig's user on 127.0.0.1 until Ctrl-C."""
+    files = [settings.kubeconfig] if settings.kubeconfig else default_kubeconfigs()
+    api = load(files or None, settings.context)
+    listener = _open_port(LOOPBACK, settings.port)
+    port = listener.getsockname()[1]
+    door = LocalDoor()
+    console = Console(
+        api,
+        Seal(secrets.token_bytes(_LEAST_KEY)),
+        door=door,
+        hosts=frozenset({f"{LOOPBACK}:{port}", f"localhost:{port}"}),
+        cookie=f"robotapp-console-{port}",
+        informers=InformerSets(idle_s=float("inf")),
+    )
+
+    def print_address(words: str) -> None:
+        print(f"{words} http://{LOOPBACK}:{port}{door.path}", flush=True)  # noqa: T201 - what was asked for
+
+    console.on_opened = lambda: print_address("For another browser, once:")
+    try:
+        console.local_user = await (await console.informers.get(LOCAL, api)).fetch_user()
+    except ClientError as error:
+        listener.close()
+        await console.informers.close()
+        raise LoginError(f"the API server {api.server} cannot be used: {error}") from error
+    runner = await start_app(console)
+    await web.SockSite(runner, listener).start()
+    print(f"The console of {api.server}, as {console.local_user or 'you'}. Ctrl-C ends it.", flush=True)  # noqa: T201
+    print_address("Open, once:")
+    if settings.browser:
+        await asyncio.to_thread(webbrowser.open, f"http://{LOOPBACK}:{port}{door.path}")
+    await _wait_for_end(runner)
+
+
+async def _serve_cluster(settings: Settings) -> None:
+    """Serves everybody who has a token of the cluster."""
+    console = Console(
+        _find_api_server(settings),
+        Seal(_read_cookie_key(settings.cookie_key)),
+        token_header=settings.token_header,
+        hosts=frozenset(settings.hosts),
+        informers=InformerSets(idle_s=IDLE_S),
+    )
+    tls = None if settings.plain_http else await loaded(TlsPort(settings.certificate, settings.key))
+    listener = _open_port(settings.listen, settings.port)
+    runner = await start_app(console)
+    await web.SockSite(runner, listener, ssl_context=tls.context if tls else None).start()
+    log.info("serving on %s port %d, API server %s", settings.listen, listener.getsockname()[1], console.api.server)
+    certificate_task = asyncio.create_task(_follow_certificate(tls)) if tls and settings.certificate else None
+    await _wait_for_end(runner)
+    if certificate_task is not None:
+        certificate_task.cancel()
+
+
+def _open_port(host: str, port: int) -> socket.socket:
+    """Returns an open port; 0 takes a free one. Raises LoginError, because the user must do something about it."""
+    try:
+        return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+    except OSError as error:
+        raise LoginError(f"{host} port {port}: {error.strerror or error}; --port names another one") from error
+
+
+async def _wait_for_end(runner: web.AppRunner) -> None:
+    ending = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for name in (signal.SIGINT, signal.SIGTERM):
+        with contextlib.suppress(NotImplementedError):  # Windows
+            loop.add_signal_handler(name, ending.set)
+    await ending.wait()
+    await runner.cleanup()
+
+
+async def _follow_certificate(tls: TlsPort) -> None:
+    """Takes a renewed certificate in; the old one stays while the new one cannot be used."""
+    while True:
+        await asyncio.sleep(_CERTIFICATE_POLL_S)
+        try:
+            tls.load()
+        except LoginError as error:
+            log.warning("the certificate in use stays: %s", error)
+
+
+def _find_api_server(settings: Settings) -> Endpoint:
+    """Returns the API server without credentials: the console has none. Raises LoginError."""
+    server = settings.api_server.rstrip("/")
+    if not server:
+        host, port = os.environ.get("KUBERNETES_SERVICE_HOST", ""), os.environ.get("KUBERNETES_SERVICE_PORT", "443")
+        if not host:
+            raise LoginError("no API server: not running in a pod (use --api-server URL, or --local with a kubeconfig)")
+        server = f"https://[{host}]:{port}" if ":" in host else f"https://{host}:{port}"
+    if not server.startswith("https://"):
+        raise LoginError(f"--api-server {server}: tokens are sent over https:// alone")
+    authority = settings.certificate_authority or TRUSTED_ROOT
+    try:
+        tls = ssl.create_default_context(cafile=str(authority))
+    except (OSError, ssl.SSLError) as error:
+        raise LoginError(f"the API server's certificate authority {authority} cannot be loaded: {error}") from error
+    tls.verify_flags &= ~ssl.VERIFY_X509_STRICT  # many clusters' own authorities lack what Python 3.13 checks
+    return Endpoint(server, tls=tls)
+
+
+def _read_cookie_key(file: Path | None) -> bytes:
+    """Returns the secret of the cookies: the file's, or a random one, with which sessions end with the process."""
+    if file is None:
+        return secrets.token_bytes(_LEAST_KEY)
+    try:
+        key = file.read_bytes().strip()
+    except OSError as error:
+        raise LoginError(f"cannot read the cookie key {file}: {error.strerror}") from error
+    if len(key) < _LEAST_KEY:
+        raise LoginError(f"the cookie key {file} has {len(key)} bytes, at least {_LEAST_KEY} are needed")
+    return key

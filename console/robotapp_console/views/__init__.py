@@ -1,0 +1,1 @@
+"""Computes what each page shows from the API's objects, by pure functions."""

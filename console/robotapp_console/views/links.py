@@ -1,0 +1,123 @@
+"""Round trips as pages show them: of one node, between two zones, between the ends of an edge."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from math import inf, isinf
+from statistics import median_low
+from typing import Final
+
+from robotapp_api.model.names import Label
+from robotapp_api.values.placement.round_trips import RoundTrips
+from robotapp_console.views.objects import Node
+from robotapp_console.views.texts import clean, format_milliseconds
+
+MOST_ZONES: Final = 24
+"""Rows and columns of the matrix; more would not be read."""
+HEAT_US: Final = (1_000, 3_000, 10_000, 30_000, 100_000)
+"""Upper bounds of the colours: below a budget of a control loop, of teleoperation, of supervision."""
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """The distance of a node from its surroundings. `zone` is its own, or where nothing is measured in it the nearest."""
+
+    zone: str = ""
+    p95_us: float | None = None
+
+    @property
+    def text(self) -> str:
+        """`18 ms`, `unreachable`, or empty while nothing is known."""
+        return format_trip(self.p95_us)
+
+
+def format_trip(time_us: float | None) -> str:
+    if time_us is None:
+        return ""
+    return "unreachable" if isinf(time_us) else f"{format_milliseconds(time_us / 1000)} ms"
+
+
+def zones_of(nodes: Mapping[str, Node]) -> dict[str, str]:
+    """Returns the zone of each node that has one."""
+    zones = {name: node.labels.get(Label.ZONE, "") for name, node in nodes.items()}
+    return {name: clean(zone, 63) for name, zone in zones.items() if zone}
+
+
+def link_of(node: str, zones: Mapping[str, str], round_trips: RoundTrips) -> Link:
+    """Returns the node's usual round trip, as `kubectl robotapp nodes` shows it."""
+    by_zone: dict[str, list[float]] = defaultdict(list)
+    for peer, figures in round_trips.around(node).items():
+        if zone := zones.get(peer):
+            by_zone[zone].append(figures.p95_us)
+    own = zones.get(node, "")
+    if own in by_zone:
+        return Link(own, median_low(by_zone[own]))
+    usual = {zone: median_low(times) for zone, times in by_zone.items()}
+    zone = min(usual, key=lambda name: (usual[name], name), default="")
+    return Link(zone, usual.get(zone))
+
+
+@dataclass(frozen=True, slots=True)
+class MatrixCell:
+    """The usual round trip between two zones; `pairs` counts the pairs of nodes that were measured."""
+
+    text: str = ""
+    heat: int = 0
+    pairs: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneMatrix:
+    zones: tuple[str, ...]
+    rows: tuple[tuple[MatrixCell, ...], ...]
+    omitted: int = 0
+
+
+def build_zone_matrix(zones: Mapping[str, str], round_trips: RoundTrips) -> ZoneMatrix:
+    """Returns the median of what was measured between each two zones. Nothing is estimated here."""
+    names = sorted(set(zones.values()))
+    shown = names[:MOST_ZONES]
+    times = _collect_times(zones, round_trips)
+    rows = tuple(tuple(_build_cell(times.get(_pair(near, far), ())) for far in shown) for near in shown)
+    return ZoneMatrix(tuple(shown), rows, len(names) - len(shown))
+
+
+def _collect_times(zones: Mapping[str, str], round_trips: RoundTrips) -> dict[tuple[str, str], list[float]]:
+    """Returns the measured times by pair of zones; each pair of nodes counts once, by the worse of its directions."""
+    times: dict[tuple[str, str], list[float]] = defaultdict(list)
+    for node, zone in zones.items():
+        for peer, figures in round_trips.around(node).items():
+            if node < peer and (other := zones.get(peer)):
+                times[_pair(zone, other)].append(figures.p95_us)
+    return times
+
+
+def _pair(one: str, other: str) -> tuple[str, str]:
+    return (one, other) if one <= other else (other, one)
+
+
+def _build_cell(times: Iterable[float]) -> MatrixCell:
+    values = list(times)
+    if not values:
+        return MatrixCell()
+    usual = median_low(values)
+    return MatrixCell(format_trip(usual), rate_heat(usual), len(values))
+
+
+def rate_heat(time_us: float) -> int:
+    """Returns 1 for the nearest to 6 for the farthest, also for what is unreachable."""
+    return 1 + sum(time_us > bound for bound in HEAT_US)
+
+
+class ZoneEstimates:
+    """Estimates the round trip of pairs that were not measured by what was measured between their zones."""
+
+    def __init__(self, zones: Mapping[str, str], round_trips: RoundTrips) -> None:
+        self._zones = zones
+        self._times = _collect_times(zones, round_trips)
+
+    def estimate(self, one: str, other: str) -> tuple[float, tuple[str, str]] | None:
+        """Returns the usual time in microseconds and the two zones; None without a measured pair between them."""
+        near, far = self._zones.get(one, ""), self._zones.get(other, "")
+        times = [time for time in self._times.get(_pair(near, far), ()) if time != inf]
+        return (median_low(times), (near, far)) if near and far and times else None

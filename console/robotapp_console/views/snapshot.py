@@ -1,0 +1,59 @@
+"""The state of the cluster at one moment, as one user may read it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from robotapp_api.values.placement.round_trips import RoundTrips
+from robotapp_claims.rules.objects import Claim
+from robotapp_console.views.history import LinkHistory
+from robotapp_console.views.objects import App, Instance, Node, Pod, Pool, Telemetry
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """A kind that cannot be shown: `what` names it in the plural, `why` is the API server's answer, `cure` a sentence with the next step."""
+
+    what: str
+    why: str
+    cure: str
+
+
+@dataclass(frozen=True, slots=True)
+class Stale:
+    """A kind whose watch is broken: what is shown was true at `since`, a time of the API server's form."""
+
+    what: str
+    since: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The objects by key, `namespace/name` or `name`. A kind that may not be read is empty and stands in `refusals`.
+
+    `namespace` is what the user chose to look at; empty for all.
+    """
+
+    namespace: str = ""
+    apps: Mapping[str, App] = field(default_factory=dict)
+    instances: Mapping[str, Instance] = field(default_factory=dict)
+    claims: Mapping[str, Claim] = field(default_factory=dict)
+    pools: Mapping[str, Pool] = field(default_factory=dict)
+    telemetry: Mapping[str, Telemetry] = field(default_factory=dict)
+    nodes: Mapping[str, Node] = field(default_factory=dict)
+    pods: Mapping[str, Pod] = field(default_factory=dict)
+    round_trips: RoundTrips = field(default_factory=RoundTrips)
+    history: LinkHistory = field(default_factory=LinkHistory)
+    refusals: Mapping[str, Refusal] = field(default_factory=dict)
+    """By the plural of the kind."""
+    stale: tuple[Stale, ...] = ()
+    now_s: float = 0.0
+
+    def is_silent(self, node: str) -> bool:
+        """Returns whether the node's agent has missed three heartbeats: what it measured counts no more."""
+        report = self.telemetry.get(node)
+        return report is not None and bool(report.written_at) and self.round_trips.silent_from_s(node) <= self.now_s
+
+    def list_refusals(self, *plurals: str) -> tuple[Refusal, ...]:
+        """Returns the refusals of these kinds, for the panels that need them."""
+        return tuple(self.refusals[plural] for plural in plurals if plural in self.refusals)

@@ -1,0 +1,1 @@
+"""HTTP: sessions, security rules, pages and streams."""

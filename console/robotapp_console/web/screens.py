@@ -1,0 +1,159 @@
+"""The screens: what each reads, and what its templates get."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+from aiohttp import web
+
+from robotapp_api.values.naming import DNS_LABEL
+from robotapp_client import ClientError
+from robotapp_console.cluster.informer_set import InformerSet
+from robotapp_console.cluster.kinds import APP_KINDS, FLEET_KINDS, NODES_KINDS, Kind
+from robotapp_console.views.app import EventRow, build_app, build_events, suggest_apps
+from robotapp_console.views.fleet import STATES, build_fleet, draw_links, read_fleet_query, take_fleet_page
+from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
+from robotapp_console.views.snapshot import Snapshot
+from robotapp_console.views.texts import clean
+from robotapp_console.web.sessions import Caller
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A screen at one moment. `fingerprint` differs as soon as anything on it does, apart from the passing of time."""
+
+    title: str
+    context: Mapping[str, Any]
+    fingerprint: object
+    snapshot: Snapshot
+    missing: str = ""
+    """Why there is nothing to show."""
+
+
+class Screen(Protocol):
+    """One screen; `name` is the beginning of its templates' names and `path` its place in the navigation."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def path(self) -> str: ...
+    @property
+    def kinds(self) -> tuple[Kind, ...]: ...
+    def namespace(self, request: web.Request) -> str: ...
+    def key(self, request: web.Request) -> tuple[str, ...]: ...
+    async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> Shown: ...
+
+
+def read_namespace(text: str) -> str:
+    """Returns the namespace, empty for all. Raises HTTPBadRequest for what no namespace can be called."""
+    text = text.strip()
+    if text and not DNS_LABEL.fullmatch(text):
+        raise web.HTTPBadRequest(text="No namespace can have that name: small letters, digits and dashes, 63 at most.")
+    return text
+
+
+class FleetScreen:
+    name: Final = "fleet"
+    path: Final = "/"
+    kinds: Final = FLEET_KINDS
+
+    def namespace(self, request: web.Request) -> str:
+        return read_namespace(request.query.get("namespace", ""))
+
+    def key(self, request: web.Request) -> tuple[str, ...]:
+        del request
+        return ("fleet",)
+
+    async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> Shown:
+        namespace = self.namespace(request)
+        snapshot, fleet = informers.build_model(self.key(request), build_fleet, namespace=namespace, home=caller.home)
+        query = read_fleet_query(request.query)
+        page = take_fleet_page(fleet, query)
+        links = draw_links(page, snapshot)
+        context = {
+            "fleet": fleet,
+            "page": page,
+            "links": links,
+            "query": query,
+            "zones": fleet.zones,
+            "states": STATES,
+            "namespace": snapshot.namespace,
+            "stale": snapshot.stale,
+        }
+        fingerprint = (page, fleet.problems, fleet.loose, fleet.counts, fleet.refusals, snapshot.stale, links)
+        return Shown("Fleet", context, fingerprint, snapshot)
+
+
+class NodesScreen:
+    name: Final = "nodes"
+    path: Final = "/nodes"
+    kinds: Final = NODES_KINDS
+
+    def namespace(self, request: web.Request) -> str:
+        return read_namespace(request.query.get("namespace", ""))
+
+    def key(self, request: web.Request) -> tuple[str, ...]:
+        del request
+        return ("nodes",)
+
+    async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> Shown:
+        snapshot, nodes = informers.build_model(self.key(request), build_nodes, namespace="", home=caller.home)
+        query = read_nodes_query(request.query)
+        page = take_nodes_page(nodes, query)
+        context = {
+            "nodes": nodes,
+            "page": page,
+            "query": query,
+            "zones": nodes.zones,
+            "tiers": nodes.tiers,
+            "namespace": self.namespace(request),
+            "stale": snapshot.stale,
+        }
+        return Shown("Nodes", context, (page, nodes.matrix, nodes.refusals, snapshot.stale), snapshot)
+
+
+class AppScreen:
+    name: Final = "app"
+    path: Final = "/apps"
+    kinds: Final = APP_KINDS
+
+    def namespace(self, request: web.Request) -> str:
+        return read_namespace(request.match_info["namespace"])
+
+    def key(self, request: web.Request) -> tuple[str, ...]:
+        names = (request.match_info["namespace"], request.match_info["name"], request.query.get("robot", ""))
+        return ("app", *names)
+
+    async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> Shown:
+        namespace = self.namespace(request)
+        _, _, name, robot = self.key(request)
+        snapshot, app = informers.build_model(
+            self.key(request),
+            lambda snapshot: build_app(snapshot, namespace, name, robot),
+            namespace=namespace,
+            home=caller.home,
+        )
+        title = clean(f"{namespace}/{name}", 320)
+        if app is None:
+            refusals = snapshot.list_refusals("robotapps")
+            missing = f"{refusals[0].cure} {refusals[0].why}" if refusals else f"There is no RobotApp {title}."
+            links = {"links": suggest_apps(snapshot)}
+            return Shown(title, links, missing, snapshot, missing)
+        stored = snapshot.apps[f"{namespace}/{name}"]
+        events, refusal = await _read_events(informers, namespace, stored.metadata.uid)
+        context: dict[str, Any] = {
+            "app": app,
+            "events": events,
+            "events_refusal": refusal,
+            "stale": snapshot.stale,
+        }
+        on_robot = f" on {clean(robot, 63)}" if robot else ""
+        return Shown(title + on_robot, context, (app, events, refusal, snapshot.stale), snapshot)
+
+
+async def _read_events(informers: InformerSet, namespace: str, uid: str) -> tuple[tuple[EventRow, ...], str]:
+    """Returns the rows, or none and why they cannot be shown."""
+    try:
+        return build_events(await informers.list_events(namespace, uid)), ""
+    except ClientError as error:
+        return (), clean(str(error))

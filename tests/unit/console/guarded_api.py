@@ -1,0 +1,160 @@
+"""The fake API server with tokens and rights, and a console in front of it."""
+
+import re
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from http.cookies import SimpleCookie
+from typing import Any
+
+from aiohttp import ClientResponse, ClientSession, DummyCookieJar, web
+from tests.support.apiserver import FakeApiServer, Key, Refused, verbs
+from tests.unit.console.objects import Object
+
+from robotapp_client import Endpoint
+from robotapp_console.cluster.informer_sets import InformerSets
+from robotapp_console.web.console import Console
+from robotapp_console.web.server import start_app
+from robotapp_console.web.sessions import LocalDoor, Seal
+
+ADMIN, TENANT = "admin-token-0123456789", "tenant-token-0123456789"
+CLUSTER_KINDS = ("nodes", "robotclaims", "domainpools", "nodetelemetries")
+
+
+class GuardedApi(FakeApiServer):
+    """Knows two tokens: ADMIN may read everything, TENANT what is in namespace team-a. Counts lists and watches by token."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tokens = {ADMIN: "admin", TENANT: "tenant"}
+        self.forbidden: set[str] = set()
+        """Plurals that not even ADMIN may read."""
+        self.watches: list[tuple[str, str]] = []
+
+    async def _handle(self, request: web.BaseRequest) -> web.StreamResponse:
+        token = request.headers.get("Authorization", "").removeprefix("Bearer ")
+        if token not in self.tokens:
+            return web.json_response(Refused(401, "Unauthorized", "Unauthorized").status(), status=401)
+        where = verbs.target(request.path)
+        if where.plural == "selfsubjectreviews":
+            return web.json_response({"status": {"userInfo": {"username": self.tokens[token]}}}, status=201)
+        if where.plural in self.forbidden or (token == TENANT and where.namespace != "team-a"):
+            scope = f'in the namespace "{where.namespace}"' if where.namespace else "at the cluster scope"
+            text = f'User "{self.tokens[token]}" cannot list resource "{where.plural}" {scope}'
+            return web.json_response(Refused(403, "Forbidden", text).status(), status=403)
+        if request.query.get("watch"):
+            self.watches.append((self.tokens[token], where.plural))
+        return await super()._handle(request)
+
+    def put(self, collection: str, obj: Object) -> Object:
+        """Stores an object with its status, in place of one of its name."""
+        meta = obj["metadata"]
+        key = Key(collection, meta.get("namespace", ""), meta["name"])
+        if key in self.store.objects:
+            body = obj | {"metadata": self.store.get(key)["metadata"] | meta}
+            return self.store.overwrite(key, body)
+        return self.store.create(key, obj)
+
+    def remove(self, collection: str, name: str, namespace: str = "") -> None:
+        self.store.delete(Key(collection, namespace, name), {})
+
+
+ROBOTICS = "robotics.io/{}".format
+APPS, INSTANCES, CLAIMS = map(ROBOTICS, ("robotapps", "robotappinstances", "robotclaims"))
+POOLS, TELEMETRY = map(ROBOTICS, ("domainpools", "nodetelemetries"))
+NODES, PODS, EVENTS = "/nodes", "/pods", "events.k8s.io/events"
+
+
+@dataclass
+class Browser:
+    """A browser as far as these tests need one: cookies, Accept and Origin."""
+
+    http: ClientSession
+    base: str
+    cookies: dict[str, str] = field(default_factory=dict)
+
+    async def get(self, path: str, **headers: str) -> "Page":
+        return await self._ask("GET", path, {"Accept": "text/html"} | headers)
+
+    async def post(self, path: str, fields: dict[str, str], **headers: str) -> "Page":
+        sent = {"Accept": "text/html", "Origin": self.base} | {
+            key.replace("_", "-"): value for key, value in headers.items()
+        }
+        return await self._ask("POST", path, sent, fields)
+
+    async def sign_in(self, token: str, *, home: str = "", to: str = "/") -> "Page":
+        form = await self.get("/login")
+        fields = {"token": token, "home": home, "next": to, "csrf": form.field("csrf")}
+        return await self.post("/login", fields)
+
+    @property
+    def cookie_header(self) -> str:
+        return "; ".join(f"{name}={value}" for name, value in self.cookies.items())
+
+    async def _ask(
+        self, method: str, path: str, headers: dict[str, str], fields: dict[str, str] | None = None
+    ) -> "Page":
+        headers = {key: value for key, value in (headers | {"Cookie": self.cookie_header}).items() if value}
+        async with self.http.request(
+            method, self.base + path, headers=headers, data=fields, allow_redirects=False
+        ) as answer:
+            page = Page(answer.status, answer.headers, await answer.text())
+            self._keep_cookies(answer)
+            return page
+
+    def _keep_cookies(self, answer: ClientResponse) -> None:
+        for line in answer.headers.getall("Set-Cookie", []):
+            for name, morsel in SimpleCookie(line).items():
+                if morsel.value:
+                    self.cookies[name] = morsel.value
+                else:
+                    self.cookies.pop(name, None)
+
+
+@dataclass
+class Page:
+    status: int
+    headers: Any
+    text: str
+
+    def field(self, name: str) -> str:
+        found = re.search(rf'name="{name}" value="([^"]*)"', self.text)
+        assert found, f"no field {name} on the page"
+        return found[1]
+
+
+@dataclass
+class Stage:
+    """A running console, its API server, and browsers."""
+
+    api: GuardedApi
+    console: Console
+    http: ClientSession
+    base: str
+
+    def browser(self) -> Browser:
+        return Browser(self.http, self.base)
+
+
+@asynccontextmanager
+async def staged(*, local: bool = False, idle_s: float = 60.0, **settings: Any) -> AsyncIterator[Stage]:
+    """A console on a free port. In the cluster's mode unless `local`."""
+    async with GuardedApi() as api:
+        runner = None
+        try:
+            endpoint = Endpoint(api.endpoint.server)
+            console = Console(endpoint, Seal(b"k" * 32), informers=InformerSets(idle_s=idle_s), **settings)
+            if local:
+                console.door = LocalDoor()
+                console.api = console.endpoint_for(ADMIN)
+                console.cookie = "robotapp-console-0"
+            runner = await start_app(console)
+            await web.TCPSite(runner, "127.0.0.1", 0).start()
+            port = runner.addresses[0][1]
+            if local:
+                console.hosts = frozenset({f"127.0.0.1:{port}", f"localhost:{port}"})
+            async with ClientSession(cookie_jar=DummyCookieJar()) as http:
+                yield Stage(api, console, http, f"http://127.0.0.1:{port}")
+        finally:
+            if runner is not None:
+                await runner.cleanup()

@@ -1,0 +1,158 @@
+"""Names and messages of others are text on every page, whatever they hold."""
+
+import shlex
+from collections import Counter
+from html.parser import HTMLParser
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from tests.unit.console.objects import NOW_S, Object, app, device_claim, instance, node, pool, snapshot, telemetry
+
+from robotapp_console.views.app import build_app, build_events
+from robotapp_console.views.fleet import STATES, build_fleet, draw_links, read_fleet_query, take_fleet_page
+from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
+from robotapp_console.views.objects import Event, Meta
+from robotapp_console.views.texts import MOST_CHARACTERS, clean, kubectl
+from robotapp_console.web.rendering import Pages, StaticFiles
+
+PAGES = Pages(StaticFiles())
+HARMLESS = "harmless"
+HOSTILE = (
+    "<script>alert(1)</script>",
+    "<img src=x onerror=alert(1)>",
+    "</td></tr></table><h1>owned</h1>",
+    '" onmouseover="alert(1)',
+    "' autofocus onfocus='alert(1)",
+    "javascript:alert(1)",
+    "{{ 7*7 }}{% for x in y %}",
+    "<!-- ",
+    "]]>",
+    "&lt;b&gt;",
+    "\u202egnp.exe\u202c",
+    "\u2066\u2069\u200b\u200f",
+    "\x00\x07\x1b[31mred",
+    "line\nbreak\r\ndata: x\n\ndata: y",
+    "a" * 10_000,
+    "日本語" * 3000,
+    "$(rm -rf /); `id` && echo",
+    "hx-get=/x",
+    "emoji 🚀",
+)
+
+
+class Parsed(HTMLParser):
+    """Counts elements and attributes, and collects what is shown."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.elements: Counter[str] = Counter()
+        self.attributes: Counter[str] = Counter()
+        self.shown: list[str] = []
+        self.links: list[str] = []
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements[tag] += 1
+        self.attributes.update(name for name, _ in attrs)
+        self.links += [value or "" for name, value in attrs if name in ("href", "src", "action")]
+
+    def handle_data(self, data: str) -> None:
+        self.shown.append(data)
+
+
+def world(text: str) -> dict[str, list[Object]]:
+    """One of everything, with the text wherever somebody else writes."""
+    body = app("teleop", troubled=[{"instance": text, "reason": text, "message": text}], phase=text)
+    body["status"]["conditions"] = [{"type": text, "status": text, "reason": text, "message": text}]
+    body["status"]["summary"] = dict.fromkeys(("ready", "domain", "budget", "rmw", "discovery", "devices"), text or "x")
+    component = {"name": text, "node": text, "message": text}
+    edge = {"topic": text, "from": text, "to": text, "kind": text, "budget": text, "p95": text, "nodes": [text]}
+    single = instance("teleop", text or "x", phase=text, components=[component], edges=[edge])
+    single["status"]["claims"] = [text]
+    single["status"]["summary"] = {"message": text}
+    device = {"id": text, "type": text, "present": True}
+    return {
+        "apps": [body],
+        "instances": [single],
+        "nodes": [node("amr-07", robot=text or "x", zone=text or "x", tier=text or "x")],
+        "reports": [telemetry("amr-07", rtt={"amr-08": 1.0}, devices=[device], written_s=NOW_S, deviceProblem=text)],
+        "claims": [device_claim("can-can0", holder=text or "x", component=text)],
+        "pools": [pool(name=text or "x", used="119/119")],
+    }
+
+
+def render(text: str) -> str:
+    """All fragments of a world with this text."""
+    now = snapshot(**world(text))
+    fleet, nodes = build_fleet(now), build_nodes(now)
+    page = take_fleet_page(fleet, read_fleet_query({"q": ""}))
+    shared: dict[str, Any] = {"stale": (), "namespace": ""}
+    head = {"query": read_fleet_query({"q": text, "zone": text}), "zones": fleet.zones, "states": STATES}
+    shown = build_app(now, "default", "teleop")
+    events = build_events([Event(metadata=Meta(name="e"), reason=text, note=text, type=text)])
+    return "".join(
+        (
+            PAGES.render("fleet_head.html", shared | head),
+            PAGES.render(
+                "fleet_live.html",
+                shared | {"fleet": fleet, "page": page, "links": draw_links(page, now), "query": page.query},
+            ),
+            PAGES.render(
+                "nodes_live.html",
+                shared
+                | {"nodes": nodes, "page": take_nodes_page(nodes, read_nodes_query({})), "query": read_nodes_query({})},
+            ),
+            PAGES.render("app_live.html", shared | {"app": shown, "events": events, "events_refusal": clean(text)}),
+        )
+    )
+
+
+REFERENCE = Parsed(render(HARMLESS))
+# A text that means something to a view changes what is shown, as it should: a colour, a link to another zone, a count.
+STRUCTURE = frozenset(
+    {"script", "img", "h1", "form", "iframe", "object", "style", "svg", "table", "section", "button", "input", "b"}
+)
+
+
+@pytest.mark.parametrize("text", HOSTILE, ids=range(len(HOSTILE)))
+def test_no_text_becomes_an_element_or_an_attribute(text: str) -> None:
+    _assert_only_text(text)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.one_of(st.text(min_size=1, max_size=60), st.text("<>&\"'=/ \u202e\u2066\n{}%abc", min_size=1, max_size=80)))
+def test_no_random_text_does_either(text: str) -> None:
+    _assert_only_text(text)
+
+
+def _assert_only_text(text: str) -> None:
+    html = render(text)
+    parsed = Parsed(html)
+    for element in STRUCTURE:
+        assert parsed.elements[element] == REFERENCE.elements[element], element
+    assert parsed.attributes.keys() <= REFERENCE.attributes.keys()
+    assert all(link.startswith(("/", "?")) and not link.startswith("//") for link in parsed.links), parsed.links
+    for character in "\u202e\u2066\u2069\u200f\x00\x1b\x07":
+        assert character not in "".join(parsed.shown)
+    assert len(html) < 400_000
+
+
+def test_hostile_text_is_still_readable() -> None:
+    shown = "".join(Parsed(render("<b>bold</b>")).shown)
+    assert "<b>bold</b>" in shown
+
+
+@given(st.text(max_size=3000))
+def test_clean_text_is_short_and_has_no_control_characters(text: str) -> None:
+    shown = clean(text)
+    assert all(character.isprintable() or character == "\n" for character in shown)
+    assert len(text) <= MOST_CHARACTERS or f"({len(text) - MOST_CHARACTERS} more characters)" in shown
+
+
+@given(st.text(min_size=1, max_size=40))
+def test_a_name_in_a_command_stays_one_word(name: str) -> None:
+    words = shlex.split(kubectl("robotapp", "info", name))
+    assert words == ["kubectl", "robotapp", "info", clean(name)]

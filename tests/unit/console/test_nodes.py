@@ -1,0 +1,92 @@
+"""The screen of nodes."""
+
+import pytest
+from tests.unit.console.objects import NOW_S, device_claim, node, pod, snapshot, telemetry
+
+from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
+
+WORLD = snapshot(
+    nodes=[
+        node("amr-07", robot="amr-07", zone="hall-1", tier="robot"),
+        node(
+            "edge-1",
+            zone="hall-1",
+            tier="edge",
+            unschedulable=True,
+            annotations={"scheduler.robotics.io/graceful-shutdown": "true"},
+        ),
+        node("edge-2", zone="hall-2", tier="edge", ready="False"),
+    ],
+    reports=[
+        telemetry(
+            "amr-07",
+            devices=[
+                {"id": "can-can0", "type": "can", "present": True},
+                {"id": "gone", "type": "usb", "present": False},
+            ],
+            load={"cpuPercent": 33},
+            written_s=NOW_S - 4,
+            deviceProblem="rule 1 is wrong",
+        )
+    ],
+    claims=[device_claim("can-can0")],
+    pods=[
+        pod("a", "amr-07", cpu="1500m", memory="2Gi"),
+        pod("b", "amr-07", cpu="500m", memory="1Gi"),
+        pod("done", "amr-07", cpu="4", phase="Succeeded"),
+        pod("waits", ""),
+        pod("odd", "amr-07", cpu="no quantity"),
+    ],
+)
+
+
+def test_requests_of_running_pods_are_summed_beside_what_is_allocatable_and_used() -> None:
+    row = build_nodes(WORLD).rows[0]
+    assert (row.cpu_requested, row.cpu_milli, row.cpu_percent) == (2000, 4000, 50)
+    assert (row.memory_requested, row.memory_percent) == (3 * 2**30, 38)
+    assert row.load is not None
+    assert row.load.cpu_percent == 33
+    assert row.problem == "rule 1 is wrong"
+
+
+def test_devices_name_their_holders() -> None:
+    devices = build_nodes(WORLD).rows[0].devices
+    assert [(device.id, device.holder, device.present) for device in devices] == [
+        ("can-can0", "default/teleop driver", True),
+        ("gone", "", False),
+    ]
+
+
+def test_a_held_device_that_nothing_describes_is_shown_all_the_same() -> None:
+    rows = build_nodes(snapshot(nodes=[node("amr-07")], claims=[device_claim("can-can9")])).rows
+    assert [(device.id, device.present) for device in rows[0].devices] == [("can-can9", False)]
+
+
+def test_states_of_nodes_are_told_apart() -> None:
+    rows = {row.node: row for row in build_nodes(WORLD).rows}
+    assert rows["edge-1"].cordoned
+    assert rows["edge-1"].shutting_down
+    assert rows["edge-2"].not_ready_since
+    assert not rows["amr-07"].not_ready_since
+
+
+def test_without_the_right_to_read_pods_requests_are_unknown() -> None:
+    row = build_nodes(snapshot(nodes=[node("a")], refused=("pods",))).rows[0]
+    assert row.cpu_requested is None
+    assert row.cpu_percent is None
+
+
+@pytest.mark.parametrize(
+    ("parameters", "names"),
+    [
+        ({"tier": "edge"}, ["edge-1", "edge-2"]),
+        ({"zone": "hall-1", "sort": "node", "desc": "1"}, ["edge-1", "amr-07"]),
+        ({"q": "teleop"}, ["amr-07"]),
+        ({"sort": "cpu", "desc": "1"}, ["amr-07", "edge-2", "edge-1"]),
+        ({"sort": "memory"}, ["edge-1", "edge-2", "amr-07"]),
+        ({"sort": "heard", "desc": "1", "q": "amr"}, ["amr-07"]),
+    ],
+)
+def test_the_address_filters_and_orders(parameters: dict[str, str], names: list[str]) -> None:
+    page = take_nodes_page(build_nodes(WORLD), read_nodes_query(parameters))
+    assert [row.node for row in page.rows] == names

@@ -1,0 +1,104 @@
+"""Flags, and what stops the program with a sentence."""
+
+import asyncio
+import contextlib
+import os
+import re
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from aiohttp import ClientSession, DummyCookieJar
+from tests.unit.console.guarded_api import ADMIN, GuardedApi
+
+from robotapp_console.main import main
+from robotapp_console.settings import DEFAULT_PORT, parse
+
+
+def test_a_free_port_is_the_default_on_this_machine_alone() -> None:
+    assert parse(["--local"]).port == 0
+    assert parse([]).port == DEFAULT_PORT
+    assert parse(["--host", "a", "--host", "b"]).hosts == ("a", "b")
+
+
+def test_half_a_certificate_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parse(["--tls-cert-file", "x"])
+    assert "belong together" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("argv", "text"),
+    [
+        (["--api-server", "http://insecure.example"], "https:// alone"),
+        (["--api-server", "https://a.example", "--certificate-authority", "/none"], "/none cannot be loaded"),
+        ([], "not running in a pod"),
+        (["--local", "--kubeconfig", "/none"], "/none"),
+    ],
+)
+def test_what_cannot_be_used_is_named(
+    argv: list[str], text: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("KUBERNETES_SERVICE_HOST", raising=False)
+    assert main(argv) == 2
+    assert text in capsys.readouterr().err
+
+
+async def test_the_local_console_prints_its_address_serves_and_ends_with_ctrl_c(tmp_path: Path) -> None:
+    async with GuardedApi() as api:
+        kubeconfig = tmp_path / "config"
+        kubeconfig.write_text(
+            yaml.safe_dump(
+                {
+                    "current-context": "test",
+                    "contexts": [{"name": "test", "context": {"cluster": "test", "user": "me"}}],
+                    "clusters": [{"name": "test", "cluster": {"server": api.endpoint.server}}],
+                    "users": [{"name": "me", "user": {"token": ADMIN}}],
+                }
+            )
+        )
+        command = [sys.executable, "-m", "robotapp_console", "--local", "--no-browser", f"--kubeconfig={kubeconfig}"]
+        process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+        assert process.stdout is not None
+        try:
+            async with asyncio.timeout(30):
+                first, second = await process.stdout.readline(), await process.stdout.readline()
+                assert b"as admin. Ctrl-C ends it." in first
+                address = re.search(r"http://127\.0\.0\.1:\d+/open\?pass=\S+", second.decode())
+                assert address is not None
+                async with ClientSession(cookie_jar=DummyCookieJar()) as http:
+                    async with http.get(address[0], allow_redirects=False) as answer:
+                        assert answer.status == 303
+                        cookie = answer.headers["Set-Cookie"].partition(";")[0]
+                    base = address[0].partition("/open")[0]
+                    async with http.get(base, headers={"Cookie": cookie, "Accept": "text/html"}) as answer:
+                        assert "No robot yet" in await answer.text()
+                    process.send_signal(signal.SIGINT)
+                    assert await process.wait() == 0
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process.pid, signal.SIGKILL)
+
+
+async def test_a_cluster_that_cannot_be_used_is_told_at_once(tmp_path: Path) -> None:
+    kubeconfig = tmp_path / "config"
+    kubeconfig.write_text(
+        yaml.safe_dump(
+            {
+                "current-context": "test",
+                "contexts": [{"name": "test", "context": {"cluster": "test"}}],
+                "clusters": [{"name": "test", "cluster": {"server": "http://127.0.0.1:1"}}],
+            }
+        )
+    )
+    command = [sys.executable, "-m", "robotapp_console", "--local", "--no-browser", f"--kubeconfig={kubeconfig}"]
+    process = await asyncio.create_subprocess_exec(
+        *command, stderr=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
+    )
+    async with asyncio.timeout(30):
+        _, errors = await process.communicate()
+    assert process.returncode == 2
+    assert b"http://127.0.0.1:1 cannot be used" in errors
+    assert b"Traceback" not in errors

@@ -1,0 +1,258 @@
+"""What must hold for every request: sessions, Host, Origin, CSRF tokens, headers, limits, and where tokens never stand."""
+
+import logging
+
+import pytest
+from tests.unit.console.guarded_api import ADMIN, TENANT, staged
+
+from robotapp_console.web.security import clean_next
+from robotapp_console.web.sessions import LONGEST_S, Seal, hash_token
+
+PATHS = (
+    "/",
+    "/nodes",
+    "/apps/default/teleop",
+    "/stream",
+    "/nodes/stream",
+    "/apps/default/teleop/stream",
+    "/no-such-page",
+    "/open",
+)
+
+
+@pytest.mark.parametrize("path", PATHS)
+async def test_without_a_session_pages_lead_to_the_login_and_programs_get_401(path: str) -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        page = await browser.get(path)
+        assert page.status == (404 if path == "/open" else 303)
+        if page.status == 303:
+            assert page.headers["Location"].startswith("/login")
+            assert (await browser.get(path, Accept="*/*")).status == 401
+            assert (await browser.get(path, **{"HX-Request": "true"})).status == 401
+            assert (await browser.post(path, {})).status == 403
+        assert not stage.api.requests
+
+
+@pytest.mark.parametrize("path", PATHS[:-1])
+async def test_the_local_console_answers_401_without_its_session(path: str) -> None:
+    async with staged(local=True) as stage:
+        assert (await stage.browser().get(path)).status == 401
+
+
+async def test_a_link_from_another_site_is_opened_by_a_second_request_of_our_own() -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        headers = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}
+        page = await browser.get('/nodes?q="><script>', **headers)
+        assert page.status == 401
+        assert 'http-equiv="refresh" content="0; url=/nodes?q=' in page.text
+        assert "<script>" not in page.text
+        await browser.sign_in(ADMIN)
+        assert (await browser.get("/nodes", **headers)).status == 200
+
+
+async def test_login_static_files_and_health_need_no_session() -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        assert (await browser.get("/healthz")).text == "ok\n"
+        assert (await browser.get("/login")).status == 200
+        style = await browser.get("/static/console.css")
+        assert style.status == 200
+        assert "max-age" in style.headers["Cache-Control"]
+        assert (await browser.get("/static/../main.py")).status in (303, 404)
+        assert (await browser.get("/static/%2e%2e/main.py")).status in (303, 404)
+
+
+async def test_every_answer_has_the_security_headers_and_no_page_is_cached() -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        for path in ("/", "/login", "/nodes", "/apps/default/none", "/no-such-page", "/?namespace=NO"):
+            page = await browser.get(path)
+            policy = page.headers["Content-Security-Policy"]
+            assert "default-src 'none'" in policy
+            assert "unsafe" not in policy
+            assert "frame-ancestors 'none'" in policy
+            assert page.headers["X-Content-Type-Options"] == "nosniff"
+            assert page.headers["Referrer-Policy"] == "same-origin"
+            assert page.headers["Cache-Control"] == "no-store"
+            assert "aiohttp" not in page.headers["Server"]
+
+
+async def test_no_page_has_a_script_style_or_handler_of_its_own() -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        for path in ("/", "/nodes", "/login"):
+            text = (await browser.get(path)).text
+            assert "<style" not in text
+            assert " style=" not in text
+            assert " onclick" not in text
+            assert text.count("<script") == text.count("<script src=")
+
+
+async def test_the_token_is_in_no_page_no_address_and_no_log(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.DEBUG)
+    async with staged() as stage:
+        browser = stage.browser()
+        texts = [await browser.sign_in(ADMIN), await stage.browser().sign_in("wrong-" + TENANT)]
+        texts += [await browser.get(path) for path in ("/", "/nodes", "/apps/default/none", "/login")]
+        for page in texts:
+            assert ADMIN not in page.text
+            assert TENANT not in page.text
+            assert ADMIN not in page.headers.get("Location", "")
+        assert all(ADMIN not in value for value in browser.cookies.values())
+        assert all(ADMIN not in path for _, path in stage.api.requests)
+    assert ADMIN not in caplog.text
+    assert TENANT not in caplog.text
+
+
+async def test_the_session_cookie_is_out_of_reach_for_scripts_and_other_sites() -> None:
+    async with staged() as stage:
+        answer = await stage.browser().sign_in(ADMIN)
+        cookie = next(line for line in answer.headers.getall("Set-Cookie") if line.startswith("__Host-"))
+        for attribute in ("HttpOnly", "Secure", "SameSite=Strict", "Path=/"):
+            assert attribute in cookie
+        assert "Domain" not in cookie
+        age = int(cookie.split("Max-Age=")[1].split(";")[0])
+        assert LONGEST_S - 5 <= age <= LONGEST_S
+
+
+@pytest.mark.parametrize(
+    ("headers", "csrf"),
+    [
+        ({"Origin": ""}, True),
+        ({"Origin": "null"}, True),
+        ({"Origin": "https://evil.example"}, True),
+        ({"Origin": "http://127.0.0.1:1"}, True),
+        ({}, False),
+    ],
+)
+async def test_a_write_from_elsewhere_or_without_its_csrf_token_is_refused(headers: dict[str, str], csrf: bool) -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        right = (await browser.get("/")).field("csrf")
+        refused = await browser.post("/logout", {"csrf": right if csrf else "0" * 64}, **headers)
+        assert refused.status == 403
+        assert (await browser.get("/")).status == 200, "the session goes on"
+        assert (await browser.post("/logout", {"csrf": right})).status == 303
+
+
+async def test_the_login_form_needs_its_token_as_well() -> None:
+    async with staged() as stage:
+        browser, stranger = stage.browser(), stage.browser()
+        stolen = (await stranger.get("/login")).field("csrf")
+        await browser.get("/login")
+        assert (await browser.post("/login", {"token": ADMIN, "csrf": stolen})).status == 403
+
+
+async def test_one_session_cannot_use_the_csrf_token_of_another() -> None:
+    async with staged() as stage:
+        one, other = stage.browser(), stage.browser()
+        await one.sign_in(ADMIN)
+        await other.sign_in(ADMIN)
+        assert (await one.post("/logout", {"csrf": (await other.get("/")).field("csrf")})).status == 403
+
+
+async def test_after_signing_out_a_copy_of_the_cookie_is_worthless() -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        copied = dict(browser.cookies)
+        await browser.post("/logout", {"csrf": (await browser.get("/")).field("csrf")})
+        browser.cookies = copied
+        assert (await browser.get("/")).status == 303
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1", "127.0.0.1.evil.example:80", "evil.example:80"])
+async def test_a_rebound_name_does_not_reach_the_local_console(host: str) -> None:
+    async with staged(local=True) as stage:
+        browser = stage.browser()
+        door = stage.console.door
+        assert door is not None
+        assert (await browser.get(door.path, Host=host)).status == 403
+        assert (await browser.get(door.path)).status == 303
+        assert (await browser.get("/", Host=host)).status == 403
+        assert (await browser.get("/static/console.css", Host=host)).status == 403
+        assert (await browser.get("/")).status == 200
+
+
+async def test_the_one_time_address_works_once_and_another_takes_its_place() -> None:
+    async with staged(local=True) as stage:
+        opened: list[str] = []
+        door = stage.console.door
+        assert door is not None
+        stage.console.on_opened = lambda: opened.append(door.path)
+        path = door.path
+        first, second = stage.browser(), stage.browser()
+        assert (await first.get(path)).status == 303
+        assert (await second.get(path)).status == 401
+        assert (await second.get("/")).status == 401
+        assert opened != [path]
+        assert (await second.get(opened[0])).status == 303
+        assert (await second.get("/")).status == 200
+        assert (await first.get("/login")).status == 404
+
+
+async def test_hosts_can_be_named_for_the_cluster_too() -> None:
+    async with staged(hosts=frozenset({"console.example.org"})) as stage:
+        assert (await stage.browser().get("/login")).status == 403
+        assert (await stage.browser().get("/login", Host="console.example.org")).status == 200
+
+
+async def test_who_asks_too_often_is_told_to_wait_and_others_are_not() -> None:
+    async with staged() as stage:
+        busy, calm = stage.browser(), stage.browser()
+        await busy.sign_in(ADMIN)
+        await calm.sign_in(TENANT)
+        statuses = {(await busy.get("/no-such-page")).status for _ in range(200)}
+        assert statuses == {404, 429}
+        assert (await busy.get("/")).headers["Retry-After"]
+        assert (await calm.get("/")).status == 200
+
+
+async def test_guessing_tokens_is_slow() -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        csrf = (await browser.get("/login")).field("csrf")
+        statuses = [(await browser.post("/login", {"token": f"guess-{i}", "csrf": csrf})).status for i in range(60)]
+        assert statuses.count(401) < 40
+        assert set(statuses) == {401, 429}
+
+
+def test_a_cookie_that_was_changed_or_made_elsewhere_is_no_session() -> None:
+    seal, other = Seal(b"a" * 32), Seal(b"b" * 32)
+    session, cookie = seal.open_session(ADMIN, user="admin", home="")
+    read = seal.read_session(cookie)
+    assert read is not None
+    assert (read.token, read.user) == (ADMIN, "admin")
+    assert other.read_session(cookie) is None
+    assert seal.read_session(cookie[:-4] + "AAA=") is None
+    assert seal.read_session("") is None
+    assert seal.read_session("ü") is None
+    assert not other.is_signed(session.id, seal.sign(session.id))
+    assert ADMIN not in repr(session)
+    assert ADMIN not in hash_token(ADMIN)
+
+
+def test_a_token_that_no_cookie_can_hold_is_refused() -> None:
+    with pytest.raises(ValueError, match="too long"):
+        Seal(b"a" * 32).open_session("t" * 4000, user="", home="")
+
+
+@pytest.mark.parametrize(
+    ("path", "result"),
+    [
+        ("/nodes?q=1", "/nodes?q=1"),
+        ("//evil.example", "/"),
+        ("/\\evil.example", "/"),
+        ("https://evil.example", "/"),
+        ("", "/"),
+        ("/a\nLocation: x", "/"),
+        ("/a\\b", "/"),
+    ],
+)
+def test_after_signing_in_nobody_is_sent_to_another_site(path: str, result: str) -> None:
+    assert clean_next(path) == result
