@@ -1,13 +1,22 @@
 """HTTP/1.1 for servers of tests: a request in, an answer or the chunks of a watch out, without a coroutine in between."""
 
 import asyncio
+import time
 from collections.abc import Callable
+from email.utils import formatdate
+from functools import lru_cache
 from typing import Any, Final
 
 import httptools
 
 FULL_BYTES: Final = 1 << 20
 JSON_CONTENT: Final = b"Content-Type: application/json\r\n"
+
+
+@lru_cache(maxsize=1)
+def format_date_line(second: int) -> bytes:
+    """Returns the header Date for a second since 1970. Agents read their clock's offset from it."""
+    return f"Date: {formatdate(second, usegmt=True)}\r\n".encode()
 
 
 class Connection(asyncio.Protocol):
@@ -58,7 +67,7 @@ class Connection(asyncio.Protocol):
         self._on_request(self, self._parser.get_method().decode(), url, body)
 
     def reply(self, status: int, body: bytes) -> None:
-        head = b"HTTP/1.1 %d X\r\n" + JSON_CONTENT + b"Content-Length: %d\r\n\r\n"
+        head = b"HTTP/1.1 %d X\r\n" + JSON_CONTENT + format_date_line(int(time.time())) + b"Content-Length: %d\r\n\r\n"
         self.transport.write(head % (status, len(body)) + body)
 
     def begin_stream(self) -> None:
