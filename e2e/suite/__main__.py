@@ -22,15 +22,19 @@ from suite.plan import (
     plan_essential,
     plan_rest,
     read_entries,
+    take_turn,
 )
 from suite.summary import summary
 
 ESSENTIAL: Final = landing.REPOSITORY / "tests" / "essential.txt"
 EXAMPLES: Final = "ROBOTAPP_EXAMPLES"
 """Variable that makes property tests try `few` examples."""
+SAMPLES: Final = "ROBOTAPP_SAMPLES"
+"""Variable that makes tests take `all` of what otherwise rotates by the day."""
 TOUCHED_BUDGET_S: Final = 900.0
 """At most so many seconds of tests that a landing's files concern, by measured durations; more waits for its part."""
 QUICK: Final = "unit and property tests"
+NEWCOMER: Final = "unit, property and essential live tests"
 EVERYTHING: Final = "everything"
 REAL_NODES: Final = ("tests/live/nodes", "tests/live/images", "e2e/tests/live")
 """Groups that start kubelets or build images; all others do with the programs of simulated nodes."""
@@ -50,20 +54,19 @@ class Plan(NamedTuple):
 
     groups: list[Group]
     ran: str
-    next_part: str = ""
+    next_turn: str = ""
+    waiting: tuple[str, ...] = ()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs what the arguments ask for and returns 0 when every test passed."""
     options = parse_arguments(arguments)
-    if options.landed:
-        last_landing = landing.record_landing()
-        sys.stdout.write(
-            f"landed {last_landing.landed[:12]}; part {last_landing.next_part} of {landing.PARTS} is next\n"
-        )
-        return 0
     entries = read_entries(ESSENTIAL.read_text())
     plan = make_plan(options, entries)
+    if options.landed:
+        last_landing = landing.record_landing(plan.waiting)
+        sys.stdout.write(f"landed {last_landing.landed[:12]}; next in turn: {plan.next_turn}\n")
+        return 0
     if options.list:
         _print_plan(plan.groups)
         return 0
@@ -111,26 +114,25 @@ def make_plan(options: argparse.Namespace, entries: list[str]) -> Plan:
     if options.part:
         number, count = options.part
         return Plan(join_groups(cut_parts(rest, count)[number - 1]), f"part {number}/{count}")
-    if options.ci:
+    if options.ci or options.landed:
         return _plan_landing(essential, rest)
-    return Plan(essential, "unit, property and essential live tests")
+    return Plan(essential, NEWCOMER)
 
 
 def _plan_landing(essential: list[Group], rest: list[Group]) -> Plan:
-    """Plans what a landing runs: the essential tests, what its files concern, and the part whose turn it is."""
+    """Plans what a landing runs: the essential tests, what its files concern, and the tests of the rest whose turn it is."""
     last_landing = landing.read_landing()
     changed_files = landing.list_changed_files(last_landing.landed)
     concerned_groups, later_groups = choose_touched(rest, changed_files or (), TOUCHED_BUDGET_S)
-    parts = cut_parts(rest, landing.PARTS)
-    part = parts[last_landing.next_part - 1]
-    next_part = last_landing.next_part % landing.PARTS + 1
-    ran = f"essential tests, part {last_landing.next_part}/{landing.PARTS}, {len(concerned_groups)} modules that changed files concern"
+    turn, waiting = take_turn(rest, last_landing.waiting, landing.PARTS)
+    next_turn, _ = take_turn(rest, waiting, landing.PARTS)
+    ran = f"essential tests, in turn {_name_folders(turn)}, {len(concerned_groups)} modules that changed files concern"
     if changed_files is None:
         ran += f" (commit {last_landing.landed[:12]} is not here: changed files are unknown)"
     if later_groups:
-        ran += f" ({len(later_groups)} more wait for their part)"
-    groups = join_groups({group.name: group for group in (*concerned_groups, *part)}.values())
-    return Plan([*essential, *groups], ran, f"part {next_part}/{landing.PARTS}: {_name_folders(parts[next_part - 1])}")
+        ran += f" ({len(later_groups)} more wait for their turn)"
+    groups = join_groups({group.name: group for group in (*concerned_groups, *turn)}.values())
+    return Plan([*essential, *groups], ran, _name_folders(next_turn), tuple(waiting))
 
 
 def _name_folders(groups: Sequence[Group]) -> str:
@@ -170,15 +172,16 @@ def _run(plan: Plan, entries: list[str], *, record: bool) -> int:
     with tempfile.TemporaryDirectory(prefix="robotapp-test-") as folder:
         quick = [group for group in plan.groups if group.name == QUICK]
         others = [group for group in plan.groups if group.name != QUICK]
+        samples = os.environ if plan.ran == NEWCOMER else {SAMPLES: "all", **os.environ}
         lanes = Lanes(Path(folder))
         lanes.run(quick, {**os.environ, EXAMPLES: "few"})
         if _build_binaries(others):
-            lanes.run(others, os.environ)
+            lanes.run(others, samples)
         else:
             lanes.give_up(others)
+        sys.stdout.write("\n".join(("", *summary(lanes.parts), "")))
         if record:
             _record(lanes, plan, entries)
-        sys.stdout.write("\n".join(("", *summary(lanes.parts), "")))
     _print_last_line(plan, time.monotonic() - began)
     return 0 if lanes.succeeded else 1
 
@@ -210,11 +213,13 @@ def _print_last_line(plan: Plan, seconds: float) -> None:
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_s = usage.ru_utime + usage.ru_stime
     sys.stdout.write(f"ran: {plan.ran}, in {seconds:.0f} s ({cpu_s:.0f} s of CPU)")
-    sys.stdout.write(f"; next in rotation: {plan.next_part}\n" if plan.next_part else "\n")
+    sys.stdout.write(f"; next in rotation: {plan.next_turn}\n" if plan.next_turn else "\n")
 
 
 if __name__ == "__main__":
     try:
         sys.exit(main())
+    except landing.LandingError as problem:
+        sys.exit(f"scripts/test: {problem}")
     except KeyboardInterrupt:
         sys.exit(130)

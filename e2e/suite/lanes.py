@@ -12,9 +12,9 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import IO, Final
 
 from suite.plan import Group
 from suite.summary import Part, read
@@ -45,7 +45,7 @@ class Lanes:
     @property
     def succeeded(self) -> bool:
         """Returns True when every group ran to its end without a failure."""
-        return not any(part.missing or part.bad for part in self.parts)
+        return not any(part.missing or part.bad or part.broken for part in self.parts)
 
     def run(self, groups: Sequence[Group], environment: Mapping[str, str]) -> None:
         """Runs all groups: those that share the machine first, in two lanes, then the exclusive ones alone."""
@@ -66,7 +66,7 @@ class Lanes:
             reporter.join()
 
     def give_up(self, groups: Sequence[Group]) -> None:
-        """Counts groups as not stop_event, because what they need could not be had."""
+        """Counts groups as not finished, because what they need could not be had."""
         self.parts += [Part(group.name, Counter()) for group in groups]
 
     def _run_group(self, group: Group, environment: Mapping[str, str]) -> None:
@@ -80,20 +80,19 @@ class Lanes:
         self._print(f"begins   {group.name} (about {group.seconds:.0f} s)")
         began = self._running[group.name] = time.monotonic()
         with output.open("wb") as stream:
-            status = subprocess.run(
-                command, stdout=stream, stderr=subprocess.STDOUT, env=dict(environment), check=False
-            ).returncode
+            status = _run_to_the_end(command, stream, environment)
         del self._running[group.name]
-        self._finish(group, read(group.name, report), output, time.monotonic() - began, status)
+        part = replace(read(group.name, report), status=status)
+        self._finish(group, part, output, time.monotonic() - began)
 
-    def _finish(self, group: Group, part: Part, output: Path, seconds: float, status: int) -> None:
-        if status == NO_TESTS_COLLECTED and group.deselected:
+    def _finish(self, group: Group, part: Part, output: Path, seconds: float) -> None:
+        if part.status == NO_TESTS_COLLECTED and group.deselected:
             self._print(f"nothing left in {group.name}: its tests are essential ones")
             return
         with self._printing:
             self.parts.append(part)
             self._done_s += group.seconds
-        if part.missing or part.bad or status:
+        if part.missing or part.bad or part.status:
             self._print(output.read_text(errors="replace"))
         counts = ", ".join(f"{count} {word}" for word, count in sorted(part.counts.items())) or "no result"
         self._print(f"ended    {group.name}: {counts} in {seconds:.0f} s{self._describe_remaining()}")
@@ -117,3 +116,13 @@ class Lanes:
         with self._printing:
             sys.stdout.write(f"{text}\n")
             sys.stdout.flush()
+
+
+def _run_to_the_end(command: Sequence[str], stream: IO[bytes], environment: Mapping[str, str]) -> int:
+    """Runs a program and returns its exit status. Ctrl-C reaches the program too: it is given the time to clean up."""
+    process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT, env=dict(environment))
+    try:
+        return process.wait()
+    except KeyboardInterrupt:
+        process.wait()
+        raise

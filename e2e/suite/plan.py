@@ -142,25 +142,62 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "claims/": ("tests/live/claims/",),
     "cli/": ("tests/live/cli/",),
     "client/": ("tests/live/client/",),
+    "console/": ("tests/live/console/",),
     "crds/": ("tests/live/crds/",),
+    "examples/": ("e2e/tests/live/testbed/test_detached.py", "tests/live/journeys/"),
+    "docs/": ("e2e/tests/live/testbed/test_detached.py",),
     "helm/": ("tests/live/chart/", "tests/live/attacks/"),
     "operator/": ("tests/live/operating/", "tests/live/journeys/", "tests/live/crash/"),
     "rigel_bridge/": ("tests/live/bridge/",),
+    "ros_profile/": ("tests/live/bridge/test_cluster_live.py",),
     "scheduler/": ("tests/live/scheduling/", "tests/live/faults/"),
     "e2e/robotapp_testbed/images/": ("tests/live/images/",),
     "e2e/robotapp_testbed/real/": ("tests/live/nodes/",),
     "e2e/robotapp_testbed/": ("e2e/tests/live/testbed/", "e2e/tests/testbed/"),
+    "e2e/controlplane/": ("e2e/tests/live/testbed/",),
+    "e2e/cel_cost/": ("tests/live/crds/",),
+    "e2e/cluster_dns/": ("tests/live/nodes/",),
+    "e2e/pause/": ("tests/live/nodes/",),
     "e2e/latency_switch/": ("e2e/tests/live/switch/",),
+    "e2e/ros_nodes/": ("e2e/tests/ros_nodes/", "tests/live/nodes/test_teleoperation.py"),
+    "e2e/suite/": ("e2e/tests/suite/",),
+    "e2e/journeys/": ("e2e/tests/live/testbed/",),
     "e2e/campaigns/": ("e2e/tests/campaigns/",),
+    "e2e/campaigns/crash/": ("tests/live/crash/",),
+    "e2e/campaigns/faults/": ("tests/live/faults/",),
+    "e2e/campaigns/fuzz/": ("tests/live/attacks/",),
+    "e2e/campaigns/nodes/": ("tests/live/nodes/",),
+    "e2e/campaigns/parity/": ("tests/live/scheduling/pods/test_parity_live.py",),
+    "e2e/campaigns/scenarios/": ("tests/live/scheduling/ros/test_scenarios_live.py",),
+    "e2e/campaigns/speed/": ("tests/live/speed/",),
+    "e2e/campaigns/storm/": ("tests/live/claims/",),
+    "e2e/campaigns/truth/": ("tests/live/journeys/",),
 }
-"""Beginning of a source file's path → folders of the rest that test it."""
+"""Beginning of a source file's path → folders or modules of the rest that test it. All rows that match count."""
+UNIT_ONLY: Final = (".ci", "scripts", "tests")
+"""Root folders whose files concern no test of the rest beside their own."""
 
 
 def find_test_folders(name: str) -> tuple[str, ...]:
-    """Returns the folders of tests that a changed file concerns; for a file of the tests, its own folder."""
+    """Returns the folders and modules of tests that a changed file concerns; for a file of the tests, its own folder."""
     if name.startswith(("tests/live/", "e2e/tests/")):
-        return (f"{_group_name(name)}/",)
-    return next((folders for start, folders in TEST_FOLDERS.items() if name.startswith(start)), ())
+        return (f"{_group_name(name.rpartition('/')[0])}/",)
+    return tuple(folder for start, folders in TEST_FOLDERS.items() if name.startswith(start) for folder in folders)
+
+
+def take_turn(groups: Sequence[Group], waiting: Sequence[str], parts: int) -> tuple[list[Group], list[str]]:
+    """Returns the groups whose turn it is, about one of `parts` equal shares of all, and the names that still wait after it.
+
+    `waiting` holds the names that have not run in this round, empty when a new one begins. A group that is new in the
+    middle of a round waits for the next round: its own change makes it run at once.
+    """
+    by_name = {group.name: group for group in groups}
+    names = [name for name in waiting if name in by_name] or list(by_name)
+    share_s = sum(group.seconds for group in groups) / parts
+    turn: list[Group] = []
+    while names and sum(group.seconds for group in turn) < share_s:
+        turn.append(by_name[names.pop(0)])
+    return turn, names
 
 
 def _module_of(entry: str) -> str:

@@ -19,12 +19,22 @@ BAD = {"failure": "failed", "error": "error"}
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one pytest run came to; `seconds` is None when it ended without a report (killed, or wrongly called)."""
+    """The result of one pytest run.
+
+    `seconds` is None when it ended without a report (killed, or wrongly called); `status` is pytest's exit status: 0 or 1
+    when all tests ran.
+    """
 
     name: str
     counts: Counter[str]
     bad: tuple[str, ...] = ()
     seconds: float | None = None
+    status: int = 0
+
+    @property
+    def broken(self) -> bool:
+        """Returns True when pytest ended otherwise than by running all tests, or failed without naming a test."""
+        return self.status not in (0, 1) or (self.status == 1 and not self.bad and not self.missing)
 
     @property
     def missing(self) -> bool:
@@ -62,7 +72,7 @@ def find_test_id(case: ET.Element) -> str:
 
 def summary(parts: Sequence[Part]) -> Iterable[str]:
     """The lines: a table of the parts, what failed, and a closing line that counts everything."""
-    wide = max(len(part.name) for part in parts)
+    wide = max((len(part.name) for part in parts), default=0)
     yield f"{'part':{wide}}  passed  failed  skipped  seconds"
     for part in parts:
         if part.missing:
@@ -70,6 +80,9 @@ def summary(parts: Sequence[Part]) -> Iterable[str]:
             continue
         counts, seconds = part.counts, part.seconds or 0
         yield f"{part.name:{wide}}  {counts['passed']:6}  {len(part.bad):6}  {counts['skipped']:7}  {seconds:7.1f}"
+    for part in parts:
+        if part.broken:
+            yield f"BROKEN {part.name}: pytest ended with status {part.status}; its output is above"
     for part in parts:
         for test in part.bad:
             yield f"FAILED {test}"
@@ -79,7 +92,7 @@ def summary(parts: Sequence[Part]) -> Iterable[str]:
 def closing(parts: Sequence[Part]) -> str:
     """pytest's closing line, over all parts."""
     total = sum((part.counts for part in parts), Counter[str]())
-    errors = total.pop("error", 0) + sum(part.missing for part in parts)
+    errors = total.pop("error", 0) + sum(part.missing or part.broken for part in parts)
     total["error" if errors == 1 else "errors"] = errors
     words = ("failed", "passed", "skipped", "error", "errors")
     said = ", ".join(f"{total[word]} {word}" for word in words if total[word])
@@ -92,7 +105,7 @@ def main(arguments: Sequence[str] = sys.argv) -> int:
     named = (argument.rpartition("=") for argument in arguments[1:])
     parts = [read(name, Path(path)) for name, _, path in named]
     sys.stdout.write("\n".join(("", *summary(parts), "")))
-    return int(any(part.missing or part.bad for part in parts))
+    return int(any(part.missing or part.bad or part.broken for part in parts))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Crash safety: operator and scheduler killed -9 at every write of a 20-app workload.
 
-`scripts/bench crash --all` runs every point; `--points N --seed S` a sample, as scripts/test does with 15.
+`scripts/bench crash --all` runs every point; `--points N --seed S` a sample, as scripts/test --all does with 15.
 """
 
 import argparse

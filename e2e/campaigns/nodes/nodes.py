@@ -1,7 +1,7 @@
 """Real nodes: times of up and down, what they leave on the machine, also when the owner is killed, and apps that run for long.
 
 `scripts/bench nodes --long` makes 20 lives and 20 kills at random moments, then runs three apps with two pods each on four nodes for ten
-minutes (about 19 in all); without it there are 3 lives and 3 kills, as in scripts/test, and no long run.
+minutes (about 19 in all); without it there are 3 lives and 3 kills, as in scripts/test --all, and no long run.
 """
 
 import argparse

@@ -1,5 +1,7 @@
 """What `scripts/test` runs: nothing is left out, nothing runs twice, and parts are about equally long."""
 
+import subprocess
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -8,6 +10,7 @@ from suite import landing
 from suite.plan import (
     EXCLUSIVE,
     TEST_FOLDERS,
+    UNIT_ONLY,
     Group,
     choose_touched,
     cut_parts,
@@ -16,6 +19,7 @@ from suite.plan import (
     plan_essential,
     plan_rest,
     read_entries,
+    take_turn,
 )
 
 MODULES = [f"tests/live/{folder}/test_{name}.py" for folder in ("cli", "claims", "operating") for name in "abcde"]
@@ -71,9 +75,47 @@ def test_what_a_changed_file_concerns_runs_within_the_budget_and_the_rest_is_nam
     assert len(postponed) == 3
 
 
-def test_a_file_of_the_tests_concerns_its_own_folder() -> None:
+def test_a_file_of_the_tests_concerns_its_own_folder_and_one_of_the_product_all_that_test_it() -> None:
     assert find_test_folders("e2e/tests/live/switch/test_links_live.py") == ("e2e/tests/live/switch/",)
-    assert find_test_folders("docs/index.md") == ()
+    assert find_test_folders("tests/live/conftest.py") == ("tests/live/",)
+    assert set(find_test_folders("e2e/robotapp_testbed/real/box.py")) > {"tests/live/nodes/", "e2e/tests/testbed/"}
+    assert find_test_folders("README.md") == ()
+
+
+def test_every_root_folder_concerns_tests_or_is_listed_as_one_that_does_not() -> None:
+    names = subprocess.run(
+        ["git", "ls-files"], cwd=landing.REPOSITORY, capture_output=True, text=True, check=True
+    ).stdout
+    folders = {name.partition("/")[0] for name in names.splitlines() if "/" in name}
+    folders = {f"e2e/{name.split('/')[1]}" if name.startswith("e2e/") else name for name in folders}
+    uncovered = {name for name in folders if not find_test_folders(f"{name}/file") and name != "e2e"}
+    assert uncovered == set(UNIT_ONLY)
+
+
+@given(st.lists(groups, min_size=60, max_size=60), st.integers(2, 8))
+def test_whatever_is_added_removed_or_measured_anew_nothing_waits_longer_than_two_rounds(
+    plans: list[list[Group]], parts: int
+) -> None:
+    waiting: list[str] = []
+    unrun: dict[str, int] = {}
+    for planned in plans:
+        turn, waiting = take_turn(planned, waiting, parts)
+        names = {group.name for group in planned}
+        unrun = {name: unrun.get(name, 0) + 1 for name in names - {group.name for group in turn}}
+        assert all(count <= 2 * len(MODULES) for count in unrun.values())
+        assert turn or not planned
+
+
+def test_eight_turns_of_one_plan_run_everything_once() -> None:
+    rest = plan_rest(MODULES, [], {module: 10.0 + number for number, module in enumerate(MODULES)})
+    waiting: list[str] = []
+    turns = []
+    for _ in range(8):
+        turn, waiting = take_turn(rest, waiting, 8)
+        turns += [group.name for group in turn]
+        if not waiting:
+            break
+    assert sorted(turns) == sorted(MODULES)
 
 
 def test_every_folder_that_the_plan_names_exists() -> None:
@@ -86,6 +128,14 @@ def test_every_essential_entry_names_a_test_that_exists() -> None:
         module, _, name = entry.partition("::")
         text = (landing.REPOSITORY / module).read_text()
         assert not name or f"def {name}(" in text, entry
+
+
+def test_no_essential_test_is_the_beginning_of_another_name() -> None:
+    """pytest deselects by the beginning of an id."""
+    for entry in read_entries(command.ESSENTIAL.read_text()):
+        module, _, name = entry.partition("::")
+        text = (landing.REPOSITORY / module).read_text() if name else ""
+        assert text.count(f"def {name}") <= 1, entry
 
 
 def test_everything_is_the_essential_tests_and_all_parts() -> None:

@@ -36,9 +36,7 @@ class Repository:
     def land(self) -> None:
         self.run_git("add", "--all")
         self.run_git("commit", "--quiet", "--no-verify", "--message", "landed")
-        self.write(
-            ".ci/landing.json", json.dumps({"landed": self.run_git("rev-parse", "HEAD").strip(), "next_part": 1})
-        )
+        self.write(".ci/landing.json", json.dumps({"landed": self.run_git("rev-parse", "HEAD").strip(), "waiting": []}))
 
     def check(self) -> int:
         return int(self.script.main())
@@ -248,7 +246,7 @@ def test_tests_are_not_measured(repository: Repository) -> None:
 
 def test_without_the_base_nothing_is_compared(repository: Repository, capsys: pytest.CaptureFixture[str]) -> None:
     repository.write("cli/robotapp_cli/rows.py", write_functions("row_key", "row_text", "row_size", "row_name"))
-    repository.write(".ci/landing.json", json.dumps({"landed": "0" * 40, "next_part": 1}))
+    repository.write(".ci/landing.json", json.dumps({"landed": "0" * 40, "waiting": []}))
     assert repository.check() == 0
     output = capsys.readouterr().out
     assert "robotapp_cli                  4       0.0 %" in output

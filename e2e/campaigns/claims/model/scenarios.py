@@ -232,4 +232,4 @@ IN_TURN = (
     *("R3s", "R4s", "R5s", "R11s", "R15s", "R17s", "R20s", "L4s", "M8", "D8", "DA2", "A1"),
     *("R1s", "R10", "A2", "U2", "M1", "P2", "P3", "P4", "L1"),
 )
-"""Quick ones that take most of a second or more: scripts/test runs a third of them a day, `scripts/bench claims` all."""
+"""Quick ones that take most of a second or more: scripts/test runs a ninth of them a day, `scripts/bench claims` all."""

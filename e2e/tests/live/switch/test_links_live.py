@@ -110,3 +110,12 @@ def test_a_node_that_ended_loses_its_port_and_its_successor_meets_the_old_links(
         assert 20 <= least_ms(wire, "a", "d", below_ms=25) < 25
         wire.switch.detach("d")
         assert wire.switch.nodes() == ["a", "b", "c"]
+
+
+def test_jitter_spreads_the_delay_and_keeps_the_order(wire: Wire) -> None:
+    wire.switch.set_link("a", "b", delay_ms=5, jitter_ms=10, one_way=True)
+    trips = round_trips_ms(wire.nodes["a"], wire.nodes["b"], count=40, pause_s=0)
+    assert min(trips) >= 5
+    assert max(trips) - min(trips) > 4
+    numbers = delivered(wire.nodes["a"], wire.nodes["b"], 100)
+    assert numbers == list(range(100))
