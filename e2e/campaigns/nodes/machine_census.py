@@ -17,10 +17,10 @@ from robotapp_testbed.real.config.addresses import Addresses
 from robotapp_testbed.real.scripts import sweep
 
 OURS = (
-    "/real/hold.py",
-    "/real/enter.py",
+    "/real/scripts/hold.py",
+    "/real/scripts/enter.py",
     "/robotapp_testbed/processes/guard.py",
-    "/real/sweep.py",
+    "/real/scripts/sweep.py",
     "containerd",
     "kubelet",
     "kube-proxy",

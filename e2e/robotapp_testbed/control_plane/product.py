@@ -109,10 +109,14 @@ def start_operator(
     name: str = "operator",
     wait: bool = True,
     env: Mapping[str, str] | None = None,
+    program: Sequence[str] = (),
     **flags: object,
 ) -> Process:
-    """`python -m robotapp_operator` as the operator's identity. `sweep_seconds=1` becomes `--sweep-seconds 1`, True a bare flag."""
-    command = [as_in_image.__file__, "robotapp_operator"]
+    """`python -m robotapp_operator` as the operator's identity. `sweep_seconds=1` becomes `--sweep-seconds 1`, True a bare flag.
+
+    `program`: another module, with arguments of its own, that runs the operator; it gets the usual ones behind them.
+    """
+    command = [as_in_image.__file__, *program, "robotapp_operator"]
     return _start(cp, command, identity="operator", name=name, wait=wait, flags=flags, env=env)
 
 
@@ -123,11 +127,12 @@ def start_scheduler(
     name: str = "scheduler",
     wait: bool = True,
     env: Mapping[str, str] | None = None,
+    program: Sequence[str] = (),
     **flags: object,
 ) -> Process:
-    """`python -m robotapp_scheduler` as the scheduler's identity; `env` comes on top of ours."""
+    """`python -m robotapp_scheduler` as the scheduler's identity; `env` comes on top of ours, `program` as for the operator."""
     extra = {"config": config} if config else {}
-    command = ["-m", "robotapp_scheduler"]
+    command = ["-m", *program, "robotapp_scheduler"]
     return _start(cp, command, identity="scheduler", name=name, wait=wait, flags={**extra, **flags}, env=env)
 
 
