@@ -68,6 +68,6 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
     if _seen is None or not event.startswith(_WATCHED) or event == "import":
         return
     what = str(arguments[0]) if arguments else ""
-    if event == "open" and what.startswith(_OWN):  # our own modules and data
-        return
+    if event == "open" and (isinstance(arguments[0], int) or what.startswith(_OWN)):
+        return  # a descriptor that is open already, or our own modules and data
     _seen.append((event, what))

@@ -84,13 +84,17 @@ class Connection(asyncio.Protocol):
 
 
 class TypedConnection(Connection):
-    """A connection whose `content_type` is that of the request at hand."""
+    """A connection whose `content_type` and `authorization` are those of the request at hand."""
 
     content_type = ""
+    authorization = ""
 
     def on_message_begin(self) -> None:
-        self.content_type = ""
+        self.content_type = self.authorization = ""
 
     def on_header(self, name: bytes, value: bytes) -> None:
-        if name.lower() == b"content-type":
-            self.content_type = value.decode()
+        match name.lower():
+            case b"content-type":
+                self.content_type = value.decode()
+            case b"authorization":
+                self.authorization = value.decode("utf-8", "replace")

@@ -6,9 +6,12 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from http.cookies import SimpleCookie
 from typing import Any
+from urllib.parse import parse_qsl, unquote, urlsplit
 
+import msgspec
 from aiohttp import ClientResponse, ClientSession, DummyCookieJar, web
 from tests.support.apiserver import FakeApiServer, Key, Refused, verbs
+from tests.support.apiserver.wire import TypedConnection
 from tests.unit.console.objects import Object
 
 from robotapp_client import Endpoint
@@ -29,22 +32,35 @@ class GuardedApi(FakeApiServer):
         self.tokens = {ADMIN: "admin", TENANT: "tenant"}
         self.forbidden: set[str] = set()
         """Plurals that not even ADMIN may read."""
+        self.absent_groups: set[str] = set()
+        """Groups without a kind in this cluster."""
         self.watches: list[tuple[str, str]] = []
 
-    async def _handle(self, request: web.BaseRequest) -> web.StreamResponse:
-        token = request.headers.get("Authorization", "").removeprefix("Bearer ")
+    def answer(self, client: TypedConnection, method: str, url: str, body: bytes) -> None:
+        address = urlsplit(url)
+        token = client.authorization.removeprefix("Bearer ")
         if token not in self.tokens:
-            return web.json_response(Refused(401, "Unauthorized", "Unauthorized").status(), status=401)
-        where = verbs.target(request.path)
+            self._refuse(client, Refused(401, "Unauthorized", "Unauthorized"))
+            return
+        where = verbs.target(unquote(address.path))
         if where.plural == "selfsubjectreviews":
-            return web.json_response({"status": {"userInfo": {"username": self.tokens[token]}}}, status=201)
+            review = {"status": {"userInfo": {"username": self.tokens[token]}}}
+            client.reply(201, msgspec.json.encode(review))
+            return
         if where.plural in self.forbidden or (token == TENANT and where.namespace != "team-a"):
             scope = f'in the namespace "{where.namespace}"' if where.namespace else "at the cluster scope"
             text = f'User "{self.tokens[token]}" cannot list resource "{where.plural}" {scope}'
-            return web.json_response(Refused(403, "Forbidden", text).status(), status=403)
-        if request.query.get("watch"):
+            self._refuse(client, Refused(403, "Forbidden", text))
+            return
+        if where.group in self.absent_groups:
+            self._refuse(client, Refused(404, "NotFound", "the server could not find the requested resource"))
+            return
+        if dict(parse_qsl(address.query)).get("watch"):
             self.watches.append((self.tokens[token], where.plural))
-        return await super()._handle(request)
+        super().answer(client, method, url, body)
+
+    def _refuse(self, client: TypedConnection, refusal: Refused) -> None:
+        client.reply(refusal.code, msgspec.json.encode(refusal.status()))
 
     def put(self, collection: str, obj: Object) -> Object:
         """Stores an object with its status, in place of one of its name."""

@@ -217,17 +217,7 @@ async def test_a_proxys_header_is_not_believed_unless_it_was_named() -> None:
 
 async def test_a_cluster_without_robotapp_is_told_to_install_it() -> None:
     async with staged() as stage:
-        stage.api.forbidden = set()
-        original = stage.api._list
-
-        def refuse(request: object, where: object) -> object:
-            from tests.support.apiserver import Refused
-
-            if where.group == "robotics.io":  # type: ignore[attr-defined]
-                raise Refused(404, "NotFound", "the server could not find the requested resource")
-            return original(request, where)  # type: ignore[arg-type]
-
-        stage.api._list = refuse  # type: ignore[method-assign,assignment]
+        stage.api.absent_groups = {"robotics.io"}
         browser = stage.browser()
         await browser.sign_in(ADMIN)
         assert "install RobotApp" in (await browser.get("/")).text
