@@ -1,5 +1,6 @@
 """The faults: what a user would suffer, the text that is replaced, and the tests to run first."""
 
+import os
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,13 +46,20 @@ def put_in(fault: Fault, tree: Path) -> str:
     """Writes the faulty file into `tree` and returns the text it had before."""
     path = tree / fault.file
     text = path.read_text(encoding="utf-8")
-    path.write_text(faulty_text(fault, text), encoding="utf-8")
+    _replace_text(path, faulty_text(fault, text))
     return text
 
 
 def take_out(fault: Fault, tree: Path, text: str) -> None:
     """Writes the file's former text, which `put_in` returned."""
-    (tree / fault.file).write_text(text, encoding="utf-8")
+    _replace_text(tree / fault.file, text)
+
+
+def _replace_text(path: Path, text: str) -> None:
+    """Writes the text with a later time in whole seconds: Python recognises stale bytecode by that and the size alone."""
+    later_s = int(path.stat().st_mtime) + 2
+    path.write_text(text, encoding="utf-8")
+    os.utime(path, (later_s, later_s))
 
 
 def faulty_text(fault: Fault, text: str) -> str:
