@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Final
 
@@ -45,7 +45,7 @@ class Lanes:
     @property
     def succeeded(self) -> bool:
         """Returns True when every group ran to its end without a failure."""
-        return not any(part.missing or part.bad or part.broken for part in self.parts)
+        return all(part.succeeded for part in self.parts)
 
     def run(self, groups: Sequence[Group], environment: Mapping[str, str]) -> None:
         """Runs all groups: those that share the machine first, in two lanes, then the exclusive ones alone."""
@@ -82,7 +82,7 @@ class Lanes:
         with output.open("wb") as stream:
             status = _run_to_the_end(command, stream, environment)
         del self._running[group.name]
-        part = replace(read(group.name, report), status=status)
+        part = read(group.name, report, status)
         self._finish(group, part, output, time.monotonic() - began)
 
     def _finish(self, group: Group, part: Part, output: Path, seconds: float) -> None:
@@ -92,7 +92,7 @@ class Lanes:
         with self._printing:
             self.parts.append(part)
             self._done_s += group.seconds
-        if part.missing or part.bad or part.status:
+        if not part.succeeded:
             self._print(output.read_text(errors="replace"))
         counts = ", ".join(f"{count} {word}" for word, count in sorted(part.counts.items())) or "no result"
         self._print(f"ended    {group.name}: {counts} in {seconds:.0f} s{self._describe_remaining()}")

@@ -29,7 +29,7 @@ class Group:
     """Tests for one pytest process.
 
     `selectors` are paths or test ids, `deselected` ids or paths to leave out, `seconds` the expected duration. `exclusive`
-    groups run alone; `cores` is the number of pytest workers (1: live tests, which share their control plane).
+    groups run alone; those `on_all_cores` have a pytest worker per core, the others one process that shares a control plane.
     """
 
     name: str
@@ -174,8 +174,6 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "e2e/campaigns/truth/": ("tests/live/journeys/",),
 }
 """Beginning of a source file's path → folders or modules of the rest that test it. All rows that match count."""
-UNIT_ONLY: Final = (".ci", "scripts", "tests")
-"""Root folders whose files concern no test of the rest beside their own."""
 
 
 def find_test_folders(name: str) -> tuple[str, ...]:

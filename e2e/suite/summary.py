@@ -1,11 +1,9 @@
-"""One closing summary of several pytest runs: `python -m suite.summary PART=REPORT...`.
+"""Sums up several pytest runs in one closing summary.
 
 A report is a JUnit file (`junit_family=xunit1`, which names the test's file). The last line printed has the form of pytest's
-own closing line and counts all parts. Exit status 1 when a test failed or a part left no report or
-found no tests.
+own closing line and counts all parts. A part that left no report, found no tests or ended before its last test is an error.
 """
 
-import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -32,6 +30,11 @@ class Part:
     status: int = 0
 
     @property
+    def succeeded(self) -> bool:
+        """Returns True when pytest ran all tests and none failed."""
+        return not (self.missing or self.bad or self.broken)
+
+    @property
     def broken(self) -> bool:
         """Returns True when pytest ended otherwise than by running all tests, or failed without naming a test."""
         return self.status not in (0, 1) or (self.status == 1 and not self.bad and not self.missing)
@@ -42,14 +45,14 @@ class Part:
         return self.seconds is None or not self.counts
 
 
-def read(name: str, path: Path) -> Part:
+def read(name: str, path: Path, status: int = 0) -> Part:
     """The part as its report tells it; a test that fails and then fails again in its teardown counts once."""
     try:
         suite = ET.parse(path).getroot().find("testsuite")  # noqa: S314 - written by our own pytest
     except (OSError, ET.ParseError):
         suite = None
     if suite is None:
-        return Part(name, Counter())
+        return Part(name, Counter(), status=status)
     outcomes: dict[str, str] = {}
     for case in suite.iter("testcase"):
         said = [BAD.get(child.tag, child.tag) for child in case]
@@ -58,7 +61,7 @@ def read(name: str, path: Path) -> Part:
         if known == "passed":
             outcomes[find_test_id(case)] = outcome
     bad = tuple(test for test, outcome in outcomes.items() if outcome in BAD.values())
-    return Part(name, Counter(outcomes.values()), bad, float(suite.get("time", 0)))
+    return Part(name, Counter(outcomes.values()), bad, float(suite.get("time", 0)), status)
 
 
 def find_test_id(case: ET.Element) -> str:
@@ -99,14 +102,3 @@ def closing(parts: Sequence[Part]) -> str:
     seconds = sum(part.seconds or 0 for part in parts)
     spelt = f" ({timedelta(seconds=int(seconds))})" if seconds >= 60 else ""
     return f" {said or 'no tests ran'} in {seconds:.2f}s{spelt} ".center(WIDTH, "=")
-
-
-def main(arguments: Sequence[str] = sys.argv) -> int:
-    named = (argument.rpartition("=") for argument in arguments[1:])
-    parts = [read(name, Path(path)) for name, _, path in named]
-    sys.stdout.write("\n".join(("", *summary(parts), "")))
-    return int(any(part.missing or part.bad or part.broken for part in parts))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -68,7 +68,7 @@ def _run(minor: str, progress: Progress) -> dict[str, Any]:
     demo = subprocess.run([sys.executable, "-m", "journeys.demo", "--once"], cwd=pins.REPOSITORY, env=env, check=False)
     told_s = time.monotonic()
     parts = smoke(env)
-    bad = [name for part in parts for name in (part.bad or ([part.name] if part.missing else []))]
+    bad = [name for part in parts for name in (part.bad or ([] if part.succeeded else [part.name]))]
     return {
         "version": version,
         "demo": demo.returncode == 0,
@@ -88,8 +88,8 @@ def smoke(env: Mapping[str, str]) -> list[Part]:
             report = Path(reports) / f"{len(found)}.xml"
             files = [name for name in SMOKE if str(Path(name).parent) == folder]
             command = [sys.executable, "-m", "pytest", "-q", f"--junitxml={report}", *files]
-            subprocess.run(command, cwd=pins.REPOSITORY, env=dict(env), check=False)
-            found.append(read(folder, report))
+            status = subprocess.run(command, cwd=pins.REPOSITORY, env=dict(env), check=False).returncode
+            found.append(read(folder, report, status))
     return found
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from suite.summary import Part, closing, main, read, summary
+from suite.summary import Part, closing, read, summary
 
 GOOD = Part("tests/unit", Counter(passed=3, skipped=1), (), 2.5)
 BAD = Part("tests/live/chart", Counter(passed=1, failed=1, error=1), ("a.py::test_x", "b.py::test_y"), 70.25)
@@ -87,10 +87,9 @@ def test_a_part_that_found_no_tests_is_an_error() -> None:
 
 
 @pytest.mark.parametrize(("text", "status"), [("def test_x(): pass", 0), ("def test_x(): assert 0", 1), ("", 1)])
-def test_the_exit_status_says_whether_everything_passed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, status: int
-) -> None:
+def test_a_part_succeeds_only_when_everything_passed(tmp_path: Path, text: str, status: int) -> None:
     report = run_pytest(tmp_path, "c", text)
-    assert main(["summary", f"tests/c tests/d={report}"]) == status
-    assert capsys.readouterr().out.splitlines()[-1] == closing([read("", report)])
-    assert main(["summary", f"tests/c={report}", f"never={tmp_path / 'no.xml'}"]) == 1
+    part = read("tests/c", report)
+    assert part.succeeded == (status == 0)
+    assert list(summary([part]))[-1] == closing([part])
+    assert not read("never", tmp_path / "no.xml").succeeded
