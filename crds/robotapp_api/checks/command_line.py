@@ -1,14 +1,15 @@
 """Checks of what a container starts: does ROS' entry point run, do parameter files reach the program, is every reference replaced?"""
 
 import re
-from collections.abc import Iterator
-from typing import Final
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
 
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
 
 _DEVICE_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\(ROBOTAPP_DEVICE_[A-Za-z0-9_]*\))")
 """A reference that the kubelet would replace; `$$(NAME)` is the text `$(NAME)`."""
+_OBJECT_NAMES: Final = frozenset({"name", "secretName", "claimName"})
 _ROS_TOOLS: Final = frozenset({"ros2", "roslaunch", "rosrun"})
 _LAUNCHERS: Final = frozenset({"launch", "roslaunch"})
 
@@ -16,6 +17,7 @@ _LAUNCHERS: Final = frozenset({"launch", "roslaunch"})
 def command_line_problems(component: Component, at: str) -> Iterator[Problem]:
     """`at`: where the component stands, such as `spec.components[0]`."""
     yield from _device_reference_problems(component, at)
+    yield from _object_name_problems(component, at)
     if component.parameters and is_launch(component):
         yield invalid(
             f"{at}.parameters",
@@ -64,3 +66,35 @@ def _device_reference_problems(component: Component, at: str) -> Iterator[Proble
                 f"{reference[1]} would reach {component.name} as this very text, because no node hands devices over yet; write the path "
                 "that your device plugin gives, such as /dev/ttyUSB0, and ask for its resource in resources.limits",
             )
+
+
+def _object_name_problems(component: Component, at: str) -> Iterator[Problem]:
+    """Names of objects in core's fields are taken as they stand: nothing replaces a reference there, and no object has such a name."""
+    spec = component.template.spec
+    fields = [
+        (f"{at}.env", component.env),
+        (f"{at}.envFrom", component.env_from),
+        (f"{at}.template.spec.volumes", spec.volumes),
+        (f"{at}.template.spec.imagePullSecrets", spec.image_pull_secrets),
+    ]
+    for field, items in fields:
+        for index, item in enumerate(items):
+            for path, name in _list_object_names(item, f"{field}[{index}]"):
+                if "$(" in name:
+                    yield invalid(
+                        path,
+                        f"{name} is taken as it stands: nothing is replaced in names of objects, and none is called so; write the name itself, "
+                        "or an app for each robot",
+                    )
+
+
+def _list_object_names(item: Any, at: str) -> Iterator[tuple[str, str]]:
+    """Yields path and text of each name of an object below `item`."""
+    for key, value in item.items() if isinstance(item, Mapping) else ():
+        if isinstance(value, str) and key in _OBJECT_NAMES:
+            yield f"{at}.{key}", value
+        elif isinstance(value, list | tuple):
+            for index, member in enumerate(value):
+                yield from _list_object_names(member, f"{at}.{key}[{index}]")
+        else:
+            yield from _list_object_names(value, f"{at}.{key}")

@@ -8,6 +8,7 @@ from pydantic.alias_generators import to_snake
 
 from robotapp_api.checks.command_line import command_line_notes, command_line_problems
 from robotapp_api.checks.device_names import device_name_notes
+from robotapp_api.checks.gated_fields import gated_field_notes, gated_field_problems
 from robotapp_api.checks.parameters import parameter_problems
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
@@ -31,6 +32,7 @@ def component_problems(component: Component, at: str, *, ros_version: int) -> It
     yield from _environment_problems(component, at)
     yield from parameter_problems(component, at, ros_version=ros_version)
     yield from command_line_problems(component, at)
+    yield from gated_field_problems(component, at)
     yield from _device_problems(component, at)
     yield from _ready_problems(component, at, ros_version=ros_version)
     yield from _init_container_problems(component, at)
@@ -55,6 +57,7 @@ def component_notes(component: Component, at: str) -> Iterator[Note]:
     yield from device_name_notes(component.devices, f"{at}.devices")
     yield from device_name_notes(component.requires, f"{at}.requires")
     yield from command_line_notes(component, at)
+    yield from gated_field_notes(component, at)
     for field in ("durability", "queueSize", "tcpNodelay"):
         if getattr(component.policies, to_snake(field)) is not None:
             yield Note(f"{at}.policies.{field}", "has no effect: the program's own setting counts")

@@ -101,3 +101,78 @@ def test_a_device_that_no_agent_publishes_is_told_with_what_to_write(device: dic
 )
 def test_a_device_that_an_agent_or_a_rule_of_it_publishes_is_accepted_in_silence(device: dict[str, str]) -> None:
     assert not [note for note in list_notes(args=["x"], devices=[{"name": "d", **device}]) if ".devices[0]" in note]
+
+
+INIT = {"name": "init", "image": "i"}
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"lifecycle": {"stopSignal": "SIGINT"}},
+        {"template": {"spec": {"initContainers": [INIT | {"lifecycle": {"stopSignal": "SIGINT"}}]}}},
+    ],
+    ids=["main", "init container"],
+)
+def test_a_stop_signal_is_refused_with_the_hook_that_does_the_same(fields: dict[str, Any]) -> None:
+    (problem,) = list_problems(**fields)
+    assert "kill -INT 1" in problem
+
+
+def test_an_unmasked_proc_is_refused_because_the_pods_have_no_user_namespace() -> None:
+    (problem,) = list_problems(securityContext={"procMount": "Unmasked"})
+    assert "leave it out" in problem
+    assert list_problems(securityContext={"procMount": "Default"}) == []
+
+
+def test_fields_that_older_clusters_drop_are_told_with_the_release_that_has_them() -> None:
+    variable = {"name": "A", "valueFrom": {"fileKeyRef": {"volumeName": "v", "path": "p", "key": "k"}}}
+    rules = [{"action": "Restart", "exitCodes": {"operator": "In", "values": [1]}}]
+    init = INIT | {"restartPolicy": "Always", "restartPolicyRules": rules}
+    notes = [
+        note for note in list_notes(env=[variable], template={"spec": {"initContainers": [init]}}) if "1.35" in note
+    ]
+    assert [note.partition(":")[0] for note in notes] == [
+        "spec.components[0].env[0].valueFrom.fileKeyRef",
+        "spec.components[0].template.spec.initContainers[0].restartPolicyRules",
+    ]
+
+
+NAME = "tokens-$(ROBOTAPP_ROBOT)"
+
+
+@pytest.mark.parametrize(
+    ("fields", "path"),
+    [
+        ({"envFrom": [{"secretRef": {"name": NAME}}]}, "envFrom[0].secretRef.name"),
+        (
+            {"env": [{"name": "A", "valueFrom": {"secretKeyRef": {"name": NAME, "key": "k"}}}]},
+            "env[0].valueFrom.secretKeyRef.name",
+        ),
+        (
+            {"template": {"spec": {"volumes": [{"name": "v", "secret": {"secretName": NAME}}]}}},
+            "volumes[0].secret.secretName",
+        ),
+        (
+            {
+                "template": {
+                    "spec": {"volumes": [{"name": "v", "projected": {"sources": [{"configMap": {"name": NAME}}]}}]}
+                }
+            },
+            "volumes[0].projected.sources[0].configMap.name",
+        ),
+        (
+            {"template": {"spec": {"volumes": [{"name": "v", "persistentVolumeClaim": {"claimName": NAME}}]}}},
+            "volumes[0].persistentVolumeClaim.claimName",
+        ),
+        ({"template": {"spec": {"imagePullSecrets": [{"name": NAME}]}}}, "imagePullSecrets[0].name"),
+    ],
+    ids=["envFrom", "env", "secret", "projected", "claim", "pull secret"],
+)
+def test_a_reference_in_the_name_of_an_object_is_refused(fields: dict[str, Any], path: str) -> None:
+    (problem,) = list_problems(**fields)
+    assert f".{path}: {NAME} is taken as it stands" in problem
+
+
+def test_a_reference_in_a_value_is_accepted() -> None:
+    assert list_problems(env=[{"name": "A", "value": "$(ROBOTAPP_ROBOT)"}]) == []
