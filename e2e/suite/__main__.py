@@ -19,6 +19,7 @@ from suite.plan import (
     choose_touched,
     cut_parts,
     join_groups,
+    list_folders,
     plan_essential,
     plan_rest,
     read_entries,
@@ -136,7 +137,7 @@ def _plan_landing(essential: list[Group], rest: list[Group]) -> Plan:
 
 
 def _name_folders(groups: Sequence[Group]) -> str:
-    return ", ".join(group.name for group in join_groups(groups))
+    return ", ".join(list_folders(groups))
 
 
 def _plan_quick(seconds_by_name: dict[str, float]) -> Group:

@@ -38,7 +38,7 @@ class Lanes:
     _printing: threading.Lock = field(default_factory=threading.Lock)
     _numbers: Iterator[int] = field(default_factory=itertools.count)
     _started: float = field(default_factory=time.monotonic)
-    _running: dict[str, float] = field(default_factory=dict)
+    _running: dict[str, tuple[str, float]] = field(default_factory=dict)
     _expected_s: float = 0.0
     _done_s: float = 0.0
 
@@ -78,10 +78,11 @@ class Lanes:
         deselections = [f"--deselect={entry}" for entry in group.deselected]
         command = [sys.executable, "-m", "pytest", f"--junitxml={report}", *workers, *deselections, *group.selectors]
         self._print(f"begins   {group.name} (about {group.seconds:.0f} s)")
-        began = self._running[group.name] = time.monotonic()
+        began = time.monotonic()
+        self._running[stem] = group.name, began
         with output.open("wb") as stream:
             status = _run_to_the_end(command, stream, environment)
-        del self._running[group.name]
+        del self._running[stem]
         part = read(group.name, report, status)
         self._finish(group, part, output, time.monotonic() - began)
 
@@ -101,7 +102,7 @@ class Lanes:
         """Prints what runs and for how long, until everything has finished."""
         while not stop_event.wait(REPORT_S):
             now = time.monotonic()
-            names = ", ".join(f"{name} for {now - began:.0f} s" for name, began in list(self._running.items()))
+            names = ", ".join(f"{name} for {now - began:.0f} s" for name, began in list(self._running.values()))
             self._print(f"running  {names}{self._describe_remaining()}")
 
     def _describe_remaining(self) -> str:

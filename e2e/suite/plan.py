@@ -79,7 +79,10 @@ def plan_rest(modules: Iterable[str], entries: Sequence[str], durations: Mapping
 
 
 def join_groups(groups: Iterable[Group]) -> list[Group]:
-    """Joins groups of the same folder into one process each, the longest first."""
+    """Joins groups of the rest by folder into one process each, the longest first.
+
+    Their names differ from those of the essential groups: a run may have both of a folder.
+    """
     folders: dict[tuple[str, bool], list[Group]] = defaultdict(list)
     processes = []
     for group in groups:
@@ -90,7 +93,7 @@ def join_groups(groups: Iterable[Group]) -> list[Group]:
     for (folder, exclusive), members in folders.items():
         processes.append(
             Group(
-                name=folder,
+                name=f"{folder}, rest, alone" if exclusive else f"{folder}, rest",
                 selectors=tuple(selector for member in members for selector in member.selectors),
                 seconds=sum(member.seconds for member in members),
                 deselected=tuple(entry for member in members for entry in member.deselected),
@@ -98,6 +101,11 @@ def join_groups(groups: Iterable[Group]) -> list[Group]:
             )
         )
     return sorted(processes, key=lambda group: -group.seconds)
+
+
+def list_folders(groups: Iterable[Group]) -> list[str]:
+    """Returns the folders of the groups, each once, in the order in which they come."""
+    return list(dict.fromkeys(_group_name(group.name) for group in groups))
 
 
 def cut_parts(groups: Sequence[Group], count: int) -> list[list[Group]]:

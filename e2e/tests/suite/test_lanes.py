@@ -37,6 +37,23 @@ def test_a_group_that_passes_succeeds(tmp_path: Path) -> None:
     assert [part.counts["passed"] for part in lanes.parts] == [1]
 
 
+def test_two_groups_of_one_name_run_at_once(tmp_path: Path) -> None:
+    (tmp_path / "pytest.ini").write_text(INI)
+    settings = (f"--rootdir={tmp_path}", "-c", str(tmp_path / "pytest.ini"))
+    groups = []
+    for own, other in (("a", "b"), ("b", "a")):
+        module = tmp_path / f"test_{own}.py"
+        module.write_text(
+            f"from pathlib import Path\nimport time\nfolder = Path({str(tmp_path)!r})\n"
+            f"def test_both_run():\n    (folder / {own!r}).touch()\n    deadline = time.monotonic() + 60\n"
+            f"    while not (folder / {other!r}).exists():\n        assert time.monotonic() < deadline\n"
+        )
+        groups.append(Group("it", (str(module), *settings), 1.0))
+    lanes = Lanes(tmp_path)
+    lanes.run(groups, os.environ)
+    assert [part.counts for part in lanes.parts] == [{"passed": 1}] * 2
+
+
 @pytest.mark.parametrize(
     ("text", "conftest"),
     [

@@ -2,6 +2,7 @@
 
 import subprocess
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -146,6 +147,13 @@ def test_everything_is_the_essential_tests_and_all_parts() -> None:
     parts = [list_selectors("--part", f"{number}/{landing.PARTS}") for number in range(1, landing.PARTS + 1)]
     essential = [selector for selector in list_selectors() if selector not in {"tests/unit", "tests/property"}]
     assert sorted(list_selectors("--all")) == sorted([*essential, *(selector for part in parts for selector in part)])
+
+
+@pytest.mark.parametrize("arguments", [(), ("--all",), ("--part", "1/1")])
+def test_no_two_groups_of_a_run_have_the_same_name(arguments: tuple[str, ...]) -> None:
+    plan = command.make_plan(command.parse_arguments(arguments), read_entries(command.ESSENTIAL.read_text()))
+    names = [group.name for group in plan.groups]
+    assert sorted(set(names)) == sorted(names)
 
 
 def test_an_entry_with_a_comment_is_read_without_it() -> None:
