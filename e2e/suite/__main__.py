@@ -25,9 +25,10 @@ from suite.plan import (
     read_entries,
     take_turn,
 )
+from suite.repository import REPOSITORY
 from suite.summary import summary
 
-ESSENTIAL: Final = landing.REPOSITORY / "tests" / "essential.txt"
+ESSENTIAL: Final = REPOSITORY / "tests" / "essential.txt"
 EXAMPLES: Final = "ROBOTAPP_EXAMPLES"
 """Variable that makes property tests try `few` examples."""
 SAMPLES: Final = "ROBOTAPP_SAMPLES"
@@ -129,7 +130,7 @@ def _plan_landing(essential: list[Group], rest: list[Group]) -> Plan:
     next_turn, _ = take_turn(rest, waiting, landing.PARTS)
     ran = f"essential tests, in turn {_name_folders(turn)}, {len(concerned_groups)} modules that changed files concern"
     if changed_files is None:
-        ran += f" (commit {last_landing.landed[:12]} is not here: changed files are unknown)"
+        ran += " (there is no git repository: changed files are unknown)"
     if later_groups:
         ran += f" ({len(later_groups)} more wait for their turn)"
     groups = join_groups({group.name: group for group in (*concerned_groups, *turn)}.values())

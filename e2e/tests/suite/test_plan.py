@@ -21,6 +21,7 @@ from suite.plan import (
     read_entries,
     take_turn,
 )
+from suite.repository import REPOSITORY
 
 MODULES = [f"tests/live/{folder}/test_{name}.py" for folder in ("cli", "claims", "operating") for name in "abcde"]
 groups = st.lists(
@@ -83,9 +84,7 @@ def test_a_file_of_the_tests_concerns_its_own_folder_and_one_of_the_product_all_
 
 
 def test_every_root_folder_concerns_tests_or_is_listed_as_one_that_does_not() -> None:
-    names = subprocess.run(
-        ["git", "ls-files"], cwd=landing.REPOSITORY, capture_output=True, text=True, check=True
-    ).stdout
+    names = subprocess.run(["git", "ls-files"], cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
     folders = {name.partition("/")[0] for name in names.splitlines() if "/" in name}
     folders = {f"e2e/{name.split('/')[1]}" if name.startswith("e2e/") else name for name in folders}
     uncovered = {name for name in folders if not find_test_folders(f"{name}/file") and name != "e2e"}
@@ -120,13 +119,13 @@ def test_eight_turns_of_one_plan_run_everything_once() -> None:
 
 def test_every_folder_that_the_plan_names_exists() -> None:
     named = {*EXCLUSIVE, *(folder for folders in TEST_FOLDERS.values() for folder in folders), *TEST_FOLDERS}
-    assert [name for name in sorted(named) if not (landing.REPOSITORY / name).exists()] == []
+    assert [name for name in sorted(named) if not (REPOSITORY / name).exists()] == []
 
 
 def test_every_essential_entry_names_a_test_that_exists() -> None:
     for entry in read_entries(command.ESSENTIAL.read_text()):
         module, _, name = entry.partition("::")
-        text = (landing.REPOSITORY / module).read_text()
+        text = (REPOSITORY / module).read_text()
         assert not name or f"def {name}(" in text, entry
 
 
@@ -134,7 +133,7 @@ def test_no_essential_test_is_the_beginning_of_another_name() -> None:
     """pytest deselects by the beginning of an id."""
     for entry in read_entries(command.ESSENTIAL.read_text()):
         module, _, name = entry.partition("::")
-        text = (landing.REPOSITORY / module).read_text() if name else ""
+        text = (REPOSITORY / module).read_text() if name else ""
         assert text.count(f"def {name}") <= 1, entry
 
 
