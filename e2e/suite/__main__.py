@@ -65,12 +65,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parse_arguments(arguments)
     entries = read_entries(ESSENTIAL.read_text())
     plan = make_plan(options, entries)
+    if options.list:
+        _print_plan(plan.groups)
+        return 0
     if options.landed:
         last_landing = landing.record_landing(plan.waiting)
         sys.stdout.write(f"landed {last_landing.landed[:12]}; next in turn: {plan.next_turn}\n")
-        return 0
-    if options.list:
-        _print_plan(plan.groups)
         return 0
     return _run(plan, entries, record=options.record)
 
@@ -78,7 +78,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def parse_arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="scripts/test",
-        description="Runs the tests. Without options: what a newcomer runs. Anything else than these options goes to pytest.",
+        description="Runs the tests. Without options: what a newcomer runs. A command line that begins with anything else than "
+        "these options goes to pytest whole.",
+        allow_abbrev=False,
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -97,7 +99,10 @@ def parse_arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--list", action="store_true", help="print the groups and their expected durations; run nothing"
     )
     parser.add_argument("--record", action="store_true", help="keep the measured durations in e2e/suite/durations.json")
-    return parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
+    if options.record and (options.list or options.landed):
+        parser.error("--record keeps what a run has measured; --list and --landed run nothing: leave one of them out")
+    return options
 
 
 def _parse_part(text: str) -> tuple[int, int]:
