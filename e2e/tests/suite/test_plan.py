@@ -1,6 +1,7 @@
 """What `scripts/test` runs: nothing is left out, nothing runs twice, and parts are about equally long."""
 
-import subprocess
+import ast
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -21,7 +22,7 @@ from suite.plan import (
     read_entries,
     take_turn,
 )
-from suite.repository import REPOSITORY
+from suite.repository import REPOSITORY, list_names
 
 MODULES = [f"tests/live/{folder}/test_{name}.py" for folder in ("cli", "claims", "operating") for name in "abcde"]
 groups = st.lists(
@@ -83,12 +84,38 @@ def test_a_file_of_the_tests_concerns_its_own_folder_and_one_of_the_product_all_
     assert find_test_folders("README.md") == ()
 
 
-def test_every_root_folder_concerns_tests_or_is_listed_as_one_that_does_not() -> None:
-    names = subprocess.run(["git", "ls-files"], cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
-    folders = {name.partition("/")[0] for name in names.splitlines() if "/" in name}
-    folders = {f"e2e/{name.split('/')[1]}" if name.startswith("e2e/") else name for name in folders}
-    uncovered = {name for name in folders if not find_test_folders(f"{name}/file") and name != "e2e"}
-    assert uncovered == {".ci", "scripts", "tests"}
+def test_every_folder_concerns_tests_or_is_listed_as_one_that_does_not() -> None:
+    """Tests without a control plane, and what only they use, run in any case."""
+    depths = {"tests": 2, "e2e": 2, "tests/support": 3}
+    folders = set()
+    for name in list_names("ls-files", "-z"):
+        words = name.split("/")
+        depth = depths.get("/".join(words[:2]), depths.get(words[0], 1))
+        folders.add("/".join((*words[:depth], "file")[: len(words)]))
+    uncovered = {name for name in folders if not find_test_folders(name)}
+    documents = {".gitignore", "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "README.md", "SECURITY.md"}
+    without_plane = {".ci/file", "scripts/file", "tests/unit/file", "tests/property/file", "tests/support/scripted.py"}
+    assert uncovered == {*documents, *without_plane, "tests/essential.txt"}
+
+
+def list_helpers(module: Path) -> set[str]:
+    """Returns the files or folders of tests/support and e2e/campaigns from which a module imports."""
+    imports = (node for node in ast.walk(ast.parse(module.read_text())) if isinstance(node, ast.ImportFrom))
+    names = [f"{node.module}.{alias.name}".split(".") for node in imports for alias in node.names]
+    paths = {"/".join(words[:3]) for words in names if words[:2] == ["tests", "support"]}
+    paths |= {f"e2e/campaigns/{words[1]}" for words in names if words[0] == "campaigns"}
+    return {f"{path}/file" if (REPOSITORY / path).is_dir() else f"{path}.py" for path in paths}
+
+
+def test_a_helper_concerns_every_folder_whose_tests_import_it() -> None:
+    missing = set()
+    for path in list_names("ls-files", "-z", "tests/live/*/*.py", "e2e/tests/*/*.py"):
+        (folder,) = find_test_folders(path)
+        for helper in list_helpers(REPOSITORY / path):
+            concerned = find_test_folders(helper)
+            if not any(folder.startswith(start) or start.startswith(folder) for start in concerned):
+                missing.add(f"{helper} concerns {folder}")
+    assert missing == set()
 
 
 @given(st.lists(groups, min_size=60, max_size=60), st.integers(2, 8))
