@@ -34,7 +34,7 @@ EXAMPLES: Final = "ROBOTAPP_EXAMPLES"
 SAMPLES: Final = "ROBOTAPP_SAMPLES"
 """Variable that makes tests take `all` of what otherwise rotates by the day."""
 TOUCHED_BUDGET_S: Final = 900.0
-"""At most so many seconds of tests that a landing's files concern, by measured durations; more waits for its part."""
+"""At most so many seconds of tests that a landing's files concern, by measured durations; more waits for its turn."""
 QUICK: Final = "unit and property tests"
 NEWCOMER: Final = "unit, property and essential live tests"
 EVERYTHING: Final = "everything"
@@ -68,6 +68,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.list:
         _print_plan(plan.groups)
         return 0
+    if options.part and not plan.groups:
+        sys.stdout.write(f"{plan.ran} holds no tests: the parts before it hold all, because no module is divided\n")
+        return 0
     if options.landed:
         last_landing = landing.record_landing(plan.waiting)
         sys.stdout.write(f"landed {last_landing.landed[:12]}; next in turn: {plan.next_turn}\n")
@@ -90,10 +93,12 @@ def parse_arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--part", metavar="K/N", type=_parse_part, help="part K of N of what plain scripts/test leaves out"
     )
     mode.add_argument(
-        "--ci", action="store_true", help="plain scripts/test, then what changed files concern and one part"
+        "--ci",
+        action="store_true",
+        help="plain scripts/test, then what changed files concern and the groups whose turn it is",
     )
     mode.add_argument(
-        "--landed", action="store_true", help="record that HEAD has landed: the next part is due (.ci/landing.json)"
+        "--landed", action="store_true", help="record that HEAD has landed: its turn is over (.ci/landing.json)"
     )
     parser.add_argument(
         "--list", action="store_true", help="print the groups and their expected durations; run nothing"
@@ -131,8 +136,8 @@ def _plan_landing(essential: list[Group], rest: list[Group]) -> Plan:
     last_landing = landing.read_landing()
     changed_files = landing.list_changed_files(last_landing.landed)
     concerned_groups, later_groups = choose_touched(rest, changed_files or (), TOUCHED_BUDGET_S)
-    turn, waiting = take_turn(rest, last_landing.waiting, landing.PARTS)
-    next_turn, _ = take_turn(rest, waiting, landing.PARTS)
+    turn, waiting = take_turn(rest, last_landing.waiting, landing.LANDINGS_PER_ROUND)
+    next_turn, _ = take_turn(rest, waiting, landing.LANDINGS_PER_ROUND)
     ran = f"essential tests, in turn {_name_folders(turn)}, {len(concerned_groups)} modules that changed files concern"
     if changed_files is None:
         ran += " (there is no git repository: changed files are unknown)"
@@ -161,7 +166,8 @@ def _plan_tools(seconds_by_name: dict[str, float]) -> list[Group]:
     groups = [Group(whole, QUICK_FOLDERS, seconds_by_name.get(whole, 240.0), on_all_cores=True)]
     for tool in TOOLS:
         folder = f"e2e/tests/{tool}"
-        groups.append(Group(f"{folder}/", (folder,), seconds_by_name.get(f"{folder}/", 30.0), on_all_cores=True))
+        seconds = max(1.0, seconds_by_name.get(f"{folder}/", 30.0))
+        groups.append(Group(f"{folder}/", (folder,), seconds, on_all_cores=True))
     return groups
 
 

@@ -14,7 +14,7 @@ from typing import Final
 from suite.repository import REPOSITORY, has_history, list_names, run_git
 
 FILE: Final = Path(".ci/landing.json")
-PARTS: Final = 8
+LANDINGS_PER_ROUND: Final = 8
 """So many landings run everything once."""
 TEST_ROOTS: Final = ("tests/live", "e2e/tests/live")
 
@@ -53,7 +53,7 @@ def record_landing(waiting: Iterable[str], root: Path = REPOSITORY) -> Landing:
     """Records that HEAD has landed and what still waits: the first commit of new work carries the change."""
     head = run_git("rev-parse", "HEAD", root=root).decode().strip()
     if head == read_landing(root).landed:
-        raise LandingError(f"{head[:12]} is recorded already: its part must not be counted twice")
+        raise LandingError(f"{head[:12]} is recorded already: its turn must not be counted twice")
     landing = Landing(head, tuple(waiting))
     (root / FILE).write_text(json.dumps({"landed": landing.landed, "waiting": landing.waiting}, indent=1) + "\n")
     return landing

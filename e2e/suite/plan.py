@@ -109,15 +109,12 @@ def list_folders(groups: Iterable[Group]) -> list[str]:
 
 
 def cut_parts(groups: Sequence[Group], count: int) -> list[list[Group]]:
-    """Cuts the groups, in their order, into `count` parts of about equal duration, so that a folder stays together."""
-    parts: list[list[Group]] = [[] for _ in range(count)]
-    total = sum(group.seconds for group in groups)
-    before = 0.0
-    for group in groups:
-        middle = before + group.seconds / 2
-        index = min(count - 1, int(middle * count / total)) if total else 0
-        parts[index].append(group)
-        before += group.seconds
+    """Cuts the groups, in their order, into `count` parts: the turns of one round. The last ones may be empty."""
+    parts = []
+    waiting: list[str] = []
+    for number in range(count):
+        turn, waiting = take_turn(groups, waiting, count) if not number or waiting else ([], [])
+        parts.append(turn)
     return parts
 
 
@@ -128,8 +125,8 @@ def choose_touched(
 
     Changed tests come first, then the shortest.
     """
-    folders = {folder for name in changed_files for folder in find_test_folders(name)}
     changed_names = set(changed_files)
+    folders = {folder for name in changed_names for folder in find_test_folders(name)}
     concerned_groups = [
         group for group in groups if group.name in changed_names or group.name.startswith(tuple(folders))
     ]

@@ -37,3 +37,10 @@ def test_a_share_that_does_not_exist_is_refused_with_what_to_write(
     with pytest.raises(SystemExit, match="2"):
         command.parse_arguments([f"--part={text}"])
     assert "write K/N with 1 <= K <= N, for example 3/8" in capsys.readouterr().err
+
+
+def test_a_part_without_tests_names_the_reason(capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["--part", "500/500"]) == 0
+    assert capsys.readouterr().out == (
+        "part 500/500 holds no tests: the parts before it hold all, because no module is divided\n"
+    )

@@ -72,7 +72,7 @@ def test_groups_of_a_folder_are_one_process_and_exclusive_ones_stay_apart() -> N
 def test_what_a_changed_file_concerns_runs_within_the_budget_and_the_rest_is_named() -> None:
     measured = dict.fromkeys(MODULES, 100.0)
     rest = plan_rest(MODULES, [], measured)
-    chosen, postponed = choose_touched(rest, ["cli/robotapp_cli/main.py", "tests/live/cli/test_e.py"], 250)
+    chosen, postponed = choose_touched(rest, iter(["cli/robotapp_cli/main.py", "tests/live/cli/test_e.py"]), 250)
     assert [group.name for group in chosen] == ["tests/live/cli/test_e.py", "tests/live/cli/test_a.py"]
     assert len(postponed) == 3
 
@@ -132,16 +132,18 @@ def test_whatever_is_added_removed_or_measured_anew_nothing_waits_longer_than_tw
         assert turn or not planned
 
 
-def test_eight_turns_of_one_plan_run_everything_once() -> None:
+def test_the_turns_of_a_round_are_the_parts() -> None:
     rest = plan_rest(MODULES, [], {module: 10.0 + number for number, module in enumerate(MODULES)})
     waiting: list[str] = []
     turns = []
-    for _ in range(8):
-        turn, waiting = take_turn(rest, waiting, 8)
-        turns += [group.name for group in turn]
+    for _ in range(landing.LANDINGS_PER_ROUND):
+        turn, waiting = take_turn(rest, waiting, landing.LANDINGS_PER_ROUND)
+        turns.append(turn)
         if not waiting:
             break
-    assert sorted(turns) == sorted(MODULES)
+    parts = cut_parts(rest, landing.LANDINGS_PER_ROUND)
+    assert parts == turns + [[]] * (len(parts) - len(turns))
+    assert sorted(group.name for turn in turns for group in turn) == sorted(MODULES)
 
 
 def test_every_folder_that_the_plan_names_exists() -> None:
@@ -170,7 +172,10 @@ def test_everything_is_the_essential_tests_and_all_parts() -> None:
         plan = command.make_plan(command.parse_arguments(arguments), entries)
         return [selector for group in plan.groups for selector in group.selectors]
 
-    parts = [list_selectors("--part", f"{number}/{landing.PARTS}") for number in range(1, landing.PARTS + 1)]
+    parts = [
+        list_selectors("--part", f"{number}/{landing.LANDINGS_PER_ROUND}")
+        for number in range(1, landing.LANDINGS_PER_ROUND + 1)
+    ]
     essential = [selector for selector in list_selectors() if selector not in {"tests/unit", "tests/property"}]
     assert sorted(list_selectors("--all")) == sorted([*essential, *(selector for part in parts for selector in part)])
 
