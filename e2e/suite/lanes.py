@@ -35,6 +35,7 @@ class Lanes:
     folder: Path
     parts: list[Part] = field(default_factory=list)
     reports: list[Path] = field(default_factory=list)
+    """The reports of groups that succeeded."""
     _printing: threading.Lock = field(default_factory=threading.Lock)
     _numbers: Iterator[int] = field(default_factory=itertools.count)
     _started: float = field(default_factory=time.monotonic)
@@ -48,7 +49,10 @@ class Lanes:
         return all(part.succeeded for part in self.parts)
 
     def run(self, groups: Sequence[Group], environment: Mapping[str, str]) -> None:
-        """Runs all groups: those that share the machine first, in two lanes, then the exclusive ones alone."""
+        """Runs all groups: those that share the machine first, in two lanes, then the exclusive ones alone.
+
+        `environment` is the user's; the variables of a group are added to it.
+        """
         self._started, self._done_s = time.monotonic(), 0.0
         self._expected_s = sum(group.seconds for group in groups)
         side_by_side = [group for group in groups if not group.exclusive and not group.on_all_cores]
@@ -73,7 +77,6 @@ class Lanes:
         words = re.sub(r"\W+", "-", group.name)
         stem = f"{next(self._numbers):03}-{words}"
         report, output = self.folder / f"{stem}.xml", self.folder / f"{stem}.log"
-        self.reports.append(report)
         workers = ON_ALL_CORES if group.on_all_cores else ()
         deselections = [f"--deselect={entry}" for entry in group.deselected]
         command = [sys.executable, "-m", "pytest", f"--junitxml={report}", *workers, *deselections, *group.selectors]
@@ -81,9 +84,11 @@ class Lanes:
         began = time.monotonic()
         self._running[stem] = group.name, began
         with output.open("wb") as stream:
-            status = _run_to_the_end(command, stream, environment)
+            status = _run_to_the_end(command, stream, {**dict(group.variables), **environment})
         del self._running[stem]
         part = read(group.name, report, status)
+        if part.succeeded:
+            self.reports.append(report)
         self._finish(group, part, output, time.monotonic() - began)
 
     def _finish(self, group: Group, part: Part, output: Path, seconds: float) -> None:

@@ -23,6 +23,12 @@ EXCLUSIVE: Final = (
 )
 """Folders and modules that measure the machine or fill it: nothing else runs beside them."""
 
+Variables = tuple[tuple[str, str], ...]
+FEW_EXAMPLES: Final[Variables] = (("ROBOTAPP_EXAMPLES", "few"),)
+"""Makes property tests try few examples."""
+ALL_SAMPLES: Final[Variables] = (("ROBOTAPP_SAMPLES", "all"),)
+"""Makes tests take all of what otherwise rotates by the day."""
+
 
 @dataclass(frozen=True, slots=True)
 class Group:
@@ -30,6 +36,7 @@ class Group:
 
     `selectors` are paths or test ids, `deselected` ids or paths to leave out, `seconds` the expected duration. `exclusive`
     groups run alone; those `on_all_cores` have a pytest worker per core, the others one process that shares a control plane.
+    `variables` are set in its environment where the user has not set them.
     """
 
     name: str
@@ -38,6 +45,7 @@ class Group:
     deselected: tuple[str, ...] = ()
     exclusive: bool = False
     on_all_cores: bool = False
+    variables: Variables = ()
 
 
 def read_entries(text: str) -> list[str]:
@@ -64,7 +72,7 @@ def plan_essential(entries: Sequence[str], durations: Mapping[str, float]) -> li
 
 
 def plan_rest(modules: Iterable[str], entries: Sequence[str], durations: Mapping[str, float]) -> list[Group]:
-    """Returns one group per module of live tests that is not wholly essential, ordered by path.
+    """Returns one group per module of live tests that is not wholly essential, ordered by path; it takes all samples.
 
     Essential tests inside a module are deselected: `scripts/test` runs them anyway.
     """
@@ -74,7 +82,8 @@ def plan_rest(modules: Iterable[str], entries: Sequence[str], durations: Mapping
         inside = tuple(entry for entry in entries if entry.startswith(f"{module}::"))
         module_seconds = durations.get(module, UNKNOWN_SECONDS)
         seconds = max(1.0, module_seconds - sum(durations.get(entry, 0.0) for entry in inside))
-        groups.append(Group(module, (module,), seconds, inside, module.startswith(EXCLUSIVE)))
+        exclusive = module.startswith(EXCLUSIVE)
+        groups.append(Group(module, (module,), seconds, inside, exclusive, variables=ALL_SAMPLES))
     return groups
 
 
@@ -98,6 +107,7 @@ def join_groups(groups: Iterable[Group]) -> list[Group]:
                 seconds=sum(member.seconds for member in members),
                 deselected=tuple(entry for member in members for entry in member.deselected),
                 exclusive=exclusive,
+                variables=ALL_SAMPLES,
             )
         )
     return sorted(processes, key=lambda group: -group.seconds)
@@ -111,9 +121,9 @@ def list_folders(groups: Iterable[Group]) -> list[str]:
 def cut_parts(groups: Sequence[Group], count: int) -> list[list[Group]]:
     """Cuts the groups, in their order, into `count` parts: the turns of one round. The last ones may be empty."""
     parts = []
-    waiting: list[str] = []
+    waiting_names: list[str] = []
     for number in range(count):
-        turn, waiting = take_turn(groups, waiting, count) if not number or waiting else ([], [])
+        turn, waiting_names = take_turn(groups, waiting_names, count) if not number or waiting_names else ([], [])
         parts.append(turn)
     return parts
 

@@ -10,7 +10,7 @@ import pytest
 
 from suite import durations
 from suite.lanes import Lanes
-from suite.plan import Group
+from suite.plan import ALL_SAMPLES, Group
 
 INI = "[pytest]\njunit_family = xunit1\naddopts = -p no:randomly\n"
 
@@ -52,6 +52,19 @@ def test_two_groups_of_one_name_run_at_once(tmp_path: Path) -> None:
     lanes = Lanes(tmp_path)
     lanes.run(groups, os.environ)
     assert [part.counts for part in lanes.parts] == [{"passed": 1}] * 2
+
+
+@pytest.mark.parametrize(("users", "value"), [({}, "all"), ({"ROBOTAPP_SAMPLES": "few"}, "few")])
+def test_a_groups_variables_are_set_where_the_user_has_not_set_them(
+    tmp_path: Path, users: dict[str, str], value: str
+) -> None:
+    (tmp_path / "pytest.ini").write_text(INI)
+    module = tmp_path / "test_it.py"
+    module.write_text(f"import os\ndef test_one(): assert os.environ['ROBOTAPP_SAMPLES'] == {value!r}\n")
+    lanes = Lanes(tmp_path)
+    environment = {name: text for name, text in os.environ.items() if name != "ROBOTAPP_SAMPLES"} | users
+    lanes.run([Group("it", (str(module), "-c", str(tmp_path / "pytest.ini")), 1.0, variables=ALL_SAMPLES)], environment)
+    assert lanes.succeeded
 
 
 @pytest.mark.parametrize(

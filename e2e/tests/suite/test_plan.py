@@ -170,7 +170,7 @@ def test_everything_is_the_essential_tests_and_all_parts() -> None:
     def list_selectors(*arguments: str) -> list[str]:
         entries = read_entries(command.ESSENTIAL.read_text())
         plan = command.make_plan(command.parse_arguments(arguments), entries)
-        return [selector for group in plan.groups for selector in group.selectors]
+        return [selector for group in plan.list_groups() for selector in group.selectors]
 
     parts = [
         list_selectors("--part", f"{number}/{landing.LANDINGS_PER_ROUND}")
@@ -183,7 +183,7 @@ def test_everything_is_the_essential_tests_and_all_parts() -> None:
 @pytest.mark.parametrize("arguments", [(), ("--all",), ("--part", "1/1")])
 def test_no_two_groups_of_a_run_have_the_same_name(arguments: tuple[str, ...]) -> None:
     plan = command.make_plan(command.parse_arguments(arguments), read_entries(command.ESSENTIAL.read_text()))
-    names = [group.name for group in plan.groups]
+    names = [group.name for group in plan.list_groups()]
     assert sorted(set(names)) == sorted(names)
 
 
