@@ -133,7 +133,7 @@ def make_plan(options: argparse.Namespace, entries: list[str]) -> Plan:
     if options.part:
         number, count = options.part
         return Plan(join_groups(cut_parts(rest, count)[number - 1]), f"part {number}/{count}")
-    quick = Group(QUICK, QUICK_FOLDERS, seconds_by_name.get(QUICK, 180.0), on_all_cores=True, variables=FEW_EXAMPLES)
+    quick = Group(QUICK, QUICK_FOLDERS, seconds_by_name.get(QUICK, 180.0), shared_out=True, variables=FEW_EXAMPLES)
     if options.ci or options.landed:
         return _plan_landing(quick, essential, rest)
     return Plan(essential, "unit, property and essential live tests", first=quick)
@@ -174,7 +174,7 @@ def _plan_tools(seconds_by_name: Mapping[str, float]) -> list[Group]:
             name,
             folders,
             max(1.0, seconds_by_name.get(name, UNKNOWN_SECONDS)),
-            on_all_cores=True,
+            shared_out=True,
             variables=ALL_SAMPLES,
         )
         for name, folders in selectors.items()
@@ -183,7 +183,7 @@ def _plan_tools(seconds_by_name: Mapping[str, float]) -> list[Group]:
 
 def _print_plan(groups: Sequence[Group]) -> None:
     for group in groups:
-        note = "alone" if group.exclusive else "all cores" if group.on_all_cores else ""
+        note = "alone" if group.exclusive else "up to four workers" if group.shared_out else ""
         sys.stdout.write(f"{group.seconds:6.0f} s  {group.name}  {note}\n")
         for selector in group.selectors:
             sys.stdout.write(f"          {selector}\n")
@@ -209,7 +209,7 @@ def _run(plan: Plan, entries: list[str], *, record: bool) -> int:
 
 def _build_binaries(groups: Sequence[Group]) -> bool:
     """Gets or compiles the programs of the control plane that the groups start. Returns False when that failed."""
-    live = [group for group in groups if not group.on_all_cores]
+    live = [group for group in groups if not group.shared_out]
     if not live:
         return True
     real = any(group.name.startswith(REAL_NODES) for group in live)

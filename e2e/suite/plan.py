@@ -13,7 +13,7 @@ from typing import Final
 UNKNOWN_SECONDS: Final = 20.0
 """Duration of a module that has not been measured yet."""
 QUICK_FOLDERS: Final = ("tests/unit", "tests/property")
-"""Tests without a control plane: they share all cores."""
+"""Tests without a control plane: up to four workers share them."""
 EXCLUSIVE: Final = (
     "tests/live/nodes",
     "tests/live/speed",
@@ -35,7 +35,7 @@ class Group:
     """Tests for one pytest process.
 
     `selectors` are paths or test ids, `deselected` ids or paths to leave out, `seconds` the expected duration. `exclusive`
-    groups run alone; those `on_all_cores` have a pytest worker per core, the others one process that shares a control plane.
+    groups run alone; those `shared_out` are spread over up to four workers, the others are one process with one control plane.
     `variables` are set in its environment where the user has not set them.
     """
 
@@ -44,7 +44,7 @@ class Group:
     seconds: float
     deselected: tuple[str, ...] = ()
     exclusive: bool = False
-    on_all_cores: bool = False
+    shared_out: bool = False
     variables: Variables = ()
 
 
@@ -95,7 +95,7 @@ def join_groups(groups: Iterable[Group]) -> list[Group]:
     folders: dict[tuple[str, bool], list[Group]] = defaultdict(list)
     processes = []
     for group in groups:
-        if group.on_all_cores:
+        if group.shared_out:
             processes.append(group)
         else:
             folders[_group_name(group.name), group.exclusive].append(group)
