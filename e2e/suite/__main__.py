@@ -30,7 +30,7 @@ from suite.plan import (
     take_turn,
 )
 from suite.repository import REPOSITORY
-from suite.summary import summary
+from suite.summary import format_summary
 
 ESSENTIAL: Final = REPOSITORY / "tests" / "essential.txt"
 TOUCHED_BUDGET_S: Final = 900.0
@@ -200,7 +200,7 @@ def _run(plan: Plan, entries: list[str], *, record: bool) -> int:
             lanes.run(plan.groups, os.environ)
         else:
             lanes.give_up(plan.groups)
-        sys.stdout.write("\n".join(("", *summary(lanes.parts), "")))
+        sys.stdout.write("\n".join(("", *format_summary(lanes.results), "")))
         if record:
             _record(lanes, plan, entries)
     _print_last_line(plan, time.monotonic() - began)
@@ -225,7 +225,9 @@ def _record(lanes: Lanes, plan: Plan, entries: list[str]) -> None:
             module, _, test = entry.partition("::")
             if test:
                 seconds_by_name.pop(module, None)
-    seconds_by_name |= {part.name: part.seconds for part in lanes.parts if part.succeeded and part.seconds is not None}
+    seconds_by_name |= {
+        result.name: result.seconds for result in lanes.results if result.succeeded and result.seconds is not None
+    }
     tools = [group.name for group in _plan_tools({})]
     durations.save_durations(seconds_by_name, [*landing.list_test_modules(), *entries, *tools, QUICK])
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO, Final
 
 from suite.plan import Group
-from suite.summary import Part, read
+from suite.summary import GroupResult, read_result
 
 LANES: Final = 2
 """Control planes at a time: two cores carry two, and live tests wait for half of their time."""
@@ -34,7 +34,7 @@ class Lanes:
     """Runs groups and keeps what each came to, in the order in which they ended. `folder` takes reports and outputs."""
 
     folder: Path
-    parts: list[Part] = field(default_factory=list)
+    results: list[GroupResult] = field(default_factory=list)
     reports: list[Path] = field(default_factory=list)
     """The reports of groups that succeeded."""
     _printing: threading.Lock = field(default_factory=threading.Lock)
@@ -47,7 +47,7 @@ class Lanes:
     @property
     def succeeded(self) -> bool:
         """Returns True when every group ran to its end without a failure."""
-        return all(part.succeeded for part in self.parts)
+        return all(result.succeeded for result in self.results)
 
     def run(self, groups: Sequence[Group], environment: Mapping[str, str]) -> None:
         """Runs all groups: those that share the machine first, in two lanes, then the exclusive ones alone.
@@ -72,7 +72,7 @@ class Lanes:
 
     def give_up(self, groups: Sequence[Group]) -> None:
         """Counts groups as not finished, because what they need could not be had."""
-        self.parts += [Part(group.name, Counter()) for group in groups]
+        self.results += [GroupResult(group.name, Counter()) for group in groups]
 
     def _run_group(self, group: Group, environment: Mapping[str, str]) -> None:
         words = re.sub(r"\W+", "-", group.name)
@@ -87,21 +87,21 @@ class Lanes:
         with output.open("wb") as stream:
             status = _run_to_the_end(command, stream, {**dict(group.variables), **environment})
         del self._running[stem]
-        part = read(group.name, report, status)
-        if part.succeeded:
+        result = read_result(group.name, report, status)
+        if result.succeeded:
             self.reports.append(report)
-        self._finish(group, part, output, time.monotonic() - began)
+        self._finish(group, result, output, time.monotonic() - began)
 
-    def _finish(self, group: Group, part: Part, output: Path, seconds: float) -> None:
-        if part.status == NO_TESTS_COLLECTED and group.deselected:
+    def _finish(self, group: Group, result: GroupResult, output: Path, seconds: float) -> None:
+        if result.status == NO_TESTS_COLLECTED and group.deselected:
             self._print(f"nothing left in {group.name}: its tests are essential ones")
             return
         with self._printing:
-            self.parts.append(part)
+            self.results.append(result)
             self._done_s += group.seconds
-        if not part.succeeded:
+        if not result.succeeded:
             self._print(output.read_text(errors="replace"))
-        counts = ", ".join(f"{count} {word}" for word, count in sorted(part.counts.items())) or "no result"
+        counts = ", ".join(f"{count} {word}" for word, count in sorted(result.counts.items())) or "no result"
         self._print(f"ended    {group.name}: {counts} in {seconds:.0f} s{self._describe_remaining()}")
 
     def _report_running(self, stop_event: threading.Event) -> None:

@@ -244,15 +244,15 @@ def find_test_folders(name: str) -> tuple[str, ...]:
     return tuple(folder for start, folders in TEST_FOLDERS.items() if name.startswith(start) for folder in folders)
 
 
-def take_turn(groups: Sequence[Group], waiting: Sequence[str], parts: int) -> tuple[list[Group], list[str]]:
-    """Returns the groups whose turn it is, about one of `parts` equal shares of all, and the names that still wait after it.
+def take_turn(groups: Sequence[Group], waiting: Sequence[str], count: int) -> tuple[list[Group], list[str]]:
+    """Returns the groups whose turn it is, about one of `count` equal shares of all, and the names that still wait after it.
 
     `waiting` holds the names that have not run in this round, empty when a new one begins. A group that is new in the
     middle of a round waits for the next round: its own change makes it run at once.
     """
     by_name = {group.name: group for group in groups}
     names = [name for name in waiting if name in by_name] or list(by_name)
-    share_s = sum(group.seconds for group in groups) / parts
+    share_s = sum(group.seconds for group in groups) / count
     turn: list[Group] = []
     while names and sum(group.seconds for group in turn) < share_s:
         turn.append(by_name[names.pop(0)])

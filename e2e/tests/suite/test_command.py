@@ -11,7 +11,7 @@ import suite.__main__ as command
 from suite import durations, landing
 from suite.lanes import Lanes
 from suite.plan import ALL_SAMPLES, FEW_EXAMPLES, Group
-from suite.summary import Part
+from suite.summary import GroupResult
 
 ESSENTIAL: Final = ["tests/live/cli/test_commands_live.py", "tests/live/crds/test_lint_live.py::test_one"]
 
@@ -126,7 +126,7 @@ def test_only_durations_of_what_succeeded_are_recorded(
 def test_a_module_is_recorded_only_when_its_essential_tests_succeeded_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lanes = Lanes(tmp_path, parts=[Part("tests/live/crds", Counter(failed=1), ("x",), 1.0, 1)])
+    lanes = Lanes(tmp_path, results=[GroupResult("tests/live/crds", Counter(failed=1), ("x",), 1.0, 1)])
     monkeypatch.setattr(durations, "read_reports", lambda *_: {"tests/live/crds/test_lint_live.py": 1.0})
     recorded: dict[str, float] = {}
     monkeypatch.setattr(durations, "save_durations", lambda seconds_by_name, _names: recorded.update(seconds_by_name))

@@ -34,7 +34,7 @@ def run_group(folder: Path, text: str, **files: str) -> Lanes:
 def test_a_group_that_passes_succeeds(tmp_path: Path) -> None:
     lanes = run_group(tmp_path, "def test_one(): pass\n")
     assert lanes.succeeded
-    assert [part.counts["passed"] for part in lanes.parts] == [1]
+    assert [result.counts["passed"] for result in lanes.results] == [1]
 
 
 def test_two_groups_of_one_name_run_at_once(tmp_path: Path) -> None:
@@ -51,7 +51,7 @@ def test_two_groups_of_one_name_run_at_once(tmp_path: Path) -> None:
         groups.append(Group("it", (str(module), *settings), 1.0))
     lanes = Lanes(tmp_path)
     lanes.run(groups, os.environ)
-    assert [part.counts for part in lanes.parts] == [{"passed": 1}] * 2
+    assert [result.counts for result in lanes.results] == [{"passed": 1}] * 2
 
 
 @pytest.mark.parametrize(("users", "value"), [({}, "all"), ({"ROBOTAPP_SAMPLES": "few"}, "few")])
