@@ -15,11 +15,10 @@ from typing import Final, NamedTuple
 from suite import durations, landing
 from suite.lanes import Lanes
 from suite.plan import (
-    ALL_SAMPLES,
-    FEW_EXAMPLES,
     QUICK_FOLDERS,
     UNKNOWN_SECONDS,
     Group,
+    Variables,
     choose_touched,
     cut_parts,
     join_groups,
@@ -33,6 +32,12 @@ from suite.repository import REPOSITORY
 from suite.summary import format_summary
 
 ESSENTIAL: Final = REPOSITORY / "tests" / "essential.txt"
+EXAMPLES: Final = "ROBOTAPP_EXAMPLES"
+SAMPLES: Final = "ROBOTAPP_SAMPLES"
+FEW_EXAMPLES: Final[Variables] = ((EXAMPLES, "few"),)
+"""Makes property tests try few examples: the quick tests of plain `scripts/test`."""
+ALL_SAMPLES: Final[Variables] = ((SAMPLES, "all"),)
+"""Makes tests take all of what otherwise rotates by the day: the rest, and everything in `--all`."""
 TOUCHED_BUDGET_S: Final = 900.0
 """At most so many seconds of tests that a landing's files concern, by measured durations; more waits for its turn."""
 QUICK: Final = "unit and property tests"
@@ -125,7 +130,13 @@ def _parse_part(text: str) -> tuple[int, int]:
 
 def make_plan(options: argparse.Namespace, entries: list[str]) -> Plan:
     seconds_by_name = durations.load_durations()
-    rest = _plan_tools(seconds_by_name) + plan_rest(landing.list_test_modules(), entries, seconds_by_name)
+    rest = [
+        replace(group, variables=ALL_SAMPLES)
+        for group in (
+            *_plan_tools(seconds_by_name),
+            *plan_rest(landing.list_test_modules(), entries, seconds_by_name),
+        )
+    ]
     essential = plan_essential(entries, seconds_by_name)
     if options.all:
         groups = [*(replace(group, variables=ALL_SAMPLES) for group in essential), *join_groups(rest)]
@@ -133,7 +144,7 @@ def make_plan(options: argparse.Namespace, entries: list[str]) -> Plan:
     if options.part:
         number, count = options.part
         return Plan(join_groups(cut_parts(rest, count)[number - 1]), f"part {number}/{count}")
-    quick = Group(QUICK, QUICK_FOLDERS, seconds_by_name.get(QUICK, 180.0), shared_out=True, variables=FEW_EXAMPLES)
+    quick = Group(QUICK, QUICK_FOLDERS, seconds_by_name.get(QUICK, 180.0), on_all_cores=True, variables=FEW_EXAMPLES)
     if options.ci or options.landed:
         return _plan_landing(quick, essential, rest)
     return Plan(essential, "unit, property and essential live tests", first=quick)
@@ -170,20 +181,14 @@ def _plan_tools(seconds_by_name: Mapping[str, float]) -> list[Group]:
     """Returns the groups without control planes: the property tests with all examples, and the tests of the tools."""
     selectors = {ALL_EXAMPLES: QUICK_FOLDERS} | {f"e2e/tests/{tool}/": (f"e2e/tests/{tool}",) for tool in TOOLS}
     return [
-        Group(
-            name,
-            folders,
-            max(1.0, seconds_by_name.get(name, UNKNOWN_SECONDS)),
-            shared_out=True,
-            variables=ALL_SAMPLES,
-        )
+        Group(name, folders, max(1.0, seconds_by_name.get(name, UNKNOWN_SECONDS)), on_all_cores=True)
         for name, folders in selectors.items()
     ]
 
 
 def _print_plan(groups: Sequence[Group]) -> None:
     for group in groups:
-        note = "alone" if group.exclusive else "up to four workers" if group.shared_out else ""
+        note = "alone" if group.exclusive else "up to four workers" if group.on_all_cores else ""
         sys.stdout.write(f"{group.seconds:6.0f} s  {group.name}  {note}\n")
         for selector in group.selectors:
             sys.stdout.write(f"          {selector}\n")
@@ -209,7 +214,7 @@ def _run(plan: Plan, entries: list[str], *, record: bool) -> int:
 
 def _build_binaries(groups: Sequence[Group]) -> bool:
     """Gets or compiles the programs of the control plane that the groups start. Returns False when that failed."""
-    live = [group for group in groups if not group.shared_out]
+    live = [group for group in groups if not group.on_all_cores]
     if not live:
         return True
     real = any(group.name.startswith(REAL_NODES) for group in live)

@@ -21,7 +21,7 @@ from suite.summary import GroupResult, read_result
 
 LANES: Final = 2
 """Control planes at a time: two cores carry two, and live tests wait for half of their time."""
-SHARED_OUT: Final = ("--numprocesses=auto", "--maxprocesses=4", "--dist=worksteal")
+ON_ALL_CORES: Final = ("--numprocesses=auto", "--maxprocesses=4", "--dist=worksteal")
 """A worker per core, up to four, because every worker imports all packages and collects all tests again."""
 REPORT_S: Final = 30.0
 """Seconds between two lines that name what is running."""
@@ -56,8 +56,8 @@ class Lanes:
         """
         self._started, self._done_s = time.monotonic(), 0.0
         self._expected_s = sum(group.seconds for group in groups)
-        side_by_side = [group for group in groups if not group.exclusive and not group.shared_out]
-        alone = [group for group in groups if group.exclusive or group.shared_out]
+        side_by_side = [group for group in groups if not group.exclusive and not group.on_all_cores]
+        alone = [group for group in groups if group.exclusive or group.on_all_cores]
         stop_event = threading.Event()
         reporter = threading.Thread(target=self._report_running, args=(stop_event,), daemon=True)
         reporter.start()
@@ -78,7 +78,7 @@ class Lanes:
         words = re.sub(r"\W+", "-", group.name)
         stem = f"{next(self._numbers):03}-{words}"
         report, output = self.folder / f"{stem}.xml", self.folder / f"{stem}.log"
-        workers = SHARED_OUT if group.shared_out else ()
+        workers = ON_ALL_CORES if group.on_all_cores else ()
         deselections = [f"--deselect={entry}" for entry in group.deselected]
         command = [sys.executable, "-m", "pytest", f"--junitxml={report}", *workers, *deselections, *group.selectors]
         self._print(f"begins   {group.name} (about {group.seconds:.0f} s)")

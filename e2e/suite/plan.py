@@ -24,10 +24,6 @@ EXCLUSIVE: Final = (
 """Folders and modules that measure the machine or fill it: nothing else runs beside them."""
 
 Variables = tuple[tuple[str, str], ...]
-FEW_EXAMPLES: Final[Variables] = (("ROBOTAPP_EXAMPLES", "few"),)
-"""Makes property tests try few examples."""
-ALL_SAMPLES: Final[Variables] = (("ROBOTAPP_SAMPLES", "all"),)
-"""Makes tests take all of what otherwise rotates by the day."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +31,7 @@ class Group:
     """Tests for one pytest process.
 
     `selectors` are paths or test ids, `deselected` ids or paths to leave out, `seconds` the expected duration. `exclusive`
-    groups run alone; those `shared_out` are spread over up to four workers, the others are one process with one control plane.
+    groups run alone; those `on_all_cores` are spread over up to four workers, the others are one process with one control plane.
     `variables` are set in its environment where the user has not set them.
     """
 
@@ -44,7 +40,7 @@ class Group:
     seconds: float
     deselected: tuple[str, ...] = ()
     exclusive: bool = False
-    shared_out: bool = False
+    on_all_cores: bool = False
     variables: Variables = ()
 
 
@@ -72,7 +68,7 @@ def plan_essential(entries: Sequence[str], durations: Mapping[str, float]) -> li
 
 
 def plan_rest(modules: Iterable[str], entries: Sequence[str], durations: Mapping[str, float]) -> list[Group]:
-    """Returns one group per module of live tests that is not wholly essential, ordered by path; it takes all samples.
+    """Returns one group per module of live tests that is not wholly essential, ordered by path.
 
     Essential tests inside a module are deselected: `scripts/test` runs them anyway.
     """
@@ -82,20 +78,19 @@ def plan_rest(modules: Iterable[str], entries: Sequence[str], durations: Mapping
         inside = tuple(entry for entry in entries if entry.startswith(f"{module}::"))
         module_seconds = durations.get(module, UNKNOWN_SECONDS)
         seconds = max(1.0, module_seconds - sum(durations.get(entry, 0.0) for entry in inside))
-        exclusive = module.startswith(EXCLUSIVE)
-        groups.append(Group(module, (module,), seconds, inside, exclusive, variables=ALL_SAMPLES))
+        groups.append(Group(module, (module,), seconds, inside, module.startswith(EXCLUSIVE)))
     return groups
 
 
 def join_groups(groups: Iterable[Group]) -> list[Group]:
-    """Joins groups of the rest by folder into one process each, the longest first.
+    """Joins groups of the rest by folder into one process each, the longest first. All run with the same variables.
 
     Their names differ from those of the essential groups: a run may have both of a folder.
     """
     folders: dict[tuple[str, bool], list[Group]] = defaultdict(list)
     processes = []
     for group in groups:
-        if group.shared_out:
+        if group.on_all_cores:
             processes.append(group)
         else:
             folders[_group_name(group.name), group.exclusive].append(group)
@@ -107,7 +102,7 @@ def join_groups(groups: Iterable[Group]) -> list[Group]:
                 seconds=sum(member.seconds for member in members),
                 deselected=tuple(entry for member in members for entry in member.deselected),
                 exclusive=exclusive,
-                variables=ALL_SAMPLES,
+                variables=members[0].variables,
             )
         )
     return sorted(processes, key=lambda group: -group.seconds)

@@ -10,7 +10,7 @@ import pytest
 import suite.__main__ as command
 from suite import durations, landing
 from suite.lanes import Lanes
-from suite.plan import ALL_SAMPLES, FEW_EXAMPLES, Group
+from suite.plan import Group
 from suite.summary import GroupResult
 
 ESSENTIAL: Final = ["tests/live/cli/test_commands_live.py", "tests/live/crds/test_lint_live.py::test_one"]
@@ -92,15 +92,15 @@ def test_only_the_rest_takes_all_samples_unless_everything_runs(landed: list[str
         return {group.name: group.variables for group in plan(*arguments).list_groups()}
 
     essential: dict[str, tuple[tuple[str, str], ...]] = {
-        command.QUICK: FEW_EXAMPLES,
+        command.QUICK: command.FEW_EXAMPLES,
         "tests/live/cli": (),
         "tests/live/crds": (),
     }
     assert list_variables() == essential
-    rest = dict.fromkeys(["tests/live/bridge, rest", "tests/live/cli, rest"], ALL_SAMPLES)
+    rest = dict.fromkeys(["tests/live/bridge, rest", "tests/live/cli, rest"], command.ALL_SAMPLES)
     assert list_variables("--ci") == essential | rest
-    assert set(list_variables("--part", "1/1").values()) == {ALL_SAMPLES}
-    assert set(list_variables("--all").values()) == {ALL_SAMPLES}
+    assert set(list_variables("--part", "1/1").values()) == {command.ALL_SAMPLES}
+    assert set(list_variables("--all").values()) == {command.ALL_SAMPLES}
     assert {"tests/live/cli", "tests/live/crds"} < set(list_variables("--all"))
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from suite import durations
 from suite.lanes import Lanes
-from suite.plan import ALL_SAMPLES, Group
+from suite.plan import Group
 
 INI = "[pytest]\njunit_family = xunit1\naddopts = -p no:randomly\n"
 
@@ -63,7 +63,10 @@ def test_a_groups_variables_are_set_where_the_user_has_not_set_them(
     module.write_text(f"import os\ndef test_one(): assert os.environ['ROBOTAPP_SAMPLES'] == {value!r}\n")
     lanes = Lanes(tmp_path)
     environment = {name: text for name, text in os.environ.items() if name != "ROBOTAPP_SAMPLES"} | users
-    lanes.run([Group("it", (str(module), "-c", str(tmp_path / "pytest.ini")), 1.0, variables=ALL_SAMPLES)], environment)
+    lanes.run(
+        [Group("it", (str(module), "-c", str(tmp_path / "pytest.ini")), 1.0, variables=(("ROBOTAPP_SAMPLES", "all"),))],
+        environment,
+    )
     assert lanes.succeeded
 
 
