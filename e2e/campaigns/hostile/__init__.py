@@ -1,0 +1,1 @@
+"""Attacks by people with small rights, or none, on the whole product: each in figures, with limits."""

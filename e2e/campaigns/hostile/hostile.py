@@ -1,0 +1,79 @@
+"""Attacks by people with small rights, or none: what they cost operator, scheduler and everybody else, with limits.
+
+Each attack runs on a small simulated site with a fresh operator and scheduler, while bystanders apply apps of their own.
+"""
+
+import argparse
+import importlib
+import pkgutil
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from campaigns.common.options import report
+from campaigns.common.output import save, say
+from campaigns.hostile import attacks
+from campaigns.hostile.attack import ATTACKS, Attack
+from campaigns.rigs.simulated_site import SimulatedSite
+from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.machines.topology import fleet
+
+NODES = 4
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    import_attacks()
+    options = _parser().parse_args(argv)
+    if options.list:
+        print("\n".join(f"{attack.name:24} {attack.text}" for attack in ATTACKS.values()))
+        return 0
+    results = run([ATTACKS[name] for name in options.only or ATTACKS])
+    save(options.json, results)
+    print("\n".join(line for name, result in results.items() for line in describe(name, result)))
+    return 1 if any(result["missed"] for result in results.values()) else 0
+
+
+def import_attacks() -> None:
+    """Imports every module of the folder of attacks, which fills `ATTACKS`."""
+    for module in pkgutil.iter_modules(attacks.__path__, f"{attacks.__name__}."):
+        importlib.import_module(module.name)
+
+
+def run(selection: Sequence[Attack]) -> dict[str, dict[str, Any]]:
+    """Returns figures and missed limits by the attack's name; an attack that ends in an error has missed everything."""
+    results: dict[str, dict[str, Any]] = {}
+    with ControlPlane() as cp:
+        product.install(cp, values={"domainPool": {"quarantineSeconds": 1}})
+        for attack in selection:
+            say(f"{attack.name}: {attack.text}")
+            began_s = time.monotonic()
+            try:
+                with SimulatedSite(cp, fleet(robots=NODES, edges=NODES), tidy=False) as site:
+                    outcome = attack.run(site)
+                figures, failures = dict(outcome.figures), list(outcome.missed)
+            except (AssertionError, OSError, RuntimeError) as error:
+                figures, failures = {}, [f"it ended with {type(error).__name__}: {error}"]
+            results[attack.name] = {"figures": figures, "missed": failures, "seconds": time.monotonic() - began_s}
+            for line in describe(attack.name, results[attack.name]):
+                say(line)
+    return results
+
+
+def describe(name: str, result: dict[str, Any]) -> list[str]:
+    """Returns a line with the figures, and one per missed limit."""
+    figures = ", ".join(f"{key} {value:.4g}" for key, value in result["figures"].items())
+    return [f"{name}: {figures}", *(f"{name}: MISSED: {text}" for text in result["missed"])]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="scripts/bench hostile", description=__doc__.splitlines()[0])
+    parser.add_argument("--only", action="append", choices=sorted(ATTACKS), help="this attack only (may be repeated)")
+    parser.add_argument("--list", action="store_true", help="list the attacks and end")
+    parser.add_argument("--json", type=report, help="write every figure to this file")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
