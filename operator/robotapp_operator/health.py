@@ -9,13 +9,15 @@ from typing import Final
 
 from aiohttp import web
 
-from robotapp_client.serving.pages import PathGate, refused
-from robotapp_client.serving.port import opened
+from robotapp_client.serving.pages import PathGate, list_pages, refused
+from robotapp_client.serving.port import Limits, Port, open_port
 
 SILENCE_LIMIT_S: Final = 180.0
 """Bookmarks come every minute: nothing for three minutes means that we look at an old picture."""
 OVERDUE_LIMIT_S: Final = 180.0
 """No single key takes that long: the workers hang."""
+LIMITS: Final = Limits(connections=32, answer_s=10.0)
+"""Kubelet and Prometheus need one connection each; with asyncio each costs 300 kB."""
 
 
 class Health:
@@ -39,7 +41,7 @@ class Health:
         self._synced = synced
         self._metrics = metrics
         self._gate = gate
-        self._runner: web.AppRunner | None = None
+        self._port: Port | None = None
 
     async def start(self, port: int, tls: ssl.SSLContext) -> None:
         """Raises `PortError` when the port cannot be opened."""
@@ -51,11 +53,12 @@ class Health:
                 web.get("/metrics", self._metrics_page),
             ]
         )
-        self._runner = await opened(app, host=None, port=port, tls=tls)
+        list_pages(app)
+        self._port = await open_port(app, host=None, port=port, tls=tls, limits=LIMITS)
 
     async def stop(self) -> None:
-        if self._runner:
-            await self._runner.cleanup()
+        if self._port:
+            await self._port.close()
 
     async def _healthz(self, _: web.Request) -> web.Response:
         silence_s = self._silence_s()

@@ -21,7 +21,7 @@ from robotapp_client import ApiClient, Endpoint, LoginError, load
 from robotapp_client.api.resources import ROBOTAPPS
 from robotapp_client.serving.access import Gatekeeper
 from robotapp_client.serving.logs import set_up as set_up_logs
-from robotapp_client.serving.port import PortError
+from robotapp_client.serving.server import PortError
 from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_client.tools.event_recorder import EventRecorder
 from robotapp_client.tools.leader_election import LeaderElection, candidate_identity

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from robotapp_client.serving import logs
-from robotapp_client.serving.port import PortError
+from robotapp_client.serving.server import PortError
 from robotapp_client.transport.errors import LoginError
 from robotapp_scheduler.config import flags
 from robotapp_scheduler.config.load import ConfigError

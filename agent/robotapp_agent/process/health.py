@@ -2,58 +2,63 @@
 
 import asyncio
 from collections.abc import Callable
-from typing import Final
+from typing import Final, cast
+
+from robotapp_client.serving.server import Connection, Limits, Server, listen
 
 MOST_BYTES: Final = 2048
-PATIENCE_S: Final = 2.0
-MOST_CALLERS: Final = 16
+LIMITS: Final = Limits(connections=16, head_s=2.0, answer_s=2.0, idle_s=2.0)
 
 
 class Health:
-    """Answers 200 while `silent` names no part, else 503 with the names. Everything else is 404.
-
-    Every host that reaches the port may keep connections open; of too many the one that waits for the longest time goes, so that the
-    kubelet, which asks at once, is not the one without an answer.
-    """
+    """Answers 200 while `silent` names no part, else 503 with the names. Everything else is 404."""
 
     def __init__(self, silent: Callable[[], list[str]]) -> None:
         self._silent = silent
-        self._callers: dict[asyncio.StreamWriter, None] = {}
-        """The oldest first."""
-
-    def __repr__(self) -> str:
-        return f"<Health: {len(self._callers)} callers>"
 
     async def serve(self, port: int) -> None:
-        """Answer until cancelled. OSError when the port is taken."""
-        server = await asyncio.start_server(self._answer, port=port, limit=MOST_BYTES, backlog=MOST_CALLERS)
-        async with server:
-            await server.serve_forever()
-
-    async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if len(self._callers) >= MOST_CALLERS:
-            oldest = next(iter(self._callers))
-            del self._callers[oldest]
-            oldest.transport.abort()
-        self._callers[writer] = None
+        """Answers until cancelled. Raises `PortError`."""
+        listener = await listen(None, port)
+        server = Server(lambda connection: HealthProtocol(connection, self.respond), LIMITS)
+        server.start(listener)
         try:
-            async with asyncio.timeout(PATIENCE_S):
-                head = await reader.readuntil(b"\r\n\r\n")
-                writer.write(self._response(head))
-                await writer.drain()
-        except (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
-            pass  # a caller that sends no request, or goes before the answer, needs none
+            await asyncio.get_running_loop().create_future()
         finally:
-            self._callers.pop(writer, None)
-            writer.close()
+            await server.close()
 
-    def _response(self, head: bytes) -> bytes:
+    def respond(self, head: bytes) -> bytes:
+        """Returns the whole answer to the head of a request."""
         if head.split(b" ", 2)[:2] != [b"GET", b"/healthz"]:
             return _message("404 Not Found", "only /healthz is here\n")
         silent = self._silent()
         if silent:
             return _message("503 Service Unavailable", f"no sign of life from: {', '.join(silent)}\n")
         return _message("200 OK", "ok\n")
+
+
+class HealthProtocol(asyncio.Protocol):
+    """One request, one answer."""
+
+    def __init__(self, connection: Connection, respond: Callable[[bytes], bytes]) -> None:
+        self._connection = connection
+        self._respond = respond
+        self._head = b""
+        self._transport: asyncio.Transport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast("asyncio.Transport", transport)
+
+    def data_received(self, data: bytes) -> None:
+        transport = self._transport
+        if transport is None or transport.is_closing():
+            return
+        self._head += data
+        if len(self._head) > MOST_BYTES:
+            transport.abort()
+        elif b"\r\n\r\n" in self._head:
+            self._connection.begin()
+            transport.write(self._respond(self._head))
+            transport.close()
 
 
 def _message(status: str, text: str) -> bytes:

@@ -39,7 +39,7 @@ def unknown_caller(request: web.Request) -> web.Response:
 
 
 def list_pages(app: web.Application) -> None:
-    """Make the 404 of unknown paths list the paths that are served."""
+    """Makes the 404 of unknown paths list the paths that are served. Call it after all others were added."""
     pages = ", ".join(sorted({resource.canonical for resource in app.router.resources()}))
 
     async def nothing_here(request: web.Request) -> web.Response:

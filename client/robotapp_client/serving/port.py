@@ -1,64 +1,95 @@
-"""Opens a process' HTTP port; when it cannot, the error text tells the user what to do."""
+"""Serves an aiohttp application on a port of ours, within the limits of `server.Server`."""
 
 import asyncio
-import errno
 import socket
 import ssl
-from typing import Final
+from collections.abc import Awaitable, Callable
+from typing import Any, Final
 
 from aiohttp import web
 
-from robotapp_client.serving.pages import list_pages
+from robotapp_client.serving.server import Connection, GuardedProtocol, Limits, PortError, Server, listen
 
-_STOPPING_S = 5.0
-_BACKLOG: Final = 128
-_PAUSES_S: Final = (0.1, 0.2, 0.4, 0.8)
-
-
-class PortError(Exception):
-    """The port cannot be opened: it is in use, or not permitted. The text has the cause and what to do."""
-
-
-async def opened(app: web.Application, *, host: str | None, port: int, tls: ssl.SSLContext | None) -> web.AppRunner:
-    """Serve the application; the caller cleans up the runner at the end. Port 0 takes a free one. Raises `PortError`."""
-    runner = await _runner(app)
-    try:
-        await web.TCPSite(runner, host, port, ssl_context=tls).start()
-    except OSError as error:
-        await runner.cleanup()
-        raise _taken(f"{error.strerror or error}") from error
-    return runner
+_STOPPING_S: Final = 5.0
+_LINGERING_S: Final = 2.0
+"""How long a body that nobody reads is thrown away, so that its sender sees the refusal."""
+_MOST_LINE: Final = 8190
+_MOST_HEADERS: Final = 64
+__all__ = ["Limits", "Port", "PortError", "listen", "open_port", "serve_listener"]
 
 
-async def serving(app: web.Application, listener: socket.socket, *, tls: ssl.SSLContext | None) -> web.AppRunner:
-    """Serve the application on a socket of `listening`, which another process may have opened."""
-    runner = await _runner(app)
-    await web.SockSite(runner, listener, ssl_context=tls).start()
-    return runner
+class Port:
+    """An application that is being served, until `close`."""
+
+    def __init__(self, runner: web.AppRunner, server: Server, listener: socket.socket) -> None:
+        self._runner = runner
+        self._server = server
+        self.number = int(listener.getsockname()[1])
+
+    def __repr__(self) -> str:
+        return f"<Port {self.number}: {self._server!r}>"
+
+    @property
+    def connections(self) -> int:
+        """How many there are now."""
+        return self._server.connections
+
+    async def close(self) -> None:
+        """Takes no new connection, waits a moment for what is being answered, and ends all."""
+        await self._server.stop_accepting()
+        await self._runner.cleanup()
+        await self._server.close()
 
 
-async def listening(host: str, port: int) -> socket.socket:
-    """An open port without a server yet: connections wait. Raises `PortError`.
-
-    A port in use is tried again: a process that served it for a parent that was killed may need a moment to end.
-    """
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    for pause_s in (*_PAUSES_S, None):
-        try:
-            return socket.create_server((host, port), family=family, backlog=_BACKLOG)
-        except OSError as error:
-            if pause_s is None or error.errno != errno.EADDRINUSE:
-                raise _taken(f"{host} port {port}: {error.strerror or error}") from error
-        await asyncio.sleep(pause_s)
-    raise AssertionError("the last attempt returns or raises")
+async def open_port(
+    app: web.Application, *, host: str | None, port: int, tls: ssl.SSLContext | None, limits: Limits | None = None
+) -> Port:
+    """Serves the application; port 0 takes a free one, host None every address. Raises `PortError`."""
+    return await serve_listener(app, await listen(host, port), tls=tls, limits=limits)
 
 
-async def _runner(app: web.Application) -> web.AppRunner:
-    list_pages(app)
-    runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=_STOPPING_S)
+async def serve_listener(
+    app: web.Application, listener: socket.socket, *, tls: ssl.SSLContext | None, limits: Limits | None = None
+) -> Port:
+    """Serves the application on a socket of `listen`, which another process may have opened."""
+    limits = limits or Limits()
+    app.middlewares.insert(0, note_steps)
+    runner = web.AppRunner(
+        app,
+        access_log=None,
+        handle_signals=False,
+        shutdown_timeout=_STOPPING_S,
+        handler_cancellation=True,  # else a handler goes on for a peer that is gone
+        keepalive_timeout=2 * limits.idle_s,  # the server's own deadline comes first
+        lingering_time=_LINGERING_S,
+        max_line_size=_MOST_LINE,
+        max_field_size=_MOST_LINE,
+        max_headers=_MOST_HEADERS,
+        auto_decompress=False,  # a small body must stay small
+    )
     await runner.setup()
-    return runner
+    speaking = runner.server
+    if speaking is None:
+        raise AssertionError("the runner has no server after its setup")
+
+    def speak(_: Connection) -> asyncio.Protocol:
+        return speaking()
+
+    server = Server(speak, limits, tls=tls)
+    server.start(listener)
+    return Port(runner, server, listener)
 
 
-def _taken(why: str) -> PortError:
-    return PortError(f"{why}: --health-port names another port")
+@web.middleware
+async def note_steps(
+    request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+) -> web.StreamResponse:
+    """Tells the connection when its request has a head, and when it is answered."""
+    protocol: Any = request.transport.get_protocol() if request.transport is not None else None
+    if not isinstance(protocol, GuardedProtocol):
+        return await handler(request)
+    protocol.connection.begin()
+    try:
+        return await handler(request)
+    finally:
+        protocol.connection.end()

@@ -13,7 +13,16 @@ from prometheus_client.exposition import CONTENT_TYPE_LATEST
 
 from robotapp_api.values.quantities.buckets import Buckets
 from robotapp_client.serving.access import Access, Caller, TooManyError
-from robotapp_client.serving.pages import PathGate, asked, caller, problem, refused, too_many, unknown_caller
+from robotapp_client.serving.pages import (
+    PathGate,
+    asked,
+    caller,
+    list_pages,
+    problem,
+    refused,
+    too_many,
+    unknown_caller,
+)
 from robotapp_scheduler.port.frames import NOT_RECORDED, Request, Response
 from robotapp_scheduler.port.remote import Scheduler
 from robotapp_scheduler.port.simulate import Simulator
@@ -231,6 +240,7 @@ def application(scheduler: Scheduler, endpoints: Endpoints) -> web.Application:
     app.router.add_get("/healthz", health("livez"))
     app.router.add_get("/readyz", health("readyz"))
     endpoints.add_to(app.router)
+    list_pages(app)
     return app
 
 

@@ -20,7 +20,7 @@ from robotapp_api.model.names import SCHEDULER_MANAGER
 from robotapp_client.api.client import ApiClient
 from robotapp_client.serving import logs
 from robotapp_client.serving.access import Access, Caller, Gatekeeper
-from robotapp_client.serving.port import serving
+from robotapp_client.serving.port import Limits, serve_listener
 from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_client.transport.errors import LoginError, Unreachable
 from robotapp_client.transport.kubeconfig import load as login
@@ -36,6 +36,8 @@ REVIEWS: Final = 4
 """Connections for questions about callers."""
 REVIEW_S: Final = 5.0
 NICE: Final = 5
+LIMITS: Final = Limits(connections=128, answer_s=90.0)
+"""A simulation may take a minute, its upload included."""
 
 
 class UnavailableGate:
@@ -82,8 +84,8 @@ async def run(settings: Settings) -> None:
             following = asyncio.create_task(tls.run(client))
             stack.callback(following.cancel)
         endpoints = Endpoints(gate=gate, scheduler=remote, simulator=Simulator(simulation_config))
-        runner = await serving(application(remote, endpoints), listener, tls=tls.context)
-        stack.push_async_callback(runner.cleanup)
+        port = await serve_listener(application(remote, endpoints), listener, tls=tls.context, limits=LIMITS)
+        stack.push_async_callback(port.close)
         await talking
 
 

@@ -13,7 +13,7 @@ from typing import Final
 
 import msgspec
 
-from robotapp_client.serving.port import listening
+from robotapp_client.serving.server import listen
 from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_scheduler.config.flags import Options
 from robotapp_scheduler.port.frames import Settings
@@ -44,7 +44,7 @@ class PortSupervisor:
         """Raises `PortError`, and `LoginError` when the given certificate cannot be used."""
         if options.tls_certificate is not None:
             await loaded(TlsPort(options.tls_certificate, options.tls_key))
-        return cls(await listening(options.health_host, options.health_port), options, handler)
+        return cls(await listen(options.health_host, options.health_port), options, handler)
 
     async def run(self) -> None:
         """Keep one process serving until cancelled."""

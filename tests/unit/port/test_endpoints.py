@@ -15,7 +15,7 @@ from tests.support.scheduling import Clock
 
 from robotapp_api.model.names import API_VERSION
 from robotapp_client.serving.access import Access, Caller
-from robotapp_client.serving.port import opened
+from robotapp_client.serving.port import open_port
 from robotapp_client.transport.errors import Unreachable
 from robotapp_scheduler.config.load import built_in
 from robotapp_scheduler.plugins.registry import catalogue
@@ -91,9 +91,9 @@ class Site:
 @pytest.fixture
 async def site() -> AsyncIterator[tuple[Site, str]]:
     found = Site()
-    runner = await opened(found.application, host="127.0.0.1", port=0, tls=None)
-    yield found, f"http://127.0.0.1:{runner.addresses[0][1]}"
-    await runner.cleanup()
+    port = await open_port(found.application, host="127.0.0.1", port=0, tls=None)
+    yield found, f"http://127.0.0.1:{port.number}"
+    await port.close()
 
 
 async def get(url: str, **headers: str) -> tuple[int, str]:

@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from robotapp_agent.process.health import MOST_BYTES, MOST_CALLERS, Health
+from robotapp_agent.process.health import LIMITS, MOST_BYTES, Health
 from robotapp_testbed.processes import ports
 
 
@@ -62,7 +62,7 @@ async def test_a_request_without_an_end_gets_no_answer_and_harms_nobody() -> Non
 
 async def test_callers_that_keep_silent_do_not_keep_the_kubelet_from_its_answer() -> None:
     async with serving([]) as port:
-        idle = [await asyncio.open_connection("127.0.0.1", port) for _ in range(3 * MOST_CALLERS)]
+        idle = [await asyncio.open_connection("127.0.0.1", port) for _ in range(3 * LIMITS.connections)]
         assert b"200 OK" in await ask(port, b"GET /healthz HTTP/1.1\r\n\r\n")
         for _, writer in idle:
             writer.close()

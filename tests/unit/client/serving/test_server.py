@@ -1,0 +1,200 @@
+"""The server below our ports: how many connections there are, which goes, and how long each step may take."""
+
+import asyncio
+import socket
+import ssl
+import subprocess
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.support.clients import until
+
+from robotapp_client.serving.server import Connection, Limits, Server, listen, read_network
+from robotapp_client.serving.tls import TlsPort, loaded
+from robotapp_testbed.control_plane.servers import unverified
+
+OFTEN = {"new_per_s": 10_000.0, "new_at_once": 10_000}
+Peer = tuple[asyncio.StreamReader, asyncio.StreamWriter]
+
+
+class Echo(asyncio.Protocol):
+    """Answers each line; "work" is begun and never ended."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._transport: asyncio.BaseTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        if not data.endswith(b"\n"):
+            return
+        self._connection.begin()
+        if data != b"work\n":
+            assert isinstance(self._transport, asyncio.WriteTransport)
+            self._transport.write(data)
+            self._connection.end()
+
+
+class Site:
+    """A server, and callers that are gone when the test is over."""
+
+    def __init__(self, server: Server, port: int) -> None:
+        self.server = server
+        self._port = port
+        self._writers: list[asyncio.StreamWriter] = []
+
+    async def dial(self, *, source: str = "127.0.0.1", tls: ssl.SSLContext | None = None) -> Peer:
+        reader, writer = await asyncio.open_connection("127.0.0.1", self._port, local_addr=(source, 0), ssl=tls)
+        self._writers.append(writer)
+        return reader, writer
+
+    async def close(self) -> None:
+        for writer in self._writers:
+            writer.transport.abort()
+        await self.server.close()
+        assert self.server.connections == 0
+
+
+@asynccontextmanager
+async def served(limits: Limits, *, tls: ssl.SSLContext | None = None) -> AsyncIterator[Site]:
+    listener = await listen("127.0.0.1", 0)
+    server = Server(Echo, limits, tls=tls)
+    server.start(listener)
+    site = Site(server, listener.getsockname()[1])
+    try:
+        yield site
+    finally:
+        await site.close()
+
+
+async def say(peer: Peer, text: bytes) -> bytes:
+    peer[1].write(text)
+    return await hear(peer)
+
+
+async def hear(peer: Peer) -> bytes:
+    """What comes next; nothing when the connection is gone."""
+    try:
+        return await asyncio.wait_for(peer[0].read(100), 10)
+    except ConnectionError:
+        return b""
+
+
+async def test_of_too_many_connections_the_oldest_that_is_not_being_answered_goes() -> None:
+    async with served(Limits(connections=3, **OFTEN)) as site:
+        busy = await site.dial()
+        busy[1].write(b"work\n")
+        silent = [await site.dial() for _ in range(2)]
+        await until(lambda: site.server.connections == 3)
+        newest = await site.dial()
+        assert await say(newest, b"hello\n") == b"hello\n"
+        assert await hear(silent[0]) == b""
+        assert await say(silent[1], b"still here\n") == b"still here\n"
+        assert site.server.connections == 3
+
+
+async def test_who_holds_most_loses_first_so_that_a_crowd_cannot_drive_out_a_single_caller() -> None:
+    async with served(Limits(connections=4, **OFTEN)) as site:
+        kubelet = await site.dial(source="127.0.0.9")
+        crowd = [await site.dial(source="127.0.0.2") for _ in range(20)]
+        await until(lambda: site.server.connections == 4)
+        assert await say(kubelet, b"healthy?\n") == b"healthy?\n"
+        assert await hear(crowd[0]) == b""
+
+
+async def test_one_address_opens_only_so_many_in_a_while_and_others_theirs() -> None:
+    async with served(Limits(new_per_s=0.001, new_at_once=5)) as site:
+        crowd = [await site.dial(source="127.0.0.2") for _ in range(8)]
+        answers = [await say(peer, b"hello\n") for peer in crowd]
+        assert answers == [b"hello\n"] * 5 + [b""] * 3
+        assert await say(await site.dial(), b"hello\n") == b"hello\n"
+        assert site.server.connections == 6
+
+
+@pytest.mark.parametrize("text", [b"", b"no line"])
+async def test_a_head_that_does_not_come_ends_the_connection(text: bytes) -> None:
+    async with served(Limits(head_s=0.1)) as site:
+        assert await say(await site.dial(), text) == b""
+
+
+async def test_an_answer_that_does_not_come_ends_the_connection() -> None:
+    async with served(Limits(answer_s=0.1)) as site:
+        assert await say(await site.dial(), b"work\n") == b""
+
+
+async def test_silence_after_an_answer_ends_the_connection_and_a_half_request_is_not_silence() -> None:
+    async with served(Limits(head_s=0.1, idle_s=3600)) as site:
+        peer = await site.dial()
+        assert await say(peer, b"hello\n") == b"hello\n"
+        assert await say(peer, b"no line") == b""
+    async with served(Limits(head_s=3600, idle_s=0.1)) as site:
+        peer = await site.dial()
+        assert await say(peer, b"hello\n") == b"hello\n"
+        assert await hear(peer) == b""
+
+
+@pytest.mark.parametrize("text", [b"", bytes.fromhex("16030102000100"), b"GET / HTTP/1.1\r\n\r\n"])
+async def test_a_handshake_that_is_not_completed_ends_the_connection(text: bytes) -> None:
+    tls = (await loaded(TlsPort())).context
+    async with served(Limits(handshake_s=0.2), tls=tls) as site:
+        peer = await site.dial()
+        peer[1].write(text)
+        while await hear(peer):
+            pass
+        await until(lambda: site.server.connections == 0)
+
+
+async def test_connections_in_their_handshake_count_and_go_like_others() -> None:
+    tls = (await loaded(TlsPort())).context
+    async with served(Limits(connections=3, **OFTEN), tls=tls) as site:
+        crowd = [await site.dial() for _ in range(30)]
+        await until(lambda: site.server.connections == 3)
+        peer = await site.dial(tls=unverified())
+        assert await say(peer, b"hello\n") == b"hello\n"
+        assert site.server.connections == 3
+        assert await hear(crowd[0]) == b""
+        peer[1].close()
+
+
+async def test_every_address_of_the_machine_is_served_and_counted_as_what_it_is() -> None:
+    listener = await listen(None, 0)
+    addresses: list[str] = []
+
+    def note(connection: Connection) -> Echo:
+        addresses.append(connection.address)
+        return Echo(connection)
+
+    server = Server(note, Limits())
+    server.start(listener)
+    site = Site(server, listener.getsockname()[1])
+    try:
+        assert await say(await site.dial(), b"hello\n") == b"hello\n"
+        assert addresses == ["127.0.0.1"]
+    finally:
+        await site.close()
+
+
+@given(st.ip_addresses(v=6), st.integers(0, 2**64 - 1))
+def test_all_addresses_of_an_ipv6_host_are_one(address: object, host: int) -> None:
+    low = (int(address) >> 64 << 64) | host  # type: ignore[call-overload]
+    sibling = socket.inet_ntop(socket.AF_INET6, low.to_bytes(16, "big"))
+    if not (sibling.startswith("::ffff:") or str(address).startswith("::ffff:")):
+        assert read_network((str(address), 1, 0, 0)) == read_network((sibling, 1, 0, 0))
+    assert read_network((f"{sibling}%eth0", 1, 0, 0)) == read_network((sibling, 1, 0, 0))
+
+
+def test_to_import_the_server_loads_neither_aiohttp_nor_the_rest_of_the_client() -> None:
+    """It runs beside every robot."""
+    code = "import sys, robotapp_client.serving.server; print(*(name for name in sys.modules if name.partition('.')[0] in {'robotapp_client', 'aiohttp', 'msgspec', 'yaml'}))"
+    loaded_modules = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert set(loaded_modules.split()) == {
+        "robotapp_client",
+        "robotapp_client.serving",
+        "robotapp_client.serving.server",
+    }
