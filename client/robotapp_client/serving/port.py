@@ -36,7 +36,7 @@ class Port:
 
     async def close(self) -> None:
         """Takes no new connection, waits a moment for what is being answered, and ends all."""
-        await self._server.stop_accepting()
+        self._server.stop_accepting()
         await self._runner.cleanup()
         await self._server.close()
 

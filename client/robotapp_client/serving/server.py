@@ -28,6 +28,12 @@ EXHAUSTED_S: Final = 0.5
 CLOSE_S: Final = 2.0
 UNSENT_BYTES: Final = 64 << 10
 """A handler waits while its peer has not taken as much as this."""
+_HANDSHAKE: Final = 22
+"""First byte of a TLS record in a handshake."""
+_RECORD_HEAD: Final = 5
+"""Bytes before the content of a TLS record; the last two are its length."""
+_MOST_HELLO: Final = _RECORD_HEAD + (1 << 14)
+_HELLO_POLL_S: Final = 0.05
 _PAUSES_S: Final = (0.1, 0.2, 0.4, 0.8)
 
 
@@ -134,6 +140,7 @@ class GuardedProtocol(asyncio.Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._server.forget(self.connection)
+        self.connection.transport = None  # a cycle would keep the buffers of TLS until the garbage collector comes
         self._inner.connection_lost(exc)
 
 
@@ -155,7 +162,6 @@ class Server:
         self._connections: dict[Connection, None] = {}
         self._empty = asyncio.Event()
         self._handshakes: set[asyncio.Task[None]] = set()
-        self._accepting: asyncio.Task[None] | None = None
         self._listener: socket.socket | None = None
         self._sweeper: asyncio.TimerHandle | None = None
 
@@ -171,19 +177,18 @@ class Server:
         """Serves this socket, which is closed by `close`."""
         listener.setblocking(False)
         self._listener = listener
-        self._accepting = self._loop.create_task(self._accept(listener))
+        self._loop.add_reader(listener, self._accept, listener)
 
-    async def stop_accepting(self) -> None:
+    def stop_accepting(self) -> None:
         """Closes the socket; connections that stand go on."""
-        if self._accepting is not None:
-            self._accepting.cancel()
-            await asyncio.wait([self._accepting])
-        if self._listener is not None:
-            self._listener.close()
+        listener, self._listener = self._listener, None
+        if listener is not None:
+            self._loop.remove_reader(listener)
+            listener.close()
 
     async def close(self) -> None:
         """Ends all connections and waits for them; what is being answered breaks off."""
-        await self.stop_accepting()
+        self.stop_accepting()
         if self._sweeper is not None:
             self._sweeper.cancel()
         for connection in list(self._connections):
@@ -200,15 +205,22 @@ class Server:
         if not self._connections:
             self._empty.set()
 
-    async def _accept(self, listener: socket.socket) -> None:
-        while True:
-            try:
-                sock, peer = await self._loop.sock_accept(listener)
-            except OSError:
-                await asyncio.sleep(EXHAUSTED_S)
-                continue
-            self._admit(sock, read_network(peer))
-            await asyncio.sleep(0)  # a crowd at the door must not keep the loop from its other work
+    def _accept(self, listener: socket.socket) -> None:
+        """Takes one connection. The loop calls again while there are more, with its other work between."""
+        try:
+            sock, peer = listener.accept()
+        except (BlockingIOError, InterruptedError, ConnectionAbortedError):
+            return
+        except OSError:
+            self._loop.remove_reader(listener)
+            self._loop.call_later(EXHAUSTED_S, self._accept_again)
+            return
+        sock.setblocking(False)
+        self._admit(sock, read_network(peer))
+
+    def _accept_again(self) -> None:
+        if self._listener is not None:
+            self._loop.add_reader(self._listener, self._accept, self._listener)
 
     def _admit(self, sock: socket.socket, address: str) -> None:
         if self._rates.wait_s(address):
@@ -231,6 +243,8 @@ class Server:
         timeout_s = self._limits.handshake_s if self._tls is not None else None  # without TLS there is none to give
         try:
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            if self._tls is not None:
+                await self._await_hello(connection, sock)
             await self._loop.connect_accepted_socket(
                 lambda: GuardedProtocol(self, connection, self._speak(connection)),
                 sock,
@@ -241,6 +255,32 @@ class Server:
         except OSError:  # no TLS, too late, or cut by us: the peer's own affair
             self.forget(connection)
             sock.close()
+
+    async def _await_hello(self, connection: Connection, sock: socket.socket) -> None:
+        """Waits until the peer's ClientHello is there, without taking it. Raises OSError when the connection is gone.
+
+        TLS begins then: until a peer says something, it costs a socket and no buffers.
+        """
+        while not connection.aborted:
+            await self._await_bytes(sock)
+            try:
+                hello = sock.recv(_MOST_HELLO, socket.MSG_PEEK)
+            except BlockingIOError:
+                continue
+            if not hello:
+                break
+            if _is_whole(hello):
+                return
+            await asyncio.sleep(_HELLO_POLL_S)  # what was peeked at stays readable
+        raise ConnectionResetError("the peer is gone, or must go")
+
+    async def _await_bytes(self, sock: socket.socket) -> None:
+        arrival: asyncio.Future[None] = self._loop.create_future()
+        self._loop.add_reader(sock, _settle, arrival)
+        try:
+            await arrival
+        finally:
+            self._loop.remove_reader(sock)
 
     def _choose_victim(self, newcomer: str) -> Connection:
         """Returns the connection that goes: of the address that holds most, the one that has waited longest."""
@@ -265,6 +305,18 @@ class Server:
                 connection.abort()
         if self._connections:
             self._sweeper = self._loop.call_later(SWEEP_S, self._sweep)
+
+
+def _is_whole(hello: bytes) -> bool:
+    """Returns whether TLS has something to decide about: a whole record, or what is none."""
+    if hello[0] != _HANDSHAKE or len(hello) >= _MOST_HELLO:
+        return True
+    return len(hello) >= _RECORD_HEAD + int.from_bytes(hello[3:_RECORD_HEAD], "big") and len(hello) > _RECORD_HEAD
+
+
+def _settle(arrival: "asyncio.Future[None]") -> None:
+    if not arrival.done():
+        arrival.set_result(None)
 
 
 def read_network(peer: Any) -> str:

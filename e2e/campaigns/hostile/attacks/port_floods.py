@@ -18,6 +18,8 @@ from robotapp_testbed.control_plane.servers import answers
 CONNECTIONS: Final = 10_000
 HELD_S: Final = 30.0
 READY_S: Final = 3.0
+CALM_S: Final = 10.0
+"""Bystanders alone, before: a busy machine shows in their figures, too."""
 RETURNED_MIB: Final = 16.0
 REST_S: Final = 40.0
 """Longer than every deadline of the port."""
@@ -39,6 +41,8 @@ def flood(
     """Floods the port while bystanders apply apps, and returns what that cost the process and them."""
     before_pid, before_bytes = process.pid, tree_rss_bytes(process.pid)
     peak_bytes, silences = before_bytes, 0
+    with Bystanders(site, f"before-{component}") as calm:
+        time.sleep(CALM_S)
     modes = [word for mode in MODES for word in ("--mode", mode)]
     command = ["campaigns.hostile.port_flood", str(process.health_url), *modes]
     command += ["--connections", str(connections), "--seconds", str(held_s), "--source", "127.0.0.2"]
@@ -64,6 +68,7 @@ def flood(
         f"{component} MiB kept": (tree_rss_bytes(process.pid) - before_bytes) / MIB,
         "probes without an answer": float(silences),
         "restarts": float(process.pid != before_pid or not process.running),
+        "others' apps Ready before s": calm.slowest_s,
         "others' apps Ready s": bystanders.slowest_s,
         "others' apps": float(len(bystanders.ready_s)),
     }
