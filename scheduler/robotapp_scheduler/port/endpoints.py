@@ -4,11 +4,10 @@ The caller is authenticated first, then what it may see and how often; every ref
 """
 
 import time
-from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Awaitable, Callable
 from typing import Final, Protocol
 
-from aiohttp import StreamReader, web
+from aiohttp import web
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 
 from robotapp_api.values.quantities.buckets import Buckets
@@ -23,6 +22,7 @@ from robotapp_client.serving.pages import (
     too_many,
     unknown_caller,
 )
+from robotapp_scheduler.port.entrance import BodyError, Entrance, limit_pieces, refuse
 from robotapp_scheduler.port.frames import NOT_RECORDED, Request, Response
 from robotapp_scheduler.port.remote import Scheduler
 from robotapp_scheduler.port.simulate import Simulator
@@ -31,8 +31,7 @@ from robotapp_scheduler.what_if.question import MOST_BODY, Question, QuestionErr
 A_ROLE_FOR_PODS: Final = "ClusterRole view may, ask for a RoleBinding of it there"
 EXPLAIN_PER_S, EXPLAIN_AT_ONCE = 10.0, 100
 DECIDE_PER_S, DECIDE_AT_ONCE = 0.5, 30
-ONE_AT_A_TIME: Final = "another question of yours is being answered; ask again later"
-ONE_AT_A_TIME_S: Final = 1.0
+SIMULATION_BODY_S: Final = 30.0
 OFTEN: Final = "you ask for explanations too often; ask again later"
 NAMES_NODES: Final = "nodeLoss and rtt name nodes: you may not get nodes; ClusterRole robotapp-cluster-viewer may, ask for a binding of it"
 
@@ -66,6 +65,7 @@ class Endpoints:
         gate: Gate,
         scheduler: Scheduler,
         simulator: Simulator,
+        entrance: Entrance | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._gate = gate
@@ -73,8 +73,7 @@ class Endpoints:
         self._simulator = simulator
         self._explained_by = Buckets(per_s=EXPLAIN_PER_S, burst=EXPLAIN_AT_ONCE, clock=clock)
         self._decided_by = Buckets(per_s=DECIDE_PER_S, burst=DECIDE_AT_ONCE, clock=clock)
-        self._asking: set[str] = set()
-        """Users with a what-if that is not answered yet."""
+        self._entrance = entrance or Entrance()
 
     def __repr__(self) -> str:
         return f"<Endpoints behind {self._gate!r}>"
@@ -148,7 +147,13 @@ class Endpoints:
         replay = request.query.get("replay", "0")
         if not replay.isdecimal() or len(replay) > 6:
             return problem(400, "replay must be a number of pods")
-        status, body = await self._simulator.simulate(request.content.iter_chunked(1 << 16), replay=int(replay))
+        user = self._gate.user_of(caller(request))
+        try:
+            with self._entrance.take_turn(user):
+                pieces = limit_pieces(request.content, SIMULATION_BODY_S)
+                status, body = await self._simulator.simulate(pieces, replay=int(replay))
+        except (TooManyError, BodyError) as error:
+            return refuse(error)
         await self._scheduler.request(Request("simulated", status=status))
         return web.Response(status=status, body=body, content_type="application/json")
 
@@ -165,8 +170,7 @@ class Endpoints:
         user = self._gate.user_of(caller(request))
         try:
             self._count(self._decided_by, user)
-            body = await _read(request.content)
-            with self._turn_of(user):
+            async with self._entrance.admit(user, request, most=MOST_BODY) as body:
                 # Decoded it takes many times as much memory: it must not be held while its answer is awaited.
                 return await self._beyond_rights(request, parse(body), access, namespace) or _json(
                     await self._scheduler.request(
@@ -175,19 +179,8 @@ class Endpoints:
                 )
         except QuestionError as error:
             return problem(400, str(error))
-        except TooManyError as error:
-            return too_many(error)
-
-    @contextmanager
-    def _turn_of(self, user: str) -> Iterator[None]:
-        """One question of each user at a time, so that nobody takes all the places. Raises TooManyError."""
-        if user in self._asking:
-            raise TooManyError(ONE_AT_A_TIME, ONE_AT_A_TIME_S)
-        self._asking.add(user)
-        try:
-            yield
-        finally:
-            self._asking.discard(user)
+        except (TooManyError, BodyError) as error:
+            return refuse(error)
 
     async def _access(self, request: web.Request) -> tuple[Access | web.Response, str]:
         """What the caller may see, or why that is not known, and the namespace it holds for ("" for all)."""
@@ -211,18 +204,6 @@ class Endpoints:
         if question.config is not None:
             return await refused(self._gate, request, "post", "/simulate")
         return None
-
-
-async def _read(content: StreamReader) -> bytes:
-    """The body, no more than MOST_BODY of it. Raises QuestionError."""
-    parts: list[bytes] = []
-    left = MOST_BODY
-    async for chunk in content.iter_chunked(1 << 16):
-        left -= len(chunk)
-        if left < 0:
-            raise QuestionError(f"the body has more than {MOST_BODY >> 20} MiB")
-        parts.append(chunk)
-    return b"".join(parts)
 
 
 def application(scheduler: Scheduler, endpoints: Endpoints) -> web.Application:

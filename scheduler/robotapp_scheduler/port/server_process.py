@@ -11,6 +11,7 @@ import signal
 import socket
 import sys
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,6 +28,7 @@ from robotapp_client.transport.kubeconfig import load as login
 from robotapp_scheduler.port.endpoints import AllowAll, Endpoints, Gate, application
 from robotapp_scheduler.port.forked_worker import end_with_parent
 from robotapp_scheduler.port.frames import Request, Settings
+from robotapp_scheduler.port.memory import measure_share, read_limit
 from robotapp_scheduler.port.remote import Remote
 from robotapp_scheduler.port.simulate import Simulator
 
@@ -83,7 +85,8 @@ async def run(settings: Settings) -> None:
             gate = gate if settings.insecure else Gatekeeper(client)
             following = asyncio.create_task(tls.run(client))
             stack.callback(following.cancel)
-        endpoints = Endpoints(gate=gate, scheduler=remote, simulator=Simulator(simulation_config))
+        simulator = Simulator(simulation_config, share=partial(measure_share, read_limit(), os.getppid()))
+        endpoints = Endpoints(gate=gate, scheduler=remote, simulator=simulator)
         port = await serve_listener(application(remote, endpoints), listener, tls=tls.context, limits=LIMITS)
         stack.push_async_callback(port.close)
         await talking

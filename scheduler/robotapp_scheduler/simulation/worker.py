@@ -8,6 +8,7 @@ import json
 import os
 import resource
 import sys
+from collections.abc import Callable
 from typing import Any, BinaryIO, Final
 
 import msgspec
@@ -22,6 +23,7 @@ from robotapp_scheduler.simulation.run import simulate
 from robotapp_scheduler.watch.routes import kinds
 
 MOST_MEMORY: Final = 768 << 20
+"""Where the order gives no other number."""
 MOST_CPU_S: Final = 60
 NICE: Final = 10
 BODY: Final = "body of the request"
@@ -35,6 +37,8 @@ class Order(msgspec.Struct):
     third_party: list[str] = []
     """Plugins that may be imported: those of the running configuration."""
     replay: int = 0
+    memory: int = MOST_MEMORY
+    """Bytes that may be taken."""
 
 
 class _Brought(msgspec.Struct):
@@ -42,17 +46,22 @@ class _Brought(msgspec.Struct):
 
 
 def limit() -> None:
-    """Take no more than what is left beside the scheduler."""
+    """Takes no more than what is left beside the scheduler."""
     os.nice(NICE)
-    resource.setrlimit(resource.RLIMIT_DATA, (MOST_MEMORY, MOST_MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (MOST_CPU_S, MOST_CPU_S))
 
 
-def answer(source: BinaryIO) -> dict[str, Any]:
-    """The outcome, or `{"error": …}` for what the caller did wrong."""
+def limit_memory(size: int) -> None:
+    """Lets this process take no more bytes: whatever exceeds them raises MemoryError."""
+    resource.setrlimit(resource.RLIMIT_DATA, (size, size))
+
+
+def answer(source: BinaryIO, *, limit_bytes: Callable[[int], None] = lambda _: None) -> dict[str, Any]:
+    """The outcome, or `{"error": …}` for what the caller did wrong. `limit_bytes` gets the order's limit, before the dump is read."""
     order = msgspec.json.decode(source.readline(), type=Order)
-    content = source.read()
+    limit_bytes(order.memory)
     try:
+        content = source.read()
         reader = Reader(kinds())
         reader.add(content, BODY)
         config = _config(order, content)
@@ -65,7 +74,7 @@ def answer(source: BinaryIO) -> dict[str, Any]:
     except RecursionError:
         return {"error": f"{BODY}: config: nested too deep; nothing in a configuration needs more than a dozen levels"}
     except MemoryError:
-        return {"error": f"this takes more than the {MOST_MEMORY >> 20} MiB a simulation may use"}
+        return {"error": f"this takes more than the {order.memory >> 20} MiB a simulation may use"}
 
 
 def _config(order: Order, content: bytes) -> SchedulerConfig:
@@ -81,4 +90,4 @@ def _config(order: Order, content: bytes) -> SchedulerConfig:
 
 if __name__ == "__main__":
     limit()
-    json.dump(answer(sys.stdin.buffer), sys.stdout)
+    json.dump(answer(sys.stdin.buffer, limit_bytes=limit_memory), sys.stdout)

@@ -297,13 +297,13 @@ async def test_a_configuration_to_try_takes_the_right_to_simulate(site: tuple[Si
 
 async def test_a_bad_or_endless_question_never_reaches_the_process_that_places_pods(site: tuple[Site, str]) -> None:
     found, url = site
-    for body, text in (
-        (b"", "nodeLoss"),
-        (b'{"rtt": [{"one": "a", "other": "b", "rtt": "soon"}]}', "'soon' is not a duration"),
-        (b" " * (MOST_BODY + 1), "more than 1 MiB"),
+    for body, refusal, text in (
+        (b"", 400, "nodeLoss"),
+        (b'{"rtt": [{"one": "a", "other": "b", "rtt": "soon"}]}', 400, "'soon' is not a duration"),
+        (b" " * (MOST_BODY + 1), 413, "more than 1 MiB"),
     ):
         status, answer = await post(f"{url}/what-if", body)
-        assert (status, text in json.loads(answer)["error"]) == (400, True)
+        assert (status, text in json.loads(answer)["error"]) == (refusal, True)
     found.answer = Access.UNKNOWN_CALLER
     assert (await post(f"{url}/what-if", LOSS))[0] == 401
     found.answer = Unreachable("down", maybe_applied=False)

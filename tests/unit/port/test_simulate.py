@@ -96,3 +96,13 @@ async def test_a_worker_that_ends_while_it_is_written_to_leaves_no_error_behind(
     assert status == 500
     gc.collect()
     assert left == []
+
+
+async def test_a_simulation_takes_no_more_memory_than_the_scheduler_leaves() -> None:
+    status, body = await simulator(share=lambda: 100 << 20).simulate(chunks(b"{}"))
+    assert (status, "has 100 MiB left" in error(body)) == (503, True)
+    items = [{"kind": "Pod", **pod_json(f"p{number}")} for number in range(60_000)]
+    content = json.dumps({"kind": "List", "items": items}).encode()
+    assert len(content) < 64 << 20
+    status, body = await simulator(share=lambda: 192 << 20).simulate(chunks(content))
+    assert (status, error(body)) == (400, "this takes more than the 192 MiB a simulation may use")
