@@ -7,7 +7,6 @@ import os
 import secrets
 import signal
 import socket
-import ssl
 import sys
 import webbrowser
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ from aiohttp import web
 from robotapp_client import ClientError, Endpoint, LoginError, load
 from robotapp_client.serving import logs
 from robotapp_client.serving.tls import TlsPort, loaded
-from robotapp_client.transport.kubeconfig import default_kubeconfigs
+from robotapp_client.transport.kubeconfig import default_kubeconfigs, follow_authority
 from robotapp_console.cluster.informer_sets import IDLE_S, InformerSets
 from robotapp_console.settings import TRUSTED_ROOT, Settings, parse
 from robotapp_console.web.console import LOCAL, Console
@@ -139,12 +138,7 @@ def _find_api_server(settings: Settings) -> Endpoint:
     if not server.startswith("https://"):
         raise LoginError(f"--api-server {server}: tokens are sent over https:// alone")
     authority = settings.certificate_authority or TRUSTED_ROOT
-    try:
-        tls = ssl.create_default_context(cafile=str(authority))
-    except (OSError, ssl.SSLError) as error:
-        raise LoginError(f"the API server's certificate authority {authority} cannot be loaded: {error}") from error
-    tls.verify_flags &= ~ssl.VERIFY_X509_STRICT  # many clusters' own authorities lack what Python 3.13 checks
-    return Endpoint(server, tls=tls)
+    return Endpoint(server, follow_authority(authority))
 
 
 def _read_cookie_key(file: Path | None) -> bytes:

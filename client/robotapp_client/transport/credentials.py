@@ -53,6 +53,18 @@ class Credentials:
         credentials.authorization = f"Bearer {token}"
         return credentials
 
+    @classmethod
+    def renewable(cls, token: str, read: Callable[[], str]) -> "Credentials":
+        """A token without a known end, which is read again when the server refuses it. `read` raises LoginError."""
+
+        async def source() -> Token:
+            return Token(read())
+
+        credentials = cls(source)
+        credentials._due = float("inf")
+        credentials.authorization = f"Bearer {token}"
+        return credentials
+
     @property
     def due(self) -> bool:
         return self._clock() >= self._due

@@ -8,7 +8,7 @@ import base64
 import binascii
 import os
 import ssl
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import yaml
 
 from robotapp_client.transport.credentials import Credentials, ExecPlugin, file_source, load_pair
 from robotapp_client.transport.errors import LoginError
+from robotapp_client.transport.tls_files import TlsFiles
 from robotapp_client.transport.tls_sessions import with_resumption
 
 SERVICE_ACCOUNT = Path("/var/run/secrets/kubernetes.io/serviceaccount")
@@ -24,16 +25,21 @@ SERVICE_ACCOUNT = Path("/var/run/secrets/kubernetes.io/serviceaccount")
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """One API server and one identity; `server` has no trailing slash, `tls` is None for plain HTTP (test doubles)."""
+    """One API server and one identity; `server` has no trailing slash, `security` is None for plain HTTP (test doubles)."""
 
     server: str
-    tls: ssl.SSLContext | None = None
+    security: ssl.SSLContext | TlsFiles | None = None
     credentials: Credentials = field(default_factory=Credentials)
     namespace: str = "default"
     server_hostname: str | None = None
 
     def __repr__(self) -> str:
         return f"<Endpoint {self.server}, namespace {self.namespace}>"
+
+    @property
+    def tls(self) -> ssl.SSLContext | None:
+        """The context for the next connection: files are followed, so it may be another one each time."""
+        return self.security.context if isinstance(self.security, TlsFiles) else self.security
 
 
 def default_kubeconfigs(environ: Mapping[str, str] = os.environ) -> list[Path]:
@@ -70,21 +76,27 @@ def _in_cluster(folder: Path, environ: Mapping[str, str]) -> Endpoint:
     namespace = folder / "namespace"
     return Endpoint(
         server=f"https://{host}:{port}",
-        tls=with_resumption(_trusting(cafile=str(folder / "ca.crt"))),
+        security=follow_authority(folder / "ca.crt"),
         credentials=Credentials(file_source(folder / "token")),
         namespace=namespace.read_text().strip() if namespace.is_file() else "default",
     )
 
 
+def follow_authority(path: Path) -> TlsFiles:
+    """Returns the trust in the authorities of a file, which may be replaced. Raises LoginError."""
+
+    def make() -> ssl.SSLContext:
+        try:
+            return with_resumption(_trusting(cafile=str(path)))
+        except (OSError, ssl.SSLError) as error:
+            raise LoginError(f"the API server's certificate authority {path} cannot be loaded: {error}") from error
+
+    return TlsFiles([path], make)
+
+
 def _from_kubeconfig(files: Sequence[Path], context: str | None) -> Endpoint:
-    config = _merge([_read(path) for path in files])
-    where = ", ".join(map(str, files))
-    name = context or config.current
-    if not name:
-        raise LoginError(f"{where} has no current-context; name one of: {', '.join(config.contexts) or 'none defined'}")
-    chosen = _named(config.contexts, name, "context", where)
-    cluster = _named(config.clusters, str(chosen.get("cluster", "")), "cluster", where)
-    user = _named(config.users, str(chosen["user"]), "user", where) if chosen.get("user") else {}
+    """Returns the endpoint of these files, whose authorities, certificates and token are followed when files change."""
+    chosen, cluster, user, where = _choose(files, context)
     server = str(cluster.get("server", "")).rstrip("/")
     if not server.startswith(("https://", "http://")):
         raise LoginError(f"{where}: the cluster's server {server!r} is no http(s) URL")
@@ -94,16 +106,49 @@ def _from_kubeconfig(files: Sequence[Path], context: str | None) -> Endpoint:
         if user.get(key):
             cure = "use an exec plug-in (for OIDC: kubelogin)" if key == "auth-provider" else "remove it"
             raise LoginError(f"{where}: the user's {key!r} is not supported; {cure}")
-    tls = _tls(cluster) if server.startswith("https://") else None
-    if tls is not None and not _client_certificate(tls, user) and not user.get("exec"):
-        with_resumption(tls)
+    security: ssl.SSLContext | TlsFiles | None = None
+    if server.startswith("https://") and user.get("exec"):
+        security = _tls(cluster)  # the plug-in may load its certificate into it
+    elif server.startswith("https://"):
+        security = TlsFiles(_paths_of(files, cluster, user), lambda: _make_tls(files, context))
     return Endpoint(
         server=server,
-        tls=tls,
-        credentials=_credentials(user, cluster, tls),
+        security=security,
+        credentials=_credentials(
+            user,
+            cluster,
+            security if isinstance(security, ssl.SSLContext) else None,
+            read_again=lambda: _choose(files, context)[2],
+        ),
         namespace=str(chosen.get("namespace") or "default"),
         server_hostname=cluster.get("tls-server-name") or None,
     )
+
+
+def _paths_of(files: Sequence[Path], cluster: Mapping[str, Any], user: Mapping[str, Any]) -> list[Path]:
+    """Returns all files that decide whom we trust and who we are by certificate."""
+    names = (cluster.get("certificate-authority"), user.get("client-certificate"), user.get("client-key"))
+    return [*files, *(Path(name) for name in names if name)]
+
+
+def _make_tls(files: Sequence[Path], context: str | None) -> ssl.SSLContext:
+    """Reads the files anew. Raises LoginError."""
+    _, cluster, user, _ = _choose(files, context)
+    tls = _tls(cluster)
+    return tls if _client_certificate(tls, user) else with_resumption(tls)
+
+
+def _choose(files: Sequence[Path], context: str | None) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]:
+    """Returns context, cluster and user, and the files' names for messages. Raises LoginError."""
+    config = _merge([_read(path) for path in files])
+    where = ", ".join(map(str, files))
+    name = context or config.current
+    if not name:
+        raise LoginError(f"{where} has no current-context; name one of: {', '.join(config.contexts) or 'none defined'}")
+    chosen = _named(config.contexts, name, "context", where)
+    cluster = _named(config.clusters, str(chosen.get("cluster", "")), "cluster", where)
+    user = _named(config.users, str(chosen["user"]), "user", where) if chosen.get("user") else {}
+    return chosen, cluster, user, where
 
 
 @dataclass(slots=True)
@@ -208,11 +253,17 @@ def _client_certificate(tls: ssl.SSLContext, user: Mapping[str, Any]) -> bool:
     return bool(pair)
 
 
-def _credentials(user: Mapping[str, Any], cluster: Mapping[str, Any], tls: ssl.SSLContext | None) -> Credentials:
+def _credentials(
+    user: Mapping[str, Any],
+    cluster: Mapping[str, Any],
+    tls: ssl.SSLContext | None,
+    *,
+    read_again: Callable[[], Mapping[str, Any]],
+) -> Credentials:
     if path := user.get("tokenFile"):
         return Credentials(file_source(Path(path)))
     if token := user.get("token"):
-        return Credentials.fixed(str(token))
+        return Credentials.renewable(str(token), lambda: str(read_again().get("token") or ""))
     if plugin := user.get("exec"):
         known = ("server", "certificate-authority-data", "insecure-skip-tls-verify", "tls-server-name")
         return Credentials(

@@ -62,7 +62,7 @@ class Console:
         """Returns the way to the API server with this token and nothing else."""
         return Endpoint(
             self.api.server,
-            tls=self.api.tls,
+            security=self.api.security,
             credentials=Credentials.fixed(token),
             server_hostname=self.api.server_hostname,
         )
