@@ -14,16 +14,18 @@ from datetime import datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+from urllib.parse import urlsplit
 
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.control_plane import audit as audit_log
 from robotapp_testbed.control_plane import components, identity, servers
 from robotapp_testbed.control_plane.api import Api
+from robotapp_testbed.control_plane.authority import Authority
 from robotapp_testbed.control_plane.commands import Commands
 from robotapp_testbed.control_plane.servers import Program
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.processes import guard, logs
-from robotapp_testbed.processes.process import Process
+from robotapp_testbed.processes.process import Process, wait_until
 
 _INTERNAL_IDENTITIES = {
     # The user names the built-in RBAC roles are bound to: these programs have the rights they have everywhere.
@@ -32,6 +34,7 @@ _INTERNAL_IDENTITIES = {
 }
 
 
+_ROTATED_S = 60.0
 _ROOM_MB = 160
 """etcd alone makes two files of 64 MB before it stores anything."""
 
@@ -269,15 +272,42 @@ class ControlPlane:
         self._processes |= build.store_and_api()
         self._processes[Program.API].wait_ready(needs=[self._processes[Program.ETCD]])
         layout.ca_file.write_text(identity.last_certificate(layout.serving_certificate.read_text()))
-        for name, each in self._identities.items():
-            text = identity.kubeconfig(each, server_url=layout.server_url, ca_file=layout.ca_file)
-            layout.kubeconfig(name).write_text(text)
-            layout.kubeconfig(name).chmod(0o600)
+        self._write_kubeconfigs(layout)
         self._processes |= build.clients(
             [name for name in self._wanted if name not in self._processes], self._kube_scheduler
         )
         for process in self._processes.values():
             process.wait_ready()
+
+    def rotate_authority(self, name: str = "next authority") -> None:
+        """Starts kube-apiserver anew with a certificate of another authority, which `ca_file` and all kubeconfigs then have.
+
+        Programs that were started before must read these files again; kubectl does so each time.
+        """
+        layout = self._started()
+        authority, server = Authority(name), self.process(Program.API)
+        host = urlsplit(layout.server_url).hostname or ""
+        certificate, key = authority.server(layout.run_dir / "certificates" / "next", host)
+        server.kill()
+        layout.serving_certificate.write_text(certificate.read_text() + authority.pem)
+        layout.serving_certificate.with_suffix(".key").write_text(key.read_text())
+        layout.ca_file.write_text(authority.pem)
+        self._write_kubeconfigs(layout)
+        old_api, self._api = (
+            self._api,
+            Api(layout.server_url, ca_file=layout.ca_file, token=self._identities[identity.ADMIN].token),
+        )
+        if old_api is not None:
+            old_api.close()
+        server.start()
+        if not wait_until(self._api.is_ready, timeout_s=_ROTATED_S):
+            raise TestbedError(f"kube-apiserver does not serve with its new certificate, see {self.logs_dir}")
+
+    def _write_kubeconfigs(self, layout: components.Layout) -> None:
+        for name, each in self._identities.items():
+            text = identity.kubeconfig(each, server_url=layout.server_url, ca_file=layout.ca_file)
+            layout.kubeconfig(name).write_text(text)
+            layout.kubeconfig(name).chmod(0o600)
 
 
 def _require_room(folder: Path, needed_mb: int) -> None:
