@@ -37,6 +37,7 @@ class TlsPort:
     ) -> None:
         self.context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         self.context.minimum_version = ssl.TLSVersion.TLSv1_2
+        self.context.options |= ssl.OP_NO_RENEGOTIATION  # a handshake costs us ten times what it costs a stranger
         self._certificate = certificate
         self._key = key
         self._names = names or ("localhost", socket.gethostname())

@@ -131,3 +131,33 @@ securityContext:
   secret: {secretName: {{ . }}}
 {{- end }}
 {{- end -}}
+
+{{/* Peers that may reach metrics, as a YAML list; empty when there are none. The chart knows where a Prometheus of the Prometheus operator is. */}}
+{{- define "robotapp.metricsPeers" -}}
+{{- $peers := .Values.networkPolicy.metricsFrom -}}
+{{- $monitored := or .Values.metrics.podMonitor.enabled .Values.metrics.serviceMonitor.enabled -}}
+{{- if and (not $peers) $monitored (.Capabilities.APIVersions.Has "monitoring.coreos.com/v1/Prometheus") -}}
+{{- $namespaces := list -}}
+{{- range (lookup "monitoring.coreos.com/v1" "Prometheus" "" "").items -}}
+{{- $namespaces = append $namespaces .metadata.namespace -}}
+{{- end -}}
+{{- range $namespaces | uniq | sortAlpha -}}
+{{- $peers = append $peers (dict "namespaceSelector" (dict "matchLabels" (dict "kubernetes.io/metadata.name" .))) -}}
+{{- end -}}
+{{- end -}}
+{{- with $peers }}{{ toYaml . }}{{ end -}}
+{{- end -}}
+
+{{/* Rules for the ports of the API server: those of the values, and where the cluster is at hand those of its endpoints. */}}
+{{- define "robotapp.apiServerRules" -}}
+{{- $ports := list -}}
+{{- range .Values.networkPolicy.apiServerPorts -}}
+{{- $ports = append $ports (int .) -}}
+{{- end -}}
+{{- range (lookup "discovery.k8s.io/v1" "EndpointSlice" "default" "kubernetes").ports -}}
+{{- $ports = append $ports (int .port) -}}
+{{- end -}}
+{{- range $ports | uniq }}
+- {protocol: TCP, port: {{ . }}}
+{{- end }}
+{{- end -}}

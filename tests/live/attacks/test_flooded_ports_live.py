@@ -1,0 +1,98 @@
+"""Strangers and users with small rights at the ports of operator and scheduler, on a real control plane.
+
+`scripts/bench hostile` does the same with thousands of connections while others apply apps.
+"""
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from urllib.parse import urlsplit
+
+import pytest
+from tests.support.work_unit import is_in_time
+
+from campaigns.common.process_use import tree_rss_bytes
+from campaigns.hostile.port_flood import MODES, Flood, Target
+from campaigns.hostile.uploads import Uploader
+from campaigns.rigs.ports import ask
+from robotapp_operator.health import LIMITS as OPERATOR_LIMITS
+from robotapp_scheduler.port.entrance import BUDGET_BYTES
+from robotapp_scheduler.port.server_process import LIMITS as SCHEDULER_LIMITS
+from robotapp_testbed import ControlPlane, Process
+from robotapp_testbed.control_plane.product import start_operator, start_scheduler
+
+pytestmark = pytest.mark.live
+
+CONNECTIONS = 300
+MOST_GROWTH = 24 << 20
+ACCOUNTS = 8
+UPLOADS = 10
+ANSWER_S = 5.0
+
+
+@contextmanager
+def flooded(process: Process, *modes: str) -> Iterator[Flood]:
+    """Connections of another address than the kubelet's."""
+    url = urlsplit(str(process.health_url))
+    flood = Flood(Target("127.0.0.1", int(url.port or 0), "127.0.0.2"))
+    try:
+        for mode in modes:
+            flood.open(mode, CONNECTIONS // len(modes))
+        yield flood
+    finally:
+        flood.close()
+
+
+@pytest.fixture(params=["operator", "scheduler"])
+def victim(request: pytest.FixtureRequest, installed_plane: ControlPlane) -> Iterator[tuple[Process, int]]:
+    """The process, and how many connections its port takes."""
+    start = {"operator": start_operator, "scheduler": start_scheduler}[request.param]
+    limits = {"operator": OPERATOR_LIMITS, "scheduler": SCHEDULER_LIMITS}[request.param]
+    process = start(installed_plane, name=f"flooded-{request.param}", sweep_seconds=1)
+    try:
+        yield process, limits.connections
+    finally:
+        process.stop()
+
+
+@pytest.mark.parametrize("modes", [("silent",), ("half-hello",), tuple(MODES)], ids=["silent", "half-hello", "mixed"])
+def test_idle_and_half_open_connections_cost_little_and_probes_are_answered(
+    victim: tuple[Process, int], modes: tuple[str, ...]
+) -> None:
+    process, most = victim
+    before_bytes = tree_rss_bytes(process.pid)
+    with flooded(process, *modes) as flood:
+        began_s = time.monotonic()
+        for path in ("healthz", "readyz"):
+            assert ask(f"{process.health_url}/{path}")[0] == 200
+        assert is_in_time(time.monotonic() - began_s, ANSWER_S)
+        assert tree_rss_bytes(process.pid) - before_bytes < MOST_GROWTH
+        assert flood.count_held() <= most
+    assert process.running
+
+
+def test_unfinished_questions_of_many_users_fill_no_memory_and_others_are_answered(
+    installed_plane: ControlPlane, namespace: str
+) -> None:
+    """Eight viewers of one namespace held 390 MB with uploads to /what-if that they never ended."""
+    plane = installed_plane
+    scheduler = start_scheduler(plane, name="uploaded", sweep_seconds=1)
+    question = b'{"apps": []}'
+    try:
+        with ExitStack() as stack:
+            uploaders = [
+                stack.enter_context(Uploader(plane, namespace, f"viewer-{number}")) for number in range(ACCOUNTS + 1)
+            ]
+            *crowd, honest = uploaders
+            page = f"{scheduler.health_url}/what-if?namespace={namespace}"
+            ask(page, bearer=honest.token, body=question)
+            before_bytes = tree_rss_bytes(scheduler.pid)
+            for uploader in crowd:
+                uploader.begin(page, UPLOADS)
+            grown = tree_rss_bytes(scheduler.pid) - before_bytes
+            assert grown < 3 * BUDGET_BYTES
+            status, text = ask(page, bearer=honest.token, body=question)
+            assert status == 400, text
+            assert "nodeLoss" in text, "the question itself was read"
+    finally:
+        scheduler.stop()

@@ -1,0 +1,68 @@
+"""Who reaches the ports of our pods: by default nobody but the node itself and, with a monitor, the Prometheus that is found."""
+
+import json
+
+import pytest
+from tests.live.chart.chart import Chart, named
+
+pytestmark = pytest.mark.live
+
+PROMETHEUS = {
+    "apiVersion": "apiextensions.k8s.io/v1",
+    "kind": "CustomResourceDefinition",
+    "metadata": {"name": "prometheuses.monitoring.coreos.com"},
+    "spec": {
+        "group": "monitoring.coreos.com",
+        "scope": "Namespaced",
+        "names": {"kind": "Prometheus", "plural": "prometheuses", "singular": "prometheus"},
+        "versions": [
+            {
+                "name": "v1",
+                "served": True,
+                "storage": True,
+                "schema": {"openAPIV3Schema": {"type": "object", "x-kubernetes-preserve-unknown-fields": True}},
+            }
+        ],
+    },
+}
+
+
+def test_nobody_is_let_in_by_default_and_the_ways_out_are_named(chart: Chart) -> None:
+    spec = named(chart.render(), "NetworkPolicy", "robotapp")["spec"]
+    assert spec["policyTypes"] == ["Ingress", "Egress"]
+    assert spec.get("ingress") == []
+    assert [[port["port"] for port in rule["ports"]] for rule in spec["egress"]] == [[53, 53], [443, 6443, 8443, 16443]]
+
+
+def test_peers_that_are_named_reach_the_ports(chart: Chart) -> None:
+    values = {"networkPolicy.metricsFrom[0].podSelector.matchLabels.app": "prometheus"}
+    spec = named(chart.render(values), "NetworkPolicy", "robotapp")["spec"]
+    assert spec["ingress"] == [
+        {
+            "ports": [{"protocol": "TCP", "port": "health"}],
+            "from": [{"podSelector": {"matchLabels": {"app": "prometheus"}}}],
+        }
+    ]
+
+
+def test_switched_off_there_is_no_policy(chart: Chart) -> None:
+    assert not [item for item in chart.render({"networkPolicy.enabled": "false"}) if item["kind"] == "NetworkPolicy"]
+
+
+def test_with_a_monitor_the_prometheus_of_the_cluster_is_found(chart: Chart) -> None:
+    plane = chart.plane
+    plane.kubectl("create", "namespace", "watchers")
+    plane.kubectl("apply", "-f", "-", stdin=json.dumps(PROMETHEUS))
+    plane.kubectl("wait", "--for=condition=Established", "crd/prometheuses.monitoring.coreos.com", "--timeout=60s")
+    body = {"apiVersion": "monitoring.coreos.com/v1", "kind": "Prometheus", "metadata": {"name": "main"}}
+    plane.kubectl("create", "-n", "watchers", "-f", "-", stdin=json.dumps(body))
+    try:
+        objects = chart.render({"metrics.podMonitor.enabled": "true"}, "--dry-run=server")
+        spec = named(objects, "NetworkPolicy", "robotapp")["spec"]
+        (rule,) = spec["ingress"]
+        assert rule["from"] == [{"namespaceSelector": {"matchLabels": {"kubernetes.io/metadata.name": "watchers"}}}]
+        spec = named(chart.render({}, "--dry-run=server"), "NetworkPolicy", "robotapp")["spec"]
+        assert spec.get("ingress") == [], "without a monitor nobody scrapes"
+    finally:
+        plane.kubectl("delete", "crd", "prometheuses.monitoring.coreos.com")
+        plane.kubectl("delete", "namespace", "watchers", "--wait=false")
