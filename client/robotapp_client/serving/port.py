@@ -31,7 +31,7 @@ class Port:
 
     @property
     def connections(self) -> int:
-        """How many there are now."""
+        """Returns how many there are now."""
         return self._server.connections
 
     async def close(self) -> None:

@@ -43,7 +43,7 @@ class PortError(Exception):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What strangers may take. Seconds count from the beginning of a step."""
+    """The share of the process that strangers may take. Seconds count from the beginning of a step."""
 
     connections: int = 64
     handshake_s: float = 5.0
@@ -59,7 +59,7 @@ class Limits:
 
 
 class Step(Enum):
-    """Where a connection is."""
+    """A step in the life of a connection."""
 
     HANDSHAKE = auto()
     HEAD = auto()
@@ -170,7 +170,7 @@ class Server:
 
     @property
     def connections(self) -> int:
-        """How many there are now, handshakes included."""
+        """Returns how many there are now, handshakes included."""
         return len(self._connections)
 
     def start(self, listener: socket.socket) -> None:

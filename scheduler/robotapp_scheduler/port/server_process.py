@@ -28,7 +28,7 @@ from robotapp_client.transport.kubeconfig import load as login
 from robotapp_scheduler.port.endpoints import AllowAll, Endpoints, Gate, application
 from robotapp_scheduler.port.forked_worker import end_with_parent
 from robotapp_scheduler.port.frames import Request, Settings
-from robotapp_scheduler.port.memory import measure_share, read_limit
+from robotapp_scheduler.port.memory_share import measure_share, read_limit
 from robotapp_scheduler.port.remote import Remote
 from robotapp_scheduler.port.simulate import Simulator
 

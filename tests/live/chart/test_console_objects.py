@@ -82,7 +82,7 @@ def test_the_network_policy_lets_browsers_in(chart: Chart) -> None:
 
 def test_the_server_accepts_its_objects(chart: Chart) -> None:
     objects = [item for item in chart.render(ON) if "console" in item["metadata"]["name"]]
-    assert {item["kind"] for item in objects} == {"Deployment", "Service", "ServiceAccount"}
+    assert {item["kind"] for item in objects} == {"Deployment", "Service", "ServiceAccount", "NetworkPolicy"}
     for item in objects:
         item["metadata"]["namespace"] = "default"
     text = json.dumps({"apiVersion": "v1", "kind": "List", "items": objects})

@@ -26,6 +26,9 @@ PROMETHEUS = {
     },
 }
 
+CLUSTER = ("--dry-run=server", "--api-versions=monitoring.coreos.com/v1/Prometheus")
+"""As an installation has it: objects can be looked up, kinds are known."""
+
 
 def test_nobody_is_let_in_by_default_and_the_ways_out_are_named(chart: Chart) -> None:
     spec = named(chart.render(), "NetworkPolicy", "robotapp")["spec"]
@@ -57,11 +60,11 @@ def test_with_a_monitor_the_prometheus_of_the_cluster_is_found(chart: Chart) -> 
     body = {"apiVersion": "monitoring.coreos.com/v1", "kind": "Prometheus", "metadata": {"name": "main"}}
     plane.kubectl("create", "-n", "watchers", "-f", "-", stdin=json.dumps(body))
     try:
-        objects = chart.render({"metrics.podMonitor.enabled": "true"}, "--dry-run=server")
+        objects = chart.render({"metrics.podMonitor.enabled": "true"}, *CLUSTER)
         spec = named(objects, "NetworkPolicy", "robotapp")["spec"]
         (rule,) = spec["ingress"]
         assert rule["from"] == [{"namespaceSelector": {"matchLabels": {"kubernetes.io/metadata.name": "watchers"}}}]
-        spec = named(chart.render({}, "--dry-run=server"), "NetworkPolicy", "robotapp")["spec"]
+        spec = named(chart.render({}, *CLUSTER), "NetworkPolicy", "robotapp")["spec"]
         assert spec.get("ingress") == [], "without a monitor nobody scrapes"
     finally:
         plane.kubectl("delete", "crd", "prometheuses.monitoring.coreos.com")

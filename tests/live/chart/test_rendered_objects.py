@@ -295,6 +295,7 @@ def test_switches_leave_their_objects_out(chart: Chart) -> None:
             "domainPool.create": "false",
             "crds.enabled": "false",
             "agent.enabled": "false",
+            "networkPolicy.enabled": "false",
         }
     )
     kinds = {item["kind"] for item in objects}

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from robotapp_scheduler.port.forked_worker import MOST_NEW_MEMORY
-from robotapp_scheduler.port.memory import DEFAULT_LIMIT, PAGE, RESERVE, measure_share, measure_tree, read_limit
+from robotapp_scheduler.port.memory_share import DEFAULT_LIMIT, PAGE, RESERVE, measure_share, measure_tree, read_limit
 
 
 def write_process(proc: Path, pid: int, pages: int, *children: int) -> None:
