@@ -20,7 +20,6 @@ NOT_ACCEPTED: Final = frozenset(
         Reason.INVALID_SPEC,
         Reason.TOO_LARGE,
         Reason.UNKNOWN_DISTRO,
-        Reason.NOT_ALLOWED_ON_ROBOT,
         Reason.NO_MATCHING_ROBOT,
     }
 )
