@@ -1,4 +1,4 @@
-"""How large a RobotApp's spec is: what it costs the operator, which keeps every app in its memory, suspended ones too."""
+"""Measures a RobotApp: what it costs the operator, which keeps every app in its memory, suspended ones too."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ class SpecSize(NamedTuple):
 
     @property
     def total_bytes(self) -> int:
-        """About the memory that the spec takes for as long as the app exists."""
+        """Returns about the memory that the spec takes for as long as the app exists."""
         return self.text_bytes + self.components * COMPONENT_BYTES + self.parts * PART_BYTES + self.words * WORD_BYTES
 
 
