@@ -18,7 +18,6 @@ import kopf
 from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE
 from robotapp_claims.protocol.sweeper import Sweeper
 from robotapp_client import ApiClient, Endpoint, LoginError, load
-from robotapp_client.api.resources import ROBOTAPPS
 from robotapp_client.serving.access import Gatekeeper
 from robotapp_client.serving.logs import set_up as set_up_logs
 from robotapp_client.serving.server import PortError
@@ -42,6 +41,7 @@ from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates
 from robotapp_operator.reconcile.status_reporter import Reporter
 from robotapp_operator.settings import Settings, parse
+from robotapp_operator.watch.app_list import list_apps
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config_maps import ParamsWatch
 from robotapp_operator.watch.enqueue import enqueue_status
@@ -216,12 +216,9 @@ class Operator:
         await self.recorder.drain()
         await _ended(worker)
 
-    async def _list_apps(self) -> list[dict[str, Any]]:
+    async def _list_apps(self) -> set[str]:
         self.fleet.forget()
-        bodies: list[dict[str, Any]] = []
-        for namespace in self.settings.namespaces or (None,):
-            bodies += (await self.client.list(ROBOTAPPS, namespace=namespace)).items
-        return bodies
+        return await list_apps(self.client, self.settings.namespaces, self.cache.update_app)
 
 
 def _now() -> datetime:

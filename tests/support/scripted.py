@@ -201,8 +201,9 @@ class ScriptedTransport:
         content_type: str = "",
         timeout_s: float,
         permitted: Permitted = always,
+        most_bytes: int = 0,
     ) -> Response:
-        del timeout_s
+        del timeout_s, most_bytes
         address, _, query = path.partition("?")
         sent = msgspec.json.decode(body) if body else None
         match method:

@@ -34,7 +34,12 @@ class OwnerReference(Object, frozen=True, kw_only=True):
         return self.kind == "RobotApp" and self.api_version.startswith(f"{GROUP}/")
 
 
+_READ: Final = frozenset(annotation.value for annotation in Annotation)
+
+
 class Meta(Object, frozen=True, kw_only=True):
+    """Metadata with the annotations that we read: tenants may write a quarter of a megabyte of others on each object."""
+
     name: str = ""
     namespace: str = ""
     uid: str = ""
@@ -44,6 +49,11 @@ class Meta(Object, frozen=True, kw_only=True):
     annotations: dict[str, str] = {}
     owner_references: tuple[OwnerReference, ...] = ()
     deletion_timestamp: str | None = None
+
+    def __post_init__(self) -> None:
+        if not _READ.issuperset(self.annotations):
+            read = {key: value for key, value in self.annotations.items() if key in _READ}
+            msgspec.structs.force_setattr(self, "annotations", read)
 
     @property
     def app_uid(self) -> str:

@@ -40,7 +40,7 @@ def owner_of(app: App, lookup: Lookup) -> Join:
         known[key_of(current)] = joined(current)
         for key in joined(current):
             other = lookup(key)
-            problem = _problem(current, key, other)
+            problem = _problem(current, key, other, asking=app.metadata.namespace)
             if problem or other is None:
                 return Join(None, problem)
             if key not in known:
@@ -52,13 +52,17 @@ def owner_of(app: App, lookup: Lookup) -> Join:
     return Join(min(next(iter(ends))))
 
 
-def _problem(app: App, key: AppKey, other: App | None) -> str:
+def _problem(app: App, key: AppKey, other: App | None, *, asking: str) -> str:
+    """Why `app` cannot join `key`. What exists in another namespace than the asking app's is not told: absent and not allowed read alike."""
     here, there = "/".join(key_of(app)), "/".join(key)
-    if other is None:
+    if other is not None and may_join(app, other):
+        return ""
+    if key[0] == asking:
         return f"shareWith of {here} names {there}, which does not exist: create it or remove it"
-    if not may_join(app, other):
-        return f"{there} is in another namespace: it must name {here} in its own spec.ros2.shareWith"
-    return ""
+    return (
+        f"shareWith of {here} names {there}, and there is no such app that names {here} in its own spec.ros2.shareWith: both must "
+        "name each other across namespaces"
+    )
 
 
 def _ring(key: AppKey, requests: Mapping[AppKey, tuple[AppKey, ...]]) -> frozenset[AppKey]:

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from robotapp_api.checks.pool import pool_notes
 from robotapp_api.checks.problem import Note
+from robotapp_api.checks.size import size_problem
 from robotapp_api.checks.spec import spec_notes, spec_problems
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.values.label_key import key_problem
@@ -49,6 +50,9 @@ def rules(subject: Subject) -> Iterator[Finding]:
 def operator_problems(subject: Subject) -> Iterator[Finding]:
     """What the operator would refuse with Accepted=False."""
     spec, known = _spec(subject), _refused(subject)
+    stored = subject.stored.get("spec")
+    if isinstance(stored, dict) and (too_large := size_problem(stored)):
+        yield Finding(steps(too_large.field), too_large.message, reason=too_large.reason)
     for problem in spec_problems(spec) if spec else ():
         path = steps(problem.field)
         if path not in known:  # else a rule of the definition has found it already

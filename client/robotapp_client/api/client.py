@@ -28,6 +28,7 @@ from robotapp_client.transport.errors import (
     ClientError,
     Gone,
     ServerError,
+    TooLong,
     TooManyRequests,
     Unreachable,
     error_from_response,
@@ -42,6 +43,10 @@ JsonPatch = list[Json]
 
 REQUEST_TIMEOUT_S: Final = 30.0
 READ_ATTEMPTS: Final = 4
+MOST_PAGE_BYTES: Final = 16 * 2**20
+"""Longest page of a list: five hundred usual pods or nodes are shorter, five hundred objects as large as etcd takes them are not."""
+SHRINK: Final = 4
+"""A page that is longer is asked for again with so many times fewer objects."""
 
 
 class ListMeta(msgspec.Struct, rename="camel"):
@@ -180,30 +185,38 @@ class ApiClient:
     async def pages(
         self, path: str, decode: Callable[[bytes], Page[T]], *, page: int
     ) -> AsyncIterator[tuple[Page[T], bool]]:
-        """The pages of a list one by one; True with the first of a list that had to be begun again: forget the others."""
-        for attempt, size in enumerate((page, page, 0)):
-            token, again = "", attempt > 0
+        """The pages of a list one by one; True with the first of a list that had to be begun again: forget the others.
+
+        A page is bounded by its bytes as well as by its count: a tenant's large objects must not fill our memory.
+        """
+        for attempt, most in enumerate((page, page, 0)):
+            token, again, size = "", attempt > 0, most
             try:
                 while True:
-                    part = await self.read(with_query(path, {"limit": str(size or ""), "continue": token}), decode)
+                    one = with_query(path, {"limit": str(size or ""), "continue": token})
+                    try:
+                        part = await self.read(one, decode, most_bytes=MOST_PAGE_BYTES if size > 1 else 0)
+                    except TooLong:
+                        size = max(1, size // SHRINK)
+                        continue
                     yield part, again
-                    token, again = part.metadata.continue_, False
+                    token, again, size = part.metadata.continue_, False, min(most, size * 2)
                     if not token:
                         return
             except Gone:
-                if size == 0:
+                if most == 0:
                     raise
 
-    async def read(self, path: str, decode: Callable[[bytes], T]) -> T:
+    async def read(self, path: str, decode: Callable[[bytes], T], *, most_bytes: int = 0) -> T:
         """GET with retries. A 200 whose body is no JSON counts as no answer.
 
-        Raises msgspec.ValidationError when the object does not fit the decoder's type: repeating would not help.
+        Raises TooLong for an answer beyond `most_bytes` (0: any length), and msgspec.ValidationError when the object does not fit the decoder's type: repeating would not help.
         """
         backoff = Backoff(base_s=0.1, cap_s=5.0, uniform=self.uniform)
         while True:
             retry_after_s: float | None = None
             try:
-                return _decode(decode, await self.request("GET", path))
+                return _decode(decode, await self.request("GET", path, most_bytes=most_bytes))
             except Unreachable:
                 if backoff.attempt >= READ_ATTEMPTS - 1:
                     raise
@@ -320,11 +333,18 @@ class ApiClient:
         content_type: str = "",
         *,
         permitted: Permitted = always,
+        most_bytes: int = 0,
     ) -> Response:
         """One request sent once. Raises ApiError for status >= 400, Unreachable when there is no complete answer."""
         try:
             response = await self._transport.request(
-                method, path, body=body, content_type=content_type, timeout_s=self._timeout_s, permitted=permitted
+                method,
+                path,
+                body=body,
+                content_type=content_type,
+                timeout_s=self._timeout_s,
+                permitted=permitted,
+                most_bytes=most_bytes,
             )
         except Unreachable:
             self.requests[method, 0] += 1

@@ -25,6 +25,10 @@ class Unreachable(ClientError):
         self.maybe_applied = maybe_applied
 
 
+class TooLong(ClientError):
+    """An answer to a read is longer than the caller takes into memory; it was not read to its end."""
+
+
 class Silent(Unreachable):
     """An answer had begun, and nothing more of it was heard for as long as we listen."""
 

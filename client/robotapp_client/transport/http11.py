@@ -25,6 +25,10 @@ class BrokenError(Exception):
     """There is no complete answer; whether the request was executed is unknown."""
 
 
+class TooLongError(BrokenError):
+    """The answer is longer than the request allows."""
+
+
 RawHeaders = list[tuple[bytes, bytes]]
 
 
@@ -102,6 +106,8 @@ class Exchange(msgspec.Struct, eq=False):
     deadline_s: float
     permitted: Permitted = always
     dropped: bool = False
+    most_bytes: int = 0
+    """The longest body that is taken into memory; 0: of any length."""
 
     def __repr__(self) -> str:
         return f"<Exchange {self.request[:40]!r}{', dropped' if self.dropped else ''}>"
@@ -126,6 +132,7 @@ class Connection(Speaker):
         self._answer: Answer | None = None
         self._start: list[bytes] = []
         self._body: list[bytes] = []
+        self._taken_bytes = 0
         self.exchange: Exchange | None = None
         self.reusable = True
         self.idle_since_s = 0.0
@@ -147,9 +154,12 @@ class Connection(Speaker):
 
     def fail(self, what: str) -> None:
         """Close at once; a caller that waits for an answer gets the error."""
+        self._fail_with(BrokenError(what))
+
+    def _fail_with(self, error: BrokenError) -> None:
         self.end()
         if self.exchange is not None:
-            self._over(BrokenError(what))
+            self._over(error)
 
     def _over(self, outcome: Answer | BrokenError) -> None:
         exchange, self.exchange = self.exchange, None
@@ -172,7 +182,11 @@ class Connection(Speaker):
             self.end()
             problem = f"the answer is no HTTP: {error}"
         answer, self._answer = self._answer, None
-        if answer is not None:
+        most = self.exchange.most_bytes
+        if 0 < most < (self._taken_bytes if answer is None else len(answer.body)):
+            self._body = []
+            self._fail_with(TooLongError(f"the answer is longer than {most} bytes"))
+        elif answer is not None:
             self._over(answer)
         elif problem:
             self.fail(problem)
@@ -185,13 +199,14 @@ class Connection(Speaker):
 
     def on_body(self, body: bytes) -> None:
         self._body.append(body)
+        self._taken_bytes += len(body)
 
     def on_message_complete(self) -> None:
         status = self._parser.get_status_code()
         if status < 200:  # "100 Continue" and the like announce the answer
             return
         start, body = self._start, self._body
-        self._start, self._body = [], []
+        self._start, self._body, self._taken_bytes = [], [], 0
         if not self._parser.should_keep_alive():
             self.reusable = False
         if self._answer is None:

@@ -8,8 +8,8 @@ from types import TracebackType
 from typing import Final, NamedTuple, Protocol, Self
 
 from robotapp_client.transport.connect import Dialer, NotSentError
-from robotapp_client.transport.errors import ClientError, Unreachable
-from robotapp_client.transport.http11 import Answer, BrokenError, Outcome, Permitted, always
+from robotapp_client.transport.errors import ClientError, TooLong, Unreachable
+from robotapp_client.transport.http11 import Answer, BrokenError, Outcome, Permitted, TooLongError, always
 from robotapp_client.transport.kubeconfig import Endpoint
 from robotapp_client.transport.pool import Connections
 from robotapp_client.transport.stream import Streams
@@ -48,6 +48,7 @@ class Transport(Protocol):
         content_type: str = "",
         timeout_s: float,
         permitted: Permitted = always,
+        most_bytes: int = 0,
     ) -> Response: ...
 
     def post(
@@ -66,6 +67,7 @@ class _Call(NamedTuple):
     content_type: str
     timeout_s: float
     permitted: Permitted
+    most_bytes: int = 0
 
 
 class HttpTransport:
@@ -120,13 +122,14 @@ class HttpTransport:
         content_type: str = "",
         timeout_s: float,
         permitted: Permitted = always,
+        most_bytes: int = 0,
     ) -> Response:
         """One request, one answer of any status; `path` carries its query, already escaped.
 
-        Raises Unreachable, with `maybe_applied` true as soon as a byte of a write may have left; nothing leaves when
+        Raises TooLong for an answer beyond `most_bytes` (0: any length), else Unreachable, with `maybe_applied` true as soon as a byte of a write may have left; nothing leaves when
         `permitted` returns False at the moment of sending.
         """
-        return await self._request(_Call(method, path, body, content_type, timeout_s, permitted))
+        return await self._request(_Call(method, path, body, content_type, timeout_s, permitted, most_bytes))
 
     def post(
         self, path: str, body: bytes, done: Done, *, content_type: str, timeout_s: float, permitted: Permitted
@@ -193,7 +196,11 @@ class HttpTransport:
     async def _once(self, call: _Call) -> Response:
         data = self._bytes(call.method, call.path, call.body, call.content_type)
         try:
-            return await self._open().request(data, timeout_s=call.timeout_s, permitted=call.permitted)
+            return await self._open().request(
+                data, timeout_s=call.timeout_s, permitted=call.permitted, most_bytes=call.most_bytes
+            )
+        except TooLongError as error:
+            raise TooLong(f"{_where(call.method, call.path)}: {error}") from error
         except (NotSentError, BrokenError) as error:
             raise _without_answer(call, error) from error
 

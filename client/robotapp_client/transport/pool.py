@@ -34,10 +34,13 @@ class Connections:
         waiting = sum(not exchange.dropped for exchange in self._line)
         return f"<Connections {self.host_header}: {self._claimed} busy, {len(self._idle)} idle, {waiting} waiting>"
 
-    async def request(self, data: bytes, *, timeout_s: float, permitted: Permitted = always) -> Answer:
+    async def request(
+        self, data: bytes, *, timeout_s: float, permitted: Permitted = always, most_bytes: int = 0
+    ) -> Answer:
         """`send`, awaited. Raises NotSentError or BrokenError; cancelling it ends the connection that carries it."""
         ended: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
-        exchange = self.send(data, functools.partial(_settle, ended), timeout_s=timeout_s, permitted=permitted)
+        settle = functools.partial(_settle, ended)
+        exchange = self.send(data, settle, timeout_s=timeout_s, permitted=permitted, most_bytes=most_bytes)
         try:
             outcome = await ended
         except asyncio.CancelledError:
@@ -48,7 +51,13 @@ class Connections:
         raise outcome
 
     def send(
-        self, data: bytes, done: Callable[[Outcome], None], *, timeout_s: float, permitted: Permitted = always
+        self,
+        data: bytes,
+        done: Callable[[Outcome], None],
+        *,
+        timeout_s: float,
+        permitted: Permitted = always,
+        most_bytes: int = 0,
     ) -> Exchange:
         """Send `data` on a free connection, now or as soon as there is one. `timeout_s` counts from here.
 
@@ -56,7 +65,9 @@ class Connections:
         """
         now_s = asyncio.get_running_loop().time()
         deadline_s = now_s + timeout_s
-        exchange = Exchange(data, done, timeout_s=timeout_s, deadline_s=deadline_s, permitted=permitted)
+        exchange = Exchange(
+            data, done, timeout_s=timeout_s, deadline_s=deadline_s, permitted=permitted, most_bytes=most_bytes
+        )
         connection = self._pop_idle(now_s)
         if connection is None and self._claimed >= self._limit:
             self._line.append(exchange)

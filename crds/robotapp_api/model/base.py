@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic.alias_generators import to_camel
 
 from robotapp_api.model.markers import Rule
+from robotapp_api.model.packed import unpacked
 
 
 class Model(BaseModel):
@@ -65,4 +66,4 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
-    return value
+    return unpacked(value)

@@ -319,7 +319,7 @@ _EVENTS: Final[Mapping[str, Judge]] = {
             "InvalidSpec",
             "UnknownDistro",
             "NoMatchingRobot",
-            "NotAllowedOnRobot",
+            "TooLarge",
             "DomainTaken",
             "DomainExhausted",
             "PoolNotFound",

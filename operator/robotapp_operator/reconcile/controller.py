@@ -3,7 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Mapping
-from typing import Any, Final
+from typing import Final
 
 from robotapp_client import ApiError, ClientError, TooManyRequests
 from robotapp_operator.plan.spec.desired import App
@@ -71,7 +71,7 @@ class Controller:
         gates: Gates,
         probes: Probes,
         pools: Pools,
-        list_apps: Callable[[], Awaitable[list[dict[str, Any]]]],
+        list_apps: Callable[[], Awaitable[set[str]]],
         request_sweep: Callable[[], None],
     ) -> None:
         self._cache = cache
@@ -332,11 +332,9 @@ class Controller:
         """Add every app again; forget apps that are gone although no event came."""
         known = set(self._cache.apps)
         self._cache.forget_ends()
-        bodies = await self._list_apps()
-        for body in bodies:
-            self._cache.update_app(body)
+        uids = await self._list_apps()  # which updates the cache
         # An app that came while the list was under way may not be in it.
-        for uid in known - {body["metadata"]["uid"] for body in bodies}:
+        for uid in known - uids:
             self._cache.forget_app(uid)
         for uid in known | set(self._cache.apps):
             self._queue.add(Key(Work.APP, uid))

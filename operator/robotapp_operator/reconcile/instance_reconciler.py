@@ -380,4 +380,4 @@ def _must_not_start(instance: Instance, observed: Mapping[ChildRef, Observed]) -
 
 def protocol_view(item: Deployment) -> ClaimsDeployment:
     """The Deployment in the form the claim rules read."""
-    return msgspec.convert(msgspec.to_builtins(item), ClaimsDeployment)
+    return msgspec.convert({"metadata": msgspec.to_builtins(item.metadata), "spec": item.spec}, ClaimsDeployment)

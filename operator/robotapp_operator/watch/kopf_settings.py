@@ -8,6 +8,10 @@ from robotapp_api.model.names import GROUP
 
 EXIT_S: Final = 20.0
 """Below the pod's termination grace period."""
+IDLE_S: Final = 0.05
+"""kopf holds the last event of each object, as decoded JSON, for so long after it was handled: five seconds were two hundred
+objects of twelve megabytes each.
+"""
 
 
 class NoProgress(kopf.ProgressStorage):
@@ -53,6 +57,7 @@ def kopf_settings() -> kopf.OperatorSettings:
     settings.watching.server_timeout = 300
     settings.watching.inactivity_timeout = 70
     settings.watching.initial_streaming = True
+    settings.queueing.idle_timeout = IDLE_S
     settings.networking.request_timeout = 30
     settings.networking.connect_timeout = 5
     settings.networking.enforce_retry_after = True

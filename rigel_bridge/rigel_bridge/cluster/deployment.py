@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from rigel_bridge.cluster import apps, history
-from rigel_bridge.cluster.differences import changes
+from rigel_bridge.cluster.differences import changes, diff
 from rigel_bridge.cluster.kubectl import ClusterError, Kubectl, Refusal
+from rigel_bridge.cluster.lent import find_additions
 from rigel_bridge.cluster.revisions import provenance, same, target
 from rigel_bridge.document.failures import Exit
 
@@ -25,6 +26,20 @@ class Written:
     changes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """What a rollback would do: a unified diff of the specs, and what of images, accounts and Secrets it would add."""
+
+    name: str
+    number: int
+    diff: str
+    additions: tuple[str, ...]
+
+
+Approve = Callable[[Proposal], None]
+"""Shows a proposal and returns if it shall be carried out. Raises ClusterError if not."""
+
+
 def deploy(kubectl: Kubectl, app: Mapping[str, Any], *, tell: Tell) -> Written:
     """Apply a RobotApp. The spec it replaces is stored before, because it may have been edited by hand, and the new one after the write."""
     present = apps.read(kubectl, app["metadata"]["name"])
@@ -35,13 +50,19 @@ def deploy(kubectl: Kubectl, app: Mapping[str, Any], *, tell: Tell) -> Written:
     return _written(present, stored)
 
 
-def roll_back(kubectl: Kubectl, name: str, *, number: int | None, tell: Tell) -> tuple[Written, int]:
-    """Give the app an earlier spec, byte for byte; returns also the number of the revision it had."""
+def roll_back(kubectl: Kubectl, name: str, *, number: int | None, approve: Approve, tell: Tell) -> tuple[Written, int]:
+    """Give the app an earlier spec, byte for byte, if `approve` lets it; returns also the number of the revision it had.
+
+    A revision is written by whoever may write apps of the namespace, who need not be who brings it back.
+    """
     present = apps.existing(kubectl, name)
     history.record(kubectl, present)
     chosen = target(history.read(kubectl, present), present["spec"], number)
     if isinstance(chosen, str):
         raise ClusterError(f"RobotApp {name}: {chosen}", code=Exit.MISSING)
+    before, after = f"cluster/{name}", f"revision/{chosen.number}"
+    shown = diff(present["spec"], chosen.spec, before=before, after=after)
+    approve(Proposal(name, chosen.number, shown, tuple(find_additions(present["spec"], chosen.spec))))
     stored = apps.apply(kubectl, apps.bare(present, chosen.spec, chosen.provenance))
     if not same(stored["spec"], chosen.spec):  # fields that others wrote since: an apply leaves them
         stored = apps.replace_spec(kubectl, stored, chosen.spec)
@@ -65,4 +86,7 @@ def _record(kubectl: Kubectl, app: Json, tell: Tell) -> None:
     except ClusterError as error:
         if error.reason is not Refusal.FORBIDDEN:
             raise
-        tell(f"no history is kept, so there is no rollback: {error}; role robotapp-editor has the right")
+        tell(
+            f"no history is kept, so there is no rollback: {error}; role robotapp-editor has the right, for a spec with an account "
+            "or a Secret with the right to create pods beside it"
+        )

@@ -14,7 +14,7 @@ class Exit(IntEnum):
 
     OK = 0
     DIFFERENT = 1
-    """`diff` found something."""
+    """`diff` found something, or nobody said yes to a difference that `rollback` showed."""
     USAGE = 2
     UNREADABLE = 70
     SYNTAX = 71

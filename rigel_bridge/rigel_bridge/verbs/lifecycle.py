@@ -1,13 +1,15 @@
 """`rigel-bridge apply`, `diff`, `rollback`, `delete`: a RobotApp into the cluster, back to an earlier spec, and away."""
 
 import argparse
+import functools
 import re
 import sys
 from typing import Final
 
 from rigel_bridge.cluster import apps
-from rigel_bridge.cluster.deployment import deploy, roll_back
+from rigel_bridge.cluster.deployment import Proposal, deploy, roll_back
 from rigel_bridge.cluster.differences import diff
+from rigel_bridge.cluster.kubectl import ClusterError
 from rigel_bridge.cluster.removal import remove
 from rigel_bridge.cluster.volume_claims import apply_claims, delete_claims
 from rigel_bridge.cluster.waiting import Clock, wait_ready
@@ -105,6 +107,11 @@ def _rollback_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--wait", type=seconds, metavar="DURATION", help="return when the app is Ready, at the latest then"
     )
+    parser.add_argument(
+        "--yes",
+        action="store_true",
+        help="do not ask before an image, account or Secret is added that the app has not now",
+    )
 
 
 def _revision(text: str) -> int:
@@ -116,7 +123,8 @@ def _revision(text: str) -> int:
 def _rollback(arguments: argparse.Namespace) -> int:
     kubectl = kubectl_of(arguments)
     for name in names_of(arguments):
-        written, number = roll_back(kubectl, name, number=arguments.to, tell=tell)
+        approve = functools.partial(_approve, assume_yes=arguments.yes)
+        written, number = roll_back(kubectl, name, number=arguments.to, approve=approve, tell=tell)
         say(f"{subject(written.stored)}: {written.outcome}, spec of revision {number}")
         for change in written.changes:
             say(f"  {change}")
@@ -126,12 +134,32 @@ def _rollback(arguments: argparse.Namespace) -> int:
     return Exit.OK
 
 
+def _approve(proposal: Proposal, *, assume_yes: bool) -> None:
+    """Shows the difference, and asks before something is added that runs, or that is run with. Raises ClusterError after a no."""
+    sys.stdout.writelines(f"{printable(line)}\n" for line in proposal.diff.splitlines())
+    if not proposal.additions or assume_yes:
+        return
+    say(f"revision {proposal.number} adds:")
+    for line in proposal.additions:
+        say(f"  {line}")
+    if sys.stdin.isatty():
+        say(f"give robotapp/{proposal.name} this spec? [y/N]")
+        if sys.stdin.readline().strip().lower() in ("y", "yes"):
+            return
+    raise ClusterError(
+        f"RobotApp {proposal.name}: revision {proposal.number} adds what is listed above and nobody said yes, so nothing is written; "
+        "look at the difference, then repeat with --yes",
+        code=Exit.DIFFERENT,
+    )
+
+
 ROLLBACK: Final = Verb(
     name="rollback",
     summary="give the app an earlier spec",
     description=(
-        "Give the app the spec of an earlier revision, byte for byte: also what others changed since is undone. The present "
-        "spec becomes a revision first, so a second rollback returns to it."
+        "Give the app the spec of an earlier revision, byte for byte: also what others changed since is undone. The difference is "
+        "shown first, and you are asked before an image, an account or a Secret is added: whoever may write apps of the namespace "
+        "may write its revisions. The present spec becomes a revision first, so a second rollback returns to it."
     ),
     arguments=_rollback_arguments,
     run=_rollback,
@@ -139,6 +167,7 @@ ROLLBACK: Final = Verb(
         ("rigel-bridge rollback", "the spec before the last change; again to return"),
         ("rigel-bridge status amr-teleop", "lists the revisions"),
         ("rigel-bridge rollback amr-teleop --to 3", "one of them"),
+        ("rigel-bridge rollback --yes", "without a question, in a script"),
     ),
 )
 

@@ -17,7 +17,7 @@ from robotapp_client.api.client import ApiClient
 from robotapp_client.transport.errors import ClientError, NotFound
 from robotapp_client.transport.kubeconfig import default_kubeconfigs, load
 from robotapp_scheduler.core.api.core_v1 import Pod
-from robotapp_scheduler.core.api.storage_v1 import BETA_CLASS, BIND_COMPLETED, MIGRATED_PLUGINS, SELECTED_NODE
+from robotapp_scheduler.core.api.kept_annotations import BETA_CLASS, BIND_COMPLETED, MIGRATED_PLUGINS, SELECTED_NODE
 from robotapp_scheduler.simulation.dump import encode
 from robotapp_scheduler.watch.routes import resources
 

@@ -16,6 +16,7 @@ from robotapp_testbed import ControlPlane, wait_until
 from robotapp_testbed.failures import ApiStatusError
 
 pytestmark = pytest.mark.live
+Component = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
@@ -78,16 +79,41 @@ def test_suspend_and_metadata_stay_free_for_who_may_write_the_app(attackers: Att
     )
 
 
-def test_an_app_as_large_as_the_api_server_takes_it_is_within_the_policys_cost(attackers: Attackers) -> None:
+_ENV = [{"name": f"A{index}"} for index in range(128)]
+_FROM_POD = [{"name": f"A{index}", "valueFrom": {"fieldRef": {"fieldPath": "x"}}} for index in range(128)]
+_SOURCE = {"downwardAPI": {}}
+_LARGEST: dict[str, Component] = {
+    "environment": {
+        "env": _ENV,
+        "template": {
+            "spec": {"initContainers": [{"name": f"i{n}", "image": "x", "env": _ENV} for n in range(7)]},
+        },
+    },
+    "values of the pod": {
+        "env": _FROM_POD,
+        "template": {"spec": {"initContainers": [{"name": "i", "image": "x", "env": _FROM_POD}]}},
+    },
+    "projected sources": {
+        "template": {
+            "spec": {"volumes": [{"name": f"v{n}", "projected": {"sources": [_SOURCE] * 60}} for n in range(12)]}
+        }
+    },
+}
+
+
+@pytest.mark.parametrize("component", _LARGEST.values(), ids=_LARGEST)
+def test_an_app_as_large_as_the_api_server_takes_it_is_within_the_policys_cost(
+    attackers: Attackers, component: Component
+) -> None:
     """A policy that runs out of its budget refuses: who names no Secret must not be refused for the length of his app."""
-    env = [{"name": f"A{index}"} for index in range(128)]
-    first = [{"name": f"i{index}", "image": "x", "env": env} for index in range(7)]
-    component = {"image": "x", "env": env, "template": {"spec": {"initContainers": first}}}
     app = {
         "apiVersion": ROBOTAPP.version,
         "kind": ROBOTAPP.kind,
         "metadata": {"name": "large"},
-        "spec": {"ros": {"distro": "humble"}, "components": [{"name": f"c{n}", **component} for n in range(64)]},
+        "spec": {
+            "ros": {"distro": "humble"},
+            "components": [{"name": f"c{n}", "image": "x", **component} for n in range(64)],
+        },
     }
     assert len(json.dumps(app)) > 1_000_000
     stored = attackers.apis["clerk"].create(f"{ROBOTAPP.path(attackers.namespaces['own'])}?dryRun=All", app)

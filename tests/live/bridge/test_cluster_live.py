@@ -61,9 +61,9 @@ def test_an_app_lives_from_apply_to_delete_with_the_rights_of_its_user(
     stage.edit("teleop", {"connectivity": {"grace": "9m"}, "placement": {"zones": ["hall-1"]}})
     edited = text(stage.app("teleop")["spec"])
 
-    assert stage.run("rollback", "teleop", "--to", "1", "--wait", "60s") == 0, capsys.readouterr().err
+    assert stage.run("rollback", "teleop", "--to", "1", "--wait", "60s", "--yes") == 0, capsys.readouterr().err
     assert text(stage.app("teleop")["spec"]) == text(stored["spec"]), "what others wrote since is undone too"
-    assert stage.run("rollback", "teleop") == 0
+    assert stage.run("rollback", "teleop", "--yes") == 0
     assert text(stage.app("teleop")["spec"]) == edited, "the hand-made spec was kept, and is the last other one"
     assert len(revisions(stage)) == 3
     more(stage, revisions(stage)[-1], first=100, count=8)

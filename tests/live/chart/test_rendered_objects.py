@@ -302,6 +302,14 @@ def test_switches_leave_their_objects_out(chart: Chart) -> None:
     assert kinds == {"ServiceAccount", "ConfigMap", "Deployment", "Lease"}
 
 
+def test_only_listed_priority_classes_are_free_for_writers_without_pods(chart: Chart) -> None:
+    for values, free in (({}, "['']"), ({"policies.priorityClasses[0]": "robots-first"}, "['', 'robots-first']")):
+        for policy in ("robotapp-references", "robotapp-revisions"):
+            variables = named(chart.render(values), "ValidatingAdmissionPolicy", policy)["spec"]["variables"]
+            (priorities,) = [item["expression"] for item in variables if item["name"] == "priorities"]
+            assert f"priorityClassName.orValue('') in {free})" in priorities
+
+
 def test_crds_and_pool_are_kept_on_uninstall_unless_told_otherwise(chart: Chart) -> None:
     for keep, expected in (("true", {"keep"}), ("false", {None})):
         objects = of_kind(chart.render({"crds.keep": keep}), "CustomResourceDefinition")  # the pool goes with its own

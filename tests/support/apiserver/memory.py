@@ -18,6 +18,7 @@ from tests.support.apiserver.store import Refused, Store
 from tests.support.apiserver.verbs import KINDS, Sent, Target, act, target
 
 from robotapp_client import ApiClient, Endpoint, Unreachable
+from robotapp_client.transport.errors import TooLong
 from robotapp_client.transport.http11 import Permitted, always
 from robotapp_client.transport.http_transport import Done, Response, Stream, call_when_done
 
@@ -119,6 +120,7 @@ class MemoryTransport:
         content_type: str = "",
         timeout_s: float,
         permitted: Permitted = always,
+        most_bytes: int = 0,
     ) -> Response:
         del timeout_s
         if not permitted():
@@ -149,6 +151,8 @@ class MemoryTransport:
             await self._after(what)
         if mishap is Mishap.LOST:
             raise Unreachable("lost", maybe_applied=write)
+        if 0 < most_bytes < len(answer.body):
+            raise TooLong(f"the answer is longer than {most_bytes} bytes")
         return answer
 
     def _check_rights(self, where: Target) -> None:

@@ -6,9 +6,8 @@ from typing import Any
 import msgspec
 from tests.support.scheduling import make_info
 
+from robotapp_scheduler.core.api.kept_annotations import BIND_COMPLETED, SELECTED_NODE
 from robotapp_scheduler.core.api.storage_v1 import (
-    BIND_COMPLETED,
-    SELECTED_NODE,
     Claim,
     CSIDriver,
     CSINode,

@@ -76,9 +76,9 @@ class StubbedController:
             request_sweep=self._wake,
         )
 
-    async def _list(self) -> list[dict[str, Any]]:
+    async def _list(self) -> set[str]:
         self.while_listing()
-        return self.listed
+        return {self.cache.update_app(body).uid for body in self.listed}
 
     def _wake(self) -> None:
         self.woken += 1

@@ -1,6 +1,6 @@
 """Components: the processes of an app. Each becomes one Deployment per instance.
 
-Fields borrowed from PodSpec and Container stay plain JSON in Python; their schema is the vendored core schema.
+Fields borrowed from PodSpec and Container stay JSON in Python, packed as text; their schema is the vendored core schema.
 """
 
 from typing import Annotated, Literal
@@ -10,9 +10,10 @@ from pydantic import Field
 from robotapp_api.model.app.device import Device, Requirement
 from robotapp_api.model.app.edge import Durability, Liveliness, Reliability
 from robotapp_api.model.app.parameters import ParameterFiles
-from robotapp_api.model.app.template import Json, JsonList, Template
+from robotapp_api.model.app.template import Template
 from robotapp_api.model.base import Model
 from robotapp_api.model.markers import Core, ListMap, ListSet, Rule
+from robotapp_api.model.packed import PackedList, PackedMap
 from robotapp_api.model.scalars import DnsLabel, DnsName, Duration, Image, Quantity, TopicName
 
 Tier = Literal["Robot", "Edge", "Cloud"]
@@ -125,29 +126,29 @@ class Component(Model):
     """Arguments of the entry point."""
     working_dir: Annotated[str, Core("Container", "workingDir")] | None = None
     """Directory the entry point starts in."""
-    env: Annotated[JsonList, Core("Container", "env")] = ()
+    env: Annotated[PackedList, Core("Container", "env")] = PackedList()
     """Environment variables; the operator adds the ROS ones."""
-    env_from: Annotated[JsonList, Core("Container", "envFrom")] = ()
+    env_from: Annotated[PackedList, Core("Container", "envFrom")] = PackedList()
     """ConfigMaps and Secrets of this namespace whose keys become environment variables."""
-    ports: Annotated[JsonList, Core("Container", "ports")] = ()
+    ports: Annotated[PackedList, Core("Container", "ports")] = PackedList()
     """Ports of the container; host ports are not possible."""
-    volume_mounts: Annotated[JsonList, Core("Container", "volumeMounts")] = ()
+    volume_mounts: Annotated[PackedList, Core("Container", "volumeMounts")] = PackedList()
     """Where the volumes of template.spec appear in the container."""
-    resources: Annotated[Json, Core("Container", "resources")] = Field(default_factory=dict)
+    resources: Annotated[PackedMap, Core("Container", "resources")] = PackedMap()
     """CPU, memory and extended resources the container asks for and may use at most."""
     image_pull_policy: (
         Annotated[Literal["Always", "IfNotPresent", "Never"], Core("Container", "imagePullPolicy")] | None
     ) = None
     """When the image is pulled: Always, IfNotPresent or Never."""
-    security_context: Annotated[Json, Core("Container", "securityContext")] | None = None
+    security_context: Annotated[PackedMap, Core("Container", "securityContext")] | None = None
     """Security options of the container."""
-    liveness_probe: Annotated[Json, Core("Container", "livenessProbe")] | None = None
+    liveness_probe: Annotated[PackedMap, Core("Container", "livenessProbe")] | None = None
     """Check whose failure restarts the container."""
-    readiness_probe: Annotated[Json, Core("Container", "readinessProbe")] | None = None
+    readiness_probe: Annotated[PackedMap, Core("Container", "readinessProbe")] | None = None
     """Check that must succeed before the component counts as ready."""
-    startup_probe: Annotated[Json, Core("Container", "startupProbe")] | None = None
+    startup_probe: Annotated[PackedMap, Core("Container", "startupProbe")] | None = None
     """Check that must succeed once before the others begin."""
-    lifecycle: Annotated[Json, Core("Container", "lifecycle")] | None = None
+    lifecycle: Annotated[PackedMap, Core("Container", "lifecycle")] | None = None
     """What runs in the container after its start and before it is asked to stop, for example publishing zero velocity."""
     parameters: ParameterFiles = ()
     """ROS parameter files in the order in which they are passed; a later one wins. A change of what inline and

@@ -7,10 +7,10 @@ from pydantic import Field, StringConstraints, WithJsonSchema
 from robotapp_api.model.app.robots import LABEL_KEY
 from robotapp_api.model.base import Model
 from robotapp_api.model.markers import Core, Rule
+from robotapp_api.model.packed import PackedList, PackedMap
 from robotapp_api.model.scalars import LABEL_VALUE_PATTERN
 
-Json = dict[str, Any]
-JsonList = tuple[Json, ...]
+JsonList = tuple[dict[str, Any], ...]
 
 _FREE_KEYS = (
     Rule(
@@ -55,13 +55,13 @@ class TemplateMetadata(Model):
 class TemplateSpec(Model):
     """Fields of the pod with core's names and meaning."""
 
-    volumes: Annotated[JsonList, Core("PodSpec", "volumes")] = ()
+    volumes: Annotated[PackedList, Core("PodSpec", "volumes")] = PackedList()
     """Volumes of the pod: configMap, secret, emptyDir, persistentVolumeClaim, projected or downwardAPI."""
-    image_pull_secrets: Annotated[JsonList, Core("PodSpec", "imagePullSecrets")] = ()
+    image_pull_secrets: Annotated[PackedList, Core("PodSpec", "imagePullSecrets")] = PackedList()
     """Secrets of this namespace that let the node pull the image."""
-    init_containers: Annotated[JsonList, Core("PodSpec", "initContainers")] = ()
+    init_containers: Annotated[PackedList, Core("PodSpec", "initContainers")] = PackedList()
     """Containers that run before the component."""
-    tolerations: Annotated[JsonList, Core("PodSpec", "tolerations")] = ()
+    tolerations: Annotated[PackedList, Core("PodSpec", "tolerations")] = PackedList()
     """Node taints the component puts up with."""
     node_selector: Annotated[dict[str, str], Core("PodSpec", "nodeSelector")] = Field(default_factory=dict)
     """Labels the node must have, beside what runsOn and requires ask for."""
@@ -70,7 +70,7 @@ class TemplateSpec(Model):
     service_account_name: Annotated[str, Core("PodSpec", "serviceAccountName")] | None = None
     """ServiceAccount of this namespace the pod runs as. Its token is mounted, except that of `default`, which is also what a
     pod without this field runs as: name an account of its own for a component that talks to the API server."""
-    security_context: Annotated[Json, Core("PodSpec", "securityContext")] | None = None
+    security_context: Annotated[PackedMap, Core("PodSpec", "securityContext")] | None = None
     """Security options of the pod; those of the container stand beside its image."""
     runtime_class_name: Annotated[str, Core("PodSpec", "runtimeClassName")] | None = None
     """RuntimeClass the pod runs with."""

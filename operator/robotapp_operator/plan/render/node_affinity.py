@@ -49,12 +49,8 @@ def tolerations(component: Component, desired: Desired) -> list[dict[str, Any]]:
 
 def shared_tolerations(desired: Desired) -> list[dict[str, Any]]:
     """What every component tolerates. Servers and routers go where all components may: a tainted pool is then no trap."""
-    first, *others = desired.app.spec.components
-    return [
-        one
-        for one in first.template.spec.tolerations
-        if all(one in other.template.spec.tolerations for other in others)
-    ]
+    first, *others = (component.template.spec.tolerations.unpack() for component in desired.app.spec.components)
+    return [one for one in first if all(one in other for other in others)]
 
 
 def shared_node_selector(desired: Desired) -> dict[str, str]:

@@ -4,6 +4,7 @@ from typing import Any, Final
 
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import WAITING_STEP, Annotation
+from robotapp_api.model.packed import unpacked
 from robotapp_operator.plan.render.child import component_labels
 from robotapp_operator.plan.render.environment import ros2_environment
 from robotapp_operator.plan.render.node_affinity import affinity, scheduling_gates, tolerations
@@ -147,4 +148,5 @@ def _waiting(component: Component, desired: Desired) -> list[dict[str, Any]]:
 
 def _written(**fields: Any) -> dict[str, Any]:
     """Only fields with a value: the API server would drop the rest, and we would see a difference for ever."""
-    return {name: value for name, value in fields.items() if value is not None and value not in ([], {}, "")}
+    plain = {name: unpacked(value) for name, value in fields.items()}
+    return {name: value for name, value in plain.items() if value is not None and value not in ([], {}, "")}

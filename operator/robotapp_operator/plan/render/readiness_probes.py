@@ -19,7 +19,7 @@ def readiness_probe(component: Component, *, ros_version: int) -> dict[str, Any]
     """The probe of the component's container, None when neither is written (running counts as ready)."""
     ready = component.ready
     if ready is None:
-        return component.readiness_probe
+        return component.readiness_probe.unpack() if component.readiness_probe is not None else None
     command = _topic(ready.topic, ros_version) if ready.topic else _lifecycle(component.name)
     sourced = f'. "/opt/ros/$ROS_DISTRO/setup.bash" && {command}'
     return {

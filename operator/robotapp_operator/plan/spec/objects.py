@@ -4,24 +4,44 @@ Only fields a rule reads are listed; managedFields and the rest are skipped whil
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
+from robotapp_api.model.names import Label
 from robotapp_api.values.placement.round_trips import Rtt
 from robotapp_claims.rules import objects as claims
 from robotapp_claims.rules.instances import robot_of
 from robotapp_claims.rules.objects import TelemetryDevice
+
+_LABELS: Final = frozenset(label.value for label in Label)
+_SPEC: Final = msgspec.json.Decoder(dict[str, Any])
 
 
 class Struct(msgspec.Struct, rename="camel", kw_only=True):
     """Base: camelCase on the wire, absent fields take their default."""
 
 
+MOST_LABELS: Final = 64
+"""An object of a tenant with more of them is kept with ours alone: labels have no bound but etcd's."""
+MOST_SPEC_BYTES: Final = 1_000_000
+"""A child of ours is shorter: all of an app is (`robotapp_api.checks.size`). What a longer one holds was not written by us."""
+
+
 class Meta(claims.Meta, frozen=True, kw_only=True):
     """What the claim rules read of metadata, and since when the object exists."""
 
     creation_timestamp: str | None = None
+
+
+class TenantMeta(Meta, frozen=True, kw_only=True):
+    """Metadata of an object that tenants write: what nobody reads of it is not kept."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.labels) > MOST_LABELS:
+            ours = {key: value for key, value in self.labels.items() if key in _LABELS}
+            msgspec.structs.force_setattr(self, "labels", ours)
 
 
 def version_number(resource_version: str) -> int:
@@ -45,9 +65,32 @@ class DeploymentStatus(Struct):
     conditions: list[ObjectCondition] = []
 
 
-class Deployment(Struct):
-    metadata: Meta
-    spec: dict[str, Any] = {}
+class Spec(Struct):
+    """A child of an app; its spec is kept as text and decoded by each reader.
+
+    Nothing of a spec is kept that no RobotApp controls, or that is longer than a child of ours can be: the operator does not
+    write such objects, and tenants may make many of them.
+    """
+
+    metadata: TenantMeta
+    given: dict[str, Any] = msgspec.field(name="spec", default_factory=dict)
+    """As decoded; empty afterwards."""
+    text: bytes = b""
+
+    def __post_init__(self) -> None:
+        if self.given:
+            text = msgspec.json.encode(self.given)
+            self.given = {}
+            ours = self.metadata.controller_uid and self.metadata.controller_uid == self.metadata.app_uid
+            self.text = text if ours and len(text) <= MOST_SPEC_BYTES else b""
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The spec, which the caller may change."""
+        return _SPEC.decode(self.text) if self.text else {}
+
+
+class Deployment(Spec):
     status: DeploymentStatus = msgspec.field(default_factory=DeploymentStatus)
 
 
@@ -65,13 +108,12 @@ def _mapping(value: object) -> Mapping[str, Any]:
     return value if isinstance(value, Mapping) else {}
 
 
-class Service(Struct):
-    metadata: Meta
-    spec: dict[str, Any] = {}
+class Service(Spec):
+    """A Service of an app."""
 
 
 class ReplicaSet(Struct):
-    metadata: Meta
+    metadata: TenantMeta
 
 
 class Waiting(Struct):
@@ -117,7 +159,7 @@ class PodSpec(Struct):
 
 
 class Pod(Struct):
-    metadata: Meta
+    metadata: TenantMeta
     spec: PodSpec = msgspec.field(default_factory=PodSpec)
     status: PodStatus = msgspec.field(default_factory=PodStatus)
 

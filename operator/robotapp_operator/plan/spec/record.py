@@ -2,15 +2,18 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from pydantic import ValidationError
 
+from robotapp_api.checks.size import size_problem
 from robotapp_api.model.app.robotapp import RobotAppSpec
-from robotapp_api.model.names import SCHEDULER_NAME, Reason
+from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Reason
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import version_number
 from robotapp_operator.plan.spec.validate import Problem
+
+_READ: Final = frozenset(annotation.value for annotation in Annotation)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,27 +49,25 @@ def parse_record(
 ) -> Record:
     """`known` of the same generation lends its parsed spec: a status write must not cost a validation."""
     meta = body.get("metadata") or {}
-    annotations = dict(meta.get("annotations") or {})
+    annotations = {key: value for key, value in (meta.get("annotations") or {}).items() if key in _READ}
     app: App | None = None
     problems: tuple[Problem, ...] = ()
-    if known and known.uid == meta.get("uid") and known.generation == meta.get("generation") and known.app:
-        app = dataclasses.replace(known.app, annotations=annotations)
+    if known and known.uid == meta.get("uid") and known.generation == meta.get("generation"):
+        app = dataclasses.replace(known.app, annotations=annotations) if known.app else None
+        problems = known.problems
+    elif isinstance(spec := _parse_spec(body.get("spec") or {}), RobotAppSpec):
+        app = App(
+            name=meta.get("name", ""),
+            namespace=meta.get("namespace", ""),
+            uid=meta.get("uid", ""),
+            generation=meta.get("generation", 0),
+            spec=spec,
+            annotations=annotations,
+            created=meta.get("creationTimestamp") or "",
+            default_scheduler=default_scheduler,
+        )
     else:
-        try:
-            spec = RobotAppSpec.model_validate(body.get("spec") or {})
-        except ValidationError as error:
-            problems = tuple(_problem(item) for item in error.errors()[:8])
-        else:
-            app = App(
-                name=meta.get("name", ""),
-                namespace=meta.get("namespace", ""),
-                uid=meta.get("uid", ""),
-                generation=meta.get("generation", 0),
-                spec=spec,
-                annotations=annotations,
-                created=meta.get("creationTimestamp") or "",
-                default_scheduler=default_scheduler,
-            )
+        problems = spec
     return Record(
         name=meta.get("name", ""),
         namespace=meta.get("namespace", ""),
@@ -79,6 +80,16 @@ def parse_record(
         problems=problems,
         status=body.get("status") or {},
     )
+
+
+def _parse_spec(body: Mapping[str, Any]) -> RobotAppSpec | tuple[Problem, ...]:
+    """The spec, or why there is none. One that is too large is not kept in memory."""
+    if too_large := size_problem(body):
+        return (too_large,)
+    try:
+        return RobotAppSpec.model_validate(body)
+    except ValidationError as error:
+        return tuple(_problem(item) for item in error.errors()[:8])
 
 
 def _problem(error: Mapping[str, Any]) -> Problem:

@@ -9,10 +9,10 @@ from robotapp_api.checks.spec import spec_notes, spec_problems
 from robotapp_api.model.names import Annotation, Label, Reason
 from robotapp_claims.rules.domain import DomainRequest, withheld
 from robotapp_claims.rules.identity import holder_of_app
-from robotapp_claims.rules.instances import robot_of
+from robotapp_claims.rules.instances import closed_nodes, robot_of
 from robotapp_claims.rules.objects import Claim, Pool
 from robotapp_operator.plan.spec.desired import NEVER, App
-from robotapp_operator.plan.spec.instances import allowed_robots, matching_robots, open_robots
+from robotapp_operator.plan.spec.instances import allowed_robots, open_robots
 from robotapp_operator.plan.spec.objects import Node
 from robotapp_operator.plan.spec.text import shown
 
@@ -96,30 +96,27 @@ def limit_note(pool: Pool) -> str:
 
 def _placement_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem]:
     master = app.spec.placement.master_node
-    if master and master not in nodes:
-        text = f'there is no node "{master}"; kubectl get nodes shows the names'
+    if master and (
+        master not in nodes or master in closed_nodes([node.metadata for node in nodes.values()], app.namespace)
+    ):
+        text = (
+            f'there is no node "{master}" that admits namespace {app.namespace} (node annotation {Annotation.ALLOWED_NAMESPACES}); '
+            "kubectl get nodes shows the names"
+        )
         yield Problem(Reason.INVALID_SPEC, "spec.placement.masterNode", text, of_cluster=True)
     if app.spec.robots is None:
         return
-    matching = matching_robots(app, nodes)
-    if not matching:
-        text = f"no robot matches; {_robots_text(app, nodes)}"
-        yield Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", text, of_cluster=True)
-    elif not allowed_robots(app, nodes):
-        yield Problem(
-            Reason.NOT_ALLOWED_ON_ROBOT,
-            "spec.robots.nodeSelector",
-            f"no robot that matches admits namespace {app.namespace}: ask whoever runs the robots to add {app.namespace} to "
-            f"the node annotation {Annotation.ALLOWED_NAMESPACES}, or select other robots",
-            of_cluster=True,
+    if not allowed_robots(app, nodes):
+        text = (
+            f"no robot that admits namespace {app.namespace} matches; {_robots_text(app, nodes)}: select one of them, or ask whoever "
+            f"runs the robots to label a node {Label.ROBOT} or to add {app.namespace} to its annotation {Annotation.ALLOWED_NAMESPACES}"
         )
+        yield Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", text, of_cluster=True)
 
 
 def _robots_text(app: App, nodes: Mapping[str, Node]) -> str:
-    """Robots the app could name. Those that do not admit its namespace are other tenants' business."""
-    if not any(node.robot for node in nodes.values()):
-        return f"no node carries the label {Label.ROBOT}"
+    """Robots the app could name. Those that do not admit its namespace are other tenants' business: they read like none."""
     robots = sorted({robot_of(node) for node in open_robots(app, nodes)})
     if not robots:
-        return f"no robot admits namespace {app.namespace} (node annotation {Annotation.ALLOWED_NAMESPACES})"
+        return f"no robot admits namespace {app.namespace}"
     return f"robots that admit namespace {app.namespace} are {shown(robots)}"

@@ -16,7 +16,12 @@ class PendingEvent(NamedTuple):
 
 
 NOT_ACCEPTED: Final = frozenset(
-    {Reason.INVALID_SPEC, Reason.UNKNOWN_DISTRO, Reason.NOT_ALLOWED_ON_ROBOT, Reason.NO_MATCHING_ROBOT}
+    {
+        Reason.INVALID_SPEC,
+        Reason.TOO_LARGE,
+        Reason.UNKNOWN_DISTRO,
+        Reason.NO_MATCHING_ROBOT,
+    }
 )
 NOT_ALLOCATED: Final = frozenset(
     {

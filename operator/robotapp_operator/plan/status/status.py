@@ -49,12 +49,13 @@ def same_status(wanted: dict[str, Any], have: Any) -> bool:
 def unreadable_status(record: Record, now: str) -> dict[str, Any]:
     """Status of an object this version cannot read, so that its user learns why nothing happens."""
     text = "; ".join(map(str, record.problems)) or "the spec cannot be read"
+    reason = record.problems[0].reason if record.problems else Reason.INVALID_SPEC
     verdicts = {Condition.ACCEPTED: "False", Condition.READY: "False", Condition.STALLED: "True"}
     all_invalid = [
         condition(
             kind.value,
             verdicts.get(kind, "Unknown"),
-            Reason.INVALID_SPEC.value,
+            reason.value,
             clip(text, MAX_CONDITION_BYTES),
             before=record.status.get("conditions") or (),
             generation=record.generation,

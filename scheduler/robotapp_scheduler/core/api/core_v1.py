@@ -12,6 +12,7 @@ import msgspec
 
 from robotapp_api.model.names import Label
 from robotapp_claims.rules.objects import ROS_DOMAIN_ID
+from robotapp_scheduler.core.api.kept_annotations import bound_annotations
 from robotapp_scheduler.core.api.structs import Slim, SlimValue
 from robotapp_scheduler.core.api.volume_source import Volume, deciding
 
@@ -53,6 +54,10 @@ class Metadata(Slim):
     owner_references: list[OwnerReference] | None = None
     deletion_timestamp: str | None = None
     creation_timestamp: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.annotations is not None:
+            self.annotations = bound_annotations(self.annotations)
 
 
 # --- Pod ---------------------------------------------------------------------------------------------------------

@@ -10,14 +10,10 @@ import msgspec
 from robotapp_api.values.quantities.requests import amount
 from robotapp_scheduler.core.api.core_v1 import Metadata, NodeSelector, Quantity
 from robotapp_scheduler.core.api.csi_migration import Kind, handle_of, kind_of, translated
+from robotapp_scheduler.core.api.kept_annotations import BETA_CLASS, BIND_COMPLETED, MIGRATED_PLUGINS
 from robotapp_scheduler.core.api.structs import Slim
 from robotapp_scheduler.core.api.volume_source import InTreeDisk
 
-BETA_CLASS: Final = "volume.beta.kubernetes.io/storage-class"
-BIND_COMPLETED: Final = "pv.kubernetes.io/bind-completed"
-BOUND_BY_CONTROLLER: Final = "pv.kubernetes.io/bound-by-controller"
-MIGRATED_PLUGINS: Final = "storage.alpha.kubernetes.io/migrated-plugins"
-SELECTED_NODE: Final = "volume.kubernetes.io/selected-node"
 NO_PROVISIONER: Final = "kubernetes.io/no-provisioner"
 WAIT_FOR_CONSUMER: Final = "WaitForFirstConsumer"
 ONE_POD: Final = "ReadWriteOncePod"

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 from robotapp_scheduler.core.api.core_v1 import NodeSelector
 from robotapp_scheduler.core.api.csi_migration import DRIVERS, NEVER, handle_of
+from robotapp_scheduler.core.api.kept_annotations import SELECTED_NODE
 from robotapp_scheduler.core.api.ros import SharedVolume
 from robotapp_scheduler.core.api.storage_v1 import (
     MANY_NODES,
-    SELECTED_NODE,
     Claim,
     ClaimRef,
     CSIDriver,

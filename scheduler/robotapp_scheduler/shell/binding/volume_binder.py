@@ -13,7 +13,8 @@ from robotapp_api.values.selector import matches_node_terms
 from robotapp_client.api.client import ApiClient
 from robotapp_client.api.resources import PERSISTENTVOLUMECLAIMS, PERSISTENTVOLUMES
 from robotapp_client.transport.errors import ClientError
-from robotapp_scheduler.core.api.storage_v1 import BOUND_BY_CONTROLLER, SELECTED_NODE, Claim, PersistentVolume
+from robotapp_scheduler.core.api.kept_annotations import BOUND_BY_CONTROLLER, SELECTED_NODE
+from robotapp_scheduler.core.api.storage_v1 import Claim, PersistentVolume
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_info import PodInfo

@@ -21,7 +21,15 @@ def _init(**fields: Any) -> list[Json]:
     return [{"name": "first", "image": "ros:humble", **fields}]
 
 
+def _projected(key: str, text: str, *sources: Json) -> Attack:
+    """Sources of one projected volume."""
+    return _reference(key, text, {f"{_POD}.volumes": [{"name": "v", "projected": {"sources": list(sources)}}]})
+
+
 _OTHER: Final = {"name": "other", "image": "ros:humble"}
+_TOKEN: Final = {"serviceAccountToken": {"path": "token"}}
+_CERTIFICATE: Final = {"podCertificate": {"signerName": "example.com/s", "keyType": "ED25519", "keyPath": "key"}}
+_GMSA: Final = {"windowsOptions": {"gmsaCredentialSpecName": "deployer"}}
 _WITH_SECRET: Final = app(env=_FROM_SECRET)
 _WITH_ACCOUNT: Final = templated(serviceAccountName="deployer")
 
@@ -43,6 +51,44 @@ REFERENCES: Final = (
         "secret-projected",
         "mount a Secret inside a projected volume",
         {f"{_POD}.volumes": [{"name": "v", "projected": {"sources": [{"secret": {"name": "deploy-key"}}]}}]},
+    ),
+    _projected("token", "the token of `default` in a projected volume", _TOKEN),
+    _projected(
+        "token-audience",
+        "the same for an audience of one's choice",
+        {"serviceAccountToken": {"path": "t", "audience": "vault", "expirationSeconds": 600}},
+    ),
+    _projected(
+        "token-behind",
+        "the same behind a ConfigMap",
+        {"configMap": {"name": "c", "items": [{"key": "k", "path": "k"}]}},
+        _TOKEN,
+    ),
+    _reference(
+        "token-later",
+        "the same in a later component",
+        {
+            "spec.components[1]": _OTHER
+            | {"template": {"spec": {"volumes": [{"name": "v", "projected": {"sources": [_TOKEN]}}]}}}
+        },
+    ),
+    _projected("certificate", "a certificate of `default` in a projected volume", _CERTIFICATE),
+    _projected("certificate-behind", "the same beside a token", _TOKEN, _CERTIFICATE),
+    _reference(
+        "priority-node", "the priority of the node's own pods", {f"{_POD}.priorityClassName": "system-node-critical"}
+    ),
+    _reference(
+        "priority-cluster",
+        "the priority of the cluster's own pods",
+        {f"{_POD}.priorityClassName": "system-cluster-critical"},
+    ),
+    _reference("priority-named", "a PriorityClass of the cluster", {f"{_POD}.priorityClassName": "robots-first"}),
+    _reference("windows-pod", "a group account of Windows", {f"{_POD}.securityContext": _GMSA}),
+    _reference("windows-container", "the same for the container", {f"{_C}.securityContext": _GMSA}),
+    _reference(
+        "windows-init",
+        "the same for an init container",
+        {f"{_POD}.initContainers": _init(securityContext=_GMSA)},
     ),
     _reference("secret-pull", "use a pull secret", {f"{_POD}.imagePullSecrets": [{"name": "registry"}]}),
     _reference(
@@ -326,10 +372,29 @@ def _revision(key: str, text: str, changes: Json) -> Attack:
     return Attack(key, text, "editor", kinds.REVISION, _PAST_SPEC, changes, Stop.REVISION)
 
 
+def _planted(key: str, text: str, **pod: Any) -> Attack:
+    """A past spec whose component has these pod fields."""
+    return _revision(key, text, {"data": templated(**pod)})
+
+
 REVISIONS: Final = (
     _revision("revision-stateful", "a template for a StatefulSet's pods", {"metadata.ownerReferences": [_STATEFUL]}),
     _revision("revision-orphan", "one that nobody owns, for a StatefulSet to adopt", {"metadata.ownerReferences": []}),
     _revision("revision-labelled", "one that a StatefulSet's selector finds", {"metadata.labels": {"app": "db"}}),
+    _planted(
+        "revision-account", "a past spec with an account, for its owner to bring back", serviceAccountName="deployer"
+    ),
+    _planted(
+        "revision-secret",
+        "a past spec with a Secret",
+        volumes=[{"name": "v", "secret": {"secretName": "deploy-key"}}],
+    ),
+    _planted(
+        "revision-token",
+        "a past spec with the token of `default`",
+        volumes=[{"name": "v", "projected": {"sources": [_TOKEN]}}],
+    ),
+    _planted("revision-unknown", "a past spec with a field of a later version", identity="deployer"),
 )
 
 ESCALATIONS: Final = (*REFERENCES, *FIELDS, *RIGHTS, *REVISIONS)

@@ -19,7 +19,7 @@ _WHO: Final = {
     "labeller": "labeller's token",
 }
 _SECTIONS: Final[Mapping[str, Sequence[Attack]]] = {
-    "A RobotApp lends its writer a ServiceAccount or a Secret": REFERENCES,
+    "A RobotApp lends its writer an account, a Secret, a token or a priority": REFERENCES,
     "A RobotApp wants more than a component may have": FIELDS,
     "Somebody wants rights, or objects that are not his": RIGHTS,
     "A writer of RobotApps reaches the history of other workloads": REVISIONS,

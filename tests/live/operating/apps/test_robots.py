@@ -66,8 +66,8 @@ def test_a_revoked_robot_stops_the_apps_pods_says_why_and_gives_the_domain_back(
     tenant.wait_ready("guest")
     assert len(tenant.claims()) == 1
     installed_plane.kubectl("annotate", "node", "edge-2", f"{ALLOWED}=other")
-    said = tenant.wait("guest", "Accepted", "False", reason="NotAllowedOnRobot")["message"]
-    assert f"no robot that matches admits namespace {tenant.namespace}" in said
+    said = tenant.wait("guest", "Accepted", "False", reason="NoMatchingRobot")["message"]
+    assert f"no robot that admits namespace {tenant.namespace} matches" in said
     assert robot not in said
     assert '"other"' not in said
     eventually(lambda: not tenant.listed("pods") and not tenant.deployments(), what=tenant.children)
@@ -86,7 +86,7 @@ def test_a_robot_is_closed_by_the_annotation_of_any_of_its_computers(
     try:
         selector = {"nodeSelector": {"matchLabels": {"robotics.io/robot-primary": "true", "robotics.io/robot": robot}}}
         tenant.apply("guest", part("driver", runsOn=["Robot"]), robots=selector, ros2={"pool": ids})
-        tenant.wait("guest", "Accepted", "False", reason="NotAllowedOnRobot")
+        tenant.wait("guest", "Accepted", "False", reason="NoMatchingRobot")
         assert tenant.claims() == []
         assert tenant.deployments() == []
         installed_plane.kubectl("annotate", "node", "edge-1", f"{ALLOWED}=other,{tenant.namespace}", "--overwrite")

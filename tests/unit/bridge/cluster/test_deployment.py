@@ -6,9 +6,13 @@ from typing import Any
 import pytest
 from tests.unit.bridge.fake_cluster import FakeCluster, app
 
-from rigel_bridge.cluster.deployment import deploy, roll_back
+from rigel_bridge.cluster.deployment import Proposal, deploy, roll_back
 from rigel_bridge.cluster.kubectl import ClusterError, Refusal
 from rigel_bridge.document.failures import Exit
+
+
+def approve_all(proposal: Proposal) -> None:
+    assert proposal.diff.startswith("--- cluster/teleop\n+++ revision/"), "the difference is there to be shown"
 
 
 def silent(line: str) -> None:
@@ -40,11 +44,35 @@ def test_a_rollback_also_undoes_what_others_wrote_since() -> None:
     first: dict[str, Any] = deploy(cluster, app(), tell=silent).stored["spec"]
     deploy(cluster, app(schedulerName="x"), tell=silent)
     cluster.objects["robotapps", "teleop"]["spec"]["suspend"] = True
-    written, number = roll_back(cluster, "teleop", number=1, tell=silent)
+    written, number = roll_back(cluster, "teleop", number=1, approve=approve_all, tell=silent)
     assert (written.stored["spec"], number) == (first, 1)
     assert [call[0] for call in cluster.calls].count("replace") == 1
-    back, _ = roll_back(cluster, "teleop", number=None, tell=silent)
+    back, _ = roll_back(cluster, "teleop", number=None, approve=approve_all, tell=silent)
     assert back.stored["spec"]["suspend"] is True, "the spec of before the rollback"
+
+
+def test_a_rollback_that_is_not_approved_writes_nothing() -> None:
+    cluster = FakeCluster()
+    deploy(cluster, app(), tell=silent)
+    deploy(cluster, app(schedulerName="x"), tell=silent)
+    planted = cluster.revisions()[0]
+    container = {"name": "driver", "image": "evil:1", "template": {"spec": {"serviceAccountName": "deployer"}}}
+    planted["data"] = {"spec": {**app()["spec"], "components": [container]}}
+    seen: list[Proposal] = []
+
+    def refuse(proposal: Proposal) -> None:
+        seen.append(proposal)
+        raise ClusterError("nobody said yes")
+
+    before = cluster.objects["robotapps", "teleop"]["spec"]
+    with pytest.raises(ClusterError, match="nobody said yes"):
+        roll_back(cluster, "teleop", number=1, approve=refuse, tell=silent)
+    assert cluster.objects["robotapps", "teleop"]["spec"] == before
+    assert seen[0].additions == (
+        "component driver: ServiceAccount deployer",
+        "component driver: image evil:1",
+    )
+    assert "+      serviceAccountName: deployer" in seen[0].diff
 
 
 def rolled_back_while(change: Callable[[dict[str, Any]], None]) -> None:
@@ -62,7 +90,7 @@ def rolled_back_while(change: Callable[[dict[str, Any]], None]) -> None:
             change(now)
 
     cluster.before = before
-    assert roll_back(cluster, "teleop", number=1, tell=silent)[0].stored["spec"] == app()["spec"]
+    assert roll_back(cluster, "teleop", number=1, approve=approve_all, tell=silent)[0].stored["spec"] == app()["spec"]
 
 
 def test_a_status_written_meanwhile_does_not_stop_a_rollback_and_a_spec_does() -> None:
@@ -74,10 +102,10 @@ def test_a_status_written_meanwhile_does_not_stop_a_rollback_and_a_spec_does() -
 def test_an_app_that_is_not_there_and_a_revision_that_is_not_there_have_a_code_of_their_own() -> None:
     cluster = FakeCluster()
     with pytest.raises(ClusterError, match="there is no RobotApp teleop") as missing:
-        roll_back(cluster, "teleop", number=None, tell=silent)
+        roll_back(cluster, "teleop", number=None, approve=approve_all, tell=silent)
     deploy(cluster, app(), tell=silent)
     with pytest.raises(ClusterError, match="no earlier spec") as nowhere:
-        roll_back(cluster, "teleop", number=None, tell=silent)
+        roll_back(cluster, "teleop", number=None, approve=approve_all, tell=silent)
     assert missing.value.code == nowhere.value.code == Exit.MISSING
 
 

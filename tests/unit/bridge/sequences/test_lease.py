@@ -187,7 +187,7 @@ def test_a_rollback_of_a_kept_app_revives_no_run(tmp_path: Path) -> None:
     world.run(LIST, "demo", tmp_path, run_id="ours", keep=True)
     stored = world.cluster.objects["robotapps", "teleop-demo"]
     deploy(world.cluster, {**stored, "spec": {**stored["spec"], "suspend": True}}, tell=print)
-    roll_back(world.cluster, "teleop-demo", number=None, tell=print)
+    roll_back(world.cluster, "teleop-demo", number=None, approve=print, tell=print)
     annotations = world.cluster.objects["robotapps", "teleop-demo"]["metadata"]["annotations"]
     assert (annotations[RUN], annotations[RUN_ID], RENEWED in annotations) == ("demo", "ours", False)
 

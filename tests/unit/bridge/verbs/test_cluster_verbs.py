@@ -1,6 +1,7 @@
 """The commands that reach the cluster: what they print, and their exit codes."""
 
 import argparse
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -87,13 +88,46 @@ def test_status_in_lines_and_as_json(cluster: FakeCluster, capsys: pytest.Captur
     assert shown["revisions"][0]["present"] is True
 
 
+class Terminal(io.StringIO):
+    """Standard input of somebody who answers."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("answer", "code"),
+    [(Terminal("y\n"), 0), (Terminal("\n"), 1), (Terminal(""), 1), (io.StringIO("y\n"), 1)],
+    ids=["yes", "return", "end of input", "no terminal"],
+)
+def test_a_rollback_asks_before_it_adds_an_image(
+    cluster: FakeCluster,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    answer: io.StringIO,
+    code: int,
+) -> None:
+    main(["apply"])
+    Path("Rigelfile").write_text(orchestration("{name: teleop}", ONE.replace(":1", ":2")))
+    main(["apply"])
+    capsys.readouterr()
+    monkeypatch.setattr("sys.stdin", answer)
+    assert main(["rollback"]) == code
+    told = capsys.readouterr().out
+    assert "-  image: acme/driver:2\n+  image: acme/driver:1\n" in told, "the difference comes first"
+    assert "revision 1 adds:\n  component base-driver: image acme/driver:1\n" in told
+    assert cluster.objects["robotapps", "teleop"]["spec"]["components"][0]["image"] == (
+        "acme/driver:1" if code == 0 else "acme/driver:2"
+    )
+
+
 def test_rollback_names_its_revision(cluster: FakeCluster, capsys: pytest.CaptureFixture[str]) -> None:
     main(["apply"])
     assert main(["rollback"]) == 76
     Path("Rigelfile").write_text(orchestration("{name: teleop}", ONE.replace(":1", ":2")))
     main(["apply"])
     capsys.readouterr()
-    assert main(["rollback"]) == 0
+    assert main(["rollback", "--yes"]) == 0
     assert "changed, spec of revision 1\n  spec.components[0].image: acme/driver:2 -> acme/driver:1\n" in (
         capsys.readouterr().out
     )

@@ -39,7 +39,7 @@ def test_shared_domains_have_one_owner_that_all_agree_on(apps: dict[tuple[str, s
     ("apps", "text"),
     [
         (world(b="a"), "does not exist"),
-        (world(b="x/a", x__a=""), "must name team/b"),
+        (world(b="x/a", x__a=""), "no such app that names team/b"),
         (world(b="a c", a="", c=""), "different domains: team/a, team/c"),
     ],
 )
@@ -47,6 +47,14 @@ def test_a_join_that_nobody_can_follow_says_why(apps: dict[tuple[str, str], App]
     join = owner_of(apps["team", "b"], apps.get)
     assert join.owner is None
     assert text in join.message
+
+
+@pytest.mark.parametrize("theirs", ["", "c/d", "x/b"], ids=["names nobody", "names another", "names its own"])
+def test_an_app_of_another_namespace_that_does_not_admit_reads_like_none(theirs: str) -> None:
+    absent, present = world(b="x/a"), world(b="x/a", x__a=theirs)
+    message = owner_of(present["team", "b"], present.get).message
+    assert message == owner_of(absent["team", "b"], absent.get).message
+    assert "both must name each other" in message
 
 
 def test_another_namespace_is_joined_when_both_say_so() -> None:

@@ -10,9 +10,9 @@ from tests.support.scripted import ScriptedServer, hang_up, item, listing, raw, 
 
 from robotapp_client import Conflict, Forbidden, Gone, NotFound, ServerError, TooManyRequests, Unreachable
 from robotapp_client.api.bodies import JSON_PATCH
-from robotapp_client.api.client import ApiClient
+from robotapp_client.api.client import MOST_PAGE_BYTES, ApiClient
 from robotapp_client.api.resources import CONFIGMAPS, NODES, PODS, ROBOTAPPS, ROBOTCLAIMS
-from robotapp_client.transport.errors import AlreadyExists
+from robotapp_client.transport.errors import AlreadyExists, TooLong
 
 BROKEN = b"HTTP/1.1 200 OK\r\nContent-Length: 100\r\n\r\n{"
 
@@ -74,6 +74,34 @@ async def test_an_expired_continue_token_starts_the_list_again_and_then_without_
         found = await client.list(PODS, page=1)
     assert (len(found.items), found.resource_version) == (2, "11")
     assert server.seen[-1].query == {}
+
+
+def large(name: str, version: int) -> dict[str, Any]:
+    """An object as large as etcd takes one."""
+    return item(name, version) | {"data": {"a": "x" * (MOST_PAGE_BYTES // 10)}}
+
+
+async def test_a_page_that_is_longer_than_our_memory_allows_is_read_in_smaller_ones() -> None:
+    names = [f"a{index}" for index in range(12)]
+    objects = [large(name, index) for index, name in enumerate(names)]
+    script = [listing(9, *objects), listing(9, *objects[:3], token="t"), listing(9, *objects[3:9], token="u")]
+    async with ScriptedServer(*script, listing(9, *objects[9:])) as server, client_for(server.endpoint) as client:
+        found = await client.list(CONFIGMAPS, page=12, as_type=Slim)
+    assert [each.metadata.name for each in found.items] == names
+    assert [(seen.query["limit"], seen.query.get("continue")) for seen in server.seen] == [
+        ("12", None),
+        ("3", None),
+        ("6", "t"),
+        ("12", "u"),
+    ], "a fourth of what was too long, then twice as many with every page that was not"
+
+
+async def test_a_read_is_refused_that_is_longer_than_its_reader_takes() -> None:
+    async with ScriptedServer(reply({"a": "x" * 100_000}), reply({})) as server, client_for(server.endpoint) as client:
+        with pytest.raises(TooLong, match="GET /x: the answer is longer than 50000 bytes"):
+            await client.read("/x", bytes, most_bytes=50_000)
+        assert await client.read("/x", bytes, most_bytes=50_000) == b"{}", "over another connection"
+    assert len(server.seen) == 2
 
 
 async def test_of_each_object_is_kept_what_the_caller_wants() -> None:

@@ -227,7 +227,15 @@ def test_a_claim_wakes_whoever_joins_it_at_once(world: InformedQueue) -> None:
 def test_another_id_in_the_owners_templates_wakes_whoever_joins_it(world: InformedQueue) -> None:
     world.cache.update_app(app_body("sharer", uid="uid-2", ros2={"shareWith": [{"name": "teleop"}]}))
     container = {"name": "main", "env": [{"name": "ROS_DOMAIN_ID", "value": "7"}]}
-    named = msgspec.structs.replace(deployment(), spec={"template": {"spec": {"containers": [container]}}})
+    owner = {
+        "apiVersion": "robotics.io/v1alpha1",
+        "kind": "RobotApp",
+        "name": "teleop",
+        "uid": "uid-1",
+        "controller": True,
+    }
+    ours = deployment(ownerReferences=[owner])
+    named = msgspec.structs.replace(ours, given={"template": {"spec": {"containers": [container]}}})
     assert Key(Work.APP, "uid-2") in world.see("_deployment", None, named)
     assert world.see("_deployment", named, named) == OBSERVED
     assert Key(Work.APP, "uid-2") in world.see("_deployment", named, None)

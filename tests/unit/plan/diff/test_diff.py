@@ -31,7 +31,7 @@ def settled_world(app: App) -> dict[ChildRef, Observed]:
 
 def bent(item: Observed, **changes: Any) -> Any:
     """A copy of a Deployment with some of its plain JSON changed: paths as keywords, `__` for a dot."""
-    body = msgspec.to_builtins(item)
+    body = msgspec.to_builtins(item) | {"spec": item.spec, "text": b""}
     for path, value in changes.items():
         *parents, last = path.split("__")
         target = body

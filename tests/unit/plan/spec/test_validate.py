@@ -143,7 +143,7 @@ def test_a_selector_without_robots_lists_the_robots_there_are() -> None:
     (problem,) = problems_of(app, robots("amr-07", "amr-08"))
     assert problem.reason == Reason.NO_MATCHING_ROBOT
     assert "robots that admit namespace default are amr-07, amr-08" in problem.message
-    assert "no node carries the label" in problems_of(app, {})[0].message
+    assert "no robot admits namespace default" in problems_of(app, {})[0].message
 
 
 TEAMS = {Annotation.ALLOWED_NAMESPACES: "team-a, team-b"}
@@ -152,7 +152,7 @@ TEAMS = {Annotation.ALLOWED_NAMESPACES: "team-a, team-b"}
 def test_a_robot_that_admits_other_namespaces_only_is_refused_without_their_names() -> None:
     node = make_node("n", robot="amr-07", annotations=TEAMS)
     (problem,) = problems_of(make_app(robots=ROBOTS), by_name([node]))
-    assert problem.reason == Reason.NOT_ALLOWED_ON_ROBOT
+    assert problem.reason == Reason.NO_MATCHING_ROBOT
     assert "admits namespace default" in problem.message
     assert "robotics.io/allowed-namespaces" in problem.message
     assert not any(name in problem.message for name in ("team-a", "team-b", "amr-07"))
@@ -167,6 +167,25 @@ def test_who_names_no_robot_is_not_told_those_that_do_not_admit_him() -> None:
     (problem,) = problems_of(ghost, by_name(theirs))
     assert "no robot admits namespace default" in problem.message
     assert "theirs" not in problem.message
+
+
+def test_a_closed_robot_reads_like_none_whoever_asks_for_it() -> None:
+    closed = by_name([make_node("n", robot="amr-07", annotations=TEAMS)])
+    for selector in (
+        {"matchLabels": {"robotics.io/robot": "amr-07"}},
+        {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]},
+    ):
+        app = make_app(robots={"nodeSelector": selector})
+        assert problems_of(app, closed) == problems_of(app, {}) != ()
+
+
+def test_a_closed_node_reads_like_none_to_who_names_it_for_the_roscore() -> None:
+    app = make_app(ros={"distro": "noetic"}, ros2=None, placement={"masterNode": "n"})
+    for node in (make_node("n", robot="amr-07", annotations=TEAMS), make_node("n", annotations=TEAMS)):
+        (problem,) = problems_of(app, by_name([node]))
+        assert (problem,) == problems_of(app, {})
+        assert 'there is no node "n" that admits namespace default' in problem.message
+    assert problems_of(app, by_name([make_node("n", robot="amr-07")])) == ()
 
 
 def reserving(*ids: int) -> Pool:

@@ -1,0 +1,63 @@
+{{/*
+What a component may have whose writer may create no pods: the allow-list files/free-fields.yaml, level by level. Everything
+else names an identity, or is lent with one: an account, a Secret, a token, a certificate, a priority.
+Variables of a ValidatingAdmissionPolicy; argument: root, components (the expression of the components' list). `lent` is the
+sentence about the first thing beyond the lists, '' if there is none.
+*/}}
+{{- define "robotapp.lendingVariables" -}}
+{{- $pod := "c.?template.?spec" -}}
+{{- $free := .root.Files.Get "files/free-fields.yaml" | fromYaml -}}
+- name: components
+  expression: {{ .components | quote }}
+- name: accounts
+  expression: "variables.components.filter(c, !({{ $pod }}.?serviceAccountName.orValue('') in ['', 'default']))"
+- name: priorities
+  expression: >-
+    variables.components.filter(c,
+    !({{ $pod }}.?priorityClassName.orValue('') in [''{{ range .root.Values.policies.priorityClasses }}, {{ squote . }}{{ end }}]))
+- name: values
+  expression: >-
+    variables.components.filter(c,
+    (has(c.env) && c.env.exists(e, has(e.valueFrom) && {{ include "robotapp.beyond" (list $free "e.valueFrom" "valueFrom") }}))
+    || (has(c.envFrom) && c.envFrom.exists(e, {{ include "robotapp.beyond" (list $free "e" "envFrom") }}))
+    || (has(c.parameters) && c.parameters.exists(p, {{ include "robotapp.beyond" (list $free "p" "parameters") }})))
+- name: initValues
+  expression: >-
+    variables.components.filter(c, {{ $pod }}.?initContainers.orValue([]).exists(i,
+    (has(i.env) && i.env.exists(e, has(e.valueFrom) && {{ include "robotapp.beyond" (list $free "e.valueFrom" "valueFrom") }}))
+    || (has(i.envFrom) && i.envFrom.exists(e, {{ include "robotapp.beyond" (list $free "e" "envFrom") }}))))
+- name: volumes
+  expression: >-
+    variables.components.filter(c, {{ $pod }}.?volumes.orValue([]).exists(v, {{ include "robotapp.beyond" (list $free "v" "volumes") }}
+    || v.?projected.?sources.orValue([]).exists(s, {{ include "robotapp.beyond" (list $free "s" "sources") }})))
+- name: pulls
+  expression: "variables.components.filter(c, size({{ $pod }}.?imagePullSecrets.orValue([])) > 0)"
+- name: others
+  expression: >-
+    variables.components.filter(c, {{ include "robotapp.beyond" (list $free "c" "components") }}
+    || (has(c.template) && {{ include "robotapp.beyond" (list $free "c.template" "template") }})
+    || {{ $pod }}.optMap(s, {{ include "robotapp.beyond" (list $free "s" "podSpec") }}).orValue(false)
+    || {{ $pod }}.?initContainers.orValue([]).exists(i, {{ include "robotapp.beyond" (list $free "i" "initContainers") }}))
+- name: contexts
+  expression: >-
+    variables.components.filter(c, c.?securityContext.?windowsOptions.hasValue() || {{ $pod }}.?securityContext.?windowsOptions.hasValue()
+    || {{ $pod }}.?initContainers.orValue([]).exists(i, i.?securityContext.?windowsOptions.hasValue()))
+- name: lent
+  expression: >-
+    size(variables.accounts) > 0
+    ? 'component ' + variables.accounts[0].name + ' names ServiceAccount ' + variables.accounts[0].template.spec.serviceAccountName
+    : size(variables.priorities) > 0
+    ? 'component ' + variables.priorities[0].name + ' names PriorityClass ' + variables.priorities[0].template.spec.priorityClassName
+    : size(variables.values) > 0 ? 'component ' + variables.values[0].name + ' reads a Secret (env, envFrom or parameters)'
+    : size(variables.initValues) > 0 ? 'component ' + variables.initValues[0].name + ' reads a Secret (initContainers)'
+    : size(variables.volumes) > 0 ? 'component ' + variables.volumes[0].name + ' has a volume with a Secret, a token or a certificate'
+    : size(variables.pulls) > 0 ? 'component ' + variables.pulls[0].name + ' names a Secret (imagePullSecrets)'
+    : size(variables.contexts) > 0 ? 'component ' + variables.contexts[0].name + ' sets windowsOptions, which name an identity'
+    : size(variables.others) > 0 ? 'component ' + variables.others[0].name + ' has a field that is not free for every writer'
+    : ''
+{{- end -}}
+
+{{/* Does an object have a field that is not free at its level? Argument: the levels, the object's expression, its level. */}}
+{{- define "robotapp.beyond" -}}
+dyn({{ index . 1 }}).exists(k, !(k in [{{ range $index, $key := get (index . 0) (index . 2) }}{{ if $index }}, {{ end }}{{ squote $key }}{{ end }}]))
+{{- end -}}

@@ -1,0 +1,73 @@
+"""What a spec runs and what it runs with: images, accounts, Secrets, tokens, priorities. Pure.
+
+A past spec may be somebody else's: who brings it back is asked before it adds one of these.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+_FREE_VALUES: Final = frozenset({"configMapKeyRef", "fieldRef", "fileKeyRef", "resourceFieldRef"})
+_FREE_SOURCES: Final = frozenset({"clusterTrustBundle", "configMap", "downwardAPI"})
+_FREE_VOLUMES: Final = frozenset({"configMap", "downwardAPI", "emptyDir", "name", "persistentVolumeClaim", "projected"})
+
+
+def find_additions(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """Returns what `new` runs or uses and `old` does not, a line each, in the order of the spec."""
+    known = set(_uses(old))
+    return list(dict.fromkeys(line for line in _uses(new) if line not in known))
+
+
+def _uses(spec: Mapping[str, Any]) -> Iterator[str]:
+    for field in ("ros1", "ros2"):
+        part = _object(spec.get(field))
+        for image in (part.get("image"), _object(part.get("discovery")).get("image")):
+            if image:
+                yield f"spec.{field}: image {image}"
+    for component in map(_object, _list(spec.get("components"))):
+        where = f"component {component.get('name', '')}"
+        yield from (f"{where}: {line}" for line in _uses_of(component))
+
+
+def _uses_of(component: Mapping[str, Any]) -> Iterator[str]:
+    pod = _object(_object(component.get("template")).get("spec"))
+    for name, label in (("serviceAccountName", "ServiceAccount"), ("priorityClassName", "PriorityClass")):
+        if pod.get(name):
+            yield f"{label} {pod[name]}"
+    for secret in map(_object, _list(pod.get("imagePullSecrets"))):
+        yield f"pull Secret {secret.get('name', '')}"
+    for container in (component, *map(_object, _list(pod.get("initContainers")))):
+        yield f"image {container.get('image', '')}"
+        yield from _values_of(container)
+    for item in map(_object, _list(component.get("parameters"))):
+        yield from _named(item, {"inline", "configMapKeyRef"})
+    for volume in map(_object, _list(pod.get("volumes"))):
+        yield from _named(volume, _FREE_VOLUMES)
+        for source in map(_object, _list(_object(volume.get("projected")).get("sources"))):
+            yield from _named(source, _FREE_SOURCES)
+    for context in (component, pod, *map(_object, _list(pod.get("initContainers")))):
+        yield from _named(_object(_object(context.get("securityContext")).get("windowsOptions")), frozenset())
+
+
+def _values_of(container: Mapping[str, Any]) -> Iterator[str]:
+    for variable in map(_object, _list(container.get("env"))):
+        yield from _named(_object(variable.get("valueFrom")), _FREE_VALUES)
+    for source in map(_object, _list(container.get("envFrom"))):
+        yield from _named(source, {"prefix", "configMapRef"})
+
+
+def _named(holder: Mapping[str, Any], free: frozenset[str] | set[str]) -> Iterator[str]:
+    """What is not free for every writer: `secretKeyRef deploy-key`, `serviceAccountToken`."""
+    for key, value in holder.items():
+        if key not in free:
+            name = (
+                _object(value).get("name") or _object(value).get("secretName") or _object(value).get("audience") or ""
+            )
+            yield f"{key} {name}".strip()
+
+
+def _object(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
