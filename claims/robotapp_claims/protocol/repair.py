@@ -7,13 +7,14 @@ owners have led to an app that exists, and no claim is made that the app could n
 import logging
 from collections import Counter
 from collections.abc import Iterable
+from contextlib import suppress
 
 from robotapp_api.model.names import Label
 from robotapp_claims.protocol.domain_allocation import pool_claims, turn
 from robotapp_claims.protocol.domains import resolve_owner
 from robotapp_claims.protocol.errors import Troubles
 from robotapp_claims.protocol.sweep_snapshot import View, find
-from robotapp_claims.protocol.writes import create_claim, touch
+from robotapp_claims.protocol.writes import Api, Refused, create_claim, note_nodes, touch
 from robotapp_claims.rules import domain as rules
 from robotapp_claims.rules.domain import DomainRequest
 from robotapp_claims.rules.identity import claim_name, same_holder
@@ -21,8 +22,39 @@ from robotapp_claims.rules.objects import App, Claim, Pod, Pool
 from robotapp_claims.rules.release import is_gone, joined
 from robotapp_claims.rules.repair import ClaimConflict, Missing, conflicts, missing_claims, needed_by, refusal, runs
 from robotapp_client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
+from robotapp_client.transport.errors import ClientError
 
 log = logging.getLogger(__name__)
+
+
+async def make_lost_claims(client: Api, known: Iterable[Claim]) -> int:
+    """Makes claims again that were granted after the snapshot from which etcd was restored. Returns how many.
+
+    known: what our cache showed before. Without such a claim its id could be granted at once, while containers of the lost
+    app still run. A holder that exists keeps what it had; of one that is lost, too, the sweep lets the claim rest and deletes it.
+    """
+    count = 0
+    try:
+        present = {claim.name for claim in (await client.list(ROBOTCLAIMS, as_type=Claim)).items}
+        for claim in sorted(known, key=lambda claim: claim.name):
+            if claim.name not in present and not claim.momentary:
+                count += await _make_again(client, claim)
+    except ClientError as error:
+        log.error("claims granted after the restored snapshot could not all be made again: %s", error)  # noqa: TRY400
+    level = logging.WARNING if count else logging.INFO
+    log.log(level, "claims granted after the restored snapshot: %d are made again", count)
+    return count
+
+
+async def _make_again(client: Api, claim: Claim) -> bool:
+    """Makes a claim again with the nodes where its pods may run; False when somebody has got the thing meanwhile."""
+    again = await create_claim(client, claim.spec, node=claim.nodes[0] if claim.nodes else "")
+    if again is None:
+        return False
+    if len(claim.nodes) > 1:
+        with suppress(Refused):  # its holder was quicker
+            await note_nodes(client, again, claim.nodes)
+    return True
 
 
 async def repair(view: View, pods: Iterable[Pod], counts: Counter[str], troubles: Troubles) -> list[ClaimConflict]:

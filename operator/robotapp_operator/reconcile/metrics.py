@@ -2,7 +2,8 @@
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
 from prometheus_client.exposition import generate_latest
@@ -59,6 +60,17 @@ class Metrics:
         for name, text, read in gauges:
             Gauge(name, text, registry=self.registry).set_function(read)
 
+    def watch_staleness(self, read: Callable[[], Mapping[str, float]]) -> None:
+        """Publishes for each watched resource for how long its changes may have gone unseen."""
+        stale = Gauge(
+            "robotapp_operator_watch_stale_seconds",
+            "For how long changes of a resource may have gone unseen; 0 while its watch is open",
+            ["resource"],
+            registry=self.registry,
+        )
+        for resource in read():
+            stale.labels(resource).set_function(partial(_read_one, read, resource))
+
     @contextlib.contextmanager
     def reconciling(self, work: str, late_s: float) -> Iterator[Callable[[str], None]]:
         """Times one reconciliation; call the yielded function with its result."""
@@ -94,3 +106,7 @@ class Metrics:
 
     def render(self) -> bytes:
         return generate_latest(self.registry)
+
+
+def _read_one(read: Callable[[], Mapping[str, float]], resource: str) -> float:
+    return read()[resource]

@@ -1,13 +1,10 @@
 """kopf as informer and nothing more: no state of its own, no finalizer, no peering, no events."""
 
-from typing import Any, Final
+from typing import Any
 
 import kopf
 
 from robotapp_api.model.names import GROUP
-
-EXIT_S: Final = 20.0
-"""Below the pod's termination grace period."""
 
 
 class NoProgress(kopf.ProgressStorage):
@@ -56,5 +53,6 @@ def kopf_settings() -> kopf.OperatorSettings:
     settings.networking.request_timeout = 30
     settings.networking.connect_timeout = 5
     settings.networking.enforce_retry_after = True
-    settings.process.ultimate_exiting_timeout = EXIT_S
+    settings.networking.error_backoffs = (1.0, 2.0)  # then kopf ends, and AppWatch starts it again
+    settings.process.ultimate_exiting_timeout = None  # it would kill the operator, whose loop this is not
     return settings

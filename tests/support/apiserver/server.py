@@ -18,18 +18,24 @@ from robotapp_client.transport.kubeconfig import Endpoint
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Watch:
-    """An open watch: which changes of the store it shows, and whether the client wants bookmarks."""
+    """An open watch: which changes of the store it shows, and whether the client wants bookmarks.
+
+    One that was opened at a version to come (`after`) shows nothing before it, no bookmark either, as a real one.
+    """
 
     client: TypedConnection
     where: Target
     match: Match
     bookmarks: bool
+    after: int = 0
 
     def send(self, kind: str, obj: Json) -> None:
         self.client.event(kind.encode(), msgspec.json.encode(obj))
 
     def send_step(self, step: Step) -> None:
         """Sends what the change looks like through the selector: an object that stops matching is gone."""
+        if step.version <= self.after:
+            return
         if step.key.collection != self.where.collection or self.where.namespace not in (None, step.key.namespace):
             return
         before = step.old is not None and self.match(step.old)
@@ -38,6 +44,8 @@ class Watch:
             self.send("DELETED" if not after else "MODIFIED" if before else "ADDED", step.last)
 
     def send_bookmark(self, version: int, annotations: dict[str, str] | None = None) -> None:
+        if version < self.after:
+            return
         meta: Json = {"resourceVersion": str(version)} | ({"annotations": annotations} if annotations else {})
         self.send("BOOKMARK", {"kind": self.where.kind, "apiVersion": self.where.api_version, "metadata": meta})
 
@@ -148,7 +156,8 @@ class FakeApiServer:
 
     def _begin_watch(self, client: TypedConnection, where: Target, query: dict[str, str]) -> None:
         """Sends the objects as they are, or the changes since a version, and whatever follows."""
-        watch = Watch(client, where, match_query(query), query.get("allowWatchBookmarks") == "true")
+        after = int(query.get("resourceVersion") or "0")
+        watch = Watch(client, where, match_query(query), query.get("allowWatchBookmarks") == "true", after)
         client.begin_stream()
         with_objects = query.get("sendInitialEvents") == "true"
         if with_objects or not query.get("resourceVersion"):

@@ -398,11 +398,12 @@ class Door:
 
 
 async def test_health_is_told_to_everybody_and_metrics_to_who_may_get_them(unused_tcp_port: int) -> None:
-    state = {"silence": 0.0, "overdue": 0.0, "synced": False}
+    state = {"silence": 0.0, "overdue": 0.0, "stale": 0.0, "synced": False}
     health = Health(
         silence_s=lambda: float(state["silence"]),
         overdue_s=lambda: float(state["overdue"]),
         synced=lambda: bool(state["synced"]),
+        staleness=lambda: {"pods": 1.0, "robotapps": float(state["stale"])},
         metrics=lambda: b"m 1\n",
         gate=Door(),
     )
@@ -415,6 +416,12 @@ async def test_health_is_told_to_everybody_and_metrics_to_who_may_get_them(unuse
         state.update(silence=0.0, overdue=181.0)
         assert await page(unused_tcp_port, "/healthz") == (503, "work has been due for 181 s\n")
         assert (await page(unused_tcp_port, "/readyz"))[0] == 200
+        state.update(overdue=0.0, stale=61.0)
+        assert await page(unused_tcp_port, "/readyz") == (
+            503,
+            "changes go unseen, of robotapps (61 s); the log says why\n",
+        )
+        assert (await page(unused_tcp_port, "/healthz"))[0] == 200
         assert await page(unused_tcp_port, "/metrics", "reader") == (200, "m 1\n")
         status, text = await page(unused_tcp_port, "/metrics", "other")
         assert (status, "you may not get /metrics: ClusterRole robotapp-cluster-viewer may" in text) == (403, True)
@@ -426,6 +433,7 @@ async def test_health_is_told_to_everybody_and_metrics_to_who_may_get_them(unuse
 async def test_metrics_carry_controller_runtimes_names(world: ViewedServer) -> None:
     metrics = Metrics()
     metrics.watch(Queue(clock=lambda: 0.0, jitter=lambda: 0.0), world.cache, world.client)
+    metrics.watch_staleness(lambda: {"robotapps": 12.0})
     with metrics.reconciling("status", 0.5) as result:
         result("error")
     metrics.bug()
@@ -440,5 +448,6 @@ async def test_metrics_carry_controller_runtimes_names(world: ViewedServer) -> N
         "workqueue_queue_duration_seconds_sum",
         "workqueue_work_duration_seconds_count",
         "rest_client_requests_total",
+        'robotapp_operator_watch_stale_seconds{resource="robotapps"} 12.0',
     ):
         assert name in text

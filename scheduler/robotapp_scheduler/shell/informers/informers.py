@@ -50,7 +50,8 @@ class _Served(msgspec.Struct):
 class Informers:
     """All reflectors. `run` until cancelled; `synced` once everything there was at the start is in the cluster.
 
-    `on_change` gets the changes (never none) after the cache has applied them.
+    `on_change` gets the changes (never none) after the cache has applied them. `on_restored` is called when the API server has
+    gone back to an older state.
     """
 
     def __init__(
@@ -61,7 +62,9 @@ class Informers:
         on_pod: Callable[[Seen], Change],
         on_change: Callable[[Event], None],
         metrics: Metrics,
+        on_restored: Callable[[], None] = lambda: None,
     ) -> None:
+        self._on_restored = on_restored
         self._client = client
         self._cluster = cluster
         self._on_change = on_change
@@ -89,10 +92,9 @@ class Informers:
         state = "synced" if self.synced.is_set() else "filling"
         return f"<Feed {state}: {', '.join(map(repr, self._reflectors))}>"
 
-    @property
-    def silence_s(self) -> float:
-        """Longest time any watch has heard nothing; a healthy one hears a bookmark a minute."""
-        return max((reflector.last_contact_s for reflector in self._reflectors), default=0.0)
+    def staleness(self) -> dict[str, float]:
+        """Seconds for which changes may have gone unseen, by resource."""
+        return {reflector.plural: reflector.stale_s for reflector in self._reflectors}
 
     async def run(self) -> None:
         """Watch until cancelled. What is not served yet is watched as soon as it is, if needed."""
@@ -147,6 +149,7 @@ class Informers:
             field_selector=route.field_selector,
             fixed_keys=route.fixed_keys,
             kept=route.kept,
+            on_restored=self._on_restored,
         )
         self._reflectors.append(reflector)
         group.create_task(reflector.run(), name=f"watch {route.resource.plural}")
