@@ -20,7 +20,16 @@ from robotapp_claims.rules.domain import DomainRequest
 from robotapp_claims.rules.identity import claim_name, same_holder
 from robotapp_claims.rules.objects import App, Claim, Pod, Pool
 from robotapp_claims.rules.release import is_gone, joined
-from robotapp_claims.rules.repair import ClaimConflict, Missing, conflicts, missing_claims, needed_by, refusal, runs
+from robotapp_claims.rules.repair import (
+    ClaimConflict,
+    Missing,
+    conflicts,
+    lost_grant,
+    missing_claims,
+    needed_by,
+    refusal,
+    runs,
+)
 from robotapp_client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
 from robotapp_client.transport.errors import ClientError
 
@@ -35,10 +44,9 @@ async def make_lost_claims(client: Api, known: Iterable[Claim]) -> int:
     """
     count = 0
     try:
-        present = {claim.name for claim in (await client.list(ROBOTCLAIMS, as_type=Claim)).items}
+        stored = {claim.name: claim for claim in (await client.list(ROBOTCLAIMS, as_type=Claim)).items}
         for claim in sorted(known, key=lambda claim: claim.name):
-            if claim.name not in present and not claim.momentary:
-                count += await _make_again(client, claim)
+            count += await _make_again(client, claim, stored.get(claim.name))
     except ClientError as error:
         log.error("claims granted after the restored snapshot could not all be made again: %s", error)  # noqa: TRY400
     level = logging.WARNING if count else logging.INFO
@@ -46,14 +54,18 @@ async def make_lost_claims(client: Api, known: Iterable[Claim]) -> int:
     return count
 
 
-async def _make_again(client: Api, claim: Claim) -> bool:
-    """Makes a claim again with the nodes where its pods may run; False when somebody has got the thing meanwhile."""
-    again = await create_claim(client, claim.spec, node=claim.nodes[0] if claim.nodes else "")
-    if again is None:
+async def _make_again(client: Api, known: Claim, stored: Claim | None) -> bool:
+    """Whether something of the claim was lost and is stored again. False, too, when somebody has got the thing meanwhile."""
+    lost = lost_grant(known, stored)
+    if lost.create:
+        stored = await create_claim(client, known.spec, node=lost.nodes[0] if lost.nodes else "")
+    elif not lost.nodes:
         return False
-    if len(claim.nodes) > 1:
+    if stored is None:
+        return False
+    if not {*lost.nodes} <= {*stored.nodes}:
         with suppress(Refused):  # its holder was quicker
-            await note_nodes(client, again, claim.nodes)
+            await note_nodes(client, stored, lost.nodes)
     return True
 
 

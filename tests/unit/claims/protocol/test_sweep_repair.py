@@ -158,5 +158,15 @@ async def test_a_holder_that_the_snapshot_has_keeps_the_id_it_got_afterwards() -
     assert await rig.domain() == name
 
 
+async def test_a_claim_that_the_snapshot_has_names_again_the_nodes_where_its_pods_were_bound_since() -> None:
+    rig = SweepRig()
+    name = await rig.domain()
+    snapshot = rig.store.snapshot()
+    known = await note_nodes(rig.store.client(), await claim_of(rig, name), ["edge-1"])
+    rig.store.restore(snapshot)
+    assert await make_lost_claims(rig.store.client(), [known]) == 1
+    assert (await claim_of(rig, name)).nodes == ("edge-1",)
+
+
 async def claim_of(rig: SweepRig, name: str) -> Claim:
     return await rig.store.client().get(ROBOTCLAIMS, name, as_type=Claim)
