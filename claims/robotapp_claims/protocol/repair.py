@@ -54,18 +54,18 @@ async def make_lost_claims(client: Api, known: Iterable[Claim]) -> int:
     return count
 
 
-async def _make_again(client: Api, known: Claim, stored: Claim | None) -> bool:
+async def _make_again(client: Api, known_claim: Claim, claim: Claim | None) -> bool:
     """Whether something of the claim was lost and is stored again. False, too, when somebody has got the thing meanwhile."""
-    lost = lost_grant(known, stored)
+    lost = lost_grant(known_claim, claim)
     if lost.create:
-        stored = await create_claim(client, known.spec, node=lost.nodes[0] if lost.nodes else "")
+        claim = await create_claim(client, known_claim.spec, node=lost.nodes[0] if lost.nodes else "")
     elif not lost.nodes:
         return False
-    if stored is None:
+    if claim is None:
         return False
-    if not {*lost.nodes} <= {*stored.nodes}:
+    if not {*lost.nodes} <= {*claim.nodes}:
         with suppress(Refused):  # its holder was quicker
-            await note_nodes(client, stored, lost.nodes)
+            await note_nodes(client, claim, lost.nodes)
     return True
 
 

@@ -74,16 +74,16 @@ class LostGrant:
     nodes: tuple[str, ...]
 
 
-def lost_grant(known: Claim, stored: Claim | None) -> LostGrant:
+def lost_grant(known_claim: Claim, stored_claim: Claim | None) -> LostGrant:
     """Compares a claim as our cache showed it before the restore with what is stored now.
 
     Where another holder is stored, the thing was given back and granted again since the snapshot: the snapshot's holder has it.
     """
-    if stored is None:
-        return LostGrant(create=not known.momentary, nodes=known.nodes)
-    if same_tuple(known.spec, stored.spec) is not Found.MINE:
+    if stored_claim is None:
+        return LostGrant(create=not known_claim.momentary, nodes=known_claim.nodes)
+    if same_tuple(known_claim.spec, stored_claim.spec) is not Found.MINE:
         return LostGrant(create=False, nodes=())
-    return LostGrant(create=False, nodes=tuple(node for node in known.nodes if node not in stored.nodes))
+    return LostGrant(create=False, nodes=tuple(node for node in known_claim.nodes if node not in stored_claim.nodes))
 
 
 def runs(pod: Pod) -> bool:

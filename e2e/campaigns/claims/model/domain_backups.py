@@ -41,11 +41,11 @@ class Backups(Basis):
         claim can hold back a pod that the snapshot itself brings back.
         """
         apps, wants, claims, deployments, sets, pods, noted = s.snapshot
-        listed = {(h, x) for h, x, phase in pods if phase in _UP}
-        running = {(h, x) for h, x, phase in s.pods if phase in _UP} | set(s.unlisted)
-        unlisted = {(h, x) for h, x in running - listed if claims[x] is None or claims[x][0] == h}
+        listed_pairs = {(h, x) for h, x, phase in pods if phase in _UP}
+        running_pairs = {(h, x) for h, x, phase in s.pods if phase in _UP} | set(s.unlisted)
+        ghosts = {(h, x) for h, x in running_pairs - listed_pairs if claims[x] is None or claims[x][0] == h}
         claims, noted = self._remembered(s, claims, noted)
-        changed: dict[str, Any] = {
+        parts: dict[str, Any] = {
             "apps": apps,
             "wants": wants,
             "claims": claims,
@@ -53,16 +53,16 @@ class Backups(Basis):
             "sets": sets,
             "pods": pods,
             "noted": noted,
-            "unlisted": tuple(sorted(unlisted)),
+            "unlisted": tuple(sorted(ghosts)),
             "confirmed": (),
             "manager": None,
             "restores": s.restores - 1,
             "snapshot": (),
         }
         if self.rules.starts_again():
-            return changed | {"operators": (IDLE,) * self.operators, "sweepers": (RESTING,) * self.sweepers}
-        checked = {(h, x) for h, x, phase in s.pods if phase == CHECKED}
-        return changed | {"pods": tuple(sorted((h, x, CHECKED if (h, x) in checked else p) for h, x, p in pods))}
+            return parts | {"operators": (IDLE,) * self.operators, "sweepers": (RESTING,) * self.sweepers}
+        checked_pairs = {(h, x) for h, x, phase in s.pods if phase == CHECKED}
+        return parts | {"pods": tuple(sorted((h, x, CHECKED if (h, x) in checked_pairs else p) for h, x, p in pods))}
 
     def _remembered(
         self, s: State, claims: tuple[Any, ...], noted: tuple[int, ...]

@@ -15,7 +15,7 @@ from robotapp_claims.rules.domain import DomainPlan, DomainRequest
 from robotapp_claims.rules.identity import Found, domain_spec, id_order, same_tuple
 from robotapp_claims.rules.objects import App, AppSpec, Claim, Deployment, Holder, Meta, Pod, ReplicaSet, Ros2
 from robotapp_claims.rules.release import Release
-from robotapp_claims.rules.repair import LostGrant, lost_grant
+from robotapp_claims.rules.repair import lost_grant
 from robotapp_client.transport.errors import ApiError, Forbidden, means_gone
 
 AUTO = 99
@@ -201,15 +201,11 @@ class DomainRules:
 
     def makes_lost_claims(self) -> bool:
         """Whether claims that the snapshot lacks are made again from memory."""
-        return self._lost(known=make.domain_claim(0), stored=None).create
+        return lost_grant(make.domain_claim(0), None).create
 
     def notes_lost_nodes(self) -> bool:
         """Whether a claim that the snapshot has gets the nodes it has lost."""
-        stored = make.domain_claim(0)
-        return bool(self._lost(known=make.domain_claim(0, nodes=("robot",)), stored=stored).nodes)
-
-    def _lost(self, *, known: Claim, stored: Claim | None) -> LostGrant:
-        return lost_grant(known, stored)
+        return bool(lost_grant(make.domain_claim(0, nodes=("robot",)), make.domain_claim(0)).nodes)
 
     def starts_again(self) -> bool:
         """Whether what was decided before the restore is dropped."""
