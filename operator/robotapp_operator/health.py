@@ -75,7 +75,10 @@ class Health:
         if stale:
             names = ", ".join(f"{name} ({age_s:.0f} s)" for name, age_s in sorted(stale.items()))
             return web.Response(status=503, text=f"changes go unseen, of {names}; the log says why\n")
-        return web.Response(text="ok\n") if self._synced() else web.Response(status=503, text="caches are filling\n")
+        if self._synced():
+            return web.Response(text="ok\n")
+        unread = ", ".join(sorted(name for name, age_s in self._staleness().items() if age_s > 0))
+        return web.Response(status=503, text=f"caches are filling: {unread}\n")
 
     async def _metrics_page(self, request: web.Request) -> web.Response:
         refusal = await refused(self._gate, request, "get", "/metrics")

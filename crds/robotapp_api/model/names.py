@@ -274,3 +274,4 @@ class PodReason(StrEnum):
     WAITING_FOR_GROUP = "WaitingForGroup"
     WAITING_FOR_PREDECESSOR = "WaitingForPredecessor"
     WAITING_FOR_DOMAIN = "WaitingForDomain"
+    WAITING_FOR_KINDS = "WaitingForKinds"

@@ -3,7 +3,7 @@
 `/livez` is 200 while the event loop turns and leadership is renewed; `/readyz` names what is still missing. Both need no rights.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -26,6 +26,8 @@ class Checks:
     ready: dict[str, Callable[[], bool]] = field(default_factory=dict)
     stale: Callable[[], Mapping[str, float]] = dict
     """Seconds for which changes of a resource may have gone unseen; readiness names those beyond STALE_LIMIT_S."""
+    missing: Callable[[], Iterable[str]] = tuple
+    """Kinds that cannot be listed, which readiness names."""
     live: dict[str, Callable[[], bool]] = field(default_factory=dict)
 
     def livez(self) -> tuple[int, bytes]:
@@ -34,7 +36,8 @@ class Checks:
 
     def readyz(self) -> tuple[int, bytes]:
         stale = sorted(f"watch-{name}" for name, age_s in self.stale().items() if age_s > STALE_LIMIT_S)
-        return _checked(self.ready | self.live, failed=stale)
+        missing = [f"kind-{name}" for name in self.missing()]
+        return _checked(self.ready | self.live, failed=[*missing, *stale])
 
 
 def _checked(checks: Mapping[str, Callable[[], bool]], *, failed: Sequence[str] = ()) -> tuple[int, bytes]:

@@ -62,6 +62,10 @@ class FakeApiServer:
         self.store = Store()
         self.requests: list[tuple[str, str]] = []
         self.failing: list[int] = []
+        self.served: dict[str, list[str]] = {}
+        """Plurals that discovery lists, by path of the group and version; other paths are not found."""
+        self.forbidden: set[str] = set()
+        """Paths of collections that nobody may list or watch."""
         self._bookmark_s = bookmark_s
         self._clients: set[TypedConnection] = set()
         self._watches: dict[TypedConnection, Watch] = {}
@@ -122,6 +126,14 @@ class FakeApiServer:
         query = dict(parse_qsl(address.query, keep_blank_values=True))
         if status is not None:
             client.reply(status, msgspec.json.encode(Refused(status, "Injected", "as the test wished").status()))
+            return
+        plurals = self.served.get(address.path)
+        if plurals is not None and method == "GET":
+            client.reply(200, msgspec.json.encode({"resources": [{"name": plural} for plural in plurals]}))
+            return
+        if address.path in self.forbidden:
+            refusal = Refused(403, "Forbidden", f"you may not list {address.path}")
+            client.reply(refusal.code, msgspec.json.encode(refusal.status()))
             return
         try:
             where = verbs.target(unquote(address.path))

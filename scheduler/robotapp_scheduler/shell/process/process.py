@@ -372,6 +372,7 @@ class Scheduler:
         checks = Checks(
             ready={"informer-sync": self.feed.synced.is_set, "shutdown": lambda: not self._stop.is_set()},
             stale=self.feed.staleness,
+            missing=self.feed.missing_kinds,
             live={"leader-election": self._leads, "scheduling-loop": self._turns},
         )
         explainer = Explainer(
