@@ -81,7 +81,7 @@ def run(cp: ControlPlane, apps: int) -> Outcome:
     fleet = topology.fleet()
     with SimulatedSite(cp, fleet, tidy=False) as site:
         for name in POOL_NAMES:
-            spec = {"ids": IDS, "quarantineSeconds": QUARANTINE_S}
+            spec = {"network": name, "ids": IDS, "quarantineSeconds": QUARANTINE_S}
             body = {"apiVersion": API_VERSION, "kind": "DomainPool", "metadata": {"name": name}, "spec": spec}
             cp.api.create(POOLS, body)
         _create(site, "old", third)

@@ -6,8 +6,11 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.exposition import generate_latest
+from prometheus_client.registry import Collector
 
+from robotapp_claims.rules.pools import fullness, overlaps_of
 from robotapp_client import ApiClient
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.watch.cache import Cache
@@ -59,6 +62,7 @@ class Metrics:
         ]
         for name, text, read in gauges:
             Gauge(name, text, registry=self.registry).set_function(read)
+        self.registry.register(PoolCollector(cache))
 
     def watch_staleness(self, read: Callable[[], Mapping[str, float]]) -> None:
         """Publishes for each watched resource for how long its changes may have gone unseen."""
@@ -110,3 +114,39 @@ class Metrics:
 
 def _read_one(read: Callable[[], Mapping[str, float]], resource: str) -> float:
     return read()[resource]
+
+
+class PoolCollector(Collector):
+    """How full each DomainPool is, counted at scrape time."""
+
+    def __init__(self, cache: Cache) -> None:
+        self._cache = cache
+
+    def describe(self) -> list[Metric]:
+        return list(self._families())
+
+    def collect(self) -> list[Metric]:
+        ids, claimed, overlapping = families = self._families()
+        pools = list(self._cache.pools.values())
+        for pool in pools:
+            name, state = pool.metadata.name, fullness(pool, self._cache.all_claims())
+            ids.add_metric([name], state.capacity)
+            claimed.add_metric([name], state.fullest)
+            overlapping.add_metric([name], bool(overlaps_of(pool, pools)))
+        return list(families)
+
+    @staticmethod
+    def _families() -> tuple[GaugeMetricFamily, GaugeMetricFamily, GaugeMetricFamily]:
+        return (
+            GaugeMetricFamily(
+                "robotapp_operator_pool_ids", "Ids a pool gives, per place of its scope", labels=["pool"]
+            ),
+            GaugeMetricFamily(
+                "robotapp_operator_pool_claimed_ids",
+                "Ids claimed, resting ones included, in the fullest place of the pool's scope",
+                labels=["pool"],
+            ),
+            GaugeMetricFamily(
+                "robotapp_operator_pool_overlapping", "1 for a pool whose ids another one lists, too", labels=["pool"]
+            ),
+        )

@@ -266,6 +266,16 @@ class Informers:
         if change.old is None or change.new is None or change.old.spec != pool.spec:
             self._waiting_for(pool.metadata.name)
             self._asking_for_a_number(pool.metadata.name)
+            for name in self._on_networks_of(change):
+                self._fullness(name)
+                self._waiting_for(name)
+
+    def _on_networks_of(self, change: Change) -> list[str]:
+        """The other pools of the networks that a pool served or serves: whether they overlap may have changed."""
+        networks = {pool.spec.network for pool in (change.old, change.new) if pool is not None}
+        return [
+            name for name, pool in self._cache.pools.items() if pool.spec.network in networks and name != change.key
+        ]
 
     def _asking_for_a_number(self, pool: str) -> None:
         """Whether the pool gives the id that their spec names decides whether these apps are accepted."""
