@@ -88,7 +88,9 @@ class Operator:
         self.cache = Cache(default_scheduler=settings.scheduler_name)
         self.memory = ReconcileState()
         self.metrics = Metrics()
-        self.queue = Queue(clock=time.monotonic, jitter=random.random, background=BACKGROUND)
+        self.queue = Queue(
+            clock=time.monotonic, jitter=random.random, background=BACKGROUND, namespace_of=self.cache.namespace_of
+        )
         self.recorder = EventRecorder(client, controller=OPERATOR_MANAGER, instance=identity)
         self.conflicts = Conflicts(self._enqueue_status)
         self.observer = Observer(self.cache, self.memory, clock=time.monotonic, on_change=self._enqueue_status)

@@ -117,9 +117,9 @@ def pool_that_gives(number: int, pools: Collection[Pool]) -> Pool:
 
 
 def overlap_text(name: str, overlaps: Collection[Overlap]) -> str:
-    others = ", ".join(map(str, overlaps))
+    names = ", ".join(map(str, overlaps))
     return (
-        f"DomainPool {name} gives no new ids, because {others} of the same network lists them, too: give it other ids, or write "
+        f"DomainPool {name} gives no new ids, because {names} of the same network lists them, too: give it other ids, or write "
         f"spec.network of both if they serve networks that cannot hear each other"
     )
 
