@@ -137,7 +137,7 @@ class ScriptedServer:
 
     def __init__(self, *script: Play, otherwise: Play | None = None, newest: int | None = None) -> None:
         self.newest = newest
-        self.version_reads = 0
+        self.version_queries: list[dict[str, str]] = []
         self.script = list(script)
         self.otherwise = otherwise or silence()
         self.seen: list[Seen] = []
@@ -166,8 +166,8 @@ class ScriptedServer:
         try:
             while not writer.is_closing():
                 seen = await self._read(reader)
-                if self.newest is not None and seen.query == {"limit": "1"}:
-                    self.version_reads += 1
+                if self.newest is not None and seen.query.get("limit") == "1":
+                    self.version_queries.append(seen.query)
                     await listing(self.newest)(writer)
                     continue
                 self.seen.append(seen)

@@ -244,7 +244,8 @@ class Reflector(Generic[T]):
 
     async def _check_history(self) -> None:
         """Reads the server's version, and makes the next attempt list again if it is lower than the one to resume from."""
-        path = with_query(self._resource.path(self._namespace), {"limit": "1"})
+        # With the selectors: a right to list may be that of one name.
+        path = with_query(self._resource.path(self._namespace), {"limit": "1"} | self._selectors)
         answer = await self._client.request("GET", path)
         try:
             newest = _read_version(answer.body).metadata.resource_version

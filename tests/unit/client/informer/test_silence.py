@@ -58,7 +58,7 @@ async def test_after_a_restore_equal_versions_are_compared_by_content() -> None:
 async def test_a_server_that_has_moved_on_is_resumed_without_a_list() -> None:
     async with mirror(listing(9), watch(), watch(then="hang"), newest=9) as seen:
         await seen.asked(3)
-        assert seen.server.version_reads == 1
+        assert len(seen.server.version_queries) == 1
     assert (seen.reflector.stats.lists, seen.reflector.stats.restores) == (1, 0)
 
 
@@ -82,3 +82,9 @@ async def test_an_open_watch_is_not_stale_before_its_silence_is_too_long() -> No
         assert seen.reflector.stale_s == 0
         now[0] = 80.0
         assert seen.reflector.stale_s == 80.0
+
+
+async def test_the_version_is_read_with_the_selectors_of_the_watch_because_the_right_may_be_for_one_name() -> None:
+    async with mirror(listing(9), watch(), watch(then="hang"), field_selector="metadata.name=config") as seen:
+        await seen.asked(3)
+    assert seen.server.version_queries == [{"limit": "1", "fieldSelector": "metadata.name=config"}]
