@@ -114,7 +114,6 @@ class Operator:
         self.app_watch = AppWatch(
             client,
             namespaces=settings.namespaces,
-            kubeconfig=settings.kubeconfig,
             on_event=lambda kind, body: observe(kind, body, self.cache, self.queue),
         )
         self.params = ParamsWatch(client, self.cache, self.queue)

@@ -4,7 +4,6 @@ import asyncio
 from collections.abc import Mapping
 from typing import Any
 
-import kopf
 import pytest
 from tests.support.apiserver import Key
 from tests.support.clients import client_for, until
@@ -47,7 +46,7 @@ async def test_a_missing_right_is_one_sentence_and_is_tried_again(caplog: pytest
     refused = Forbidden('robotapps is forbidden: User "operator" cannot list', status=403, reason="Forbidden")
     client = ScriptedClient().script("get", refused, refused).always("get", {"items": []})
     watches = Watches()
-    watch = AppWatch(client, namespaces=(), kubeconfig=None, on_event=no_event, watch_once=watches)
+    watch = AppWatch(client, namespaces=(), on_event=no_event, watch_once=watches)
     await run_for(watch, lambda: watches.begun == 1)
     assert [record.getMessage().partition("; next")[0] for record in caplog.records] == [
         f"RobotApps are not watched: {refused}"
@@ -58,7 +57,7 @@ async def test_a_missing_right_is_one_sentence_and_is_tried_again(caplog: pytest
 async def test_staleness_counts_from_the_first_failure_until_a_watch_has_lasted() -> None:
     client = ScriptedClient().always("get", {"items": []})
     watches = Watches()
-    watch = AppWatch(client, namespaces=(), kubeconfig=None, on_event=no_event, watch_once=watches)
+    watch = AppWatch(client, namespaces=(), on_event=no_event, watch_once=watches)
     assert watch.stale_s == 0
     task = asyncio.create_task(watch.run())
     await until(lambda: watches.begun == 1)
@@ -83,8 +82,7 @@ async def test_kopf_reports_every_app_to_the_loop_of_the_operator_and_begins_aga
             assert asyncio.get_running_loop() is loop
             seen.append((kind, body["metadata"]["name"]))
 
-        watch = AppWatch(client, namespaces=("team",), kubeconfig=None, on_event=note)
-        watch._login = login_to(api)  # type: ignore[method-assign]  # no kubeconfig leads to a server in this process
+        watch = AppWatch(client, namespaces=("team",), on_event=note)
         api.store.create(Key("robotics.io/robotapps", "team", "early"), {"spec": {}})
 
         async def tell() -> None:
@@ -102,8 +100,29 @@ async def test_kopf_reports_every_app_to_the_loop_of_the_operator_and_begins_aga
     ]
 
 
-def login_to(api: SmallCluster) -> Any:
-    async def login(**_: Any) -> kopf.ConnectionInfo:
-        return kopf.ConnectionInfo(server=api.endpoint.server)
-
-    return login
+async def test_kopf_that_cannot_reach_the_server_is_stale_and_is_started_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It would go on for ever in silence, for example with a certificate authority that is not valid any more."""
+    monkeypatch.setattr("robotapp_operator.watch.app_watch.FAILING_S", 0.5)
+    monkeypatch.setattr("robotapp_operator.watch.app_watch.LOOK_S", 0.05)
+    monkeypatch.setattr("robotapp_operator.watch.app_watch.STEADY_S", 0.2)
+    async with SmallCluster(robots=0, pools={}) as api, client_for(api.endpoint) as client:
+        seen: list[str] = []
+        watch = AppWatch(
+            client, namespaces=("team",), on_event=lambda _, body: seen.append(str(body["metadata"]["name"]))
+        )
+        api.store.create(Key("robotics.io/robotapps", "team", "early"), {"spec": {}})
+        task = asyncio.create_task(watch.run())
+        await until(lambda: seen and watch.stale_s == 0)
+        address = api.endpoint.server
+        api._server.close()
+        for connection in list(api._clients):
+            connection.abort()
+        await until(lambda: watch.stale_s > 0.5)
+        host, port = address.removeprefix("http://").split(":")
+        api._server = await asyncio.get_running_loop().create_server(api._connect, host, int(port))
+        api.store.create(Key("robotics.io/robotapps", "team", "late"), {"spec": {}})
+        await until(lambda: "late" in seen and watch.stale_s == 0)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
