@@ -1,7 +1,8 @@
 """etcd goes back to an older snapshot under a running operator and scheduler: double grants, and how long anybody was blind.
 
-Half of the apps exist when the snapshot is taken; the others get their ids afterwards and are lost with them. After the restore as
-many new apps ask at once. While the containers of the lost apps may still run, nobody may get their ids.
+A third of the apps exists when the snapshot is taken, and one of these is deleted afterwards: it comes back. Another third gets its ids
+afterwards and is lost with them. After the restore the last third asks at once. While the containers of the lost apps may still
+run, nobody may get their ids.
 """
 
 import argparse
@@ -90,6 +91,8 @@ def run(cp: ControlPlane, apps: int) -> Outcome:
         _create(site, "lost", third)
         _wait_ready(site, 2 * third)
         holders = {claim["metadata"]["name"]: claim["spec"]["holder"] for claim in site.claims()}
+        site.delete("old-0")
+        _wait_ready(site, 2 * third - 1)
         lost_grants = {name for name, holder in holders.items() if holder["name"].startswith("lost-")}
         restore_backup(cp, backup)
         outcome = Outcome(apps, lost=third, new=apps - 2 * third)
