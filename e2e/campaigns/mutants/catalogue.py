@@ -200,14 +200,6 @@ FAULTS: Final = (
         tests=("tests/unit/client", "tests/live/client"),
     ),
     Fault(
-        name="restore-is-not-noticed",
-        harm="After a restore of etcd operator and scheduler are blind for minutes, and healthy.",
-        file="client/robotapp_client/informer/reflector.py",
-        old="        if not is_older(newest, self.resource_version):\n            return\n",
-        new="        if newest:\n            return\n",
-        tests=("tests/unit/client", "tests/property/client"),
-    ),
-    Fault(
         name="watch-never-lists-again",
         harm="After an outage the operator and the scheduler act for ever on what they saw before it.",
         file="client/robotapp_client/informer/reflector.py",
