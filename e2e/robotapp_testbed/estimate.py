@@ -59,7 +59,7 @@ def predict_remaining_s(standing: Standing) -> float:
 
 
 def is_late(standing: Standing) -> bool:
-    """Whether the running step has outrun its estimate, so that nobody can say when it ends."""
+    """Returns whether the running step has outrun its estimate, so that nobody can say when it ends."""
     return standing.running_s > predict_running_s(standing) * (1 + _GRACE_SHARE) + _GRACE_S
 
 

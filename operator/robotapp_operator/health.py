@@ -4,7 +4,7 @@ A probe that only shows that the process exists would keep a stuck operator aliv
 """
 
 import ssl
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from aiohttp import web
@@ -18,13 +18,15 @@ OVERDUE_LIMIT_S: Final = 180.0
 """No single key takes that long: the workers hang."""
 LIMITS: Final = Limits(connections=32, answer_s=10.0)
 """Kubelet and Prometheus need one connection each; with asyncio each costs 300 kB."""
+STALE_LIMIT_S: Final = 60.0
+"""Readiness ends when a watch has followed nothing for longer. A restart would not help, so liveness does not."""
 
 
 class Health:
     """What the probes read.
 
     `silence_s`: seconds since the quietest watch heard something; `overdue_s`: how long the oldest due key has waited;
-    `synced`: caches are filled, or we stand by.
+    `staleness`: seconds for which changes may have gone unseen, by resource; `synced`: caches are filled, or we stand by.
     """
 
     def __init__(
@@ -33,12 +35,14 @@ class Health:
         silence_s: Callable[[], float],
         overdue_s: Callable[[], float],
         synced: Callable[[], bool],
+        staleness: Callable[[], Mapping[str, float]] = dict,
         metrics: Callable[[], bytes],
         gate: PathGate,
     ) -> None:
         self._silence_s = silence_s
         self._overdue_s = overdue_s
         self._synced = synced
+        self._staleness = staleness
         self._metrics = metrics
         self._gate = gate
         self._port: Port | None = None
@@ -70,7 +74,14 @@ class Health:
         return web.Response(text="ok\n")
 
     async def _readyz(self, _: web.Request) -> web.Response:
-        return web.Response(text="ok\n") if self._synced() else web.Response(status=503, text="caches are filling\n")
+        stale = {name: age_s for name, age_s in self._staleness().items() if age_s > STALE_LIMIT_S}
+        if stale:
+            names = ", ".join(f"{name} ({age_s:.0f} s)" for name, age_s in sorted(stale.items()))
+            return web.Response(status=503, text=f"changes go unseen, of {names}; the log says why\n")
+        if self._synced():
+            return web.Response(text="ok\n")
+        unread = ", ".join(sorted(name for name, age_s in self._staleness().items() if age_s > 0))
+        return web.Response(status=503, text=f"caches are filling: {unread}\n")
 
     async def _metrics_page(self, request: web.Request) -> web.Response:
         refusal = await refused(self._gate, request, "get", "/metrics")

@@ -13,17 +13,18 @@ from collections.abc import AsyncIterator, Callable, Coroutine
 from datetime import UTC, datetime
 from typing import Any, Final
 
-import kopf
-
 from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE
+from robotapp_claims.protocol.repair import make_lost_claims
 from robotapp_claims.protocol.sweeper import Sweeper
 from robotapp_client import ApiClient, Endpoint, LoginError, load
+from robotapp_client.api.resources import ROBOTAPPS
 from robotapp_client.serving.access import Gatekeeper
 from robotapp_client.serving.logs import set_up as set_up_logs
 from robotapp_client.serving.server import PortError
 from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_client.tools.event_recorder import EventRecorder
 from robotapp_client.tools.leader_election import LeaderElection, candidate_identity
+from robotapp_client.tools.restart import RESTORED, start_again
 from robotapp_operator import __version__
 from robotapp_operator.health import Health
 from robotapp_operator.queue.work import BACKGROUND
@@ -42,12 +43,12 @@ from robotapp_operator.reconcile.scheduling_gates import Gates
 from robotapp_operator.reconcile.status_reporter import Reporter
 from robotapp_operator.settings import Settings, parse
 from robotapp_operator.watch.app_list import list_apps
+from robotapp_operator.watch.app_watch import AppWatch
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config_maps import ParamsWatch
 from robotapp_operator.watch.enqueue import enqueue_status
 from robotapp_operator.watch.informers import Informers
-from robotapp_operator.watch.kopf_handlers import register
-from robotapp_operator.watch.kopf_settings import kopf_settings
+from robotapp_operator.watch.kopf_handlers import observe
 from robotapp_operator.watch.sweep_callbacks import Conflicts, granted_pods
 
 log = logging.getLogger(__name__)
@@ -60,19 +61,27 @@ EXPIRE_S: Final = 1.0
 
 
 class Stop(asyncio.Event):
-    """Set when the process is to end; `failed` when that is because a part of it died."""
+    """Set when the process is to end; `failed` when that is because a part of it died.
+
+    `restored`: because the API server went back to an older state, so that everything this process knows is in doubt.
+    """
 
     failed = False
+    restored = False
 
     def fail(self) -> None:
         self.failed = True
+        self.set()
+
+    def restore(self) -> None:
+        self.restored = True
         self.set()
 
 
 class Operator:
     """Everything one process owns, wired together."""
 
-    def __init__(self, settings: Settings, client: ApiClient) -> None:
+    def __init__(self, settings: Settings, client: ApiClient, stop: Stop) -> None:
         self.settings = settings
         self.client = client
         identity = candidate_identity(os.environ)
@@ -80,7 +89,9 @@ class Operator:
         self.cache = Cache(default_scheduler=settings.scheduler_name)
         self.memory = ReconcileState()
         self.metrics = Metrics()
-        self.queue = Queue(clock=time.monotonic, jitter=random.random, background=BACKGROUND)
+        self.queue = Queue(
+            clock=time.monotonic, jitter=random.random, background=BACKGROUND, namespace_of=self.cache.namespace_of
+        )
         self.recorder = EventRecorder(client, controller=OPERATOR_MANAGER, instance=identity)
         self.conflicts = Conflicts(self._enqueue_status)
         self.observer = Observer(self.cache, self.memory, clock=time.monotonic, on_change=self._enqueue_status)
@@ -99,11 +110,18 @@ class Operator:
             namespaces=settings.namespaces,
             request_sweep=self.sweeper.sweep_soon,
             clock=time.monotonic,
+            on_restored=stop.restore,
+        )
+        self.app_watch = AppWatch(
+            client,
+            namespaces=settings.namespaces,
+            on_event=lambda kind, body: observe(kind, body, self.cache, self.queue),
         )
         self.params = ParamsWatch(client, self.cache, self.queue)
         self.fleet = FleetView(client, self.cache)
         self.controller = self._wired()
         self.metrics.watch(self.queue, self.cache, client)
+        self.metrics.watch_staleness(self.staleness)
 
     def _wired(self) -> Controller:
         client, cache, memory = self.client, self.cache, self.memory
@@ -144,6 +162,10 @@ class Operator:
     def silence_s(self) -> float:
         return self.informers.silence_s if self.informers.synced else 0.0
 
+    def staleness(self) -> dict[str, float]:
+        """Seconds for which changes may have gone unseen, by resource."""
+        return self.informers.staleness() | {ROBOTAPPS.plural: self.app_watch.stale_s}
+
     @contextlib.asynccontextmanager
     async def caches(self, stop: Stop) -> AsyncIterator[None]:
         """Mirror the cluster, and go on when everything is read: an empty cache would look like an empty fleet.
@@ -161,8 +183,8 @@ class Operator:
     async def work(self, stop: Stop) -> None:
         """Reconcile until `stop`."""
         async with contextlib.AsyncExitStack() as stack:
-            stack.push_async_callback(_ended, asyncio.create_task(self._watch_apps(stop)))
             helpers: list[Coroutine[Any, Any, None]] = [
+                self.app_watch.run(),
                 self.recorder.run(),
                 self.sweeper.run(),
                 self.params.run(),
@@ -179,35 +201,6 @@ class Operator:
         while True:
             await asyncio.sleep(EXPIRE_S)
             self.informers.expire()
-
-    async def _watch_apps(self, stop: Stop) -> None:
-        """Run kopf until cancelled, which comes last: it takes every task of the process that began after it for its
-        own, and when it ends by itself it waits 5 s for them and then cancels them.
-        """
-        registry = kopf.OperatorRegistry()
-        register(registry, self.cache, self.queue)
-        kopf.on.login(registry=registry)(self._login)
-
-        @kopf.on.startup(registry=registry)
-        async def _signals(**_: Any) -> None:
-            asyncio.get_running_loop().call_soon(_on_signals, stop.set)  # kopf takes them for itself in this same turn
-
-        try:
-            await kopf.operator(
-                registry=registry,
-                settings=kopf_settings(),
-                standalone=True,
-                clusterwide=not self.settings.namespaces,
-                namespaces=self.settings.namespaces,
-            )
-        finally:
-            stop.set()
-
-    async def _login(self, **kwargs: Any) -> kopf.ConnectionInfo | None:
-        if self.settings.kubeconfig is None:
-            return kopf.login_with_service_account(**kwargs)
-        os.environ["KUBECONFIG"] = str(self.settings.kubeconfig)  # the only way to pass kopf the file
-        return kopf.login_with_kubeconfig(**kwargs)
 
     async def _drain(self, worker: asyncio.Task[None]) -> None:
         """Let keys in progress finish; everything else starts again from the API server's state after a restart."""
@@ -226,18 +219,24 @@ def _now() -> datetime:
 
 
 async def run(settings: Settings, endpoint: Endpoint) -> int:
-    """Serve until SIGTERM, SIGINT or the loss of the Lease. The exit status: 1 when a part of the process died."""
+    """Serve until SIGTERM, SIGINT or the loss of the Lease.
+
+    The exit status: 1 when a part of the process died, RESTORED when it has to start again because etcd was restored.
+    """
     stop = Stop()
     _on_signals(stop.set)
     agent = f"{OPERATOR_MANAGER}/{__version__}"
     async with ApiClient(endpoint, user_agent=agent, field_manager=OPERATOR_MANAGER) as client:
-        operator = Operator(settings, client)
+        operator = Operator(settings, client, stop)
         async with _port(operator, stop), operator.caches(stop):
             if settings.leader_election:
                 home = SYSTEM_NAMESPACE if settings.kubeconfig else endpoint.namespace
                 await _elected(operator, client, settings.lease_namespace or home, stop)
             elif not stop.is_set():
                 await operator.work(stop)
+        if stop.restored:
+            await make_lost_claims(client, operator.cache.all_claims())
+            return RESTORED
     return 1 if stop.failed else 0
 
 
@@ -253,6 +252,7 @@ async def _port(operator: Operator, stop: Stop) -> AsyncIterator[None]:
         health = Health(
             silence_s=operator.silence_s,
             overdue_s=lambda: operator.queue.overdue_s,
+            staleness=operator.staleness,
             synced=operator.ready,
             metrics=operator.metrics.render,
             gate=Gatekeeper(asking),
@@ -317,12 +317,13 @@ def _on_signals(stop: Callable[[], None]) -> None:
 def main(argv: list[str] | None = None) -> int:
     settings = parse(sys.argv[1:] if argv is None else argv, os.environ)
     set_up_logs(settings.log_format, "INFO")
-    logging.getLogger("kopf").setLevel(logging.WARNING)
+    logging.getLogger("kopf").setLevel(logging.CRITICAL)  # AppWatch has one sentence for what kopf tells in stacks
     try:
-        return asyncio.run(run(settings, load(settings.kubeconfig)))
+        status = asyncio.run(run(settings, load(settings.kubeconfig)))
     except (LoginError, PortError) as error:
         sys.stderr.write(f"{error}\n")
         return 2
+    return start_again() if status == RESTORED else status
 
 
 if __name__ == "__main__":

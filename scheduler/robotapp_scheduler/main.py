@@ -10,6 +10,7 @@ from typing import Final
 
 from robotapp_client.serving import logs
 from robotapp_client.serving.server import PortError
+from robotapp_client.tools.restart import RESTORED, start_again
 from robotapp_client.transport.errors import LoginError
 from robotapp_scheduler.config import flags
 from robotapp_scheduler.config.load import ConfigError
@@ -36,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     logs.set_up(options.log_format, options.log_level)
     _fast_loop()
     try:
-        return asyncio.run(process.run(options))
+        ended = asyncio.run(process.run(options))
     except ConfigError as error:
         source = options.config or options.config_map or "built-in configuration"
         for problem in error.problems:
@@ -45,6 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (LoginError, PortError) as error:
         print(f"robotapp-scheduler: {error}", file=sys.stderr)  # noqa: T201 - for the user
         return 2
+    return start_again() if ended == RESTORED else ended
 
 
 def run_tool(argv: Sequence[str]) -> int | None:

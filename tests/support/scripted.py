@@ -130,9 +130,14 @@ def _head(status: int, headers: dict[str, str]) -> bytes:
 
 
 class ScriptedServer:
-    """Plays `script` in order, one item per request whatever the connection, then `otherwise`: silence if not given."""
+    """Plays `script` in order, one item per request whatever the connection, then `otherwise`: silence if not given.
 
-    def __init__(self, *script: Play, otherwise: Play | None = None) -> None:
+    `newest`: version of the server. With it lists of one object, by which mirrors learn that version, are no part of the script.
+    """
+
+    def __init__(self, *script: Play, otherwise: Play | None = None, newest: int | None = None) -> None:
+        self.newest = newest
+        self.version_queries: list[dict[str, str]] = []
         self.script = list(script)
         self.otherwise = otherwise or silence()
         self.seen: list[Seen] = []
@@ -160,7 +165,12 @@ class ScriptedServer:
         self.connections += 1
         try:
             while not writer.is_closing():
-                self.seen.append(await self._read(reader))
+                seen = await self._read(reader)
+                if self.newest is not None and seen.query.get("limit") == "1":
+                    self.version_queries.append(seen.query)
+                    await listing(self.newest)(writer)
+                    continue
+                self.seen.append(seen)
                 play = self.script.pop(0) if self.script else self.otherwise
                 await play(writer)
         except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):

@@ -13,6 +13,7 @@ from robotapp_claims.rules import domain as rules
 from robotapp_claims.rules.domain import DomainOutcome, DomainPlan, DomainRequest
 from robotapp_claims.rules.identity import Found, claim_name, same_holder, same_tuple
 from robotapp_claims.rules.objects import Claim, Pool
+from robotapp_claims.rules.pools import refuse_overlap
 from robotapp_client.api.resources import ROBOTCLAIMS
 
 LIST_AFTER_CONFLICTS: Final = 3
@@ -27,16 +28,19 @@ async def create_domain(
     pool: Pool,
     plan: DomainPlan,
     *,
+    pools: Collection[Pool],
     known_claims: Callable[[], Iterable[Claim]] = tuple,
     node: str = "",
 ) -> DomainOutcome:
     """A new claim, within the quota. Of one process only one at a time counts and creates, or all would count too few.
 
-    known_claims: from a cache. What others hold there is not tried; when that is every candidate, the server is not
+    pools: all there are, which may list ids of this one. known_claims: from a cache. What others hold there is not tried; when that is every candidate, the server is not
     called at all, so that apps that wait for a full pool cost it nothing. The caller tries again when a claim is gone.
     node: where the pod that it is for is about to be bound.
     """
     if refusal := rules.withheld(request, pool):
+        return refusal
+    if refusal := refuse_overlap(request, pool, pools):
         return refusal
     namespace = request.holder.namespace
     if rules.quota_of(pool, namespace) is None:

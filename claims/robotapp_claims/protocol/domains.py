@@ -57,7 +57,8 @@ async def ensure_pod_domain(
     known_claims: from a cache, see `create_domain`.
     Raises ApiError or Unreachable.
     """
-    pool = await find_pool(client, request.pool)
+    pools = await read_pools(client)
+    pool = pools.get(request.pool)
     if pool is None:
         return rules.pool_not_found(request)
     refusal = rules.check_request(request, pool)
@@ -65,20 +66,24 @@ async def ensure_pod_domain(
         return refusal
     for _ in range(RESTARTS):
         try:
-            return await _own_at(client, request, pool, node, known_claims)
+            return await _own_at(client, request, pools, node, known_claims)
         except Refused:
             continue
     return DomainOutcome(Reason.PENDING, "its claim keeps changing; trying again")
 
 
 async def _own_at(
-    client: Api, request: DomainRequest, pool: Pool, node: str, known_claims: Callable[[], Iterable[Claim]]
+    client: Api,
+    request: DomainRequest,
+    pools: Mapping[str, Pool],
+    node: str,
+    known_claims: Callable[[], Iterable[Claim]],
 ) -> DomainOutcome:
     """The pod's own domain, whose claim names the node (if known) before the pod is bound there.
 
     A claim that was made just now names it from the beginning. No sweep can have read that claim to release it: the pod was there.
     """
-    outcome = await _own(client, request, pool, (), known_claims, node=node)
+    outcome = await _own(client, request, pools, (), known_claims, node=node)
     if node and outcome.held and not outcome.created:
         claim = await find_claim(client, outcome.claim)
         if claim is None or not same_holder(claim.holder, request.holder):
@@ -107,7 +112,8 @@ async def _ensure_once(
         return await _without_id(client, request, DomainOutcome(Reason.INVALID_SPEC, join.message), deployments)
     if join.owner != (holder.namespace, holder.name):
         return await _join(client, request, join.owner, deployments)
-    pool = await find_pool(client, request.pool)
+    pools = await read_pools(client)
+    pool = pools.get(request.pool)
     if pool is None:
         return await _without_id(client, request, rules.pool_not_found(request), deployments)
     if request.isolation == "Discovery":
@@ -119,19 +125,19 @@ async def _ensure_once(
     refusal = rules.check_request(request, pool)
     if refusal is not None:
         return await _without_id(client, request, refusal, deployments)
-    return await _own(client, request, pool, deployments, known_claims)
+    return await _own(client, request, pools, deployments, known_claims)
 
 
 async def _own(
     client: Api,
     request: DomainRequest,
-    pool: Pool,
+    pools: Mapping[str, Pool],
     deployments: Sequence[Deployment],
     known_claims: Callable[[], Iterable[Claim]],
     *,
     node: str = "",
 ) -> DomainOutcome:
-    holder = request.holder
+    holder, pool = request.holder, pools[request.pool]
     claims = await instance_claims(client, holder.uid, instance=holder.instance)
     held = rules.held_ids(claims, request, pool.spec.scope)
     plan = rules.plan_domain(
@@ -143,7 +149,9 @@ async def _own(
         requested=request.requested_id,
     )
     if plan.id is None:
-        outcome = await create_domain(client, request, pool, plan, known_claims=known_claims, node=node)
+        outcome = await create_domain(
+            client, request, pool, plan, pools=pools.values(), known_claims=known_claims, node=node
+        )
     else:
         claim = held[plan.id]
         if plan.step is Step.ADOPT:
@@ -210,6 +218,11 @@ async def find_claim(client: Api, name: str) -> Claim | None:
 
 async def find_pool(client: Api, name: str) -> Pool | None:
     return await find(client, DOMAINPOOLS, name, "", Pool)
+
+
+async def read_pools(client: Api) -> dict[str, Pool]:
+    """All pools by name: one alone does not show whether it may give an id."""
+    return {pool.metadata.name: pool for pool in (await client.list(DOMAINPOOLS, as_type=Pool)).items}
 
 
 async def instance_deployments(client: Api, holder: Holder) -> list[Deployment]:

@@ -7,22 +7,66 @@ owners have led to an app that exists, and no claim is made that the app could n
 import logging
 from collections import Counter
 from collections.abc import Iterable
+from contextlib import suppress
 
 from robotapp_api.model.names import Label
 from robotapp_claims.protocol.domain_allocation import pool_claims, turn
 from robotapp_claims.protocol.domains import resolve_owner
 from robotapp_claims.protocol.errors import Troubles
 from robotapp_claims.protocol.sweep_snapshot import View, find
-from robotapp_claims.protocol.writes import create_claim, touch
+from robotapp_claims.protocol.writes import Api, Refused, create_claim, note_nodes, touch
 from robotapp_claims.rules import domain as rules
 from robotapp_claims.rules.domain import DomainRequest
 from robotapp_claims.rules.identity import claim_name, same_holder
 from robotapp_claims.rules.objects import App, Claim, Pod, Pool
 from robotapp_claims.rules.release import is_gone, joined
-from robotapp_claims.rules.repair import ClaimConflict, Missing, conflicts, missing_claims, needed_by, refusal, runs
+from robotapp_claims.rules.repair import (
+    ClaimConflict,
+    Missing,
+    conflicts,
+    lost_grant,
+    missing_claims,
+    needed_by,
+    refusal,
+    runs,
+)
 from robotapp_client.api.resources import DOMAINPOOLS, PODS, ROBOTCLAIMS
+from robotapp_client.transport.errors import ClientError
 
 log = logging.getLogger(__name__)
+
+
+async def make_lost_claims(client: Api, known: Iterable[Claim]) -> int:
+    """Makes claims again that were granted after the snapshot from which etcd was restored. Returns how many.
+
+    known: what our cache showed before. Without such a claim its id could be granted at once, while containers of the lost
+    app still run. A holder that exists keeps what it had; of one that is lost, too, the sweep lets the claim rest and deletes it.
+    """
+    count = 0
+    try:
+        stored = {claim.name: claim for claim in (await client.list(ROBOTCLAIMS, as_type=Claim)).items}
+        for claim in sorted(known, key=lambda claim: claim.name):
+            count += await _make_again(client, claim, stored.get(claim.name))
+    except ClientError as error:
+        log.error("claims granted after the restored snapshot could not all be made again: %s", error)  # noqa: TRY400
+    level = logging.WARNING if count else logging.INFO
+    log.log(level, "claims granted after the restored snapshot: %d are made again", count)
+    return count
+
+
+async def _make_again(client: Api, known_claim: Claim, claim: Claim | None) -> bool:
+    """Whether something of the claim was lost and is stored again. False, too, when somebody has got the thing meanwhile."""
+    lost = lost_grant(known_claim, claim)
+    if lost.create:
+        claim = await create_claim(client, known_claim.spec, node=lost.nodes[0] if lost.nodes else "")
+    elif not lost.nodes:
+        return False
+    if claim is None:
+        return False
+    if not {*lost.nodes} <= {*claim.nodes}:
+        with suppress(Refused):  # its holder was quicker
+            await note_nodes(client, claim, lost.nodes)
+    return True
 
 
 async def repair(view: View, pods: Iterable[Pod], counts: Counter[str], troubles: Troubles) -> list[ClaimConflict]:

@@ -171,6 +171,7 @@ class PoolQuota(Object, frozen=True, kw_only=True):
 
 class PoolSpec(Object, frozen=True, kw_only=True):
     scope: str = "Cluster"
+    network: str = ""
     ids: str = ""
     shared_ids: str = ""
     reserved: tuple[int, ...] = ()
@@ -179,8 +180,12 @@ class PoolSpec(Object, frozen=True, kw_only=True):
     max_participants_per_host: int = 50
 
 
+class PoolMeta(Meta, frozen=True, kw_only=True):
+    creation_timestamp: str = ""
+
+
 class Pool(Object, frozen=True, kw_only=True):
-    metadata: Meta
+    metadata: PoolMeta
     spec: PoolSpec = PoolSpec()
     status: dict[str, Any] = {}
 

@@ -66,6 +66,26 @@ class ClaimConflict:
         return f"{self.thing} is held by {holds}, but {runs} runs with it: delete the pods of one of them"
 
 
+@dataclass(frozen=True, slots=True)
+class LostGrant:
+    """What of a claim was granted after the snapshot from which etcd was restored: all of it, or nodes where its pods may run."""
+
+    create: bool
+    nodes: tuple[str, ...]
+
+
+def lost_grant(known_claim: Claim, stored_claim: Claim | None) -> LostGrant:
+    """Compares a claim as our cache showed it before the restore with what is stored now.
+
+    Where another holder is stored, the thing was given back and granted again since the snapshot: the snapshot's holder has it.
+    """
+    if stored_claim is None:
+        return LostGrant(create=not known_claim.momentary, nodes=known_claim.nodes)
+    if same_tuple(known_claim.spec, stored_claim.spec) is not Found.MINE:
+        return LostGrant(create=False, nodes=())
+    return LostGrant(create=False, nodes=tuple(node for node in known_claim.nodes if node not in stored_claim.nodes))
+
+
 def runs(pod: Pod) -> bool:
     """Bound and not ended: its containers may have the thing in use."""
     return bool(pod.spec.node_name) and not pod.terminal

@@ -2,8 +2,8 @@
 
 import msgspec
 
-from robotapp_claims.rules.fullness import fullness
 from robotapp_claims.rules.objects import Claim, Pool
+from robotapp_claims.rules.pools import fullness
 from robotapp_cli.commands.devices import holder_of
 from robotapp_cli.output import Output, blank_line, print_line, print_table, write_structured
 from robotapp_cli.reading.fields import Json, age, meta, plain, status

@@ -45,6 +45,7 @@ _BY_FIELD: Final = {
     "usbID": "vid:pid or vid:pid:serial, such as 8086:0b3a",
     "key": "letters, digits, -, _ and ., such as params.yaml",
     "labels": "at most 63 letters, digits, -, _ and ., such as team-a",
+    "network": "lower-case letters, digits and -, such as yard",
     "ids": "ascending ranges, such as 1-101,215-232",
     "sharedIds": "ascending ranges, such as 90-101",
 }

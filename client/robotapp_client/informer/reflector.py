@@ -2,6 +2,10 @@
 
 The promise: once `synced`, `store` runs through states the server had, and every difference is reported exactly once
 through `on_change`, also for objects that vanished while we could not watch. The first list is reported page by page.
+
+Versions count up for ever, unless etcd is restored from a snapshot: then a watch from the version we know is answered with
+silence until the new history has passed it. So each time a watch is opened again, the server's version is read first. If it
+is lower than ours, everything is listed again, and an object whose content differs is reported as deleted and added.
 """
 
 import asyncio
@@ -35,6 +39,7 @@ from robotapp_client.transport.errors import (
     Invalid,
     Silent,
     TooManyRequests,
+    Unreachable,
     describe,
     error_from_response,
 )
@@ -58,6 +63,24 @@ RESUMES: Final = 3
 """After so many fruitless attempts to resume, list again: perhaps no server has that version any more."""
 
 
+class _ListVersion(msgspec.Struct, rename="camel"):
+    resource_version: str = ""
+
+
+class _Listed(msgspec.Struct):
+    """A list, of which only the version is read."""
+
+    metadata: _ListVersion
+
+
+_read_version: Final = msgspec.json.Decoder(_Listed).decode
+
+
+def is_older(one: str, other: str) -> bool:
+    """Whether the server was at version `one` before `other`. Versions that are no numbers cannot be compared."""
+    return one.isdecimal() and other.isdecimal() and int(one) < int(other)
+
+
 class Change(msgspec.Struct, frozen=True, gc=False):
     """`kind` is ADDED (old None), MODIFIED or DELETED (new None; old is the last state we knew)."""
 
@@ -77,6 +100,7 @@ class ReflectorStats:
     gone: int = 0
     failures: int = 0
     silences: int = 0
+    restores: int = 0
     undecodable: int = 0
     callback_failures: int = 0
 
@@ -107,10 +131,11 @@ class Reflector(Generic[T]):
         fixed_keys: bool = False,
         kept: Callable[[T], T] | None = None,
         on_problem: Callable[[ClientError | None], None] | None = None,
+        on_restored: Callable[[], None] | None = None,
     ) -> None:
         """`fixed_keys` is for `WatchDecoder`. `kept` returns what `store`, and `old` of later changes, have of an object: all of it
         unless given. `new` of a change is always whole. `on_problem` gets each error that ends an attempt, and None when a list
-        or watch is answered again; it must not raise.
+        or watch is answered again; it must not raise. `on_restored` is called when the server has gone back to an older state.
         """
         self._client = client
         self._resource = resource
@@ -120,6 +145,9 @@ class Reflector(Generic[T]):
         self._on_change = on_change
         self._kept = kept
         self._on_problem = on_problem
+        self._on_restored = on_restored
+        self._restored = False
+        """The next list is of another history: equal versions need not be equal objects."""
         self._failing = False
         self._streaming = streaming
         self._page = page
@@ -127,6 +155,8 @@ class Reflector(Generic[T]):
         self._backoff = backoff or Backoff(base_s=0.2, cap_s=MOST_DELAY_S, uniform=client.uniform)
         self._objects: dict[str, T] = {}
         self._contact: float | None = None
+        self._is_open = False
+        self._followed_at = client.clock()
         self._initial: dict[str, Read[T]] | None = None
         self._progress = self._answered = False
         self._opened: float | None = None  # when the current watch began
@@ -146,6 +176,17 @@ class Reflector(Generic[T]):
         """Seconds since the server last sent anything, infinite before the first time. Alarm above ~180."""
         return float("inf") if self._contact is None else self._client.clock() - self._contact
 
+    @property
+    def stale_s(self) -> float:
+        """Seconds for which changes on the server may have gone unseen: 0 while a watch is open and not silent for too long."""
+        quiet_s = self._client.clock() - self._followed_at
+        return 0.0 if self._is_open and quiet_s <= self._inactivity_s else quiet_s
+
+    @property
+    def plural(self) -> str:
+        """Name of the resource, for metrics and health checks."""
+        return self._resource.plural
+
     async def run(self) -> None:
         """List and watch until cancelled; failures of the server end in a log line and another attempt."""
         while True:
@@ -160,6 +201,8 @@ class Reflector(Generic[T]):
         least_s = 0.0
         at_once = False
         try:
+            if self.resource_version:
+                await self._check_history()
             if not self.resource_version and not self._streaming:
                 await self._list()
             await self._watch()
@@ -199,6 +242,24 @@ class Reflector(Generic[T]):
             log.info("%s: %s, listing again", self, why, extra={"fields": describe(error) if error else {}})
         self.resource_version = ""
 
+    async def _check_history(self) -> None:
+        """Reads the server's version, and makes the next attempt list again if it is lower than the one to resume from."""
+        # With the selectors: a right to list may be that of one name.
+        path = with_query(self._resource.path(self._namespace), {"limit": "1"} | self._selectors)
+        answer = await self._client.request("GET", path)
+        try:
+            newest = _read_version(answer.body).metadata.resource_version
+        except msgspec.DecodeError as error:
+            raise Unreachable(f"the version of a list cannot be read: {error}", maybe_applied=False) from error
+        if not is_older(newest, self.resource_version):
+            return
+        self.stats.restores += 1
+        self._restored = True
+        log.warning("%s: the server is back at version %s, listing everything again", self, newest)
+        self.resource_version = ""
+        if self._on_restored is not None:
+            self._on_restored()
+
     async def _list(self) -> None:
         """At the start every page is taken as it comes, and its objects are freed if the caller does not keep them; later ones all at once."""
         self.stats.lists += 1
@@ -223,7 +284,7 @@ class Reflector(Generic[T]):
 
     def _is_changed(self, identity: Identity) -> bool:
         known = self._objects.get(identity.key)
-        return known is None or self._decoder.identify(known) != identity
+        return known is None or self._restored or self._decoder.identify(known) != identity
 
     def _replace(self, present: Collection[str], changed: Iterable[Read[T]]) -> None:
         """Take `changed` in; what is not `present` vanished while we were not looking."""
@@ -231,6 +292,7 @@ class Reflector(Generic[T]):
             self._put(*read)
         for key in [key for key in self._objects if key not in present]:
             self._remove(key)
+        self._restored = False
 
     async def _watch(self) -> None:
         self.stats.watches += 1
@@ -243,14 +305,19 @@ class Reflector(Generic[T]):
                     self._streaming = False  # an older server: list and watch, then
                 raise error
             self._report_problem(None)
+            self._is_open, self._followed_at = True, self._contact
             lines = Lines()
 
             def take(pieces: Sequence[bytes]) -> None:
-                self._contact = self._client.clock()
+                self._contact = self._followed_at = self._client.clock()
                 for line in lines.ended(pieces):
                     self._on_line(line)
 
-            await stream.deliver(take)
+            try:
+                await stream.deliver(take)
+                self._followed_at = self._client.clock()
+            finally:
+                self._is_open = False
 
     def _watch_path(self) -> str:
         low, high = SERVER_TIMEOUT_S
@@ -307,13 +374,16 @@ class Reflector(Generic[T]):
         old = self._objects.get(key)
         if old is not None:
             before = self._decoder.identify(old)
-            if before.uid != identity.uid:
+            if before.uid != identity.uid or (self._restored and old != self._kept_of(obj)):
                 self._remove(key)
                 old = None
             elif before.version == identity.version:
                 return
-        self._objects[key] = obj if self._kept is None else self._kept(obj)
+        self._objects[key] = self._kept_of(obj)
         self._report(Change(ADDED if old is None else MODIFIED, key, old, obj))
+
+    def _kept_of(self, obj: T) -> T:
+        return obj if self._kept is None else self._kept(obj)
 
     def _remove(self, key: str) -> None:
         old = self._objects.pop(key, None)

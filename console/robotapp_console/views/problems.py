@@ -16,7 +16,14 @@ NEARLY_FULL: Final = 0.9
 MOST_SHOWN: Final = 50
 _DEVICES: Final = frozenset({Reason.DEVICE_BUSY, Reason.DEVICE_LOST, Reason.WAITING_FOR_DEVICES})
 _DOMAINS: Final = frozenset(
-    {Reason.DOMAIN_EXHAUSTED, Reason.DOMAIN_TAKEN, Reason.QUOTA_EXCEEDED, Reason.POOL_NOT_FOUND, Reason.CLAIM_CONFLICT}
+    {
+        Reason.DOMAIN_EXHAUSTED,
+        Reason.DOMAIN_TAKEN,
+        Reason.QUOTA_EXCEEDED,
+        Reason.POOL_NOT_FOUND,
+        Reason.POOL_OVERLAPS,
+        Reason.CLAIM_CONFLICT,
+    }
 )
 _PLACEMENT: Final = frozenset(
     {Reason.UNSCHEDULABLE, Reason.WAITING_FOR_PODS, Reason.BUDGET_EXCEEDED, Reason.FALLBACK_USED, Reason.NOT_MEASURED}

@@ -1,4 +1,4 @@
-"""Checks of what a container starts: does ROS' entry point run, do parameter files reach the program, is every reference replaced?"""
+"""Finds what a container cannot start with: no entry point of ROS, parameter files that reach nobody, references that nothing replaces."""
 
 import re
 from collections.abc import Iterator, Mapping

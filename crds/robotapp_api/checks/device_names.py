@@ -1,4 +1,4 @@
-"""Checks of the names by which a component asks for devices: would a node agent ever publish them?"""
+"""Finds names of devices that no node agent would ever publish."""
 
 import re
 from collections.abc import Iterable, Iterator

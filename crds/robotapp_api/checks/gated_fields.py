@@ -1,4 +1,4 @@
-"""Checks of borrowed container fields that need another field of the pod, or a newer Kubernetes, and would be lost in silence."""
+"""Finds borrowed container fields that need another field of the pod, or a newer Kubernetes, and would be lost in silence."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, Final

@@ -155,6 +155,8 @@ class Reason(StrEnum):
     DOMAIN_TAKEN = "DomainTaken"
     QUOTA_EXCEEDED = "QuotaExceeded"
     POOL_NOT_FOUND = "PoolNotFound"
+    POOL_OVERLAPS = "PoolOverlaps"
+    """An older pool of the same network lists ids of this one, so this one gives none."""
     CLAIM_CONFLICT = "ClaimConflict"
     DEVICE_BUSY = "DeviceBusy"
     DEVICE_LOST = "DeviceLost"
@@ -198,6 +200,12 @@ class PoolCondition(StrEnum):
 
     USABLE = "Usable"
     """Some namespace may get an id of the pool."""
+    NEARLY_FULL = "NearlyFull"
+    """At least four fifths of the ids are claimed."""
+    FULL = "Full"
+    """Every id is claimed."""
+    OVERLAPPING = "Overlapping"
+    """Another pool of the same network lists ids of this one."""
 
 
 class PoolReason(StrEnum):
@@ -205,6 +213,11 @@ class PoolReason(StrEnum):
 
     USABLE = "Usable"
     QUOTA_IS_ZERO = "QuotaIsZero"
+    IDS_LEFT = "IdsLeft"
+    FEW_IDS_LEFT = "FewIdsLeft"
+    NO_IDS_LEFT = "NoIdsLeft"
+    OWN_IDS = "OwnIds"
+    SHARED_IDS = "SharedIds"
 
 
 class Phase(StrEnum):
@@ -236,6 +249,7 @@ class EventReason(StrEnum):
     DOMAIN_TAKEN = "DomainTaken"
     QUOTA_EXCEEDED = "QuotaExceeded"
     POOL_NOT_FOUND = "PoolNotFound"
+    POOL_OVERLAPS = "PoolOverlaps"
     DEVICE_CLAIMED = "DeviceClaimed"
     DEVICE_BUSY = "DeviceBusy"
     DEVICE_LOST = "DeviceLost"
@@ -275,3 +289,4 @@ class PodReason(StrEnum):
     WAITING_FOR_GROUP = "WaitingForGroup"
     WAITING_FOR_PREDECESSOR = "WaitingForPredecessor"
     WAITING_FOR_DOMAIN = "WaitingForDomain"
+    WAITING_FOR_KINDS = "WaitingForKinds"

@@ -17,6 +17,7 @@ Ids = Annotated[
     str,
     StringConstraints(max_length=128, pattern=r"^([0-9]{1,3}(-[0-9]{1,3})?(,[0-9]{1,3}(-[0-9]{1,3})?){0,31})?$"),
 ]
+Network = Annotated[str, StringConstraints(max_length=63, pattern=r"^([a-z0-9]([-a-z0-9]*[a-z0-9])?)?$")]
 _MOST_RANGES: Final = 32
 Limit = Annotated[int, Field(ge=0, le=233)]
 NamespaceLimits = Annotated[
@@ -85,6 +86,10 @@ class PoolSpec(Model):
         ),
     ] = "Cluster"
     """Range within which an id is unique: the Cluster, a Zone or a Node."""
+    network: Network = ""
+    """Name of the network whose participants hear each other. Pools of one network may not list the same ids: the younger one gives
+    no ids then. Empty is a network, too, that of all pools without a name; only networks that cannot hear each other have several names.
+    """
     ids: Ids = DEFAULT_IDS
     """Ids that are claimed exclusively, as ascending ranges."""
     shared_ids: Ids = ""

@@ -72,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     with ControlPlane(audit=True, node_lease_s=NODE_LEASE_S) as cp:
         product.install(cp)
-        spec = {"scope": "Cluster", "ids": "1-50", "sharedIds": "60-101", "quarantineSeconds": 1}
+        spec = {"scope": "Cluster", "network": "fleet", "ids": "1-50", "sharedIds": "60-101", "quarantineSeconds": 1}
         pool = {"apiVersion": API_VERSION, "kind": "DomainPool", "metadata": {"name": POOL}, "spec": spec}
         cp.api.create(f"{APIS}/domainpools", pool)
         flags = {"sweep_seconds": SWEEP_S}

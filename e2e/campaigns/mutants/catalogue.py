@@ -203,8 +203,8 @@ FAULTS: Final = (
         name="watch-never-lists-again",
         harm="After an outage the operator and the scheduler act for ever on what they saw before it.",
         file="client/robotapp_client/informer/reflector.py",
-        old='        self.resource_version = ""\n\n    async def _list(',
-        new="        self._backoff.reset()\n\n    async def _list(",
+        old='        self.resource_version = ""\n\n    async def _check_history(',
+        new="        self._backoff.reset()\n\n    async def _check_history(",
         tests=("tests/unit/client", "tests/property/client", "tests/live/client"),
     ),
     # The programs on robots and on the user's machine, and the API

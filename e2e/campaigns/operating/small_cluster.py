@@ -41,7 +41,9 @@ class SmallCluster(FakeApiServer):
         for name in (*self.robots, *self.edges):
             self._node(name, robot=name if name in self.robots else "")
         for name, spec in pools.items():
-            self.store.create(key_of(DOMAINPOOLS, name), {"metadata": {"name": name}, "spec": dict(spec)})
+            self.store.create(
+                key_of(DOMAINPOOLS, name), {"metadata": {"name": name}, "spec": {"network": name, **spec}}
+            )
         self.report(seq=1)
         self.store.watchers.append(self._seen)
 

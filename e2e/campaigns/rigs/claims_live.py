@@ -40,7 +40,7 @@ class Live:
     node: str = field(default_factory=lambda: f"edge-{secrets.token_hex(3)}")
 
     async def make_pool(self, ids: str = "1-5", *, quarantine_s: int = 1) -> None:
-        spec = {"ids": ids, "quarantineSeconds": quarantine_s}
+        spec = {"network": self.pool, "ids": ids, "quarantineSeconds": quarantine_s}
         await self.admin.create(DOMAINPOOLS, {"metadata": {"name": self.pool}, "spec": spec})
 
     async def make_app(self, name: str = "teleop", **spec: Any) -> DomainRequest:

@@ -158,12 +158,12 @@ def part(name: str, **fields: Any) -> dict[str, Any]:
 def pool(
     cp: ControlPlane, name: str, *, ids: str = "1-101,215-232", quarantine_s: int = 1, **spec: Any
 ) -> Iterator[str]:
-    """A DomainPool of the test's own."""
+    """A DomainPool of the test's own, on a network of its own."""
     body = {
         "apiVersion": API_VERSION,
         "kind": "DomainPool",
         "metadata": {"name": name},
-        "spec": {"scope": "Cluster", "ids": ids, "quarantineSeconds": quarantine_s, **spec},
+        "spec": {"scope": "Cluster", "network": name, "ids": ids, "quarantineSeconds": quarantine_s, **spec},
     }
     cp.api.create(POOLS, body)
     try:

@@ -193,5 +193,5 @@ def plain_app(name: str, *, parts: Sequence[str] = ("sense", "plan", "act"), **s
 
 
 def _pool(name: str, ids: str) -> Object:
-    spec = {"scope": "Cluster", "ids": ids, "quarantineSeconds": 1}
+    spec = {"scope": "Cluster", "network": name, "ids": ids, "quarantineSeconds": 1}
     return {"apiVersion": API_VERSION, "kind": "DomainPool", "metadata": {"name": name}, "spec": spec}

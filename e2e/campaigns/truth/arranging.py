@@ -186,7 +186,8 @@ def rtt(place: Place, one: str, other: str, ms: float) -> Iterator[None]:
 def pool_of(place: Place, name: str, **spec: Any) -> Iterator[None]:
     body = {"apiVersion": "robotics.io/v1alpha1", "kind": "DomainPool", "metadata": {"name": place.pool(name)}}
     place.site.cp.api.create(
-        f"{APIS}/domainpools", {**body, "spec": {"scope": "Cluster", "quarantineSeconds": 1, **spec}}
+        f"{APIS}/domainpools",
+        {**body, "spec": {"scope": "Cluster", "network": place.pool(name), "quarantineSeconds": 1, **spec}},
     )
     try:
         yield

@@ -323,6 +323,7 @@ _EVENTS: Final[Mapping[str, Judge]] = {
             "DomainTaken",
             "DomainExhausted",
             "PoolNotFound",
+            "PoolOverlaps",
             "QuotaExceeded",
             "ClaimConflict",
             "ChildFailed",

@@ -26,7 +26,7 @@ class Measurement:
     """How many packages were compiled; the others came from Go's own cache."""
 
     def is_comparable(self, binary: pins.Binary) -> bool:
-        """Whether about as many packages were compiled as `binary` has by itself, when those before it are there.
+        """Returns whether about as many packages were compiled as `binary` has by itself, when those before it are there.
 
         A filled cache of Go leaves fewer; a binary that is compiled first has those of others to compile as well.
         """

@@ -40,14 +40,20 @@ _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 def install(cp: ControlPlane, *, values: Mapping[str, Any] | None = None) -> None:
     """Apply what the chart installs except its workloads: CRDs, default pool, RBAC, policies, configuration. May be repeated.
 
-    `values` are chart values. A tree without a chart gets the CRDs alone.
+    `values` are chart values. A tree without a chart gets the CRDs alone. One namespace may hold all ids unless a quota is given:
+    most that runs here has only one.
     """
-    objects = _rendered(cp, values or {}) if (CHART / "Chart.yaml").exists() else []
+    objects = _rendered(cp, _without_quota(values or {})) if (CHART / "Chart.yaml").exists() else []
     objects = [*_crds(objects), *objects]
     define(cp, [_namespace(), *(obj for obj in objects if obj["kind"] in _FIRST)])
     _apply(cp, [obj for obj in objects if obj["kind"] not in _FIRST and not _is_kept(cp, obj)])
     if any(obj["kind"] == "ValidatingAdmissionPolicyBinding" for obj in objects):
         _wait_for_policies(cp)
+
+
+def _without_quota(values: Mapping[str, Any]) -> dict[str, Any]:
+    pool = values.get("domainPool", {})
+    return {**values, "domainPool": {**pool, "quota": {"default": None, **pool.get("quota", {})}}}
 
 
 def apply_workloads(cp: ControlPlane, *, values: Mapping[str, Any], kinds: AbstractSet[str] = _WORKLOADS) -> None:

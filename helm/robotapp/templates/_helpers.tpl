@@ -113,6 +113,19 @@ securityContext:
 {{- end -}}
 {{- end -}}
 
+{{/* Refuses another name for the pool of this release: the old one is kept, so two pools would have all ids. */}}
+{{- define "robotapp.checkPoolName" -}}
+{{- $release := printf "%s/%s" .Release.Namespace .Release.Name -}}
+{{- $name := .Values.domainPool.name -}}
+{{- range (lookup "robotics.io/v1alpha1" "DomainPool" "" "").items -}}
+{{- $notes := default dict .metadata.annotations -}}
+{{- $owner := printf "%s/%s" (get $notes "meta.helm.sh/release-namespace") (get $notes "meta.helm.sh/release-name") -}}
+{{- if and (eq $owner $release) (ne .metadata.name $name) -}}
+{{- fail (printf "domainPool.name: this release has DomainPool %s, which would stay beside %s with the same ids. Keep the name; for another pool set domainPool.create=false and create both yourself, each with ids or spec.network of its own" .metadata.name $name) -}}
+{{- end -}}
+{{- end -}}
+{{- end -}}
+
 {{/* Flags for a certificate of its own, and what follows a container of that; argument: the component's values. */}}
 {{- define "robotapp.tlsArguments" -}}
 {{- if .tls.secretName -}}

@@ -2,8 +2,8 @@
 
 A key that is added again while it is being worked on runs once more afterwards. A key that fails waits 1 s, 2 s, 4 s … up to a
 minute. Other keys go on meanwhile, and events that the key may have caused itself do not shorten the wait; events from outside
-end it (`hurry`, `end_back_off`). Among due keys the lanes (an app's keys of one kind) take turns, so an app with a thousand
-instances delays neither its neighbour nor its own status. Only `get(background=True)` returns background work.
+end it (`hurry`, `end_back_off`). Among due keys the namespaces take turns, and within each the lanes (an app's keys of one kind): an
+app with a thousand instances delays neither its neighbour nor its own status, and a thousand apps of one tenant delay no other. Only `get(background=True)` returns background work.
 """
 
 import asyncio
@@ -26,7 +26,7 @@ class Key(NamedTuple):
 
 
 Lanes = OrderedDict[tuple[str, str], deque[tuple[Key, float]]]
-"""Due keys and when they were due, by group and work."""
+"""Due keys of one namespace and when they were due, by group and work."""
 
 
 class Queue:
@@ -38,16 +38,19 @@ class Queue:
         clock: Callable[[], float],
         jitter: Callable[[], float],
         background: Collection[str] = (),
+        namespace_of: Callable[[str], str] = lambda _: "",
     ) -> None:
-        """background: kinds of work for `get(background=True)` alone."""
+        """background: kinds of work for `get(background=True)` alone. namespace_of: whose turn it is when a group's key is worked on."""
         self._clock = clock
         self._jitter = jitter
         self._due: dict[Key, float] = {}
         self._heap: list[tuple[float, int, Key]] = []
         self._sequence = 0
         self._background = frozenset(background)
-        self._ready: dict[bool, Lanes] = {False: OrderedDict(), True: OrderedDict()}
-        """Lanes of the foreground and (True) of the background."""
+        self._namespace_of = namespace_of
+        self._ready: dict[bool, OrderedDict[str, Lanes]] = {False: OrderedDict(), True: OrderedDict()}
+        """Lanes of the foreground and (True) of the background, by namespace."""
+        self._ready_count = {False: 0, True: 0}
         self._ready_keys: set[Key] = set()
         self._active: set[Key] = set()
         self._again: dict[Key, float] = {}
@@ -83,8 +86,8 @@ class Queue:
     def overdue_s(self) -> float:
         """How long the key that waits longest has been due: the workers are stuck when this grows."""
         self._promote()
-        lanes = (keys for ready in self._ready.values() for keys in ready.values())
-        return max((self._clock() - keys[0][1] for keys in lanes), default=0.0)
+        every = (keys for ready in self._ready.values() for lanes in ready.values() for keys in lanes.values())
+        return max((self._clock() - keys[0][1] for keys in every), default=0.0)
 
     @property
     def crowded(self) -> bool:
@@ -126,12 +129,18 @@ class Queue:
         ready = self._ready[background]
         if not ready:
             return None
-        lane, keys = next(iter(ready.items()))
+        namespace, lanes = next(iter(ready.items()))
+        lane, keys = next(iter(lanes.items()))
         key, due = keys.popleft()
+        self._ready_count[background] -= 1
         if keys:
-            ready.move_to_end(lane)
+            lanes.move_to_end(lane)
         else:
-            del ready[lane]
+            del lanes[lane]
+        if lanes:
+            ready.move_to_end(namespace)
+        else:
+            del ready[namespace]
         self._ready_keys.discard(key)
         self._active.add(key)
         self._back_off_until.pop(key, None)
@@ -230,7 +239,7 @@ class Queue:
 
     def _lacks_a_worker(self, background: bool) -> bool:
         """Whether more keys are due than workers were woken for."""
-        return sum(map(len, self._ready[background].values())) > self._woken[background]
+        return self._ready_count[background] > self._woken[background]
 
     def _on_alarm(self) -> None:
         self._alarm, self._alarm_s = None, float("inf")
@@ -242,8 +251,10 @@ class Queue:
             due, _, key = heapq.heappop(self._heap)
             if self._due.get(key) == due:  # else: superseded by an earlier request
                 del self._due[key]
-                lanes = self._ready[key.work in self._background]
+                background = key.work in self._background
+                lanes = self._ready[background].setdefault(self._namespace_of(key.group), OrderedDict())
                 lanes.setdefault((key.group, key.work), deque()).append((key, due))
+                self._ready_count[background] += 1
                 self._ready_keys.add(key)
 
     def _release(self, key: Key) -> None:

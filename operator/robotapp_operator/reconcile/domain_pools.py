@@ -1,15 +1,15 @@
 """Domain pools: their status, and the order in which instances without a domain try to get an id of one."""
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from typing import Any
 
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import PoolCondition, PoolReason, Reason
 from robotapp_claims.rules.domain import pool_ids
-from robotapp_claims.rules.fullness import fullness
 from robotapp_claims.rules.objects import Pool
+from robotapp_claims.rules.pools import Fullness, Overlap, fullness, overlap_text, overlaps_of
 from robotapp_client import ApiClient, Conflict, NotFound
 from robotapp_client.api.resources import DOMAINPOOLS
 from robotapp_client.api.times import whole_seconds
@@ -48,38 +48,78 @@ class Pools:
             log.info("status of DomainPool %s not written: %s", name, gone)
 
     def _status(self, pool: Pool) -> dict[str, Any]:
-        found = fullness(pool, self._cache.all_claims())
+        state = fullness(pool, self._cache.all_claims())
+        now = whole_seconds(self._now())
+        overlaps = overlaps_of(pool, self._cache.pools.values())
+        rulings = (_usable(pool), _nearly_full(state), _full(pool, state), _overlapping(pool, overlaps))
         return {
             "observedGeneration": pool.metadata.generation,
-            "capacity": found.capacity,
-            "claimed": found.claimed,
-            "quarantined": found.resting,
-            "used": found.used,
-            "conditions": [_usable(pool, now=whole_seconds(self._now()))],
+            "capacity": state.capacity,
+            "claimed": state.claimed,
+            "quarantined": state.resting,
+            "used": state.used,
+            "conditions": [_condition(pool, *ruling, now=now) for ruling in rulings],
         }
 
 
-def _usable(pool: Pool, *, now: str) -> dict[str, Any]:
-    quota = pool.spec.quota
-    if quota.default == 0 and not any(quota.namespaces.values()):
-        status, reason = "False", PoolReason.QUOTA_IS_ZERO
-        text = (
-            "no namespace may get an id: spec.quota.default 0 means none (it used to mean no limit); "
-            "leave it out for no limit, or write how many ids a namespace may hold under spec.quota.namespaces"
-        )
-    else:
-        status, reason, text = "True", PoolReason.USABLE, "namespaces may get ids within their quota"
-        if note := limit_note(pool):
-            text = f"{text}; {note}"
+Ruling = tuple[PoolCondition, bool, PoolReason, str]
+"""A condition of a pool: whether it is True, the reason and the text."""
+
+
+def _condition(
+    pool: Pool, kind: PoolCondition, status: bool, reason: PoolReason, text: str, *, now: str
+) -> dict[str, Any]:
     return condition(
-        PoolCondition.USABLE.value,
-        status,
+        kind.value,
+        str(status),
         reason.value,
         text,
         before=pool.status.get("conditions") or (),
         generation=pool.metadata.generation,
         now=now,
     )
+
+
+def _usable(pool: Pool) -> Ruling:
+    quota = pool.spec.quota
+    if quota.default == 0 and not any(quota.namespaces.values()):
+        text = (
+            "no namespace may get an id: spec.quota.default 0 means none (it used to mean no limit); "
+            "leave it out for no limit, or write how many ids a namespace may hold under spec.quota.namespaces"
+        )
+        return PoolCondition.USABLE, False, PoolReason.QUOTA_IS_ZERO, text
+    text = "namespaces may get ids within their quota"
+    if note := limit_note(pool):
+        text = f"{text}; {note}"
+    return PoolCondition.USABLE, True, PoolReason.USABLE, text
+
+
+def _nearly_full(state: Fullness) -> Ruling:
+    text = f"{state.used} ids are claimed"
+    if not state.nearly_full:
+        return PoolCondition.NEARLY_FULL, False, PoolReason.IDS_LEFT, text
+    cure = (
+        "delete apps that are no longer needed, add ids, or have apps of one robot share a domain (spec.ros2.shareWith)"
+    )
+    return PoolCondition.NEARLY_FULL, True, PoolReason.FEW_IDS_LEFT, f"{text}, four fifths or more: {cure}"
+
+
+def _full(pool: Pool, state: Fullness) -> Ruling:
+    if not state.full:
+        return PoolCondition.FULL, False, PoolReason.IDS_LEFT, f"{state.capacity - state.fullest} ids are left"
+    text = f"{state.used} ids are claimed, {state.resting} of them rest: apps that ask DomainPool {pool.metadata.name} for one wait"
+    return PoolCondition.FULL, True, PoolReason.NO_IDS_LEFT, text
+
+
+def _overlapping(pool: Pool, overlaps: Sequence[Overlap]) -> Ruling:
+    if not overlaps:
+        return PoolCondition.OVERLAPPING, False, PoolReason.OWN_IDS, "no other pool of the network lists its ids"
+    if older := [overlap for overlap in overlaps if overlap.older]:
+        text = overlap_text(pool.metadata.name, older)
+    else:
+        names = ", ".join(map(str, overlaps))
+        text = f"younger pools of the same network list its ids, too, and give none of theirs: {names}"
+    return PoolCondition.OVERLAPPING, True, PoolReason.SHARED_IDS, text
 
 
 Waiting = tuple[str, str]

@@ -2,11 +2,15 @@
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.exposition import generate_latest
+from prometheus_client.registry import Collector
 
+from robotapp_claims.rules.pools import fullness, overlaps_of
 from robotapp_client import ApiClient
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.watch.cache import Cache
@@ -58,6 +62,18 @@ class Metrics:
         ]
         for name, text, read in gauges:
             Gauge(name, text, registry=self.registry).set_function(read)
+        self.registry.register(PoolCollector(cache))
+
+    def watch_staleness(self, read: Callable[[], Mapping[str, float]]) -> None:
+        """Publishes for each watched resource for how long its changes may have gone unseen."""
+        stale = Gauge(
+            "robotapp_operator_watch_stale_seconds",
+            "For how long changes of a resource may have gone unseen; 0 while its watch is open",
+            ["resource"],
+            registry=self.registry,
+        )
+        for resource in read():
+            stale.labels(resource).set_function(partial(_read_one, read, resource))
 
     @contextlib.contextmanager
     def reconciling(self, work: str, late_s: float) -> Iterator[Callable[[str], None]]:
@@ -94,3 +110,43 @@ class Metrics:
 
     def render(self) -> bytes:
         return generate_latest(self.registry)
+
+
+def _read_one(read: Callable[[], Mapping[str, float]], resource: str) -> float:
+    return read()[resource]
+
+
+class PoolCollector(Collector):
+    """How full each DomainPool is, counted at scrape time."""
+
+    def __init__(self, cache: Cache) -> None:
+        self._cache = cache
+
+    def describe(self) -> list[Metric]:
+        return list(self._families())
+
+    def collect(self) -> list[Metric]:
+        ids, claimed, overlapping = families = self._families()
+        pools = list(self._cache.pools.values())
+        for pool in pools:
+            name, state = pool.metadata.name, fullness(pool, self._cache.all_claims())
+            ids.add_metric([name], state.capacity)
+            claimed.add_metric([name], state.fullest)
+            overlapping.add_metric([name], bool(overlaps_of(pool, pools)))
+        return list(families)
+
+    @staticmethod
+    def _families() -> tuple[GaugeMetricFamily, GaugeMetricFamily, GaugeMetricFamily]:
+        return (
+            GaugeMetricFamily(
+                "robotapp_operator_pool_ids", "Ids a pool gives, per place of its scope", labels=["pool"]
+            ),
+            GaugeMetricFamily(
+                "robotapp_operator_pool_claimed_ids",
+                "Ids claimed, resting ones included, in the fullest place of the pool's scope",
+                labels=["pool"],
+            ),
+            GaugeMetricFamily(
+                "robotapp_operator_pool_overlapping", "1 for a pool whose ids another one lists, too", labels=["pool"]
+            ),
+        )

@@ -234,6 +234,11 @@ class Cache:
     def __repr__(self) -> str:
         return f"<Cache: {len(self.apps)} apps, {len(self.nodes)} nodes, {sum(map(len, self.pods.values()))} pods>"
 
+    def namespace_of(self, group: str) -> str:
+        """The namespace of an app by its uid; other groups of work stand for themselves."""
+        record = self.apps.get(group)
+        return record.namespace if record is not None else group
+
     # What has changed
 
     def touch(self, uid: str, instance: str) -> None:

@@ -35,7 +35,10 @@ OURS: Final = Label.APP_UID.value
 
 
 class Informers:
-    """Owns the reflectors. `namespaces` empty: the whole cluster. `clock` is monotonic seconds."""
+    """Owns the reflectors. `namespaces` empty: the whole cluster. `clock` is monotonic seconds.
+
+    on_restored: called when the API server has gone back to an older state; caches and their numbers are in doubt then.
+    """
 
     def __init__(
         self,
@@ -46,7 +49,9 @@ class Informers:
         namespaces: Sequence[str],
         request_sweep: Callable[[], None],
         clock: Callable[[], float],
+        on_restored: Callable[[], None] = lambda: None,
     ) -> None:
+        self._on_restored = on_restored
         self._request_sweep = request_sweep
         self._clock = clock
         self._client = client
@@ -63,6 +68,13 @@ class Informers:
     def silence_s(self) -> float:
         """Seconds since the quietest reflector heard from the API server."""
         return max(reflector.last_contact_s for reflector in self.reflectors)
+
+    def staleness(self) -> dict[str, float]:
+        """Seconds for which changes may have gone unseen, by resource; of several watches of one, the longest."""
+        worst: dict[str, float] = {}
+        for reflector in self.reflectors:
+            worst[reflector.plural] = max(worst.get(reflector.plural, 0.0), reflector.stale_s)
+        return worst
 
     def _cluster_wide(self) -> Iterator[Reflector[Any]]:
         yield self._reflector(resources.NODES, Node, self._node)
@@ -85,6 +97,7 @@ class Informers:
     def _reflector(
         self, resource: Resource, as_type: Any, on_change: Callable[[Change], None], **options: Any
     ) -> Reflector[Any]:
+        options = {"on_restored": self._on_restored} | options
         return Reflector(self._client, resource, as_type=as_type, on_change=on_change, **options)
 
     # Children
@@ -253,6 +266,16 @@ class Informers:
         if change.old is None or change.new is None or change.old.spec != pool.spec:
             self._waiting_for(pool.metadata.name)
             self._asking_for_a_number(pool.metadata.name)
+            for name in self._on_networks_of(change):
+                self._fullness(name)
+                self._waiting_for(name)
+
+    def _on_networks_of(self, change: Change) -> list[str]:
+        """The other pools of the networks that a pool served or serves: whether they overlap may have changed."""
+        networks = {pool.spec.network for pool in (change.old, change.new) if pool is not None}
+        return [
+            name for name, pool in self._cache.pools.items() if pool.spec.network in networks and name != change.key
+        ]
 
     def _asking_for_a_number(self, pool: str) -> None:
         """Whether the pool gives the id that their spec names decides whether these apps are accepted."""

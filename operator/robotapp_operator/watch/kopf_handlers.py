@@ -1,6 +1,6 @@
 """The only thing kopf calls: remember the RobotApp, add a key. Nothing here can fail, so nothing can be lost."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import kopf
@@ -12,12 +12,12 @@ from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.enqueue import enqueue_sharers
 
 
-def register(registry: kopf.OperatorRegistry, cache: Cache, queue: Queue) -> None:
-    """Listen to RobotApps."""
+def register(registry: kopf.OperatorRegistry, report: Callable[[str | None, Mapping[str, Any]], None]) -> None:
+    """Makes kopf call `report` with the type and the object of each event of a RobotApp."""
 
     @kopf.on.event(GROUP, VERSION, "robotapps", registry=registry)
     async def seen(event: Mapping[str, Any], **_: Any) -> None:
-        observe(event["type"], event["object"], cache, queue)
+        report(event["type"], event["object"])
 
 
 def observe(kind: str | None, body: Mapping[str, Any], cache: Cache, queue: Queue) -> None:

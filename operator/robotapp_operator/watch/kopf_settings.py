@@ -6,8 +6,6 @@ import kopf
 
 from robotapp_api.model.names import GROUP
 
-EXIT_S: Final = 20.0
-"""Below the pod's termination grace period."""
 IDLE_S: Final = 0.05
 """kopf holds the last event of each object, as decoded JSON, for so long after it was handled: five seconds were two hundred
 objects of twelve megabytes each.
@@ -61,5 +59,6 @@ def kopf_settings() -> kopf.OperatorSettings:
     settings.networking.request_timeout = 30
     settings.networking.connect_timeout = 5
     settings.networking.enforce_retry_after = True
-    settings.process.ultimate_exiting_timeout = EXIT_S
+    settings.networking.error_backoffs = (1.0, 2.0)  # then kopf ends, and AppWatch starts it again
+    settings.process.ultimate_exiting_timeout = None  # it would kill the operator, whose loop this is not
     return settings

@@ -3,9 +3,9 @@
 `/livez` is 200 while the event loop turns and leadership is renewed; `/readyz` names what is still missing. Both need no rights.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 from prometheus_client import CollectorRegistry
@@ -15,12 +15,19 @@ from robotapp_scheduler.port.request_handler import Page
 from robotapp_scheduler.shell.config.reload import Running
 from robotapp_scheduler.watch.routes import resources
 
+STALE_LIMIT_S: Final = 60.0
+"""Readiness ends when a watch has followed nothing for longer. A restart would not help, so liveness does not."""
+
 
 @dataclass(slots=True)
 class Checks:
     """Every check is called at request time."""
 
     ready: dict[str, Callable[[], bool]] = field(default_factory=dict)
+    stale: Callable[[], Mapping[str, float]] = dict
+    """Seconds for which changes of a resource may have gone unseen; readiness names those beyond STALE_LIMIT_S."""
+    missing: Callable[[], Iterable[str]] = tuple
+    """Kinds that cannot be listed, which readiness names."""
     live: dict[str, Callable[[], bool]] = field(default_factory=dict)
 
     def livez(self) -> tuple[int, bytes]:
@@ -28,11 +35,13 @@ class Checks:
         return _checked(self.live)
 
     def readyz(self) -> tuple[int, bytes]:
-        return _checked(self.ready | self.live)
+        stale = sorted(f"watch-{name}" for name, age_s in self.stale().items() if age_s > STALE_LIMIT_S)
+        missing = [f"kind-{name}" for name in self.missing()]
+        return _checked(self.ready | self.live, failed=[*missing, *stale])
 
 
-def _checked(checks: Mapping[str, Callable[[], bool]]) -> tuple[int, bytes]:
-    missing = sorted(name for name, check in checks.items() if not check())
+def _checked(checks: Mapping[str, Callable[[], bool]], *, failed: Sequence[str] = ()) -> tuple[int, bytes]:
+    missing = [*failed, *sorted(name for name, check in checks.items() if not check())]
     return (503, "".join(f"[-]{name} failed\n" for name in missing).encode()) if missing else (200, b"ok")
 
 

@@ -11,6 +11,7 @@ import pytest
 from tests.live.chart.chart import CRDS, NAMESPACE, NO_WORKLOADS, Chart, everything, of_kind
 
 from robotapp_testbed import ControlPlane
+from robotapp_testbed.failures import CommandError
 
 pytestmark = pytest.mark.live
 
@@ -143,6 +144,15 @@ def test_an_upgrade_changes_the_pool(free: Chart) -> None:
     free.upgrade({**NO_WORKLOADS, "domainPool.ids": "1-50"})
     free.upgrade({**NO_WORKLOADS, "domainPool.ids": "1-60"})
     assert pool_field(free, "ids") == "1-60"
+
+
+def test_another_name_for_the_pool_is_refused_because_two_pools_would_have_all_ids(free: Chart) -> None:
+    free.install(NO_WORKLOADS)
+    for values in ({"domainPool.name": "fleet"}, {"domainPool.name": "fleet", "domainPool.network": "yard"}):
+        with pytest.raises(CommandError, match="this release has DomainPool default, which would stay beside fleet"):
+            free.upgrade({**NO_WORKLOADS, **values})
+    free.upgrade({**NO_WORKLOADS, "domainPool.create": "false"})
+    assert pool_field(free, "ids") == "1-101,215-232"
 
 
 def test_the_notes_name_three_commands_that_prove_the_installation(free: Chart) -> None:

@@ -336,16 +336,16 @@ def test_the_default_pool_is_the_one_of_the_design(chart: Chart) -> None:
 @pytest.mark.parametrize(
     ("values", "quota"),
     [
-        ({}, None),
+        ({}, {"default": 40}),
         ({"domainPool.quota.default": "null"}, None),
-        ({"domainPool.quota.namespaces.lab": "0"}, {"namespaces": {"lab": 0}}),
+        ({"domainPool.quota.namespaces.lab": "0"}, {"default": 40, "namespaces": {"lab": 0}}),
         (
             {"domainPool.quota.default": "0", "domainPool.quota.namespaces.lab": "9"},
             {"default": 0, "namespaces": {"lab": 9}},
         ),
     ],
 )
-def test_a_quota_that_is_absent_is_unlimited_and_one_of_zero_is_none(
+def test_a_namespace_has_a_quota_unless_it_is_taken_away_and_one_of_zero_is_none(
     chart: Chart, values: dict[str, str], quota: dict[str, object] | None
 ) -> None:
     assert named(chart.render(values), "DomainPool", "default")["spec"].get("quota") == quota
@@ -377,6 +377,7 @@ def test_better_nodes_are_proposed_where_agents_measure_unless_switched_off(
         ("domainPool.ids=5-1", 'domainPool.ids: "5-1" in "5-1": ranges must ascend'),
         ("domainPool.ids=1-9\\,9-12", 'domainPool.ids: "9-12" in "1-9,9-12": ranges must ascend'),
         ("domainPool.ids=230-233", 'domainPool.ids: "230-233"'),
+        ("domainPool.network=Yard A", "/domainPool/network"),
         ("domainPool.sharedIds=7\\,3", 'domainPool.sharedIds: "3" in "7,3"'),
         ("scheduler.logFormat=xml", "/scheduler/logFormat"),
         ("operator.schedulerName=", "/operator/schedulerName"),

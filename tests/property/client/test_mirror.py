@@ -133,6 +133,59 @@ def test_the_mirror_equals_the_server_after_any_story(
     asyncio.run(play())
 
 
+@pytest.mark.parametrize("streaming", [False, True], ids=["list+watch", "streaming list"])
+@settings(max_examples=count_examples(40), deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(before=st.lists(changes, max_size=8), lost=st.lists(changes, min_size=1, max_size=8), after=st.lists(changes))
+def test_a_mirror_equals_a_server_that_went_back_to_an_older_state(
+    before: list[tuple[str, str]], lost: list[tuple[str, str]], after: list[tuple[str, str]], streaming: bool
+) -> None:
+    """What was made since is dropped, what was deleted since is back, and content decides where versions are equal."""
+
+    async def play() -> None:
+        async with FakeApiServer(bookmark_s=0.02) as api, client_for(api.endpoint) as client:
+            replay = Replay()
+            backoff = Backoff(base_s=0.001, cap_s=0.004)
+            restored: list[None] = []
+            reflector = Reflector(
+                client,
+                CONFIGMAPS,
+                as_type=Slim,
+                on_change=replay,
+                streaming=streaming,
+                backoff=backoff,
+                on_restored=lambda: restored.append(None),
+            )
+
+            def content() -> dict[str, Any]:
+                return {f"{key.namespace}/{key.name}": obj.get("data") for key, obj in api.store.objects.items()}
+
+            def mirrored() -> dict[str, Any]:
+                return {key: obj.data for key, obj in reflector.store.items()}
+
+            for number, (verb, name) in enumerate(before):
+                act(api, number, verb, name)
+            snapshot = api.store.snapshot()
+            task = asyncio.create_task(reflector.run())
+            await until(lambda: api.watching)
+            for number, (verb, name) in enumerate(lost):
+                act(api, 100 + number, verb, name)
+            api.store.create(Key("/configmaps", "default", "last"), configmap("last"))
+            await until(lambda: mirrored() == content(), what="all that will be lost was seen")
+            api.store.restore(snapshot)
+            api.break_watches()
+            await until(lambda: mirrored() == content() and api.watching > 0, what="the older state")
+            for number, (verb, name) in enumerate(after):
+                act(api, 200 + number, verb, name)
+            await until(lambda: mirrored() == content(), what="the new history")
+            assert (reflector.stats.restores, len(restored)) == (1, 1)
+            assert replay.complaints == []
+            assert replay.state == dict(reflector.store)
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+    asyncio.run(play())
+
+
 def test_the_story_teller_reaches_every_fault() -> None:
     """The faults above do strike: otherwise the property would prove nothing."""
 

@@ -18,18 +18,24 @@ from robotapp_client.transport.kubeconfig import Endpoint
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Watch:
-    """An open watch: which changes of the store it shows, and whether the client wants bookmarks."""
+    """An open watch: which changes of the store it shows, and whether the client wants bookmarks.
+
+    One that was opened at a version to come (`after`) shows nothing before it, no bookmark either, as a real one.
+    """
 
     client: TypedConnection
     where: Target
     match: Match
     bookmarks: bool
+    after: int = 0
 
     def send(self, kind: str, obj: Json) -> None:
         self.client.event(kind.encode(), msgspec.json.encode(obj))
 
     def send_step(self, step: Step) -> None:
         """Sends what the change looks like through the selector: an object that stops matching is gone."""
+        if step.version <= self.after:
+            return
         if step.key.collection != self.where.collection or self.where.namespace not in (None, step.key.namespace):
             return
         before = step.old is not None and self.match(step.old)
@@ -38,6 +44,8 @@ class Watch:
             self.send("DELETED" if not after else "MODIFIED" if before else "ADDED", step.last)
 
     def send_bookmark(self, version: int, annotations: dict[str, str] | None = None) -> None:
+        if version < self.after:
+            return
         meta: Json = {"resourceVersion": str(version)} | ({"annotations": annotations} if annotations else {})
         self.send("BOOKMARK", {"kind": self.where.kind, "apiVersion": self.where.api_version, "metadata": meta})
 
@@ -54,6 +62,10 @@ class FakeApiServer:
         self.store = Store()
         self.requests: list[tuple[str, str]] = []
         self.failing: list[int] = []
+        self.served: dict[str, list[str]] = {}
+        """Plurals that discovery lists, by path of the group and version; other paths are not found."""
+        self.forbidden: set[str] = set()
+        """Paths of collections that nobody may list or watch."""
         self._bookmark_s = bookmark_s
         self._clients: set[TypedConnection] = set()
         self._watches: dict[TypedConnection, Watch] = {}
@@ -115,6 +127,14 @@ class FakeApiServer:
         if status is not None:
             client.reply(status, msgspec.json.encode(Refused(status, "Injected", "as the test wished").status()))
             return
+        plurals = self.served.get(address.path)
+        if plurals is not None and method == "GET":
+            client.reply(200, msgspec.json.encode({"resources": [{"name": plural} for plural in plurals]}))
+            return
+        if address.path in self.forbidden:
+            refusal = Refused(403, "Forbidden", f"you may not list {address.path}")
+            client.reply(refusal.code, msgspec.json.encode(refusal.status()))
+            return
         try:
             where = verbs.target(unquote(address.path))
             if method == "GET" and query.get("watch") in ("1", "true") and not where.name:
@@ -148,7 +168,8 @@ class FakeApiServer:
 
     def _begin_watch(self, client: TypedConnection, where: Target, query: dict[str, str]) -> None:
         """Sends the objects as they are, or the changes since a version, and whatever follows."""
-        watch = Watch(client, where, match_query(query), query.get("allowWatchBookmarks") == "true")
+        after = int(query.get("resourceVersion") or "0")
+        watch = Watch(client, where, match_query(query), query.get("allowWatchBookmarks") == "true", after)
         client.begin_stream()
         with_objects = query.get("sendInitialEvents") == "true"
         if with_objects or not query.get("resourceVersion"):

@@ -62,6 +62,14 @@ class Step(NamedTuple):
     last: Json
 
 
+class Snapshot(NamedTuple):
+    """A state of the store to which it can go back."""
+
+    version: int
+    objects: dict[Key, Json]
+    owned: dict[Key, Owned]
+
+
 @dataclass(slots=True)
 class Store:
     """`watchers` are called synchronously after each change. `owned`: who wrote which field last."""
@@ -80,6 +88,18 @@ class Store:
         """Forget the history: every watch that has to resume gets 410 from now on."""
         self.floor = self.version
         self.history.clear()
+
+    def snapshot(self) -> "Snapshot":
+        """What a backup of etcd holds."""
+        return Snapshot(self.version, {key: clone(obj) for key, obj in self.objects.items()}, dict(self.owned))
+
+    def restore(self, snapshot: "Snapshot") -> None:
+        """Goes back to `snapshot`, its version included, as etcd does; uids that were given since are not given again."""
+        self.version = self.floor = snapshot.version
+        self.objects = {key: clone(obj) for key, obj in snapshot.objects.items()}
+        self.owned = dict(snapshot.owned)
+        self.history.clear()
+        self.pages.clear()
 
     def since(self, version: int) -> list[Step]:
         if version < self.floor:

@@ -167,7 +167,8 @@ def replica_set(*numbers: int, wanted: int = 1, present: int = 1, of: dict[str, 
 def pool_json(ids: str = "1-3", *, name: str = "default", quarantine_s: int = 1, **spec: Any) -> Json:
     return {
         "metadata": {"name": name},
-        "spec": {"scope": "Cluster", "ids": ids, "quarantineSeconds": quarantine_s, "reserved": [0]} | spec,
+        "spec": {"scope": "Cluster", "network": name, "ids": ids, "quarantineSeconds": quarantine_s, "reserved": [0]}
+        | spec,
     }
 
 

@@ -47,6 +47,7 @@ READERS: Final[Mapping[str, str]] = {
     f"{CLAIMS}/device.py": """
         spec.components.devices.type spec.components.devices.model spec.components.devices.interface
         spec.components.devices.usbID spec.components.devices.sharing""",
+    f"{CLAIMS}/pools.py": "pool.network",
     f"{CLAIMS}/domain.py": "pool.scope pool.ids pool.reserved pool.quarantineSeconds pool.quota.default pool.quota.namespaces pool.sharedIds",
     f"{PLAN}/diff/diff.py": "spec.update.operator",
     f"{PLAN}/spec/desired.py": """

@@ -42,6 +42,7 @@ async def mirror(
     as_type: Any = dict,
     on_change: Callable[[Change], None] | None = None,
     clock: Callable[[], float] = time.monotonic,
+    newest: int = 1_000_000,
     **settings: Any,
 ) -> AsyncIterator[Mirror]:
     changes: list[Change] = []
@@ -57,7 +58,7 @@ async def mirror(
             on_change(change)
 
     async with (
-        ScriptedServer(*script) as server,
+        ScriptedServer(*script, newest=newest) as server,
         client_for(server.endpoint, sleep=sleep, uniform=lambda: 0.0, clock=clock) as client,
     ):
         settings = {"backoff": Backoff(base_s=1, cap_s=8, jitter=0)} | settings

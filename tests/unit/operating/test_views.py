@@ -8,6 +8,7 @@ import aiohttp
 import msgspec
 import pytest
 from tests.support.apiserver import FakeApiServer
+from tests.support.claims import objects
 from tests.support.clients import client_for
 from tests.support.factories import app_body, domain_claim, make_node, make_pod, robots
 
@@ -115,11 +116,58 @@ async def test_a_pool_that_no_namespace_may_use_says_so(
     await world.client.create(DOMAINPOOLS, body)
     world.cache.pools["default"] = await world.client.get(DOMAINPOOLS, "default", as_type=Pool)
     await pools.publish("default")
-    (condition,) = (await world.client.get(DOMAINPOOLS, "default"))["status"]["conditions"]
-    assert (condition["type"], condition["status"]) == ("Usable", status)
+    condition = (await pool_conditions(world))["Usable"]
+    assert condition["status"] == status
     if status == "False":
         assert condition["reason"] == "QuotaIsZero"
         assert "leave it out for no limit" in condition["message"]
+
+
+async def pool_conditions(world: ViewedServer, name: str = "default") -> dict[str, Any]:
+    pool = await world.client.get(DOMAINPOOLS, name)
+    return {condition["type"]: condition for condition in pool["status"]["conditions"]}
+
+
+@pytest.mark.parametrize(
+    ("claimed", "nearly", "full"),
+    [(0, "False", "False"), (7, "False", "False"), (8, "True", "False"), (10, "True", "True")],
+)
+async def test_a_pool_says_when_it_is_nearly_full_and_when_it_is_full(
+    world: ViewedServer, claimed: int, nearly: str, full: str
+) -> None:
+    pools = Pools(world.client, world.cache, now=lambda: datetime(2026, 1, 1, tzinfo=UTC))
+    await world.client.create(DOMAINPOOLS, {"metadata": {"name": "default"}, "spec": {"ids": "1-10"}})
+    world.cache.pools["default"] = await world.client.get(DOMAINPOOLS, "default", as_type=Pool)
+    for number in range(1, claimed + 1):
+        claim = objects.domain_claim(number)
+        world.cache.claims.put("app-1", claim.name, claim)
+    await pools.publish("default")
+    conditions = await pool_conditions(world)
+    assert (conditions["NearlyFull"]["status"], conditions["Full"]["status"]) == (nearly, full)
+    metrics = Metrics()
+    metrics.watch(Queue(clock=lambda: 0.0, jitter=lambda: 0.0), world.cache, world.client)
+    text = metrics.render().decode()
+    assert f'robotapp_operator_pool_claimed_ids{{pool="default"}} {claimed}.0' in text
+    assert 'robotapp_operator_pool_ids{pool="default"} 10.0' in text
+
+
+async def test_pools_of_one_network_with_common_ids_name_each_other_and_who_gives_way(world: ViewedServer) -> None:
+    pools = Pools(world.client, world.cache, now=lambda: datetime(2026, 1, 1, tzinfo=UTC))
+    for name, ids, created in (
+        ("default", "1-50", "2026-01-01T00:00:00Z"),
+        ("renamed", "40-60", "2026-02-01T00:00:00Z"),
+    ):
+        await world.client.create(DOMAINPOOLS, {"metadata": {"name": name}, "spec": {"ids": ids}})
+        pool = await world.client.get(DOMAINPOOLS, name, as_type=Pool)
+        meta = msgspec.structs.replace(pool.metadata, creation_timestamp=created)
+        world.cache.pools[name] = msgspec.structs.replace(pool, metadata=meta)
+    for name in ("default", "renamed"):
+        await pools.publish(name)
+    older = (await pool_conditions(world, "default"))["Overlapping"]
+    younger = (await pool_conditions(world, "renamed"))["Overlapping"]
+    assert (older["status"], younger["status"]) == ("True", "True")
+    assert "renamed (ids 40-50)" in older["message"]
+    assert younger["message"].startswith("DomainPool renamed gives no new ids, because DomainPool default (ids 40-50)")
 
 
 async def test_a_pools_condition_keeps_its_time_while_its_status_stands(world: ViewedServer) -> None:
@@ -132,8 +180,7 @@ async def test_a_pools_condition_keeps_its_time_while_its_status_stands(world: V
     async def since() -> str:
         world.cache.pools["default"] = await world.client.get(DOMAINPOOLS, "default", as_type=Pool)
         await pools.publish("default")
-        (condition,) = (await world.client.get(DOMAINPOOLS, "default"))["status"]["conditions"]
-        return str(condition["lastTransitionTime"])
+        return str((await pool_conditions(world))["Usable"]["lastTransitionTime"])
 
     assert created
     assert await since() == "2026-01-01T00:00:00Z"
@@ -398,11 +445,12 @@ class Door:
 
 
 async def test_health_is_told_to_everybody_and_metrics_to_who_may_get_them(unused_tcp_port: int) -> None:
-    state = {"silence": 0.0, "overdue": 0.0, "synced": False}
+    state = {"silence": 0.0, "overdue": 0.0, "stale": 0.0, "synced": False}
     health = Health(
         silence_s=lambda: float(state["silence"]),
         overdue_s=lambda: float(state["overdue"]),
         synced=lambda: bool(state["synced"]),
+        staleness=lambda: {"pods": 1.0, "robotapps": float(state["stale"])},
         metrics=lambda: b"m 1\n",
         gate=Door(),
     )
@@ -415,6 +463,12 @@ async def test_health_is_told_to_everybody_and_metrics_to_who_may_get_them(unuse
         state.update(silence=0.0, overdue=181.0)
         assert await page(unused_tcp_port, "/healthz") == (503, "work has been due for 181 s\n")
         assert (await page(unused_tcp_port, "/readyz"))[0] == 200
+        state.update(overdue=0.0, stale=61.0)
+        assert await page(unused_tcp_port, "/readyz") == (
+            503,
+            "changes go unseen, of robotapps (61 s); the log says why\n",
+        )
+        assert (await page(unused_tcp_port, "/healthz"))[0] == 200
         assert await page(unused_tcp_port, "/metrics", "reader") == (200, "m 1\n")
         status, text = await page(unused_tcp_port, "/metrics", "other")
         assert (status, "you may not get /metrics: ClusterRole robotapp-cluster-viewer may" in text) == (403, True)
@@ -426,6 +480,7 @@ async def test_health_is_told_to_everybody_and_metrics_to_who_may_get_them(unuse
 async def test_metrics_carry_controller_runtimes_names(world: ViewedServer) -> None:
     metrics = Metrics()
     metrics.watch(Queue(clock=lambda: 0.0, jitter=lambda: 0.0), world.cache, world.client)
+    metrics.watch_staleness(lambda: {"robotapps": 12.0})
     with metrics.reconciling("status", 0.5) as result:
         result("error")
     metrics.bug()
@@ -440,5 +495,6 @@ async def test_metrics_carry_controller_runtimes_names(world: ViewedServer) -> N
         "workqueue_queue_duration_seconds_sum",
         "workqueue_work_duration_seconds_count",
         "rest_client_requests_total",
+        'robotapp_operator_watch_stale_seconds{resource="robotapps"} 12.0',
     ):
         assert name in text

@@ -10,7 +10,7 @@ from tests.unit.operating.reconcile.test_instance_reconciler import ReconciledSe
 
 from robotapp_api.model.names import Reason
 from robotapp_claims.rules.identity import domain_spec, holder_of_app
-from robotapp_claims.rules.objects import Claim, ClaimStatus, Meta, Pool, PoolQuota, PoolSpec
+from robotapp_claims.rules.objects import Claim, ClaimStatus, Meta, Pool, PoolMeta, PoolQuota, PoolSpec
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ async def world() -> AsyncIterator[ReconciledServer]:
 
 
 def pool_of(**spec: Any) -> Pool:
-    return Pool(metadata=Meta(name="default"), spec=PoolSpec(ids="1-2", **spec))
+    return Pool(metadata=PoolMeta(name="default"), spec=PoolSpec(ids="1-2", **spec))
 
 
 def claimed(world: ReconciledServer, number: int, *, uid: str = "another", phase: str = "Reserved") -> Claim:

@@ -1,6 +1,7 @@
 """Sets of domain ids as people write them: `1-101,215-232`."""
 
 import re
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
 
@@ -23,6 +24,17 @@ def parse_ids(text: str) -> tuple[int, ...]:
             raise ValueError(f"{part!r} in {text!r}: ranges must ascend without overlap, up to {MAX_ID}")
         ids.extend(range(first, last + 1))
     return tuple(ids)
+
+
+def format_ids(ids: Iterable[int]) -> str:
+    """The ids as ascending ranges, the way `parse_ids` reads them."""
+    ranges: list[list[int]] = []
+    for number in sorted(set(ids)):
+        if ranges and number == ranges[-1][1] + 1:
+            ranges[-1][1] = number
+        else:
+            ranges.append([number, number])
+    return ",".join(str(first) if first == last else f"{first}-{last}" for first, last in ranges)
 
 
 def is_safe_id(number: int) -> bool:

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
+from campaigns.claims.model.domain_backups import Backups
 from campaigns.claims.model.domain_basis import (
     CHECKED,
     DELETED,
@@ -39,7 +40,7 @@ from campaigns.claims.model.domain_sweepers import Sweepers
 from campaigns.claims.model.explore import Move
 
 
-class DomainModel(Operators, Sweepers):
+class DomainModel(Operators, Sweepers, Backups):
     """The whole: people, garbage collector, controllers, kubelets, scheduler, operators, sweepers; and what must hold."""
 
     def moves(self, s: State) -> Iterator[Move]:
@@ -47,6 +48,7 @@ class DomainModel(Operators, Sweepers):
         yield from self._attacker(s)
         yield from self._pods(s)
         yield from self._nodes(s)
+        yield from self._backups(s)
         yield from self._manager(s)
         yield from self._sets(s)
         for k, operator in enumerate(s.operators):
@@ -119,7 +121,7 @@ class DomainModel(Operators, Sweepers):
 
     def _note(self, s: State, x: int) -> dict[str, Any]:
         """The bind check writes the node into the claim, every time, so that whoever has read the claim before is refused."""
-        if not self.vanishings or not self.rules.notes_node(x in s.noted):
+        if not self.follows_nodes or not self.rules.notes_node(x in s.noted):
             return {}
         noted = s.noted if x in s.noted else swap(s.noted, None, x)
         return {"noted": noted, "operators": self._ops(s, claim=x), "sweepers": self._sweeps(s, claim=x)}

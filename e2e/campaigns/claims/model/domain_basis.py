@@ -42,6 +42,10 @@ class State(NamedTuple):
     """(instance, id) of containers that run on while no pod object says so any more."""
     confirmed: tuple[int, ...] = ()
     """Ids of whose claim an admin has said that nothing runs on it."""
+    restores: int = 0
+    """Times etcd may still be restored from a snapshot."""
+    snapshot: tuple[Any, ...] = ()
+    """(apps, wants, claims, deployments, sets, pods, noted) as a snapshot of etcd has them; () before it is taken."""
 
 
 FIELD = {name: index for index, name in enumerate(State._fields)}
@@ -96,6 +100,8 @@ class Basis:
     """Objects the attacker may write."""
     vanishings: int = 0
     """Times a node may vanish. Every instance has a node of its own."""
+    restores: int = 0
+    """Times etcd may be restored from a snapshot that was taken at any time before."""
     no_duplicates: bool = False
     only: str = ""
     rules: DomainRules = field(default_factory=DomainRules)
@@ -105,6 +111,7 @@ class Basis:
         self.precondition = self.rules.precondition()
         self.who: tuple[Instance, ...] = tuple((app, number) for number, app in enumerate(self.apps))
         self.all_ids = tuple(range(self.ids))
+        self.follows_nodes = bool(self.vanishings or self.restores)
 
     def start(self) -> State:
         nothing = (None,) * (max(self.names) + 1)
@@ -121,6 +128,7 @@ class Basis:
             (IDLE,) * self.operators,
             (RESTING,) * self.sweepers,
             vanishings=self.vanishings,
+            restores=self.restores,
         )
 
     # Helpers: who falls back to idle when an object changes

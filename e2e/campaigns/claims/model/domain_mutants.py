@@ -210,3 +210,24 @@ class RepairsByLabel(DomainRules):
 
     def repairs(self, *_: Any) -> bool:
         return True
+
+
+class LostClaimsForgotten(DomainRules):
+    """E1: after a restore of etcd the ids that were granted since the snapshot are free."""
+
+    def makes_lost_claims(self) -> bool:
+        return False
+
+
+class LostNodesForgotten(DomainRules):
+    """E2: a claim that the snapshot has does not name the nodes where its pods were bound since."""
+
+    def notes_lost_nodes(self) -> bool:
+        return False
+
+
+class GoesOn(DomainRules):
+    """E3: what was decided before a restore is carried out after it."""
+
+    def starts_again(self) -> bool:
+        return False

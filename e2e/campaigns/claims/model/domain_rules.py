@@ -15,6 +15,7 @@ from robotapp_claims.rules.domain import DomainPlan, DomainRequest
 from robotapp_claims.rules.identity import Found, domain_spec, id_order, same_tuple
 from robotapp_claims.rules.objects import App, AppSpec, Claim, Deployment, Holder, Meta, Pod, ReplicaSet, Ros2
 from robotapp_claims.rules.release import Release
+from robotapp_claims.rules.repair import lost_grant
 from robotapp_client.transport.errors import ApiError, Forbidden, means_gone
 
 AUTO = 99
@@ -54,6 +55,8 @@ class DomainRules:
             "repairs",
             "unseen",
             "confirmation_ends",
+            "makes_lost_claims",
+            "notes_lost_nodes",
         ):
             setattr(self, name, cache(getattr(self, name)))
 
@@ -193,6 +196,20 @@ class DomainRules:
         claim = make.domain_claim(0, nodes=("robot",), confirmed=True)
         adopted = structs.replace(claim, status=structs.replace(claim.status, attempt=claim.status.attempt + 1))
         return bool(release.unseen_nodes(adopted, ready=()))
+
+    # After a restore of etcd
+
+    def makes_lost_claims(self) -> bool:
+        """Whether claims that the snapshot lacks are made again from memory."""
+        return lost_grant(make.domain_claim(0), None).create
+
+    def notes_lost_nodes(self) -> bool:
+        """Whether a claim that the snapshot has gets the nodes it has lost."""
+        return bool(lost_grant(make.domain_claim(0, nodes=("robot",)), make.domain_claim(0)).nodes)
+
+    def starts_again(self) -> bool:
+        """Whether what was decided before the restore is dropped."""
+        return True
 
     def precondition(self) -> str:
         """What a delete carries: rv, uid or none."""

@@ -43,7 +43,7 @@ class Sweepers(Basis):
         x, stage, h, phase, _, unseen = sweeper
         if x == -2:
             yield from self._with_old_pods(s, k, stage)
-        elif stage == NODES and self.vanishings:
+        elif stage == NODES and self.follows_nodes:
             seen = (x, RELEASE, h, phase, (), int(self._unseen(s, h, x)))
             yield move(s, f"S reads nodes for id{x}", True, sweepers=self._sweeps(s, k, seen))
         elif stage >= STRIKE:

@@ -1,6 +1,6 @@
 """Every scenario of the claim protocol with the verdict it must get. `quick` ones run in scripts/test.
 
-R and D: the rules as built. P: weaker forms of parking. L: weaker forms in which something waits for ever. M and DM: mutants. U: unchecked pods.
+R and D: the rules as built. E: weaker forms of what follows a restore of etcd. P: weaker forms of parking. L: weaker forms in which something waits for ever. M and DM: mutants. U: unchecked pods.
 All of them: `scripts/bench claims --all`, or `python -m campaigns.claims.claims --all`.
 """
 
@@ -137,6 +137,19 @@ domain("P3", "a node is noted once", "LOST|DOUBLE", mutants.NodeNotedOnce, **ONE
 LONE: dict[str, Any] = {**SOLO, **AWAY, "ids": 1, "specs": (AUTO, NONE)}
 domain("P5", "a confirmation holds for ever", "LOST|DOUBLE", mutants.ConfirmedForEver, **LONE)
 domain("R17t", "out of sight and wanted again, 1 app, 1 id, 3 changes", quick=False, **LONE, changes=3)
+
+BACKUP: dict[str, Any] = {"restores": 1, "pods": 2, "lag": False, "operators": 1}
+"""etcd is restored from a snapshot that was taken at any time before."""
+domain("R21s", "etcd restored, 2 apps, 1 id, no changes", specs=(), ids=1, **BACKUP, changes=0)
+domain("R21", "etcd restored, 2 apps, 1 id, 1 change", quick=False, **ONE, **BACKUP)
+domain("R22", "etcd restored, 1 app, 2 ids, 1 change", quick=False, **SOLO, **BACKUP)
+ALONE_BACKUP: dict[str, Any] = {**SOLO, **BACKUP, "ids": 1, "specs": (AUTO, NONE)}
+for number, about, expect, weak in (
+    ("E1", "ids granted since the snapshot are free", "LOST|DOUBLE", mutants.LostClaimsForgotten),
+    ("E2", "nodes of claims that stand are not noted again", "LOST|DOUBLE", mutants.LostNodesForgotten),
+    ("E3", "what was decided before a restore is carried out after it", "LOST|DOUBLE", mutants.GoesOn),
+):
+    domain(number, about, expect, weak, **ALONE_BACKUP)
 
 domain("U1", "no bind check", "DOUBLE", mutants.NoBindCheck, live=False, **ONE, lag=False, pods=2, only="DOUBLE")
 domain(

@@ -28,6 +28,7 @@ NOT_ALLOCATED: Final = frozenset(
         Reason.DOMAIN_EXHAUSTED,
         Reason.DOMAIN_TAKEN,
         Reason.QUOTA_EXCEEDED,
+        Reason.POOL_OVERLAPS,
         Reason.POOL_NOT_FOUND,
         Reason.CLAIM_CONFLICT,
         Reason.DEVICE_BUSY,

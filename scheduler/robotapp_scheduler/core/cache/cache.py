@@ -58,6 +58,8 @@ class Cache:
         self.devices = DeviceIndex()
         self.volumes = Volumes()
         self.pod_groups = PodGroups()
+        self.unseen_kinds: tuple[str, ...] = ()
+        """Resources of RobotApp's CRDs that could not be listed so far. Pods that depend on them wait."""
         self._grouped: dict[str, Pod] = {}
         """Pods of apps and PodGroups as they are counted there: labels change."""
         self.rtt = RttModel(self.nodes, clock)

@@ -9,12 +9,13 @@ proposed to other pods count as if these pods were there already: else the opera
 app has changed, a bounded number per tick, by what is measured, and at those that are late or have a proposal every tick; while
 none is and nothing changes there is nothing to do. A node is searched
 only for the sake of a connection that has been over its budget for `placement.reschedule.for`: one slow report of another moves
-nothing. A bounded number of pods is searched for per tick, the one that waited longest first. The annotation on the pod is the record: what it should be is compared with what the watch shows. So nothing
+nothing. A bounded number of pods is searched for per tick. Namespaces take turns, in each the pod that waited longest is first, and
+pods that the operator would not move anyway come last: however many late components a tenant has, another's waits for a turn per
+namespace. The annotation on the pod is the record: what it should be is compared with what the watch shows. So nothing
 is written while nothing changes, and a new leader goes on where the last one ended.
 """
 
 import dataclasses
-import itertools
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -34,6 +35,7 @@ from robotapp_scheduler.core.cache.dry_run import DryRun
 from robotapp_scheduler.core.cycle.re_evaluate import as_waiting
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
+from robotapp_scheduler.core.queue.namespace_turns import NamespaceTurns, TurnQueue
 from robotapp_scheduler.core.robotics.app_index import InstanceKey, Link, budget_for_s
 from robotapp_scheduler.core.robotics.edge_times import (
     Late,
@@ -56,8 +58,8 @@ LOOKS: Final = 50
 """Instances looked at per tick, 10 us per component."""
 ROUND_S: Final = 60.0
 """How often all instances are looked at: for what no event tells, such as another primary node of a robot."""
-SEARCHES: Final = 1
-"""Components for which a node is searched per tick: an attempt over all nodes without caches, 4 ms at 5000 nodes."""
+FOR_THE_KEPT: Final = 8
+"""A tick searches for one component: an attempt over all nodes without caches, 4 ms at 5000 nodes. Of so many searches one is for a pod that the operator would not move, also while others wait."""
 SEARCH_S: Final = 10.0
 """Pause between two searches for one component that has a proposal."""
 RETRY_S: Final = (0.5, 2.0)
@@ -248,8 +250,10 @@ class BudgetWatch:
         self._core = core
         self._clock = clock
         self._now = now
-        self._turn: dict[InstanceKey, None] = {}
-        """Instances that are to be looked at, the one that has waited longest first."""
+        self._turn: TurnQueue[InstanceKey] = TurnQueue()
+        """Instances that are to be looked at."""
+        self._searches = NamespaceTurns()
+        self._search_count = 0
         self._round_s = float("-inf")
         """When all instances were last added."""
         self._watched: dict[str, WatchedPod] = {}
@@ -275,17 +279,22 @@ class BudgetWatch:
         cluster, now_s = self._core.cluster, self._clock()
         nodes = cluster.rtt.take_touched()
         robots = {robot for node in nodes if (robot := cluster.nodes.robot_of(node))}
-        self._turn |= dict.fromkeys(cluster.apps.take_touched(nodes, robots))
+        self._look_at(cluster.apps.take_touched(nodes, robots))
         if now_s - self._round_s >= ROUND_S:
             self._round_s = now_s
-            self._turn |= dict.fromkeys(cluster.apps.instances())
+            self._look_at(cluster.apps.instances())
         self._keep_places()
         self._watched = {uid: watched for uid, watched in self._watched.items() if uid in cluster.placed}
-        self._turn |= dict.fromkeys((each.member.app_uid, each.member.instance) for each in self._watched.values())
-        found = list(itertools.islice(self._turn, LOOKS))
-        for key in found:
-            del self._turn[key]
-        return found
+        self._look_at((each.member.app_uid, each.member.instance) for each in self._watched.values())
+        return self._turn.pop(LOOKS)
+
+    def _look_at(self, instances: Iterable[InstanceKey]) -> None:
+        for instance in instances:
+            self._turn.add(self._namespace_of(instance[0]), instance)
+
+    def _namespace_of(self, app_uid: str) -> str:
+        app = self._core.cluster.apps.app(app_uid)
+        return app.source.metadata.namespace if app is not None else ""
 
     def failed(self, uid: str) -> None:
         """A write that `tick` gave for this pod has failed: it is decided anew soon, as if there had been none."""
@@ -394,14 +403,24 @@ class BudgetWatch:
         return self._write(part.pod, None)
 
     def _due(self) -> list[str]:
-        """Pods for which a node is searched now, the one that waited longest first."""
+        """Pods for which a node is searched now, by turns of their namespaces. What may be moved comes first."""
         now_s = self._clock()
-        due = [
+        due = sorted(
             (watched.search_s, uid)
             for uid, watched in self._watched.items()
             if (watched.search_s <= now_s or self._neighbours(uid) > watched.neighbours) and watched.lasting(now_s)
-        ]
-        return [uid for _, uid in sorted(due)[:SEARCHES]]
+        )
+        movable_uids = [uid for _, uid in due if self._moves(self._core.cluster.placed[uid].pod)]
+        moved_uids = {*movable_uids}
+        kept_uids = [uid for _, uid in due if uid not in moved_uids]
+        self._search_count += bool(due)
+        first, second = (
+            (kept_uids, movable_uids) if self._search_count % FOR_THE_KEPT == 0 else (movable_uids, kept_uids)
+        )
+        chosen = self._searches.choose(
+            (self._namespace_of(self._watched[uid].member.app_uid), uid) for uid in first or second
+        )
+        return [] if chosen is None else [chosen]
 
     def _neighbours(self, uid: str) -> int:
         """Pods on the node that is proposed to this pod: with one more of them the place may be gone. 0 without a proposal."""

@@ -1,11 +1,11 @@
 """PreEnqueue for pods of groups: enough of the group's pods must exist and, for a RobotApp, its spec must be readable and the
-predecessor of a single-replica component gone.
+predecessor of a single-replica component gone. Pods with ROS fields wait while a kind that decides about them cannot be read.
 """
 
-from collections.abc import Hashable
+from collections.abc import Collection, Hashable
 from typing import Final
 
-from robotapp_api.model.names import Label, PodReason
+from robotapp_api.model.names import GROUP, Label, PodReason
 from robotapp_api.values.placement.tiers import FAILOVER, ROBOT, on_disconnect
 from robotapp_scheduler.core.api.core_v1 import Metadata
 from robotapp_scheduler.core.api.pod_group import REPORT_AFTER_S
@@ -18,6 +18,8 @@ from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus
 from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Replica
 
 GROUP_PLUGIN: Final = "RobotAppGroup"
+KINDS_PLUGIN: Final = "RoboticsKinds"
+KINDS_REPORT_AFTER_S: Final = 5.0
 POD_GROUP_PLUGIN: Final = "PodGroup"
 PREDECESSOR_PLUGIN: Final = "RobotAppPredecessor"
 WHOLE_PLUGIN: Final = "PlacedWhole"
@@ -79,6 +81,8 @@ class GangGates:
     def gate(self, pod: PodInfo) -> PreEnqueueStatus | None:
         """Why the pod must wait before it may be tried, None when it may."""
         member = pod.member
+        if self._cluster.unseen_kinds and (member is not None or pod.ros_request is not None):
+            return _kinds_gate(self._cluster.unseen_kinds)
         if member is None:
             return self.pod_group_gate(pod)
         app = self._cluster.apps.app(member.app_uid)
@@ -200,6 +204,17 @@ def _still_driving(before: Replica, *, gone: bool) -> str:
 
 def _terminating(replica: Replica) -> bool:
     return replica.pod.metadata.deletion_timestamp is not None
+
+
+def _kinds_gate(kinds: Collection[str]) -> PreEnqueueStatus:
+    names = ", ".join(f"{kind}.{GROUP}" for kind in kinds)
+    return PreEnqueueStatus(
+        plugin=KINDS_PLUGIN,
+        reason=f"waiting for {names}: the CRD is not installed, or the scheduler may not list it (its log has the answer)",
+        events=Change.APPS,
+        code=str(PodReason.WAITING_FOR_KINDS),
+        report_after_s=KINDS_REPORT_AFTER_S,
+    )
 
 
 def _group_gate(member: Member, reason: str) -> PreEnqueueStatus:

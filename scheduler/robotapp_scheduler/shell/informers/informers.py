@@ -12,12 +12,9 @@ from typing import Any
 
 import msgspec
 
+from robotapp_api.model.names import GROUP
 from robotapp_client.api.client import ApiClient
-from robotapp_client.api.resources import (
-    PODS,
-    ROBOTAPPS,
-    Resource,
-)
+from robotapp_client.api.resources import PODS, Resource
 from robotapp_client.informer.reflector import Change as Seen
 from robotapp_client.informer.reflector import Reflector
 from robotapp_client.transport.errors import ClientError, NotFound
@@ -47,10 +44,32 @@ class _Served(msgspec.Struct):
     resources: list[_Name] = []
 
 
+class _WatchedKind:
+    """One of RobotApp's kinds. `settled` is set when its first list was answered, be it with a refusal."""
+
+    def __init__(self) -> None:
+        self.settled = asyncio.Event()
+        self.reflector: Reflector[Any] | None = None
+
+    @property
+    def seen(self) -> bool:
+        return self.reflector is not None and self.reflector.synced.is_set()
+
+    def on_problem(self, problem: ClientError | None) -> None:
+        if problem is not None:
+            self.settled.set()
+
+    async def wait_synced(self) -> None:
+        if self.reflector is not None:
+            await self.reflector.synced.wait()
+            self.settled.set()
+
+
 class Informers:
     """All reflectors. `run` until cancelled; `synced` once everything there was at the start is in the cluster.
 
-    `on_change` gets the changes (never none) after the cache has applied them.
+    `on_change` gets the changes (never none) after the cache has applied them. `on_restored` is called when the API server has
+    gone back to an older state.
     """
 
     def __init__(
@@ -61,13 +80,19 @@ class Informers:
         on_pod: Callable[[Seen], Change],
         on_change: Callable[[Event], None],
         metrics: Metrics,
+        on_restored: Callable[[], None] = lambda: None,
     ) -> None:
+        self._on_restored = on_restored
         self._client = client
         self._cluster = cluster
         self._on_change = on_change
         self._metrics = metrics
         self.synced = asyncio.Event()
         self._reflectors: list[Reflector[Any]] = []
+        """Without these no pod is placed."""
+        self._optional: list[Reflector[Any]] = []
+        self._kinds: dict[str, _WatchedKind] = {}
+        """Those of our kinds that are watched, by plural."""
         pods = Route(
             PODS,
             Pod,
@@ -87,35 +112,37 @@ class Informers:
 
     def __repr__(self) -> str:
         state = "synced" if self.synced.is_set() else "filling"
-        return f"<Feed {state}: {', '.join(map(repr, self._reflectors))}>"
+        return f"<Feed {state}: {', '.join(map(repr, (*self._reflectors, *self._optional)))}>"
 
-    @property
-    def silence_s(self) -> float:
-        """Longest time any watch has heard nothing; a healthy one hears a bookmark a minute."""
-        return max((reflector.last_contact_s for reflector in self._reflectors), default=0.0)
+    def staleness(self) -> dict[str, float]:
+        """Seconds for which changes may have gone unseen, by resource."""
+        return {reflector.plural: reflector.stale_s for reflector in (*self._reflectors, *self._optional)}
 
     async def run(self) -> None:
         """Watch until cancelled. What is not served yet is watched as soon as it is, if needed."""
         async with asyncio.TaskGroup() as group:
             for route, handle in self._core:
                 self._start(group, route, handle)
-            served = await self._served(self._storage)
-            for route, handle in served:
+            for route, handle in await self._served(self._storage):
                 self._start(group, route, handle)
-            installed = await self._installed()
-            if installed:
-                self._start_robotics(group)
+            await self._start_robotics(group)
             await asyncio.gather(*(reflector.synced.wait() for reflector in self._reflectors))
+            await asyncio.gather(*(kind.settled.wait() for kind in self._kinds.values()))
+            self._note_kinds()
             self.synced.set()
             await self._start_groups(group, self._groups)
-            while not installed or self._groups:
+            while self._cluster.unseen_kinds or self._groups:
                 await self._client.sleep(CRD_POLL_S)
                 missed = [each for each in self._groups if self._cluster.pod_groups.missed(each[0].resource.group)]
                 await self._start_groups(group, missed)
-                if not installed:
-                    installed = await self._installed()
-                    if installed:
-                        self._start_robotics(group)
+                if self._cluster.unseen_kinds:
+                    await self._start_robotics(group)
+                    self._note_kinds()
+
+    def missing_kinds(self) -> tuple[str, ...]:
+        """Kinds of RobotApp's CRDs without which pods with ROS fields wait; none where none of them is installed."""
+        unseen = self._cluster.unseen_kinds
+        return unseen if self._kinds and self.synced.is_set() else ()
 
     async def _start_groups(self, group: asyncio.TaskGroup, candidates: Sequence[Handled]) -> None:
         """Watch those the API server has, without being held up by them: their pods wait until they are seen."""
@@ -123,9 +150,27 @@ class Informers:
             self._groups.remove(each)
             self._start(group, *each)
 
-    def _start_robotics(self, group: asyncio.TaskGroup) -> None:
-        for route, handle in self._robotics:
-            self._start(group, route, handle)
+    async def _start_robotics(self, group: asyncio.TaskGroup) -> None:
+        """Watch those of our kinds that the API server has; a missing one is looked for again."""
+        absent = tuple(each for each in self._robotics if each[0].resource.plural not in self._kinds)
+        for route, handle in await self._served(absent):
+            kind = self._kinds[route.resource.plural] = _WatchedKind()
+            reflector = self._reflector(route, handle, on_problem=kind.on_problem)
+            kind.reflector = reflector
+            self._optional.append(reflector)
+            group.create_task(reflector.run(), name=f"watch {route.resource.plural}")
+            group.create_task(kind.wait_synced(), name=f"first list of {route.resource.plural}")
+
+    def _note_kinds(self) -> None:
+        """Pods that depend on kinds that were never listed wait; when one has been, they are looked at again."""
+        plurals = [route.resource.plural for route, _ in self._robotics]
+        unseen = tuple(plural for plural in plurals if plural not in self._kinds or not self._kinds[plural].seen)
+        if unseen == self._cluster.unseen_kinds:
+            return
+        for plural in sorted({*unseen} - {*self._cluster.unseen_kinds}):
+            log.warning("%s.%s cannot be listed: pods with ROS fields wait for it, others do not", plural, GROUP)
+        self._cluster.unseen_kinds = unseen
+        self._on_change(Event("robotapps", Change.APPS))
 
     def _routed(self, *routes: Route) -> tuple[Handled, ...]:
         return tuple((route, self._taking(route)) for route in routes)
@@ -138,7 +183,18 @@ class Informers:
         return take
 
     def _start(self, group: asyncio.TaskGroup, route: Route, handle: Callable[[Seen], Change]) -> None:
-        reflector: Reflector[Any] = Reflector(
+        reflector = self._reflector(route, handle)
+        self._reflectors.append(reflector)
+        group.create_task(reflector.run(), name=f"watch {route.resource.plural}")
+
+    def _reflector(
+        self,
+        route: Route,
+        handle: Callable[[Seen], Change],
+        *,
+        on_problem: Callable[[ClientError | None], None] | None = None,
+    ) -> Reflector[Any]:
+        return Reflector(
             self._client,
             route.resource,
             as_type=route.as_type,
@@ -147,9 +203,9 @@ class Informers:
             field_selector=route.field_selector,
             fixed_keys=route.fixed_keys,
             kept=route.kept,
+            on_problem=on_problem,
+            on_restored=self._on_restored,
         )
-        self._reflectors.append(reflector)
-        group.create_task(reflector.run(), name=f"watch {route.resource.plural}")
 
     def _taker(self, resource: Resource, handle: Callable[[Seen], Change]) -> Callable[[Seen], None]:
         plural, on_change = resource.plural, self._on_change
@@ -183,14 +239,3 @@ class Informers:
             for route, handle in routes
             if route.resource.plural in known.get(route.resource.root, {route.resource.plural} if in_doubt else ())
         ]
-
-    async def _installed(self) -> bool:
-        """Whether the API server serves our kinds."""
-        try:
-            await self._client.request("GET", ROBOTAPPS.root)
-        except NotFound:
-            return False
-        except ClientError as error:
-            log.warning("cannot find out whether the robotics.io CRDs are installed: %s", error)
-            return True
-        return True

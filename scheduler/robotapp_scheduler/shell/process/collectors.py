@@ -50,6 +50,7 @@ def publish(
     running: Running,
     simulations: Callable[[], Mapping[str, int]],
     domains: DomainClaims,
+    staleness: Callable[[], Mapping[str, float]] = dict,
 ) -> None:
     """Register what the core, the client, the claims and the configuration count themselves."""
     metrics.watch("pending_pods", "Pods that wait, by queue", label="queue", read=lambda: _pending(core))
@@ -62,6 +63,12 @@ def publish(
     )
     metrics.watch_several(
         "domain_claims", "Domains that are claimed, by pool and phase", labels=("pool", "phase"), read=domains.counts
+    )
+    metrics.watch(
+        "watch_stale_seconds",
+        "For how long changes of a resource may have gone unseen; 0 while its watch is open",
+        label="resource",
+        read=staleness,
     )
     metrics.watch_several("rtt_age_seconds", "Age of the oldest telemetry in use", labels=(), read=lambda: _age(core))
     metrics.watch_several(

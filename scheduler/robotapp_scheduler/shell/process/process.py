@@ -11,11 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from robotapp_api.model.names import SCHEDULER_MANAGER, EventReason
+from robotapp_claims.protocol.repair import make_lost_claims
 from robotapp_claims.protocol.sweeper import PENDING_S, Sweeper
 from robotapp_client.api.client import ApiClient, Json
 from robotapp_client.api.times import utc_now
 from robotapp_client.tools.event_recorder import reference
 from robotapp_client.tools.leader_election import LeaderElection, candidate_identity
+from robotapp_client.tools.restart import RESTORED
 from robotapp_client.transport.connect import handle_loop_error
 from robotapp_client.transport.kubeconfig import load as login
 from robotapp_scheduler.config import load as configuration
@@ -87,7 +89,7 @@ class Scheduler:
         self._source = source or NoSource()
         self._options = options
         self._stop = asyncio.Event()
-        self._lost = False
+        self._lost = self._restored = False
         self._leading = asyncio.Event()
         self.port = 0
         """Where we serve, once `run` has opened it."""
@@ -115,6 +117,7 @@ class Scheduler:
             running=running,
             simulations=lambda: self.port_requests.simulations,
             domains=self.domains,
+            staleness=self.feed.staleness,
         )
 
     def __repr__(self) -> str:
@@ -153,7 +156,12 @@ class Scheduler:
         )
         self.domains = DomainClaims()
         self.feed = Informers(
-            client, self.core.cluster, on_pod=self.intake.take, on_change=self._changed, metrics=self.metrics
+            client,
+            self.core.cluster,
+            on_pod=self.intake.take,
+            on_change=self._changed,
+            metrics=self.metrics,
+            on_restored=self._start_again,
         )
 
     def _make_loop(self) -> None:
@@ -200,8 +208,13 @@ class Scheduler:
         """Finish what is in flight, give the lease back, end."""
         self._stop.set()
 
+    def _start_again(self) -> None:
+        """The API server went back to an older state: whatever the caches and the queue hold may never have happened."""
+        self._restored = True
+        self.stop()
+
     async def run(self) -> int:
-        """Run until stopped. The exit status: 0 after a clean stop, 1 when leadership was lost."""
+        """Run until stopped. The exit status: 0 after a clean stop, 1 when leadership was lost, RESTORED to start again."""
         supervisor = await PortSupervisor.opened(self._options, self.port_requests)
         self.port = supervisor.port
         log.info("serving health, metrics and explanations on port %d", supervisor.port)
@@ -228,6 +241,9 @@ class Scheduler:
             memory_tuning.released()
             await self.planner.close()
             supervisor.close()
+        if self._restored:
+            await make_lost_claims(self._client, self.domains.held())
+            return RESTORED
         return 1 if self._lost else 0
 
     async def _first(self, work: asyncio.Task[None], stop: asyncio.Event) -> None:
@@ -355,6 +371,8 @@ class Scheduler:
     def _request_handler(self) -> RequestHandler:
         checks = Checks(
             ready={"informer-sync": self.feed.synced.is_set, "shutdown": lambda: not self._stop.is_set()},
+            stale=self.feed.staleness,
+            missing=self.feed.missing_kinds,
             live={"leader-election": self._leads, "scheduling-loop": self._turns},
         )
         explainer = Explainer(

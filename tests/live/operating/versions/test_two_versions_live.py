@@ -96,3 +96,36 @@ def test_an_app_lives_while_versions_are_mixed(
     assert rendered == {NEWER if case == "newer operator" else __version__}
     stored = {part.get(newer_wheel.LATER) for part in ready["spec"]["components"]}
     assert stored == {"x" if case == "newer CRDs" else None}, "the newer schema's default is in every app"
+
+
+def test_older_crds_take_the_fields_they_lack_at_the_next_write_and_leave_everything_else(
+    installed_plane: ControlPlane,
+) -> None:
+    """What the page about upgrades says: the API server erases them, whoever writes; a saved copy brings them back."""
+    mark = secrets.token_hex(2)
+    pool = f"narrow-{mark}"
+    nodes = Topology([robot(f"amr-{mark}"), edge(f"edge-{mark}")])
+    written = {"onDisconnect": "Stop", newer_wheel.LATER: "mine"}
+    app = plain_app("narrow", parts=PARTS, ros2={"pool": pool}, placement={"objective": "Balance"})
+    app["spec"]["components"][0] |= written
+    with newer_crds(installed_plane), SimulatedSite(installed_plane, nodes, pools={pool: "1-3"}) as world:
+        world.create(app)
+        world.watch.until_ready("narrow", within_s=60)
+        saved = world.app("narrow")
+        product.define(installed_plane, newer_wheel.crds(newer=False))
+        eventually(lambda: newer_wheel.LATER not in world.app("narrow")["spec"]["components"][0])
+        world.kubectl("patch", "ra", "narrow", "--type=merge", "-p", '{"spec": {"suspend": true}}')
+        eventually(lambda: not world.pods(), timeout_s=SOON_S, what=world.pods)
+        product.define(installed_plane, newer_wheel.crds(newer=True))
+        now = eventually(lambda: newer_wheel.LATER in (app := world.app("narrow"))["spec"]["components"][0] and app)
+        assert now["spec"]["components"][0][newer_wheel.LATER] == "x", "the older CRD erased what the user wrote"
+        assert now["spec"]["components"][0]["onDisconnect"] == "Stop"
+        assert now["spec"]["placement"]["objective"] == "Balance"
+        world.kubectl("apply", "--server-side", "--force-conflicts", "-f", "-", stdin=saved_copy(saved))
+        assert world.app("narrow")["spec"]["components"][0][newer_wheel.LATER] == "mine"
+
+
+def saved_copy(app: Mapping[str, Any]) -> dict[str, Any]:
+    """What `kubectl get -o yaml` saved, without what the server gives each object."""
+    meta = {key: app["metadata"][key] for key in ("name", "namespace")}
+    return {"apiVersion": app["apiVersion"], "kind": app["kind"], "metadata": meta, "spec": app["spec"]}

@@ -192,7 +192,7 @@ async def test_a_refused_read_is_an_error_and_never_an_empty_answer() -> None:
     assert store.all(ROBOTCLAIMS) == []
 
 
-@pytest.mark.parametrize("what", ["get robotapps", "get domainpools", "replace robotclaims", "get robotclaims"])
+@pytest.mark.parametrize("what", ["get robotapps", "list domainpools", "replace robotclaims", "get robotclaims"])
 async def test_a_404_that_does_not_name_the_object_is_an_error_and_not_a_vanished_object(what: str) -> None:
     """A proxy, or a resource that is not served at the moment: nothing is concluded from it."""
     store = fresh("7")

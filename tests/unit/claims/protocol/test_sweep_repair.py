@@ -5,9 +5,11 @@ from tests.support.claims.objects import app_holder, pod_json, pool_json
 from tests.unit.claims.protocol.sweep_rig import SweepRig, number
 
 from robotapp_claims.protocol.domains import ensure_domain
+from robotapp_claims.protocol.repair import make_lost_claims
+from robotapp_claims.protocol.writes import note_nodes
 from robotapp_claims.rules.domain import DomainRequest
 from robotapp_claims.rules.identity import claim_object, domain_spec, holder_of_app
-from robotapp_claims.rules.objects import Pod
+from robotapp_claims.rules.objects import Claim, Pod
 from robotapp_client.api.resources import DOMAINPOOLS, NODES, PODS, ROBOTCLAIMS
 
 
@@ -113,3 +115,58 @@ async def test_a_claim_per_zone_is_made_again_although_the_pod_runs_in_another_z
     assert claim is not None
     assert claim["spec"]["domain"] == {"pool": "halls", "scope": "Zone", "scopeValue": "hall-1", "id": number(lock)}
     assert rig.conflicts == []
+
+
+async def test_claims_that_a_restore_lost_are_made_again_with_their_nodes_and_rest_before_others_get_them() -> None:
+    rig = SweepRig()
+    snapshot = rig.store.snapshot()
+    lost = rig.new_app("lost")
+    name = await rig.domain(lost)
+    known = await note_nodes(rig.store.client(), await claim_of(rig, name), ["edge-1", "edge-2"])
+    rig.store.restore(snapshot)
+    assert await make_lost_claims(rig.store.client(), [known]) == 1
+    again = await claim_of(rig, name)
+    assert (again.spec, again.nodes) == (known.spec, ("edge-1", "edge-2"))
+    await rig.sweep()
+    assert rig.phase(name) == "Parked"  # neither node is there: containers may run on
+    other = rig.new_app("other")
+    assert name not in {await rig.domain(other), await rig.domain(rig.app)}
+
+
+async def test_a_claim_that_the_snapshot_has_or_somebody_got_meanwhile_is_left_as_it_is() -> None:
+    rig = SweepRig()
+    kept = await rig.domain()
+    snapshot = rig.store.snapshot()
+    name = await rig.domain(rig.new_app("lost"))
+    known = [await claim_of(rig, kept), await claim_of(rig, name)]
+    rig.store.restore(snapshot)
+    other = rig.new_app("other")
+    await ensure_domain(rig.store.client(), DomainRequest(other, requested_id=number(name)))
+    assert await make_lost_claims(rig.store.client(), known) == 0
+    assert (await claim_of(rig, name)).holder.uid == other.uid
+
+
+async def test_a_holder_that_the_snapshot_has_keeps_the_id_it_got_afterwards() -> None:
+    rig = SweepRig()
+    snapshot = rig.store.snapshot()
+    name = await rig.domain()
+    known = [await claim_of(rig, name)]
+    rig.store.restore(snapshot)
+    await make_lost_claims(rig.store.client(), known)
+    await rig.sweep()
+    assert rig.phase(name) == "Reserved"
+    assert await rig.domain() == name
+
+
+async def test_a_claim_that_the_snapshot_has_names_again_the_nodes_where_its_pods_were_bound_since() -> None:
+    rig = SweepRig()
+    name = await rig.domain()
+    snapshot = rig.store.snapshot()
+    known = await note_nodes(rig.store.client(), await claim_of(rig, name), ["edge-1"])
+    rig.store.restore(snapshot)
+    assert await make_lost_claims(rig.store.client(), [known]) == 1
+    assert (await claim_of(rig, name)).nodes == ("edge-1",)
+
+
+async def claim_of(rig: SweepRig, name: str) -> Claim:
+    return await rig.store.client().get(ROBOTCLAIMS, name, as_type=Claim)

@@ -8,7 +8,7 @@ from robotapp_api.model.names import Reason
 from robotapp_claims.rules import domain
 from robotapp_claims.rules.domain import DomainRequest, Fence, Step, plan_domain, wanted_id
 from robotapp_claims.rules.identity import holder_of_pod, id_order
-from robotapp_claims.rules.objects import Meta, Pool, PoolQuota, PoolSpec
+from robotapp_claims.rules.objects import Pool, PoolMeta, PoolQuota, PoolSpec
 
 ids = st.sets(st.integers(1, 12), max_size=6)
 requests = st.none() | st.integers(1, 12)
@@ -16,7 +16,7 @@ ASK = DomainRequest(app_holder())
 
 
 def pool(ids: str = "1-3", **spec: object) -> Pool:
-    return Pool(metadata=Meta(name="default"), spec=PoolSpec(ids=ids, **spec))  # type: ignore[arg-type]  # a factory
+    return Pool(metadata=PoolMeta(name="default"), spec=PoolSpec(ids=ids, **spec))  # type: ignore[arg-type]  # a factory
 
 
 @given(ids, ids, requests)

@@ -28,6 +28,7 @@ from robotapp_scheduler.core.cycle.better_node import (
     VALID,
     AnnotationWrite,
     BudgetWatch,
+    WatchedPod,
     better_node,
 )
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
@@ -535,3 +536,45 @@ def test_the_write_names_the_pod_as_it_was_seen_last() -> None:
         measure(cluster.core, seq=seq)
         found += cluster.watch.tick()
     assert [(write.pod.metadata.uid, write.pod.metadata.resource_version) for write in found] == [("planner", "77")]
+
+
+# --- Many tenants -----------------------------------------------------------------------------------------------------
+
+CROWD = 30
+"""Late components of another tenant."""
+
+
+@pytest.mark.parametrize("when", ["BudgetExceeded", "Never"])
+def test_another_tenants_late_components_delay_a_search_by_a_turn_and_those_that_stay_come_last(
+    when: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searched: list[str] = []
+    cluster = Cluster(placement={"reschedule": {"when": "BudgetExceeded"}})
+    core = cluster.core
+    monkeypatch.setattr(BudgetWatch, "_namespace_of", lambda _, app_uid: "victim" if app_uid == "app-1" else "crowd")
+    monkeypatch.setattr(f"{WATCH}.better_node", lambda _, part, *__, **___: searched.append(part.app.uid))
+    cluster.rtt_ms = {"e1": 5.0}
+    cluster.run(2)
+    for number in range(CROWD):
+        name = f"crowd-{number}"
+        placement = {"reschedule": {"when": when}}
+        core.cluster.apply_app(
+            app_object(*COMPONENTS, name=name, uid=name, edges=[edge("planner", "driver")], placement=placement)
+        )
+        for component, node in (("driver", "amr"), ("planner", "e3")):
+            for owned in chain(component, app=name, app_uid=name):
+                core.cluster.apply_owner(owned)
+            where = {"nodeSelector": {"kubernetes.io/hostname": node}} if component == "driver" else {}
+            core.cluster.apply_pod(
+                member_pod(component, app=name, app_uid=name, instance="amr", node=node, cpu="1m", **where)
+            )
+    cluster.rtt_ms = {"e1": 5.0, "e3": 60.0}
+    cluster.run(FOR_S + 2, step_s=TICK_S)
+    assert {*searched} > {"crowd-0"}, "the crowd is searched for"
+    cluster.rtt_ms = {"e1": 60.0, "e3": 60.0}
+    cluster.run(FOR_S, step_s=TICK_S)
+    searched.clear()
+    monkeypatch.setattr(WatchedPod, "retry_s", lambda *_: 0.0)  # everything is due all the time
+    cluster.run(16 * TICK_S, step_s=TICK_S)
+    assert searched.count("app-1") >= 7, searched
+    assert searched.count("app-1") < len(searched), "the others have turns, too"

@@ -356,3 +356,14 @@ def test_no_key_is_lost_or_run_twice_at_once(steps: list[tuple[str, str, float]]
         queue.done(key(name, group=name))
     clock.now_s += 1000
     assert set(popped(queue)) == owed
+
+
+def test_a_thousand_apps_of_one_namespace_delay_an_app_of_another_by_one_key() -> None:
+    namespaces = {"victim": "team-b"}
+    queue = Queue(clock=lambda: 0.0, jitter=lambda: 0.5, namespace_of=lambda group: namespaces.get(group, "team-a"))
+    for number in range(1000):
+        queue.add(Key("app", f"crowd-{number}"))
+    queue.pop()
+    queue.add(Key("app", "victim"))
+    groups = [item[0].group for _ in range(2) if (item := queue.pop()) is not None]
+    assert "victim" in groups

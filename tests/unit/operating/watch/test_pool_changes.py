@@ -2,7 +2,7 @@
 
 from tests.support.factories import app_body
 
-from robotapp_claims.rules.objects import Meta, Pool, PoolSpec
+from robotapp_claims.rules.objects import Pool, PoolMeta, PoolSpec
 from robotapp_client import ApiClient, Change, Endpoint
 from robotapp_operator.queue.work import BACKGROUND, Work
 from robotapp_operator.queue.workqueue import Key, Queue
@@ -20,7 +20,7 @@ def woken(pool: str, *apps: dict[str, object]) -> set[Key]:
     client = ApiClient(Endpoint("http://localhost"), user_agent="test")
     informers = Informers(client, cache, queue, namespaces=(), request_sweep=lambda: None, clock=lambda: 0.0)
     informers._pool(
-        Change("ADDED", pool, None, Pool(metadata=Meta(name=pool), spec=PoolSpec(ids="1-9", reserved=(7,))))
+        Change("ADDED", pool, None, Pool(metadata=PoolMeta(name=pool), spec=PoolSpec(ids="1-9", reserved=(7,))))
     )
     found = set()
     while item := queue.pop() or queue.pop(background=True):

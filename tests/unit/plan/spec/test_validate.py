@@ -8,7 +8,7 @@ from tests.support.claims.objects import domain_claim
 from tests.support.factories import by_name, component, make_app, make_node, robots
 
 from robotapp_api.model.names import Annotation, Reason
-from robotapp_claims.rules.objects import Meta, Pool, PoolSpec
+from robotapp_claims.rules.objects import Pool, PoolMeta, PoolSpec
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Node
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, notes_of, problems_alone, problems_with
@@ -189,7 +189,7 @@ def test_a_closed_node_reads_like_none_to_who_names_it_for_the_roscore() -> None
 
 
 def reserving(*ids: int) -> Pool:
-    return Pool(metadata=Meta(name="default"), spec=PoolSpec(ids="1-9", reserved=ids))
+    return Pool(metadata=PoolMeta(name="default"), spec=PoolSpec(ids="1-9", reserved=ids))
 
 
 def test_an_app_that_names_a_reserved_id_is_not_accepted() -> None:

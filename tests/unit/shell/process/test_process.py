@@ -2,7 +2,7 @@
 
 import asyncio
 import gc
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any
@@ -16,12 +16,22 @@ from tests.support.clients import client_for, until
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.placement.better_node import parse_better_node
 from robotapp_client.api.client import ApiClient
-from robotapp_client.api.resources import DEPLOYMENTS, LEASES, NODES, NODETELEMETRIES, PODS, REPLICASETS, ROBOTAPPS
+from robotapp_client.api.resources import (
+    DEPLOYMENTS,
+    DOMAINPOOLS,
+    LEASES,
+    NODES,
+    NODETELEMETRIES,
+    PODS,
+    REPLICASETS,
+    ROBOTAPPS,
+    ROBOTCLAIMS,
+    Resource,
+)
 from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import Options, parse
 from robotapp_scheduler.plugins.registry import catalogue
 from robotapp_scheduler.shell.config.reload import Running
-from robotapp_scheduler.shell.informers.informers import Informers
 from robotapp_scheduler.shell.process.process import Scheduler
 
 
@@ -70,10 +80,18 @@ class RunningScheduler:
         return str(self.stored(name)["spec"]["nodeName"])
 
 
+ALL_KINDS = (ROBOTAPPS, ROBOTCLAIMS, NODETELEMETRIES)
+
+
 @asynccontextmanager
-async def world(*, leader: bool = False, **changes: Any) -> AsyncIterator[RunningScheduler]:
-    """`changes` are of the process' flags."""
+async def world(
+    *, leader: bool = False, kinds: Sequence[Resource] = (), forbidden: Sequence[Resource] = (), **changes: Any
+) -> AsyncIterator[RunningScheduler]:
+    """`kinds` of ours that the server has; those nobody may list; `changes` are of the process' flags."""
     async with FakeApiServer() as server, client_for(server.endpoint) as client:
+        server.forbidden = {kind.path() for kind in forbidden}
+        if kinds:
+            server.served[ROBOTAPPS.root] = [kind.plural for kind in kinds]
         scheduler = Scheduler(client, Running(config(leader=leader)), options(**changes))
         task = asyncio.create_task(scheduler.run())
         try:
@@ -158,12 +176,8 @@ async def late_app(client: ApiClient) -> None:
     await client.patch(NODETELEMETRIES, "amr", {"status": status}, subresource="status")
 
 
-async def test_a_better_node_is_proposed_for_a_pod_whose_budget_is_exceeded(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def installed(_: Informers) -> bool:
-        return True  # the small API server lists no groups
-
-    monkeypatch.setattr(Informers, "_installed", installed)
-    async with world() as found:
+async def test_a_better_node_is_proposed_for_a_pod_whose_budget_is_exceeded() -> None:
+    async with world(kinds=ALL_KINDS) as found:
         await late_app(found.client)
 
         def proposed() -> str:
@@ -174,15 +188,9 @@ async def test_a_better_node_is_proposed_for_a_pod_whose_budget_is_exceeded(monk
         assert (better.node, better.before_us, better.after_us) == ("e2", 60_000.0, 8_000.0)
 
 
-async def test_what_would_be_is_decided_in_a_copy_of_the_whole_process_and_nothing_is_written(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    async def installed(_: Informers) -> bool:
-        return True
-
-    monkeypatch.setattr(Informers, "_installed", installed)
+async def test_what_would_be_is_decided_in_a_copy_of_the_whole_process_and_nothing_is_written() -> None:
     question = {"nodeLoss": ["e1"], "rtt": [{"one": "amr", "other": "e2", "rtt": "12ms"}]}
-    async with world(insecure_explain=True, better_nodes=False) as found:
+    async with world(kinds=ALL_KINDS, insecure_explain=True, better_nodes=False) as found:
         await late_app(found.client)
         core = found.scheduler.core
         await until(
@@ -202,6 +210,61 @@ async def test_what_would_be_is_decided_in_a_copy_of_the_whole_process_and_nothi
         assert {key: each["metadata"]["resourceVersion"] for key, each in found.server.store.objects.items()} == before
         assert {each.name: each.node for each in core.cluster.placed.values()} == {"driver": "amr", "planner": "e1"}
         assert core.cluster.rtt.measured_us("amr", "e2", 95) == 8_000.0
+
+
+WANTS_A_DOMAIN = {Annotation.DDS_DOMAIN.value: "auto"}
+
+
+@pytest.mark.parametrize(
+    ("kinds", "forbidden", "named"),
+    [
+        ((ROBOTAPPS, ROBOTCLAIMS), (), "nodetelemetries"),
+        ((ROBOTAPPS, NODETELEMETRIES), (), "robotclaims"),
+        (ALL_KINDS, (ROBOTCLAIMS,), "robotclaims"),
+    ],
+    ids=["no NodeTelemetry", "no RobotClaim", "no right to list RobotClaims"],
+)
+async def test_without_a_kind_of_ours_plain_pods_are_placed_and_ros_pods_wait_with_the_reason(
+    kinds: tuple[Resource, ...], forbidden: tuple[Resource, ...], named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robotapp_scheduler.shell.informers.informers.CRD_POLL_S", 0.05)
+    monkeypatch.setattr("robotapp_scheduler.core.cycle.group_gates.KINDS_REPORT_AFTER_S", 0.0)
+    async with world(kinds=kinds, forbidden=forbidden) as found:
+        await found.client.create(NODES, node())
+        await found.client.create(PODS, pod("plain"))
+        ros = pod("ros")
+        ros["metadata"]["annotations"] = WANTS_A_DOMAIN
+        await found.client.create(PODS, ros)
+        assert await found.bound("plain") == "n1"
+        await until(lambda: found.stored("ros")["status"].get("conditions"), what="a condition")
+        (condition,) = found.stored("ros")["status"]["conditions"]
+        assert condition["reason"] == "WaitingForKinds"
+        assert f"waiting for {named}.robotics.io" in condition["message"]
+        status, text = await readyz(found)
+        assert (status, f"[-]kind-{named} failed" in text) == (503, True)
+        found.server.forbidden.clear()
+        found.server.served[ROBOTAPPS.root] = [kind.plural for kind in ALL_KINDS]
+        await found.client.create(DOMAINPOOLS, {"metadata": {"name": "default"}, "spec": {"ids": "1-3"}})
+        assert await found.bound("ros") == "n1"
+        assert found.scheduler.feed.missing_kinds() == ()
+
+
+async def readyz(found: RunningScheduler) -> tuple[int, str]:
+    where = f"https://127.0.0.1:{found.scheduler.port}/readyz"
+    async with aiohttp.ClientSession() as session, session.get(where, ssl=False) as response:
+        return response.status, await response.text()
+
+
+async def test_without_any_kind_of_ours_the_scheduler_is_ready_and_ros_pods_wait() -> None:
+    async with world() as found:
+        await found.client.create(NODES, node())
+        await found.client.create(PODS, pod("plain"))
+        assert await found.bound("plain") == "n1"
+        assert await readyz(found) == (200, "ok")
+        ros = pod("ros")
+        ros["metadata"]["annotations"] = WANTS_A_DOMAIN
+        await found.client.create(PODS, ros)
+        await until(lambda: found.scheduler.core.queue.pending()["gated"] == 1, what="it is held")
 
 
 async def test_a_poison_node_is_counted_and_the_next_one_is_used() -> None:
