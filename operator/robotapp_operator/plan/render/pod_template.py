@@ -6,7 +6,7 @@ from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import WAITING_STEP, Annotation
 from robotapp_api.model.packed import unpacked
 from robotapp_operator.plan.render.child import component_labels
-from robotapp_operator.plan.render.environment import ros2_environment
+from robotapp_operator.plan.render.environment import join_environment, ros2_environment
 from robotapp_operator.plan.render.node_affinity import affinity, scheduling_gates, tolerations
 from robotapp_operator.plan.render.parameters import (
     ParameterState,
@@ -89,7 +89,7 @@ def container(
 def environment(
     component: Component, desired: Desired, *, domain: Domain | None, state: ParameterState
 ) -> list[dict[str, Any]]:
-    """Ours first, so that the component's own variables can refer to them; its own value wins where both set one.
+    """Returns the container's variables, ours first so that the component's own can refer to them.
 
     docs/environment.md is the contract: a variable here is a line there.
     """
@@ -105,8 +105,7 @@ def environment(
         ours.append({"name": "ROBOTAPP_PARAMETER_FILES", "value": ":".join(paths)})
     if component.devices:
         ours.append({"name": "ROBOTAPP_DEVICES", "valueFrom": {"fieldRef": {"fieldPath": GRANTED_DEVICES_PATH}}})
-    own = {variable["name"] for variable in component.env}
-    return [*(variable for variable in ours if variable["name"] not in own), *component.env]
+    return join_environment(ours, component.env)
 
 
 def _ros_environment(desired: Desired, *, domain: Domain | None) -> list[dict[str, Any]]:
