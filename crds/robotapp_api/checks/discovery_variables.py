@@ -169,15 +169,15 @@ def _fast_dds_text(spec: RobotAppSpec, name: str, value: str, *, mode: str) -> s
     return ""
 
 
-def _cyclone_text(spec: RobotAppSpec, value: str) -> str:
+def _cyclone_text(spec: RobotAppSpec, text: str) -> str:
     """Returns what of the joined configuration is not as the operator wrote it: unicast both ways, in any domain."""
-    for element, written in _UNICAST.findall(value):
-        if written != _UNICAST_VALUES[element]:
+    for element, value in _UNICAST.findall(text):
+        if value != _UNICAST_VALUES[element]:
             return (
-                f"{element} {written} replaces the operator's {_UNICAST_VALUES[element]}, without which peers are not found "
+                f"{element} {value} replaces the operator's {_UNICAST_VALUES[element]}, without which peers are not found "
                 "where the network carries no multicast; remove the element"
             )
-    if domain := _CYCLONE_DOMAIN.search(value):
+    if domain := _CYCLONE_DOMAIN.search(text):
         number = spec.ros2.domain if spec.ros2 else None
         if number != int(domain[1]):
             return f'it is for domain {domain[1]} alone, and the operator chooses the app\'s domain; write <Domain Id="any">'

@@ -50,12 +50,30 @@ READERS: Final[Mapping[str, str]] = {
     f"{CLAIMS}/domain.py": "pool.scope pool.ids pool.reserved pool.quarantineSeconds pool.quota.default pool.quota.namespaces pool.sharedIds",
     f"{PLAN}/diff/diff.py": "spec.update.operator",
     f"{PLAN}/spec/desired.py": """
-        spec.ros2.domain spec.ros2.pool spec.ros2.transport spec.ros2.discovery.image spec.ros2.shareWith.namespace
+        spec.ros2.domain spec.ros2.pool spec.ros2.transport spec.ros2.discovery.image spec.ros1.image spec.ros2.shareWith.namespace
         spec.ros2.shareWith.name spec.ros1.master spec.schedulerName spec.connectivity.grace spec.suspend
         spec.placement.reschedule.for spec.placement.reschedule.cooldown""",
     f"{PLAN}/spec/validate.py": "spec.ros2.isolation spec.ros2.allowUnsafeDomain",
     f"{PLAN}/render/ros1.py": "spec.ros1.uri",
-    f"{PLAN}/render/infrastructure.py": "spec.ros1.image spec.placement.masterNode",
+    f"{PLAN}/render/infrastructure.py": "spec.placement.masterNode",
+    f"{PLAN}/render/helper_pods.py": " ".join(
+        f"{helper}.{field}"
+        for helper in ("spec.ros1", "spec.ros2.discovery")
+        for field in (
+            "imagePullPolicy",
+            "resources",
+            "securityContext",
+            "template.metadata.labels",
+            "template.metadata.annotations",
+            "template.spec.imagePullSecrets",
+            "template.spec.tolerations",
+            "template.spec.nodeSelector",
+            "template.spec.priorityClassName",
+            "template.spec.serviceAccountName",
+            "template.spec.securityContext",
+            "template.spec.runtimeClassName",
+        )
+    ),
     f"{PLAN}/render/parameters.py": """
         spec.components.parameters.inline
         spec.components.parameters.configMapKeyRef.name spec.components.parameters.configMapKeyRef.key

@@ -140,9 +140,21 @@ def _waiting(component: Component, desired: Desired) -> list[dict[str, Any]]:
         image=component.image,
         imagePullPolicy=component.image_pull_policy,
         securityContext=component.security_context,
+        resources=copy_resources(component),
         command=["sh", "-c", script],
     )
     return [step]
+
+
+def copy_resources(component: Component) -> dict[str, Any]:
+    """Returns CPU, memory and storage of the component for a step of ours: a quota refuses a container without them.
+
+    A pod's steps run before its containers, so its request does not grow. Devices are left to the container.
+    """
+    plain = ("cpu", "memory", "ephemeral-storage")
+    kinds = {kind: component.resources.get(kind) or {} for kind in ("requests", "limits")}
+    resources = {kind: {name: amount for name, amount in of.items() if name in plain} for kind, of in kinds.items()}
+    return {kind: amounts for kind, amounts in resources.items() if amounts}
 
 
 def _written(**fields: Any) -> dict[str, Any]:

@@ -64,7 +64,7 @@ def test_servers_avoid_each_other_and_the_first_stays_with_the_robot() -> None:
         assert "podAntiAffinity" in pod_spec(server)["affinity"]
     (preference,) = pod_spec(first)["affinity"]["nodeAffinity"]["preferredDuringSchedulingIgnoredDuringExecution"]
     assert preference["preference"]["matchExpressions"][0]["values"] == ["amr-07"]
-    assert "nodeAffinity" not in pod_spec(second)["affinity"]
+    assert "preferredDuringSchedulingIgnoredDuringExecution" not in pod_spec(second)["affinity"]["nodeAffinity"]
     assert "tolerations" in pod_spec(first)
 
 
@@ -127,7 +127,9 @@ def test_a_managed_master_answers_on_its_port_and_may_be_pinned_to_a_node() -> N
     deployment, service = parts(ros={"distro": "noetic"}, placement={"masterNode": "edge-1"})
     assert pod_spec(deployment)["containers"][0]["readinessProbe"] == {"tcpSocket": {"port": 11311}}
     required = pod_spec(deployment)["affinity"]["nodeAffinity"]["requiredDuringSchedulingIgnoredDuringExecution"]
-    assert required["nodeSelectorTerms"][0]["matchExpressions"][0]["values"] == ["edge-1"]
+    assert required["nodeSelectorTerms"] == [
+        {"matchFields": [{"key": "metadata.name", "operator": "In", "values": ["edge-1"]}]}
+    ]
     assert service.spec["ports"][0]["port"] == 11311
 
 
