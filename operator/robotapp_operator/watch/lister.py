@@ -5,7 +5,7 @@ So they are computed once for each version of the spec and the nodes.
 """
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from datetime import timedelta
 
 from robotapp_api.model.names import Annotation, Label, Reason
@@ -30,7 +30,7 @@ from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
-from robotapp_operator.plan.status.components import component_view, cut_off, not_admitted
+from robotapp_operator.plan.status.components import HelperView, component_view, cut_off, helper_part
 from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble
 from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, name_of, parse_record
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
@@ -207,7 +207,7 @@ def instance_facts(
         device_stays=device_stays,
         present=tuple(sorted(name_of(claim) for claim in devices if is_there(claim, cache.telemetry))),
         infrastructure_ready=_infrastructure_ready(owned),
-        infrastructure_barred=_infrastructure_barred(owned, pods, barred),
+        helpers=tuple(_view_helpers(owned, pods, cache, barred)),
         cut_off=_cut_off(owned, pods),
     )
 
@@ -334,15 +334,16 @@ def _cut_off(deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]]) -
     return cut_off(servers, clients)
 
 
-def _infrastructure_barred(
-    deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]], barred: Collection[str]
-) -> str:
-    for item in deployments if barred else ():
-        if item.metadata.labels.get(Label.ROLE) and any(
-            pod.metadata.uid in barred for pod in pods.get(item.metadata.uid, ())
-        ):
-            return not_admitted(item.metadata.namespace)
-    return ""
+def _view_helpers(
+    deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]], cache: Cache, barred: Collection[str]
+) -> Iterator[HelperView]:
+    """Yields discovery servers, router and master, each explained as a component is."""
+    for item in deployments:
+        part = helper_part(item)
+        if part is not None:
+            own_pods = pods.get(item.metadata.uid, ())
+            lost_nodes = [pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)]
+            yield HelperView(part, component_view(part, item, own_pods, lost=lost_nodes, barred=barred))
 
 
 def _infrastructure_ready(deployments: Iterable[Deployment]) -> bool:

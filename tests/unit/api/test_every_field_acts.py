@@ -153,6 +153,8 @@ OBSERVED: Final[Mapping[str, str]] = {
         instance.summary.message
         instance.components.name instance.components.node instance.components.ready instance.components.restarts
         instance.components.message
+        instance.helpers.name instance.helpers.node instance.helpers.ready instance.helpers.restarts instance.helpers.image
+        instance.helpers.message
         instance.edges.kind instance.edges.topic instance.edges.from instance.edges.to instance.edges.budget
         instance.edges.p95 instance.edges.measured instance.edges.nodes instance.edgesOmitted
         instance.claims instance.moves.component instance.moves.times""",

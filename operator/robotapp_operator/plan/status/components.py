@@ -4,12 +4,11 @@ import dataclasses
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
-from typing import Final
+from typing import Final, NamedTuple, Protocol
 
-from robotapp_api.model.app.component import Component
-from robotapp_api.model.names import Annotation, Reason
+from robotapp_api.model.names import Annotation, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUp, parse_given_up
-from robotapp_operator.plan.spec.objects import ContainerStatus, Deployment, ObjectCondition, Pod
+from robotapp_operator.plan.spec.objects import ContainerStatus, Deployment, ObjectCondition, Pod, pod_spec
 
 MAX_COMPONENT_CHARACTERS: Final = 1024
 """Of one message; every status clips it further."""
@@ -52,8 +51,46 @@ class ComponentView:
         return {None: 1, Reason.UNSCHEDULABLE: 2}.get(self.reason, 3)
 
 
+class Part(Protocol):
+    """What a view is made of: a component, or a helper."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def replicas(self) -> int: ...
+    @property
+    def on_disconnect(self) -> str | None: ...
+
+
+class HelperPart(NamedTuple):
+    """A discovery server, router or master, named like `discovery-0`; several of one role stand in for each other."""
+
+    name: str
+    role: str
+    image: str = ""
+    replicas: int = 1
+    on_disconnect: str | None = None
+
+
+class HelperView(NamedTuple):
+    """A helper and its state, explained as a component's is."""
+
+    part: HelperPart
+    view: ComponentView
+
+
+def helper_part(deployment: Deployment) -> HelperPart | None:
+    """Returns the helper that a Deployment runs, None for a component's."""
+    labels = deployment.metadata.labels
+    role, number = labels.get(Label.ROLE.value, ""), labels.get(Label.PART.value, "")
+    if not role:
+        return None
+    containers = pod_spec(deployment.spec).get("containers") or [{}]
+    return HelperPart(f"{role}-{number}" if number else role, role, str(containers[0].get("image", "")))
+
+
 def component_view(
-    component: Component,
+    component: Part,
     deployment: Deployment | None,
     pods: Sequence[Pod],
     *,
