@@ -8,6 +8,7 @@ import pytest
 
 from campaigns.rigs.live import Tenant, eventually, part
 from robotapp_testbed import ControlPlane
+from robotapp_testbed.failures import ApiStatusError
 
 pytestmark = pytest.mark.usefixtures("operator")
 
@@ -51,7 +52,7 @@ def careful(installed_plane: ControlPlane, tenant: Tenant) -> Iterator[Tenant]:
 def _is_refused(cp: ControlPlane, path: str, body: dict[str, Any]) -> bool:
     try:
         cp.api.create(path, body)
-    except Exception as error:
+    except ApiStatusError as error:
         return "label team" in str(error)
     return False
 
