@@ -12,6 +12,7 @@ from typing import Any, Final
 from robotapp_api.checks.middleware import BEFORE_IRON, CONNEXT, CYCLONE, FAST_DDS, ZENOH
 from robotapp_api.checks.problem import Note
 from robotapp_api.checks.ros import NONE, discovery_of, rmw_of, ros_version_of
+from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robotapp import RobotAppSpec
 
 SEPARATORS: Final = {
@@ -27,6 +28,7 @@ SERVERS: Final = "ROS_DISCOVERY_SERVER"
 TRANSPORTS: Final = "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILE_FILES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _WITHOUT_IPV4: Final = ("DEFAULTv6", "UDPv6", "LARGE_DATA")
+XRCE_DOMAIN: Final = "XRCE_DOMAIN_ID_OVERRIDE"
 _FOR_ALL: Final = ("ROS_DOMAIN_ID", "RMW_IMPLEMENTATION")
 _UNICAST: Final = re.compile(r"<\s*(AllowMulticast|ParticipantIndex)\s*>\s*([^<]*?)\s*<")
 _UNICAST_VALUES: Final = {"AllowMulticast": "false", "ParticipantIndex": "auto"}
@@ -69,12 +71,24 @@ def variable_notes(spec: RobotAppSpec) -> Iterator[Note]:
     for index, component in enumerate(spec.components):
         at = f"spec.components[{index}]"
         yield from _container_notes(spec, component.name, component.env, f"{at}.env")
+        yield from _micro_ros_notes(spec, component, at)
         yield from _source_notes(spec, component.env_from, f"{at}.envFrom", operator_names)
         for position, container in enumerate(component.template.spec.init_containers):
             path = f"{at}.template.spec.initContainers[{position}]"
             name = str(container.get("name", ""))
             yield from _container_notes(spec, name, container.get("env") or (), f"{path}.env")
             yield from _source_notes(spec, container.get("envFrom") or (), f"{path}.envFrom", operator_names)
+
+
+def _micro_ros_notes(spec: RobotAppSpec, component: Component, at: str) -> Iterator[Note]:
+    """Yields that a micro-ROS agent leaves the domain to its boards, which are in domain 0 unless they are built otherwise."""
+    names = {variable.get("name") for variable in component.env}
+    if ros_version_of(spec) == 2 and "micro-ros-agent" in component.image and XRCE_DOMAIN not in names:
+        yield Note(
+            f"{at}.env",
+            f"a micro-ROS agent takes the domain from its boards, not from ROS_DOMAIN_ID; write {{name: {XRCE_DOMAIN}, "
+            'value: "$(ROS_DOMAIN_ID)"}, or build the boards for the domain in spec.ros2.domain',
+        )
 
 
 def _source_notes(spec: RobotAppSpec, sources: Iterable[Any], field: str, names: frozenset[str]) -> Iterator[Note]:

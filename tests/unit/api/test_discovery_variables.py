@@ -112,3 +112,15 @@ def test_an_optional_value_that_is_not_joined_is_named() -> None:
 def test_accepted_has_the_notes_too() -> None:
     app = make_app(component("a", env=[{"name": "ROS_DISCOVERY_SERVER", "value": "site:11811"}]), component("b"))
     assert any("ROS_DISCOVERY_SERVER of a" in note for note in notes_of(app))
+
+
+def test_a_micro_ros_agent_is_told_its_domain() -> None:
+    agent = component("agent", image="microros/micro-ros-agent:humble")
+    (note,) = (str(note) for note in variable_notes(make_app(agent, component("base")).spec))
+    assert 'write {name: XRCE_DOMAIN_ID_OVERRIDE, value: "$(ROS_DOMAIN_ID)"}' in note
+    told = component(
+        "agent",
+        image="microros/micro-ros-agent:humble",
+        env=[{"name": "XRCE_DOMAIN_ID_OVERRIDE", "value": "$(ROS_DOMAIN_ID)"}],
+    )
+    assert list(variable_notes(make_app(told, component("base")).spec)) == []

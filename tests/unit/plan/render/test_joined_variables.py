@@ -9,7 +9,7 @@ from tests.support.factories import component, make_app
 from robotapp_api.checks.discovery_variables import discovery_variables
 from robotapp_operator.plan.render.environment import ros2_environment
 from robotapp_operator.plan.render.parameters import NONE
-from robotapp_operator.plan.render.pod_template import container
+from robotapp_operator.plan.render.pod_template import container, pod_template
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 
 OWN_XML = '<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="eth0"/></Interfaces></General></Domain></CycloneDDS>'
@@ -110,3 +110,38 @@ def test_the_checks_know_the_variables_that_are_rendered(rmw: str, mode: str, di
     app = make_app(component("a"), component("b"), ros={"distro": distro}, ros2=ros2)
     rendered = {variable.name for variable in ros2_environment(desired_of(app, ""), domain=7)}
     assert rendered - {"ROS_DOMAIN_ID", "RMW_IMPLEMENTATION"} == discovery_variables(app.spec)
+
+
+def steps_of(app: App) -> list[dict[str, Any]]:
+    template = pod_template(app.spec.components[0], desired_of(app, "amr-07"), domain=Domain(7), state=NONE)
+    steps: list[dict[str, Any]] = template["spec"]["initContainers"]
+    return [step for step in steps if step["name"] in ("rec", "first")]
+
+
+def test_sidecars_and_init_containers_are_in_the_domain_of_their_component() -> None:
+    steps = [
+        {"name": "first", "image": "a"},
+        {"name": "rec", "image": "b", "restartPolicy": "Always", "env": [{"name": "A", "value": "$(ROS_DOMAIN_ID)"}]},
+    ]
+    app = make_app(component("drive", template={"spec": {"initContainers": steps}}), component("plan"))
+    main = {one["name"]: one.get("value") for one in environment_of(app)}
+    for step in steps_of(app):
+        variables = {one["name"]: one.get("value") for one in step["env"]}
+        assert variables["ROS_DOMAIN_ID"] == "7"
+        assert variables["ROS_DISCOVERY_SERVER"].count("discovery-") == main["ROS_DISCOVERY_SERVER"].count("discovery-")
+        assert variables["RMW_IMPLEMENTATION"] == main["RMW_IMPLEMENTATION"]
+    assert steps_of(app)[1]["env"][-1] == {"name": "A", "value": "$(ROS_DOMAIN_ID)"}, "after what it refers to"
+
+
+def test_a_sidecars_own_settings_are_joined_as_a_components_are() -> None:
+    step = {"name": "rec", "image": "b", "env": [{"name": "CYCLONEDDS_URI", "value": OWN_XML}]}
+    app = make_app(component("drive", template={"spec": {"initContainers": [step]}}), component("plan"), **CYCLONE)
+    (value,) = [one["value"] for one in steps_of(app)[0]["env"] if one["name"] == "CYCLONEDDS_URI"]
+    assert value.startswith("<CycloneDDS>")
+    assert value.endswith(OWN_XML)
+
+
+def test_a_sidecar_of_ros_1_finds_the_master_by_the_pods_own_address() -> None:
+    step = {"name": "rec", "image": "b"}
+    app = make_app(component("drive", template={"spec": {"initContainers": [step]}}), ros={"distro": "noetic"})
+    assert {"ROS_MASTER_URI", "ROS_IP"} <= {one["name"] for one in steps_of(app)[0]["env"]}
