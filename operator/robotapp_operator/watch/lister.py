@@ -24,13 +24,14 @@ from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
 from robotapp_operator.plan.moves.move_record import NO_MOVES, SHOWN_MOVES, parse_moves
+from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.render.services import DISCOVERY
 from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
-from robotapp_operator.plan.status.components import HelperView, component_view, cut_off, helper_part
+from robotapp_operator.plan.status.components import HelperView, component_view, cut_off, helper_part, unregistered
 from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble
 from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, name_of, parse_record
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
@@ -325,13 +326,10 @@ def owned_deployments(app: App, robot: str, cache: Cache) -> list[Deployment]:
 
 
 def _cut_off(deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]]) -> tuple[str, ...]:
-    servers: list[Pod] = []
-    clients: list[Pod] = []
+    by_role: defaultdict[str | None, list[Pod]] = defaultdict(list)
     for item in deployments:
-        role = item.metadata.labels.get(Label.ROLE)
-        if role in (None, DISCOVERY):
-            (clients if role is None else servers).extend(pods.get(item.metadata.uid, ()))
-    return cut_off(servers, clients)
+        by_role[item.metadata.labels.get(Label.ROLE)] += pods.get(item.metadata.uid, ())
+    return cut_off(by_role[DISCOVERY], by_role[None]) or unregistered(by_role[MASTER_ROLE], by_role[None])
 
 
 def _view_helpers(

@@ -454,3 +454,11 @@ def test_more_domains_than_fit_are_counted() -> None:
     assert len(text) <= 63
     assert text.startswith("1,3,5,")
     assert text.endswith(",… (60)")
+
+
+def test_after_a_masters_restart_its_nodes_must_restart() -> None:
+    master = barred_helper("", "master")
+    master = master._replace(view=dataclasses.replace(master.view, ready=True, reason=None))
+    status = status_of(instance(helpers=(master,), cut_off=("teleop-driver-x",)))
+    assert condition(status, Condition.STALLED) == ("True", Reason.RESTART_NEEDED)
+    assert "the master was started anew since teleop-driver-x started" in message(status, Condition.STALLED)
