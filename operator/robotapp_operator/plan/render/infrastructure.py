@@ -13,6 +13,8 @@ from robotapp_operator.plan.spec.desired import MASTER, ROUTER, SERVERS, Desired
 from robotapp_operator.plan.spec.objects import ChildRef
 
 ROUTER_ROLE: Final = "router"
+_LISTEN: Final = f'listen/endpoints=["tcp/[::]:{ZENOH_PORT}","tcp/0.0.0.0:{ZENOH_PORT}"];listen/exit_on_failure=false'
+"""Both IP families. The default is IPv6 alone and ends where there is none; where `[::]` serves both, the second fails and may."""
 MASTER_ROLE: Final = "master"
 
 
@@ -53,8 +55,7 @@ def _router(desired: Desired, *, running: bool) -> list[Child]:
         "name": ROUTER_ROLE,
         "image": desired.app.helper_image or first.image,
         "args": ["ros2", "run", "rmw_zenoh_cpp", "rmw_zenohd"],
-        # The default listens on IPv6 only and fails where there is none.
-        "env": [{"name": "ZENOH_CONFIG_OVERRIDE", "value": f'listen/endpoints=["tcp/0.0.0.0:{ZENOH_PORT}"]'}],
+        "env": [{"name": "ZENOH_CONFIG_OVERRIDE", "value": _LISTEN}],
         "ports": [{"containerPort": ZENOH_PORT, "protocol": "TCP"}],
         "readinessProbe": {"tcpSocket": {"port": ZENOH_PORT}},
     }

@@ -114,11 +114,13 @@ def test_images_follow_the_distribution_unless_written() -> None:
     assert pod_spec(parts(ros={"distro": "noetic"}, ros1={"image": "own"})[0])["containers"][0]["image"] == "own"
 
 
-def test_the_zenoh_router_comes_from_the_first_component_and_listens_on_ipv4() -> None:
+def test_the_zenoh_router_comes_from_the_first_component_and_listens_on_ipv4_and_ipv6() -> None:
     deployment, service = parts(ros2={"rmw": "rmw_zenoh_cpp"})
     container = pod_spec(deployment)["containers"][0]
     assert container["image"] == "reg/operator:1"
-    assert "0.0.0.0:7447" in container["env"][0]["value"]
+    listen, on_failure = container["env"][0]["value"].split(";")
+    assert listen == 'listen/endpoints=["tcp/[::]:7447","tcp/0.0.0.0:7447"]'
+    assert on_failure == "listen/exit_on_failure=false", "one of the two fails where [::] serves both, or is not there"
     assert service.spec["ports"][0]["port"] == 7447
     assert "clusterIP" not in service.spec
 
