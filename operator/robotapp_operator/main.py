@@ -27,6 +27,7 @@ from robotapp_client.tools.leader_election import LeaderElection, candidate_iden
 from robotapp_client.tools.restart import RESTORED, start_again
 from robotapp_operator import __version__
 from robotapp_operator.health import Health
+from robotapp_operator.plan.spec.desired import HelperDefaults
 from robotapp_operator.queue.work import BACKGROUND
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.reconcile.controller import Controller
@@ -86,7 +87,10 @@ class Operator:
         self.client = client
         identity = candidate_identity(os.environ)
         self.identity = identity
-        self.cache = Cache(default_scheduler=settings.scheduler_name)
+        helper_defaults = HelperDefaults(
+            settings.helper_discovery_image, settings.helper_master_image, settings.helper_user
+        )
+        self.cache = Cache(default_scheduler=settings.scheduler_name, helper_defaults=helper_defaults)
         self.memory = ReconcileState()
         self.metrics = Metrics()
         self.queue = Queue(

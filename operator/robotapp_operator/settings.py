@@ -2,11 +2,14 @@
 
 import argparse
 import dataclasses
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, MASTER_IMAGE
 from robotapp_api.model.names import SCHEDULER_NAME
+from robotapp_api.model.scalars import IMAGE_PATTERN
 from robotapp_api.values import arguments
 from robotapp_claims.protocol.sweeper import HANDOVER_S, PERIOD_S
 
@@ -30,12 +33,33 @@ class Settings:
     tls_private_key_file: Path | None = None
     scheduler_name: str = SCHEDULER_NAME
     """Scheduler of apps that name none."""
+    helper_discovery_image: str = DISCOVERY_IMAGE
+    """Image of the Fast DDS discovery servers of apps that write none; `{distro}` stands for the distribution."""
+    helper_master_image: str = MASTER_IMAGE
+    """Image of the ROS 1 master, likewise."""
+    helper_user: int = HELPER_USER
+    """User id of discovery servers and master where the components share none; 0 leaves it to the platform."""
     lease_namespace: str = ""
     """Namespace of the election Lease; empty means the pod's own, or robotapp-system outside of a cluster."""
     leader_election: bool = True
     """Work only while holding the Lease. It saves work; nothing depends on it."""
     log_format: str = "text"
     """text or json."""
+
+
+def _parse_image(text: str) -> str:
+    """An image with `{distro}` in any place."""
+    if not re.fullmatch(IMAGE_PATTERN, text.replace("{distro}", "humble")) or not text:
+        raise argparse.ArgumentTypeError(
+            f"{text} is no image; write for example registry.example/ros:{{distro}}-ros-base"
+        )
+    return text
+
+
+def _parse_user(text: str) -> int:
+    if not text.isdecimal() or int(text) >= 2**31:
+        raise argparse.ArgumentTypeError(f"{text} is no user id; write a number, or 0 to leave it to the platform")
+    return int(text)
 
 
 def _log_format(text: str) -> str:
@@ -53,6 +77,9 @@ _KINDS: Final[Mapping[str, Callable[[str], Any]]] = {
     "tls_cert_file": Path,
     "tls_private_key_file": Path,
     "scheduler_name": arguments.name,
+    "helper_discovery_image": _parse_image,
+    "helper_master_image": _parse_image,
+    "helper_user": _parse_user,
     "lease_namespace": arguments.name,
     "log_format": _log_format,
 }
@@ -65,6 +92,9 @@ _HELP: Final = {
     "tls_cert_file": "certificate of that port (PEM); default: made at the start",
     "tls_private_key_file": "key of that certificate (PEM)",
     "scheduler_name": f"scheduler of apps that name none (default: {SCHEDULER_NAME})",
+    "helper_discovery_image": "image of Fast DDS discovery servers; {distro} stands for the app's distribution",
+    "helper_master_image": "image of the ROS 1 master, likewise",
+    "helper_user": "user id of their processes where an app's components share none; 0: left to the platform",
     "lease_namespace": "namespace of the election Lease",
     "log_format": "text or json",
 }

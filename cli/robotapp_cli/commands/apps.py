@@ -156,6 +156,7 @@ def _print_instance(app: Json, instance: Instance, *, wide: bool) -> None:
     ]
     if rows:
         print_table(["COMPONENT", "NODE", "READY", "RESTARTS", Column("MESSAGE", wraps=True)], rows, indent=2)
+    _print_helpers(instance)
     for each in instance.observed.get("moves") or ():
         if times := each.get("times"):
             counted = f", {len(times)} moves recorded" if len(times) > 1 else ""
@@ -163,6 +164,23 @@ def _print_instance(app: Json, instance: Instance, *, wide: bool) -> None:
     if wide and (claims := instance.observed.get("claims")):
         print_line(f"  claims {', '.join(claims)}")
     print_edges(with_percentiles(app, instance.edges), omitted=instance.observed.get("edgesOmitted", 0))
+
+
+def _print_helpers(instance: Instance) -> None:
+    """Print the pods that the operator added: discovery servers, router or master."""
+    rows = [
+        [
+            helper["name"],
+            helper.get("node", ""),
+            "yes" if helper.get("ready") else "no",
+            str(helper.get("restarts", 0)),
+            helper.get("image", ""),
+            helper.get("message", ""),
+        ]
+        for helper in instance.observed.get("helpers") or ()
+    ]
+    if rows:
+        print_table(["HELPER", "NODE", "READY", "RESTARTS", "IMAGE", Column("MESSAGE", wraps=True)], rows, indent=2)
 
 
 def _wrong(app: Json, instance: Instance) -> str:

@@ -49,6 +49,8 @@ class Row(msgspec.Struct, rename="camel"):
     """How the place was found together with those of the app's other pods."""
     recorded: bool = False
     """The reasons are the scheduler's record of its decision."""
+    failing: bool = False
+    """A discovery server, router or master of which the operator says why it is not ready."""
     recomputed: bool = False
     """The record is gone, and the scheduler has decided again to answer."""
 
@@ -119,12 +121,24 @@ async def _instance(app: Json, pods: list[Json], *, instance: Instance, question
             if record:
                 records[name] = record
             reasons = refusals(record, peers, wanted=hardware(app, name)) if record else []
-            rows.append(_row(name, pod, record, reasons))
+            row = _row(name, pod, record, reasons)
+            if trouble := _helper_trouble(instance, pod):
+                row.reasons = [trouble, *row.reasons]
+                row.failing = True
+            rows.append(row)
         if name not in own:
             rows.append(Row(name, reasons=[messages.get(name) or _why_none(app, instance)]))
     edges = with_percentiles(app, instance.edges)
     edges = [edge for edge in edges if question.component in (None, edge["from"], edge["to"])]
     return InstanceView(instance.name, instance.domain, rows, with_what_is_known(edges, records))
+
+
+def _helper_trouble(instance: Instance, pod: Json) -> str:
+    """Returns what the operator observes of a discovery server, router or master that fails, "" for any other pod."""
+    role, number = label(pod, Label.ROLE), label(pod, Label.PART)
+    name = f"{role}-{number}" if number else role
+    helpers = instance.observed.get("helpers") or ()
+    return next((str(helper.get("message", "")) for helper in helpers if role and helper.get("name") == name), "")
 
 
 def _why_none(app: Json, instance: Instance) -> str:
@@ -223,7 +237,7 @@ def _print(app: Json, view: InstanceView, *, wide: bool) -> None:
     title += [f"robot {view.robot}"] if view.robot else []
     title += [f"domain {view.domain}"] if view.domain is not None else []
     print_line(", ".join(title), style="bold")
-    shown = [row for row in view.components if wide or not row.component.startswith("(")]
+    shown = [row for row in view.components if wide or row.failing or not row.component.startswith("(")]
     columns = [Column("COMPONENT"), Column("NODE"), Column("RUNNER-UP"), Column("NODES REFUSED", wraps=True)]
     rows = [[row.component, row.node or "waiting", row.runner_up, "\n".join(row.reasons)] for row in shown]
     if wide:

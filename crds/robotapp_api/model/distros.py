@@ -25,6 +25,13 @@ class Distro:
 
 _FAST: Final = "rmw_fastrtps_cpp"
 
+DISCOVERY_IMAGE: Final = "ros:{distro}-ros-base"
+"""Image of Fast DDS discovery servers where nobody writes one."""
+MASTER_IMAGE: Final = "ros:{distro}-ros-core"
+"""Image of a ROS 1 master where nobody writes one."""
+HELPER_USER: Final = 65532
+"""User id of both where an app's components share none."""
+
 # Where only the month of the end is published, its last day stands here: an app is warned late rather than early.
 # The first five never had a published end; groovy's, which is later than all of theirs, stands for them.
 _ALL: Final = (

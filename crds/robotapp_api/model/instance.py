@@ -53,6 +53,23 @@ class ComponentStatus(Observed):
     """Why it is not ready and what to do."""
 
 
+class HelperStatus(Observed):
+    """A discovery server, router or master of an instance."""
+
+    name: ShortText
+    """discovery-0, discovery-1, router or master."""
+    image: Text = ""
+    """Image its pod runs."""
+    node: Text = ""
+    """Node its pod is bound to; empty while it waits."""
+    ready: bool = False
+    """It serves."""
+    restarts: Count = 0
+    """Container restarts of its pod."""
+    message: BriefMessage = ""
+    """Why it is not ready and what to do."""
+
+
 class EdgeStatus(Observed):
     """One edge of an instance."""
 
@@ -117,6 +134,8 @@ class InstanceStatus(Observed):
     """ROS_DOMAIN_ID the instance holds."""
     components: Annotated[tuple[ComponentStatus, ...], Field(max_length=64)] = ()
     """Components, worst first."""
+    helpers: Annotated[tuple[HelperStatus, ...], ListMap("name"), Field(max_length=4)] = ()
+    """Pods that the operator added: discovery servers, router or master."""
     edges: Annotated[tuple[EdgeStatus, ...], Field(max_length=64)] = ()
     """Edges, worst first."""
     edges_omitted: Count = 0

@@ -194,7 +194,7 @@ class HandBinder(Background):
 
     def _bind(self, pod: Mapping[str, Any], nodes: list[dict[str, Any]]) -> None:
         name = pod["metadata"]["name"]
-        node = next((node["metadata"]["name"] for node in nodes if _fits(pod, node["metadata"]["labels"])), None)
+        node = next((node["metadata"]["name"] for node in nodes if _fits(pod, node["metadata"])), None)
         if node is None:
             return
         target = {"apiVersion": "v1", "kind": "Node", "name": node}
@@ -206,12 +206,17 @@ class HandBinder(Background):
                 raise
 
 
-def _fits(pod: Mapping[str, Any], labels: Mapping[str, str]) -> bool:
+def _fits(pod: Mapping[str, Any], node: Mapping[str, Any]) -> bool:
+    labels, fields = node["labels"], {"metadata.name": node["name"]}
     affinity = pod["spec"].get("affinity", {}).get("nodeAffinity", {})
     required = affinity.get("requiredDuringSchedulingIgnoredDuringExecution")
     if not required:
         return Label.ROBOT not in labels
-    return any(all(_holds(item, labels) for item in term["matchExpressions"]) for term in required["nodeSelectorTerms"])
+    return any(
+        all(_holds(item, labels) for item in term.get("matchExpressions", ()))
+        and all(_holds(item, fields) for item in term.get("matchFields", ()))
+        for term in required["nodeSelectorTerms"]
+    )
 
 
 def _holds(item: Mapping[str, Any], labels: Mapping[str, str]) -> bool:

@@ -45,7 +45,7 @@ repository without a registry, which container runtimes look for on Docker Hub, 
 {{- printf "system:serviceaccount:%s:%s-%s" .root.Release.Namespace (include "robotapp.name" .root) .component -}}
 {{- end -}}
 
-{{/* Pod fields that every component shares; argument: root, component, values; asRoot: as user 0, without its capabilities. */}}
+{{/* Pod fields that every component shares; argument: root, component, values; asRoot: as user 0, without its capabilities; offRobots: rather on a node that is no robot. */}}
 {{- define "robotapp.podCommon" -}}
 serviceAccountName: {{ include "robotapp.name" .root }}-{{ .component }}
 {{- with .root.Values.imagePullSecrets | default (.root.Values.global | default dict).imagePullSecrets }}
@@ -80,9 +80,18 @@ nodeSelector:
 tolerations:
   {{- toYaml . | nindent 2 }}
 {{- end }}
-{{- with .values.affinity }}
+{{- if .values.affinity }}
 affinity:
-  {{- toYaml . | nindent 2 }}
+  {{- toYaml .values.affinity | nindent 2 }}
+{{- else if .offRobots }}
+affinity:
+  nodeAffinity:
+    preferredDuringSchedulingIgnoredDuringExecution:
+    - weight: 100
+      preference:
+        matchExpressions:
+        - {key: robotics.io/robot, operator: DoesNotExist}
+        - {key: robotics.io/tier, operator: NotIn, values: [robot]}
 {{- end }}
 {{- with .values.topologySpreadConstraints }}
 topologySpreadConstraints:

@@ -102,7 +102,8 @@ class Observer:
     ) -> tuple[object, ...]:
         """Equal stamps mean equal facts, apart from figures that may be published later."""
         facts = facts or own.facts
-        nodes = {node for component in facts.components for node in component.nodes} if facts else set()
+        views = [*facts.components, *(helper.view for helper in facts.helpers)] if facts else []
+        nodes = {node for view in views for node in view.nodes}
         outcome = memory.outcomes.get(instance.robot)
         borrowed = app.spec.ros2 is not None and (app.share_with or app.spec.ros2.isolation == "Discovery")
         return (

@@ -10,7 +10,7 @@ from robotapp_api.values.placement.round_trips import RoundTrips, without_round_
 from robotapp_claims.rules.objects import Claim, Pool
 from robotapp_operator.plan.diff.diff import Observed, ref_of
 from robotapp_operator.plan.render.instance_object import AppInstance
-from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.desired import NO_SETTINGS, App, HelperDefaults
 from robotapp_operator.plan.spec.objects import (
     ChildRef,
     ConfigMap,
@@ -202,8 +202,11 @@ class Cache:
     namespaces than the app's are kept out here, and owners are checked by readers.
     """
 
-    def __init__(self, *, default_scheduler: str = SCHEDULER_NAME) -> None:
+    def __init__(
+        self, *, default_scheduler: str = SCHEDULER_NAME, helper_defaults: HelperDefaults = NO_SETTINGS
+    ) -> None:
         self._default_scheduler = default_scheduler
+        self._helper_defaults = helper_defaults
         self.apps: dict[str, Record] = {}
         self._announced: dict[str, tuple[object, ...]] = {}
         self._numbers = itertools.count(1)
@@ -292,7 +295,9 @@ class Cache:
         gone is not kept.
         """
         known = self.apps.get((body.get("metadata") or {}).get("uid", ""))
-        record = parse_record(body, known=known, default_scheduler=self._default_scheduler)
+        record = parse_record(
+            body, known=known, default_scheduler=self._default_scheduler, helper_defaults=self._helper_defaults
+        )
         if known and record.version_number < known.version_number:
             return known
         if record.uid in self._ended_apps:

@@ -5,7 +5,7 @@ So they are computed once for each version of the spec and the nodes.
 """
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from datetime import timedelta
 
 from robotapp_api.model.names import Annotation, Label, Reason
@@ -24,13 +24,14 @@ from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
 from robotapp_operator.plan.moves.move_record import NO_MOVES, SHOWN_MOVES, parse_moves
+from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.render.services import DISCOVERY
 from robotapp_operator.plan.spec.desired import App, Domain
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
-from robotapp_operator.plan.status.components import component_view, cut_off, not_admitted
+from robotapp_operator.plan.status.components import HelperView, component_view, cut_off, helper_part, unregistered
 from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble
 from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, name_of, parse_record
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
@@ -207,7 +208,7 @@ def instance_facts(
         device_stays=device_stays,
         present=tuple(sorted(name_of(claim) for claim in devices if is_there(claim, cache.telemetry))),
         infrastructure_ready=_infrastructure_ready(owned),
-        infrastructure_barred=_infrastructure_barred(owned, pods, barred),
+        helpers=tuple(_view_helpers(owned, pods, cache, barred)),
         cut_off=_cut_off(owned, pods),
     )
 
@@ -325,24 +326,22 @@ def owned_deployments(app: App, robot: str, cache: Cache) -> list[Deployment]:
 
 
 def _cut_off(deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]]) -> tuple[str, ...]:
-    servers: list[Pod] = []
-    clients: list[Pod] = []
+    by_role: defaultdict[str | None, list[Pod]] = defaultdict(list)
     for item in deployments:
-        role = item.metadata.labels.get(Label.ROLE)
-        if role in (None, DISCOVERY):
-            (clients if role is None else servers).extend(pods.get(item.metadata.uid, ()))
-    return cut_off(servers, clients)
+        by_role[item.metadata.labels.get(Label.ROLE)] += pods.get(item.metadata.uid, ())
+    return cut_off(by_role[DISCOVERY], by_role[None]) or unregistered(by_role[MASTER_ROLE], by_role[None])
 
 
-def _infrastructure_barred(
-    deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]], barred: Collection[str]
-) -> str:
-    for item in deployments if barred else ():
-        if item.metadata.labels.get(Label.ROLE) and any(
-            pod.metadata.uid in barred for pod in pods.get(item.metadata.uid, ())
-        ):
-            return not_admitted(item.metadata.namespace)
-    return ""
+def _view_helpers(
+    deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]], cache: Cache, barred: Collection[str]
+) -> Iterator[HelperView]:
+    """Yields discovery servers, router and master, each explained as a component is."""
+    for item in deployments:
+        part = helper_part(item)
+        if part is not None:
+            own_pods = pods.get(item.metadata.uid, ())
+            lost_nodes = [pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)]
+            yield HelperView(part, component_view(part, item, own_pods, lost=lost_nodes, barred=barred))
 
 
 def _infrastructure_ready(deployments: Iterable[Deployment]) -> bool:

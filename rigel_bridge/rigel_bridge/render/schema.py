@@ -30,6 +30,7 @@ _PATTERNS: Final = {
     r"^(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$": "letters, digits, _ and /, such as /cmd_vel",
     r"^[a-zA-Z][a-zA-Z0-9_]*/((msg|srv|action)/)?[A-Z][A-Za-z0-9_]*$": "a ROS interface, such as geometry_msgs/msg/Twist",
     r"^(([0-9]{1,15}(\.[0-9]{0,9})?)|(\.[0-9]{1,9}))(([KMGTPE]i)|[numkMGTPE]|([eE][+-]?[0-9]{1,2}))?$": "a quantity, such as 20, 500m, 40M or 512Mi",
+    r"^(([A-Za-z0-9][-A-Za-z0-9_.]*)?[A-Za-z0-9])?$": "the value of a label: letters, digits, -, _ and ., such as team-a",
     r"^rmw_[a-z0-9_]+$": "the name of a ROS middleware, such as rmw_fastrtps_cpp",
 }
 """What to write where a pattern is missed. Patterns without words are shown as they stand."""

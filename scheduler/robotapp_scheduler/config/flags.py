@@ -104,7 +104,7 @@ def _parser(environment: Mapping[str, str]) -> argparse.ArgumentParser:
     add("config", "KubeSchedulerConfiguration file; default: built in", default="", convert=Path)
     add("config-map", "[NAMESPACE/]NAME of a ConfigMap with that in scheduler.yaml; followed while running", default="")
     add("last-good-config-map", "[NAMESPACE/]NAME of one to keep the last good configuration in", default="")
-    add("health-host", "address of the HTTPS endpoint", default="0.0.0.0")  # noqa: S104 - probes come from the node
+    add("health-host", "address of the HTTPS endpoint; without it all, IPv4 and IPv6", default="")
     add("health-port", "port of the HTTPS endpoint, 0 takes a free one", default="10259", convert=arguments.port)
     add("tls-cert-file", "certificate of the endpoint (PEM); default: made at the start", default="", convert=Path)
     add("tls-private-key-file", "key of that certificate (PEM)", default="", convert=Path)

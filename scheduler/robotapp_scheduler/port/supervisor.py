@@ -44,7 +44,7 @@ class PortSupervisor:
         """Raises `PortError`, and `LoginError` when the given certificate cannot be used."""
         if options.tls_certificate is not None:
             await loaded(TlsPort(options.tls_certificate, options.tls_key))
-        return cls(await listen(options.health_host, options.health_port), options, handler)
+        return cls(await listen(options.health_host or None, options.health_port), options, handler)
 
     async def run(self) -> None:
         """Keep one process serving until cancelled."""

@@ -359,6 +359,26 @@ def test_the_operator_is_told_the_scheduler_of_apps_that_name_none(chart: Chart,
         assert f"--scheduler-name={name}" in pod_spec(objects, "operator")["containers"][0]["args"]
 
 
+def test_the_operator_is_told_images_and_user_of_helper_pods(chart: Chart, rendered: list[Object]) -> None:
+    shipped = pod_spec(rendered, "operator")["containers"][0]["args"]
+    assert "--helper-discovery-image=ros:{distro}-ros-base" in shipped
+    assert "--helper-master-image=ros:{distro}-ros-core" in shipped
+    assert "--helper-user=65532" in shipped
+    own = chart.render({"helperImages.discovery": "reg.test/ros:x", "helperUser": "0"})
+    assert {"--helper-discovery-image=reg.test/ros:x", "--helper-user=0"} <= {
+        *pod_spec(own, "operator")["containers"][0]["args"]
+    }
+
+
+@pytest.mark.parametrize("component", ["operator", "scheduler", "console", "labeller"])
+def test_programs_keep_off_robots_unless_an_affinity_is_written(chart: Chart, component: str) -> None:
+    enabled = {"console.enabled": "true", "agent.labeller.enabled": "true"}
+    (preference,) = pod_spec(chart.render(enabled), component)["affinity"]["nodeAffinity"][
+        "preferredDuringSchedulingIgnoredDuringExecution"
+    ]
+    assert preference["preference"]["matchExpressions"][0] == {"key": "robotics.io/robot", "operator": "DoesNotExist"}
+
+
 @pytest.mark.parametrize(
     ("values", "switch"), [({}, "on"), ({"scheduler.betterNodes": "false"}, "off"), ({"agent.enabled": "false"}, "off")]
 )

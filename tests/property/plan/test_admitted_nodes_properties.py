@@ -54,9 +54,38 @@ def test_a_pod_that_is_let_go_reaches_exactly_its_nodes_that_are_not_closed(
     assert not is_outdated(after, found.mark, nodes, closed, reach=lambda each: reach_of(each, nodes))
     opened = is_outdated(after, found.mark, nodes, frozenset(), reach=lambda each: reach_of(each, nodes))
     assert opened == bool(before & closed), "what was excluded is missed when it opens, and nothing else is"
-    if found.patch:
+    if found.patch and terms:  # what the API server allows; a pod without terms may get any
         written = found.patch["affinity"]["nodeAffinity"]["requiredDuringSchedulingIgnoredDuringExecution"]
-        for old, new in zip(terms or [{}], written["nodeSelectorTerms"], strict=True):  # what the API server allows
+        for old, new in zip(terms, written["nodeSelectorTerms"], strict=True):
             kept = old.get("matchExpressions", [])
             assert new.get("matchExpressions", [])[: len(kept)] == kept
             assert new.get("matchFields") == old.get("matchFields")
+
+
+@given(
+    st.fixed_dictionaries({}, optional=dict.fromkeys(NAMES, LABELS)),
+    st.frozensets(st.sampled_from(NAMES)),
+    st.sets(st.sampled_from(NAMES)),
+    TERMS,
+)
+def test_whatever_host_names_nodes_have_a_pod_is_let_go_where_one_is_left_and_reaches_no_closed_one(
+    labels: dict[str, dict[str, str]], shut: frozenset[str], nameless: set[str], terms: list[dict[str, Any]]
+) -> None:
+    nodes = {
+        name: make_node(
+            name, **found, **({} if name in nameless else {"hostname": "same" if name < "n2" else name[1:]})
+        )
+        for name, found in labels.items()
+    }
+    closed = shut & nodes.keys()
+    spec = spec_of(terms, {})
+    before = reach_of(spec, nodes)
+    found = admitted_nodes(spec, nodes, closed)
+    assert found.allowed == (not closed or bool(before - closed))
+    after = reach_of(spec | found.patch, nodes)
+    assert bool(after - closed) == bool(before - closed) or not found.allowed
+    assert not found.allowed or after <= before - closed
+    assert (
+        not is_outdated(spec | found.patch, found.mark, nodes, closed, reach=lambda each: reach_of(each, nodes))
+        or not found.allowed
+    )

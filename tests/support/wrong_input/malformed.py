@@ -58,15 +58,28 @@ def full_app() -> dict[str, Any]:
         },
         ros2={
             "domain": 7, "allowUnsafeDomain": False, "pool": "default", "isolation": "Domain", "rmw": "rmw_fastrtps_cpp",
-            "discovery": {"mode": "Auto", "image": "ros:jazzy"}, "transport": "Auto",
+            "discovery": {"mode": "Auto", "image": "ros:jazzy", **_full_helper()}, "transport": "Auto",
             "shareWith": [{"namespace": "team-b", "name": "other"}],
         },
-        ros1={"master": "External", "uri": "http://master:11311", "image": "ros:noetic"},
+        ros1={"master": "External", "uri": "http://master:11311", "image": "ros:noetic", **_full_helper()},
         update={"operator": "OnDemand"},
         connectivity={"grace": "5m"},
         schedulerName="ros-aware-scheduler",
     )  # fmt: skip
     return copy.deepcopy(whole)  # callers bend it, and parts are shared
+
+
+def _full_helper() -> dict[str, Any]:
+    left_out = ("volumes", "initContainers", "terminationGracePeriodSeconds")
+    return {
+        "imagePullPolicy": "Always",
+        "resources": {"requests": {"cpu": "50m"}},
+        "securityContext": {"runAsNonRoot": True},
+        "template": {
+            "metadata": {"labels": {"team": "a"}, "annotations": {"example.com/a": "b"}},
+            "spec": {name: value for name, value in _full_pod().items() if name not in left_out},
+        },
+    }
 
 
 def _full_component() -> dict[str, Any]:
@@ -136,12 +149,12 @@ def unused_fields(schema: Schema) -> list[str]:
 
 def is_borrowed(field: str) -> bool:
     """Whether a field, such as spec.components[].env, is core's or lies in one that is."""
-    steps = field.split(".")
-    container, pod = (*steps, "", "", "")[2], (*steps, "", "", "")[4]
-    return field.startswith("spec.components[].") and (
-        _name(container) in _BORROWED["Container"]
-        or (steps[2:4] == ["template", "spec"] and _name(pod) in _BORROWED["PodSpec"])
-    )
+    for place in ("spec.components[].", "spec.ros2.discovery.", "spec.ros1."):
+        if field.startswith(place):
+            container, template, *rest = (*field.removeprefix(place).split("."), "", "")
+            in_pod = [container, template] == ["template", "spec"] and _name(rest[0]) in _BORROWED["PodSpec"]
+            return _name(container) in _BORROWED["Container"] or in_pod
+    return False
 
 
 def _name(step: str) -> str:

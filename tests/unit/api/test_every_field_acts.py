@@ -51,12 +51,30 @@ READERS: Final[Mapping[str, str]] = {
     f"{CLAIMS}/domain.py": "pool.scope pool.ids pool.reserved pool.quarantineSeconds pool.quota.default pool.quota.namespaces pool.sharedIds",
     f"{PLAN}/diff/diff.py": "spec.update.operator",
     f"{PLAN}/spec/desired.py": """
-        spec.ros2.domain spec.ros2.pool spec.ros2.transport spec.ros2.discovery.image spec.ros2.shareWith.namespace
+        spec.ros2.domain spec.ros2.pool spec.ros2.transport spec.ros2.discovery.image spec.ros1.image spec.ros2.shareWith.namespace
         spec.ros2.shareWith.name spec.ros1.master spec.schedulerName spec.connectivity.grace spec.suspend
         spec.placement.reschedule.for spec.placement.reschedule.cooldown""",
     f"{PLAN}/spec/validate.py": "spec.ros2.isolation spec.ros2.allowUnsafeDomain",
     f"{PLAN}/render/ros1.py": "spec.ros1.uri",
-    f"{PLAN}/render/infrastructure.py": "spec.ros1.image spec.placement.masterNode",
+    f"{PLAN}/render/infrastructure.py": "spec.placement.masterNode",
+    f"{PLAN}/render/helper_pods.py": " ".join(
+        f"{helper}.{field}"
+        for helper in ("spec.ros1", "spec.ros2.discovery")
+        for field in (
+            "imagePullPolicy",
+            "resources",
+            "securityContext",
+            "template.metadata.labels",
+            "template.metadata.annotations",
+            "template.spec.imagePullSecrets",
+            "template.spec.tolerations",
+            "template.spec.nodeSelector",
+            "template.spec.priorityClassName",
+            "template.spec.serviceAccountName",
+            "template.spec.securityContext",
+            "template.spec.runtimeClassName",
+        )
+    ),
     f"{PLAN}/render/parameters.py": """
         spec.components.parameters.inline
         spec.components.parameters.configMapKeyRef.name spec.components.parameters.configMapKeyRef.key
@@ -136,6 +154,8 @@ OBSERVED: Final[Mapping[str, str]] = {
         instance.summary.message
         instance.components.name instance.components.node instance.components.ready instance.components.restarts
         instance.components.message
+        instance.helpers.name instance.helpers.node instance.helpers.ready instance.helpers.restarts instance.helpers.image
+        instance.helpers.message
         instance.edges.kind instance.edges.topic instance.edges.from instance.edges.to instance.edges.budget
         instance.edges.p95 instance.edges.measured instance.edges.nodes instance.edgesOmitted
         instance.claims instance.moves.component instance.moves.times""",

@@ -43,6 +43,18 @@ class TestInfo:
         assert "measured" in edge
         assert edge.count("█") + edge.count("#") == 7
 
+    def test_helpers_are_listed_with_node_and_image(self, stage: Stage) -> None:
+        stage.add(ROBOTAPPS, robotapp(status=STATUS))
+        server = {
+            "name": "discovery-0",
+            "image": "ros:humble-ros-base",
+            "node": "edge-1",
+            "message": "ImagePullBackOff: x",
+        }
+        stage.add(INSTANCES, instance(**SEEN, helpers=[server]))
+        (line,) = [line for line in stage.text("info", "teleop").splitlines() if "discovery-0" in line]
+        assert all(text in line for text in ("edge-1", "ros:humble-ros-base", "ImagePullBackOff"))
+
     def test_an_edge_out_of_reach_says_so_and_fills_the_bar(self, stage: Stage) -> None:
         stage.add(ROBOTAPPS, robotapp(status=STATUS))
         lost = {key: value for key, value in EDGE.items() if key != "p95"} | {"met": False}

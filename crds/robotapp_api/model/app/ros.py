@@ -4,6 +4,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field, StringConstraints
 
+from robotapp_api.model.app.template import HelperContainer
 from robotapp_api.model.base import Model
 from robotapp_api.model.markers import ListMap, Rule
 from robotapp_api.model.scalars import AppName, DomainId, OptionalImage, ShortText
@@ -23,14 +24,15 @@ class Ros(Model):
     """ROS distribution in lower case, such as humble, jazzy or noetic."""
 
 
-class Discovery(Model):
-    """How participants of the domain find each other."""
+class Discovery(HelperContainer):
+    """How participants of the domain find each other, and the pods of discovery servers or router."""
 
     mode: DiscoveryMode = "Auto"
     """Auto chooses Server for Fast DDS, Peers for Cyclone DDS and Router for Zenoh, and nothing for an app of one pod. Multicast needs a network plug-in
     that carries it; Localhost keeps everything inside the pod."""
     image: OptionalImage = ""
-    """Image of the discovery server or router; empty means the operator's default for the distribution."""
+    """Image of the discovery server or router; empty means the operator's for the distribution, and for a router the first
+    component's."""
 
 
 class SharedApp(Model):
@@ -80,7 +82,7 @@ class Ros2(Model):
 _NO_ADDRESS: Final = "an External master needs its address; write uri, for example http://master.default.svc:11311"
 
 
-class Ros1(Model):
+class Ros1(HelperContainer):
     """ROS 1 master."""
 
     RULES = (

@@ -120,3 +120,46 @@ class Template(Model):
     """Labels and annotations of the pods."""
     spec: TemplateSpec = Field(default_factory=TemplateSpec)
     """Fields of the pod."""
+
+
+class HelperTemplateSpec(Model):
+    """Fields of a helper's pod with core's names and meaning; what they leave out follows the components."""
+
+    image_pull_secrets: Annotated[JsonList, Core("PodSpec", "imagePullSecrets")] = ()
+    """Secrets of this namespace that let the node pull the image, beside those of the components."""
+    tolerations: Annotated[JsonList, Core("PodSpec", "tolerations")] = ()
+    """Node taints the pod puts up with, beside those that every component does."""
+    node_selector: Annotated[dict[str, str], Core("PodSpec", "nodeSelector")] = Field(default_factory=dict)
+    """Labels the node must have, beside those that every component asks for."""
+    priority_class_name: Annotated[str, Core("PodSpec", "priorityClassName")] | None = None
+    """PriorityClass of the pod; absent means that of the first component that has one."""
+    service_account_name: Annotated[str, Core("PodSpec", "serviceAccountName")] | None = None
+    """ServiceAccount the pod runs as, without its token; absent means the one that all components share."""
+    security_context: Annotated[Json, Core("PodSpec", "securityContext")] | None = None
+    """Security options of the pod, such as runAsUser; absent means what all components share."""
+    runtime_class_name: Annotated[str, Core("PodSpec", "runtimeClassName")] | None = None
+    """RuntimeClass the pod runs with."""
+
+
+class HelperTemplate(Model):
+    """The pod of a discovery server, router or master."""
+
+    metadata: TemplateMetadata = Field(default_factory=TemplateMetadata)
+    """Labels and annotations of the pod, beside those that all components have alike."""
+    spec: HelperTemplateSpec = Field(default_factory=HelperTemplateSpec)
+    """Fields of the pod."""
+
+
+class HelperContainer(Model):
+    """The container of a discovery server, router or master: fields with core's names."""
+
+    image_pull_policy: (
+        Annotated[Literal["Always", "IfNotPresent", "Never"], Core("Container", "imagePullPolicy")] | None
+    ) = None
+    """When the image is pulled: Always, IfNotPresent or Never."""
+    resources: Annotated[Json, Core("Container", "resources")] = Field(default_factory=dict)
+    """CPU and memory the container asks for and may use at most; absent means small ones that the operator chooses."""
+    security_context: Annotated[Json, Core("Container", "securityContext")] | None = None
+    """Security options of the container in place of the operator's, which Pod Security `restricted` admits."""
+    template: HelperTemplate | None = None
+    """Everything else of the pod."""

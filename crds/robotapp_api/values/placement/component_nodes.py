@@ -8,6 +8,7 @@ from typing import Any
 
 from robotapp_api.model.names import Label
 from robotapp_api.values.placement.tiers import ROBOT
+from robotapp_api.values.selector import NAME_FIELD
 
 Requirements = list[dict[str, Any]]
 
@@ -48,6 +49,15 @@ def required_nodes(terms: Sequence[Requirements]) -> dict[str, Any]:
             "nodeSelectorTerms": [{"matchExpressions": term} for term in terms]
         }
     }
+
+
+def require_node(name: str) -> dict[str, Any]:
+    """Returns the node affinity of exactly this node.
+
+    The label kubernetes.io/hostname may differ from a node's name, or be missing: clouds and hand-made nodes do so.
+    """
+    field = {"key": NAME_FIELD, "operator": "In", "values": [name]}
+    return {"requiredDuringSchedulingIgnoredDuringExecution": {"nodeSelectorTerms": [{"matchFields": [field]}]}}
 
 
 def is_in(key: str, *values: str) -> dict[str, Any]:

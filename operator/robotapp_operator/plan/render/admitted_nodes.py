@@ -8,20 +8,22 @@ The nodes that are named are those that admit the namespace. Those that do not a
 to read.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, Final, NamedTuple
 
 import msgspec
 
 from robotapp_api.model.names import Label
 from robotapp_api.values.placement.component_nodes import is_in
-from robotapp_api.values.selector import matches_term
+from robotapp_api.values.selector import NAME_FIELD, matches_term
 from robotapp_claims.rules.identity import hash10
 from robotapp_operator.plan.spec.objects import Node, Struct
 
 MAX_NAMED: Final = 256
 """Nodes that one pod names at most: 16 KiB of the longest names. Pods of larger clusters each get their own choice of so many."""
 
+EVERY_TERM: Final = "all"
+"""Mark of a pod that had no terms before: each of its terms names one node."""
 _REQUIRED: Final = "requiredDuringSchedulingIgnoredDuringExecution"
 
 
@@ -39,7 +41,8 @@ class Term(Struct):
 class AdmittedNodes(NamedTuple):
     """Whether any node is left for a pod, and the patch of its spec that excludes the others ({}: none has to be).
 
-    mark: for `is_outdated`, the places of the terms whose last expression is the patch's.
+    mark: for `is_outdated`, the places of the terms whose last expression is the patch's, with an `f` where it is their last field
+    that is; EVERY_TERM where all terms are.
     """
 
     allowed: bool
@@ -63,18 +66,41 @@ def admitted_nodes(
         return AdmittedNodes(False)
     if not everywhere & closed:
         return AdmittedNodes(True)
+    terms = _terms(spec)
+    if not terms:
+        names = sorted(_choose(everywhere - closed, seed))
+        return AdmittedNodes(True, _patch([{"matchFields": [_named(name)]} for name in names]), EVERY_TERM)
     wide = [found for found in reach if found & closed]
     hosts = _hosts(frozenset().union(*wide) - closed or everywhere - closed, nodes, closed)
-    if not hosts:
-        return AdmittedNodes(False)
-    chosen = sorted(sorted(hosts, key=lambda host: hash10(f"{seed}/{host}"))[:MAX_NAMED])
-    only = is_in(Label.HOSTNAME, *chosen)
-    narrowed = [
-        {**term, "matchExpressions": [*(term.get("matchExpressions") or ()), only]} if found & closed else term
-        for term, found in zip(_terms(spec) or [{}], reach, strict=True)
-    ]
-    mark = ",".join(str(place) for place, found in enumerate(reach) if found & closed)
-    return AdmittedNodes(True, {"affinity": {"nodeAffinity": {_REQUIRED: {"nodeSelectorTerms": narrowed}}}}, mark)
+    only = is_in(Label.HOSTNAME, *sorted(_choose(hosts, seed)))
+    places: list[str] = []
+    for place, (term, found) in enumerate(zip(terms, reach, strict=True)):
+        if not found & closed:
+            continue
+        open_nodes = found - closed
+        if hosts and not (open_nodes and not _hosts(open_nodes, nodes, closed)):
+            terms[place] = {**term, "matchExpressions": [*(term.get("matchExpressions") or ()), only]}
+            places.append(str(place))
+        else:
+            # A field takes one name, and a term may be added to, but not be made two.
+            name = _choose(open_nodes or everywhere - closed, seed)[0]
+            terms[place] = {**term, "matchFields": [*(term.get("matchFields") or ()), _named(name)]}
+            places.append(f"{place}f")
+    return AdmittedNodes(True, _patch(terms), ",".join(places))
+
+
+def _patch(terms: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"affinity": {"nodeAffinity": {_REQUIRED: {"nodeSelectorTerms": terms}}}}
+
+
+def _named(name: str) -> dict[str, Any]:
+    """The label kubernetes.io/hostname may differ from a node's name, be missing, or be borne by two."""
+    return {"key": NAME_FIELD, "operator": "In", "values": [name]}
+
+
+def _choose(names: Collection[str], seed: str) -> list[str]:
+    """Returns at most MAX_NAMED of them, in an order of the pod's own."""
+    return sorted(names, key=lambda name: hash10(f"{seed}/{name}"))[:MAX_NAMED]
 
 
 def reach_of(spec: Mapping[str, Any], nodes: Mapping[str, Node]) -> frozenset[str]:
@@ -99,7 +125,8 @@ def is_outdated(
         return True
     if not mark or len(now) >= MAX_NAMED:
         return False
-    return bool(_hosts(reach(_without_our_part(spec, mark)) - closed - now, nodes, closed))
+    missed = reach(_without_our_part(spec, mark)) - closed - now
+    return bool(missed if mark == EVERY_TERM else _hosts(missed, nodes, closed))
 
 
 def wishes_of(spec: Mapping[str, Any]) -> bytes:
@@ -110,10 +137,11 @@ def wishes_of(spec: Mapping[str, Any]) -> bytes:
 def _without_our_part(spec: Mapping[str, Any], mark: str) -> dict[str, Any]:
     """The pod as it was before it was narrowed. A term that was ours alone was there for a pod without any."""
     ours = mark.split(",")
-    terms = [
-        {**term, "matchExpressions": (term.get("matchExpressions") or [])[:-1]} if str(place) in ours else term
-        for place, term in enumerate(_terms(spec))
-    ]
+    terms = []
+    for place, term in enumerate([] if mark == EVERY_TERM else _terms(spec)):
+        for end, key in (("", "matchExpressions"), ("f", "matchFields")):
+            term = {**term, key: (term.get(key) or [])[:-1]} if f"{place}{end}" in ours else term  # noqa: PLW2901
+        terms.append(term)
     wished = [term for term in terms if term.get("matchExpressions") or term.get("matchFields")]
     required = {_REQUIRED: {"nodeSelectorTerms": wished}}
     return {"nodeSelector": spec.get("nodeSelector"), "affinity": {"nodeAffinity": required if wished else {}}}

@@ -5,18 +5,24 @@ multicast for a known middleware. `ROS_LOCALHOST_ONLY` is the switch up to Humbl
 Iron, where a leftover `ROS_LOCALHOST_ONLY=1` would win over everything else.
 """
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
 from xml.sax.saxutils import quoteattr
 
+from robotapp_api.checks.discovery_variables import is_joined, join_values
 from robotapp_api.checks.middleware import BEFORE_IRON, CONNEXT, CYCLONE, CYCLONE_11, FAST_DDS
 from robotapp_claims.rules.objects import ROS_DOMAIN_ID
 from robotapp_operator.plan.spec.desired import Desired, EnvVar
 
 DISCOVERY_SERVER_PORT: Final = 11811
 ZENOH_PORT: Final = 7447
-CYCLONE_MAX_INDEX: Final = 15
-"""ROS processes per component that find each other without multicast; every peer is probed on this many ports."""
+CYCLONE_MAX_INDEX: Final = 32
+"""Highest index of a ROS process in a pod, as rmw_cyclonedds_cpp sets it by itself; every peer is probed on so many ports and one.
+
+A process beyond it ends at its start. A component raises it by a `CYCLONEDDS_URI` of its own, which is joined.
+"""
+_OWN_PREFIX: Final = "ROBOTAPP_OWN_"
+"""Begins the name under which a value from a ConfigMap or Secret is kept, so that the joined one can refer to it."""
 
 
 def ros2_environment(desired: Desired, *, domain: int) -> list[EnvVar]:
@@ -26,6 +32,28 @@ def ros2_environment(desired: Desired, *, domain: int) -> list[EnvVar]:
     variables |= _discovery(desired)
     variables |= _transport(desired)
     return [EnvVar(name, value) for name, value in variables.items()]
+
+
+def join_environment(ours: Sequence[dict[str, Any]], own: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Returns a container's variables: the operator's first, then its own, which win or are joined with the operator's."""
+    operator_values = {variable["name"]: variable.get("value") for variable in ours}
+    own_names = {variable["name"] for variable in own}
+    kept = [variable for variable in ours if variable["name"] not in own_names]
+    return [*kept, *(entry for variable in own for entry in _own_entries(variable, operator_values))]
+
+
+def _own_entries(variable: Mapping[str, Any], operator_values: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yields one variable of the container, or the two of which a joined one consists if its value stands elsewhere."""
+    name = variable["name"]
+    ours = operator_values.get(name)
+    if ours is None or not is_joined(variable):
+        yield {**variable}
+    elif "valueFrom" in variable:
+        kept_name = f"{_OWN_PREFIX}{name}"
+        yield {**variable, "name": kept_name}
+        yield {"name": name, "value": join_values(name, ours, f"$({kept_name})")}
+    else:
+        yield {"name": name, "value": join_values(name, ours, variable.get("value", ""))}
 
 
 def _discovery_range(desired: Desired) -> dict[str, str]:

@@ -1,12 +1,13 @@
 """The pod template of one component. Its hash is pinned by a golden test: a new operator version must not roll robots."""
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import WAITING_STEP, Annotation
 from robotapp_api.model.packed import unpacked
 from robotapp_operator.plan.render.child import component_labels
-from robotapp_operator.plan.render.environment import ros2_environment
+from robotapp_operator.plan.render.environment import join_environment, ros2_environment
 from robotapp_operator.plan.render.node_affinity import affinity, scheduling_gates, tolerations
 from robotapp_operator.plan.render.parameters import (
     ParameterState,
@@ -49,7 +50,10 @@ def pod_template(
         "nodeSelector": template.node_selector,
         "affinity": affinity(component, desired),
         "tolerations": tolerations(component, desired),
-        "initContainers": [*_waiting(component, desired), *template.init_containers],
+        "initContainers": [
+            *_waiting(component, desired),
+            *(add_environment(step, component, desired, domain=domain) for step in template.init_containers),
+        ],
         "containers": [container(component, desired, domain=domain, state=state)],
         "volumes": [*template.volumes, *parameter_volume(component, desired, state)],
         **_peer_identity(component, desired),
@@ -79,7 +83,7 @@ def container(
         resources=component.resources,
         imagePullPolicy=component.image_pull_policy,
         securityContext=component.security_context,
-        readinessProbe=readiness_probe(component, ros_version=desired.app.ros_version),
+        readinessProbe=readiness_probe(component, desired.app),
         livenessProbe=component.liveness_probe,
         startupProbe=component.startup_probe,
         lifecycle=component.lifecycle,
@@ -89,11 +93,28 @@ def container(
 def environment(
     component: Component, desired: Desired, *, domain: Domain | None, state: ParameterState
 ) -> list[dict[str, Any]]:
-    """Ours first, so that the component's own variables can refer to them; its own value wins where both set one.
+    """Returns the container's variables, ours first so that the component's own can refer to them.
 
     docs/environment.md is the contract: a variable here is a line there.
     """
-    ours = [
+    ours = _pod_environment(component, desired, domain=domain)
+    if paths := parameter_paths(component, state):
+        ours.append({"name": "ROBOTAPP_PARAMETER_FILES", "value": ":".join(paths)})
+    if component.devices:
+        ours.append({"name": "ROBOTAPP_DEVICES", "valueFrom": {"fieldRef": {"fieldPath": GRANTED_DEVICES_PATH}}})
+    return join_environment(ours, component.env)
+
+
+def add_environment(
+    step: Mapping[str, Any], component: Component, desired: Desired, *, domain: Domain | None
+) -> dict[str, Any]:
+    """Returns an init container or sidecar of the component with the variables of ROS: without them it is in domain 0."""
+    return {**step, "env": join_environment(_pod_environment(component, desired, domain=domain), step.get("env") or ())}
+
+
+def _pod_environment(component: Component, desired: Desired, *, domain: Domain | None) -> list[dict[str, Any]]:
+    """Returns the variables of every container of the component's pod."""
+    return [
         {"name": "ROBOTAPP_APP", "value": desired.app.name},
         {"name": "ROBOTAPP_INSTANCE", "value": desired.robot},
         {"name": "ROBOTAPP_ROBOT", "value": desired.robot},
@@ -101,12 +122,6 @@ def environment(
         {"name": "ROS_DISTRO", "value": desired.distro},
         *_ros_environment(desired, domain=domain),
     ]
-    if paths := parameter_paths(component, state):
-        ours.append({"name": "ROBOTAPP_PARAMETER_FILES", "value": ":".join(paths)})
-    if component.devices:
-        ours.append({"name": "ROBOTAPP_DEVICES", "valueFrom": {"fieldRef": {"fieldPath": GRANTED_DEVICES_PATH}}})
-    own = {variable["name"] for variable in component.env}
-    return [*(variable for variable in ours if variable["name"] not in own), *component.env]
 
 
 def _ros_environment(desired: Desired, *, domain: Domain | None) -> list[dict[str, Any]]:
@@ -141,9 +156,21 @@ def _waiting(component: Component, desired: Desired) -> list[dict[str, Any]]:
         image=component.image,
         imagePullPolicy=component.image_pull_policy,
         securityContext=component.security_context,
+        resources=copy_resources(component),
         command=["sh", "-c", script],
     )
     return [step]
+
+
+def copy_resources(component: Component) -> dict[str, Any]:
+    """Returns CPU, memory and storage of the component for a step of ours: a quota refuses a container without them.
+
+    A pod's steps run before its containers, so its request does not grow. Devices are left to the container.
+    """
+    plain = ("cpu", "memory", "ephemeral-storage")
+    kinds = {kind: component.resources.get(kind) or {} for kind in ("requests", "limits")}
+    resources = {kind: {name: amount for name, amount in of.items() if name in plain} for kind, of in kinds.items()}
+    return {kind: amounts for kind, amounts in resources.items() if amounts}
 
 
 def _written(**fields: Any) -> dict[str, Any]:

@@ -12,6 +12,9 @@ from typing import Any, Final, NamedTuple
 
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
 from robotapp_api.model.app.robotapp import RobotAppSpec
+from robotapp_api.model.app.ros import Discovery, Ros1, Ros2
+from robotapp_api.model.app.template import HelperContainer, HelperTemplate
+from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, MASTER_IMAGE
 from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME
 from robotapp_api.values.naming import child_name
 from robotapp_api.values.quantities.duration import parse_us
@@ -33,6 +36,18 @@ NEVER: Final = "Never"
 """Value of `placement.reschedule.when`."""
 LONGEST_S: Final = 10 * 365 * 86_400.0
 """Longer durations count as this one where a moment is computed from them."""
+
+
+class HelperDefaults(NamedTuple):
+    """Images and user of helper pods: discovery servers, router and master. `{distro}` stands for the app's distribution."""
+
+    discovery_image: str = DISCOVERY_IMAGE
+    master_image: str = MASTER_IMAGE
+    user: int = HELPER_USER
+    """User id of their processes where the components share none; 0 leaves it to the platform."""
+
+
+NO_SETTINGS: Final = HelperDefaults()
 
 
 class EnvVar(NamedTuple):
@@ -60,6 +75,8 @@ class App:
     created: str = ""
     default_scheduler: str = SCHEDULER_NAME
     """Scheduler of apps that name none: a setting of the operator."""
+    helper_defaults: HelperDefaults = NO_SETTINGS
+    """What helper pods are made of where the app writes nothing: settings of the operator."""
 
     @property
     def distro(self) -> str:
@@ -99,8 +116,22 @@ class App:
         return discovery_of(self.spec)
 
     @property
-    def discovery_image(self) -> str:
-        return self.spec.ros2.discovery.image if self.spec.ros2 else ""
+    def helper(self) -> HelperContainer:
+        """What the app writes about its helper pods: discovery servers, router or master."""
+        if self.ros_version == 1:
+            return self.spec.ros1 or Ros1()
+        return (self.spec.ros2 or Ros2()).discovery
+
+    @property
+    def helper_template(self) -> HelperTemplate:
+        """The pod template it writes for them."""
+        return self.helper.template or HelperTemplate()
+
+    @property
+    def helper_image(self) -> str:
+        """The image it writes for them, "" for none."""
+        helper = self.helper
+        return helper.image if isinstance(helper, Ros1 | Discovery) else ""
 
     @property
     def our_scheduler(self) -> bool:

@@ -126,7 +126,12 @@ class Terminated(Struct):
     reason: str = ""
 
 
+class Running(Struct):
+    started_at: str | None = None
+
+
 class ContainerState(Struct):
+    running: Running | None = None
     waiting: Waiting | None = None
     terminated: Terminated | None = None
 

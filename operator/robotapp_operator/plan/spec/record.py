@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from robotapp_api.checks.size import size_problem
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Reason
-from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.desired import NO_SETTINGS, App, HelperDefaults
 from robotapp_operator.plan.spec.objects import version_number
 from robotapp_operator.plan.spec.validate import Problem
 
@@ -45,7 +45,11 @@ class Record:
 
 
 def parse_record(
-    body: Mapping[str, Any], *, known: Record | None = None, default_scheduler: str = SCHEDULER_NAME
+    body: Mapping[str, Any],
+    *,
+    known: Record | None = None,
+    default_scheduler: str = SCHEDULER_NAME,
+    helper_defaults: HelperDefaults = NO_SETTINGS,
 ) -> Record:
     """`known` of the same generation lends its parsed spec: a status write must not cost a validation."""
     meta = body.get("metadata") or {}
@@ -65,6 +69,7 @@ def parse_record(
             annotations=annotations,
             created=meta.get("creationTimestamp") or "",
             default_scheduler=default_scheduler,
+            helper_defaults=helper_defaults,
         )
     else:
         problems = spec

@@ -4,12 +4,11 @@ import dataclasses
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
-from typing import Final
+from typing import Final, NamedTuple, Protocol
 
-from robotapp_api.model.app.component import Component
-from robotapp_api.model.names import Annotation, Reason
+from robotapp_api.model.names import Annotation, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUp, parse_given_up
-from robotapp_operator.plan.spec.objects import ContainerStatus, Deployment, ObjectCondition, Pod
+from robotapp_operator.plan.spec.objects import ContainerStatus, Deployment, ObjectCondition, Pod, pod_spec
 
 MAX_COMPONENT_CHARACTERS: Final = 1024
 """Of one message; every status clips it further."""
@@ -52,8 +51,46 @@ class ComponentView:
         return {None: 1, Reason.UNSCHEDULABLE: 2}.get(self.reason, 3)
 
 
+class Part(Protocol):
+    """What a view is made of: a component, or a helper."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def replicas(self) -> int: ...
+    @property
+    def on_disconnect(self) -> str | None: ...
+
+
+class HelperPart(NamedTuple):
+    """A discovery server, router or master, named like `discovery-0`; several of one role stand in for each other."""
+
+    name: str
+    role: str
+    image: str = ""
+    replicas: int = 1
+    on_disconnect: str | None = None
+
+
+class HelperView(NamedTuple):
+    """A helper and its state, explained as a component's is."""
+
+    part: HelperPart
+    view: ComponentView
+
+
+def helper_part(deployment: Deployment) -> HelperPart | None:
+    """Returns the helper that a Deployment runs, None for a component's."""
+    labels = deployment.metadata.labels
+    role, number = labels.get(Label.ROLE.value, ""), labels.get(Label.PART.value, "")
+    if not role:
+        return None
+    containers = pod_spec(deployment.spec).get("containers") or [{}]
+    return HelperPart(f"{role}-{number}" if number else role, role, str(containers[0].get("image", "")))
+
+
 def component_view(
-    component: Component,
+    component: Part,
     deployment: Deployment | None,
     pods: Sequence[Pod],
     *,
@@ -130,6 +167,29 @@ def cut_off(servers: Sequence[Pod], clients: Sequence[Pod]) -> tuple[str, ...]:
             if not pod.terminal and pod.metadata.deletion_timestamp is None and _created(pod) < oldest
         )
     )
+
+
+def unregistered(masters: Sequence[Pod], nodes: Sequence[Pod]) -> tuple[str, ...]:
+    """Returns pods of a ROS 1 app that started well before its master did: a new master knows none of their topics.
+
+    A master restarted in its pod has lost its names as well. A node restarted in its pod has registered anew.
+    """
+    starts = [_started(pod) for pod in masters if not pod.terminal and pod.metadata.deletion_timestamp is None]
+    if not starts:
+        return ()
+    limit = max(starts) - timedelta(seconds=SERVER_LEAD_S)
+    live_pods = (pod for pod in nodes if not pod.terminal and pod.metadata.deletion_timestamp is None)
+    return tuple(sorted(pod.metadata.name for pod in live_pods if _started(pod) < limit))
+
+
+def _started(pod: Pod) -> datetime:
+    """Returns when the pod was made, or its first container last started again."""
+    restarts = [
+        status.state.running.started_at
+        for status in pod.status.container_statuses[:1]
+        if status.restart_count and status.state.running
+    ]
+    return max([_created(pod), *(datetime.fromisoformat(text) for text in restarts if text)])
 
 
 def _created(pod: Pod) -> datetime:

@@ -12,9 +12,9 @@ from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView
 from robotapp_operator.plan.status.troubled import (
-    barred_text,
     cut_off_text,
     edge_text,
+    explain_helpers,
     given_up_texts,
     lost_text,
     rank_of,
@@ -166,6 +166,11 @@ def placed(facts: AppFacts) -> Verdict:
                 if facts.app.our_scheduler:
                     text = f"{text.rstrip('.')}; kubectl robotapp explain {facts.app.name} shows every node's reason"
                 return Verdict("False", Reason.UNSCHEDULABLE, f"{bound} of {len(parts)} placed; {text}")
+    for instance in facts.instances:
+        failure = None if instance.ready else explain_helpers(instance)
+        if failure and failure[0] is Reason.UNSCHEDULABLE:
+            text = _named(facts, instance, failure[1])
+            return Verdict("False", Reason.UNSCHEDULABLE, f"{bound} of {len(parts)} placed; {text}")
     if parts and bound == len(parts):
         nodes = sorted({node for component in parts for node in component.nodes})
         text = f"{bound} of {len(parts)} components on {shown(nodes)}"
@@ -314,8 +319,8 @@ def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
     if missing := what_is_missing(instance):
         return missing[0], _named(facts, instance, missing[1])
     worst = instance.worst
-    if (worst is None or not worst.reason) and (barred := barred_text(instance)):
-        return Reason.UNSCHEDULABLE, f"{count}; {_named(facts, instance, barred)}"
+    if (worst is None or not worst.reason) and (failure := explain_helpers(instance)):
+        return failure[0], f"{count}; {_named(facts, instance, failure[1])}"
     if worst is None:
         return (
             Reason.COMPONENTS_NOT_READY,

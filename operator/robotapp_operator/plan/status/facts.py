@@ -8,7 +8,7 @@ from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.validate import Problem
-from robotapp_operator.plan.status.components import ComponentView
+from robotapp_operator.plan.status.components import ComponentView, HelperView
 from robotapp_operator.plan.status.device_loss import LostDevice
 from robotapp_operator.plan.status.latency import EdgeView
 
@@ -50,8 +50,8 @@ class InstanceFacts:
     grace: Grace | None = None
     """Of a robot that is not online; None when it is over."""
     infrastructure_ready: bool = True
-    infrastructure_barred: str = ""
-    """Why a discovery server, router or master of the instance has no node; "" while other reasons are likelier."""
+    helpers: tuple[HelperView, ...] = ()
+    """Its discovery servers, router or master."""
     offline_since: str = ""
     """When the robot's node was last Ready (RFC 3339); "" for one that is Ready or gone."""
     lost: tuple[LostDevice, ...] = ()
@@ -88,6 +88,15 @@ class InstanceFacts:
         """The component to talk about, None when all are ready."""
         waiting = [component for component in self.components if not component.ready]
         return max(waiting, key=lambda component: (component.badness, bool(component.message)), default=None)
+
+    @property
+    def failing_helpers(self) -> list[HelperView]:
+        """Helpers that fail for a stated reason, worst first: of a role that has a ready one, none while the instance is not ready."""
+        failing = [helper for helper in self.helpers if helper.view.reason is not None]
+        if not self.ready:
+            served = {helper.part.role for helper in self.helpers if helper.view.ready}
+            failing = [helper for helper in failing if helper.part.role not in served]
+        return sorted(failing, key=lambda helper: (-helper.view.badness, helper.part.name))
 
     @property
     def name(self) -> str:

@@ -6,11 +6,13 @@ from typing import Any, Final
 from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_api.values.quantities.duration import time_text
 from robotapp_operator.plan.spec.text import clip, stored_bytes
+from robotapp_operator.plan.status.components import HelperView
 from robotapp_operator.plan.status.conditions import MAX_BRIEF_BYTES, conditions, ready
 from robotapp_operator.plan.status.facts import AppFacts
 from robotapp_operator.plan.status.latency import EdgeView
 from robotapp_operator.plan.status.status import (
     MAX_STATUS_BYTES,
+    MAX_TEXT,
     budget_text,
     devices_text,
     nodes_text,
@@ -21,7 +23,8 @@ from robotapp_operator.plan.status.status import (
 
 MAX_EDGES: Final = 64
 MAX_CLAIMS: Final = 64
-OURS: Final = ("phase", "conditions", "summary", "domain", "components", "edges", "edgesOmitted", "claims")
+MAX_HELPERS: Final = 4
+OURS: Final = ("phase", "conditions", "summary", "domain", "components", "helpers", "edges", "edgesOmitted", "claims")
 """What the operator writes, and `moves` once there is one."""
 
 
@@ -53,6 +56,7 @@ def render_instance(facts: AppFacts) -> dict[str, Any]:
             for component in components
         ],
         **written(
+            helpers=[_render_helper(helper) for helper in instance.helpers[:MAX_HELPERS]],
             domain=instance.domain,
             claims=list(instance.claims[:MAX_CLAIMS]),
             moves=[{"component": name, "times": list(times)} for name, times in instance.moves],
@@ -82,6 +86,17 @@ def _fitting(edges: list[dict[str, Any]], room: int) -> list[dict[str, Any]]:
         if room < 0:
             return edges[:index]
     return edges
+
+
+def _render_helper(helper: HelperView) -> dict[str, Any]:
+    view = helper.view
+    return {
+        "name": helper.part.name,
+        "image": helper.part.image[:MAX_TEXT],
+        "ready": view.ready,
+        "restarts": view.restarts,
+        **written(node=view.node, message=clip(view.message, MAX_BRIEF_BYTES)),
+    }
 
 
 def _edge(edge: EdgeView) -> dict[str, Any]:

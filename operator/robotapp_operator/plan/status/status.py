@@ -98,7 +98,8 @@ def instance_phase(instance: InstanceFacts, before: str) -> Phase:
         return Phase.RUNNING
     if instance.grace and instance.bound:
         return Phase.DEGRADED
-    failing = [c for c in instance.components if c.reason not in (None, Reason.UNSCHEDULABLE)]
+    views = [*instance.components, *(helper.view for helper in instance.failing_helpers)]
+    failing = [view for view in views if view.reason not in (None, Reason.UNSCHEDULABLE)]
     if instance.bound and (failing or before in (Phase.RUNNING, Phase.DEGRADED)):
         return Phase.DEGRADED
     if failing or instance.refusal or not instance.exists:

@@ -10,6 +10,7 @@ from robotapp_api.model.names import ROBOT_END, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUpEdge
 from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_api.values.quantities.duration import format_us, time_text
+from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.status.facts import AppFacts, Grace, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView
@@ -34,8 +35,10 @@ class Rank(IntEnum):
     """Its pods run, but one of their devices is gone."""
     UNCLEAR_BUT_READY = 6
     RESTART_NEEDED = 7
-    OVER_BUDGET = 8
-    NONE = 9
+    HELPER_FAILING = 8
+    """One of its two discovery servers fails, the other serves."""
+    OVER_BUDGET = 9
+    NONE = 10
     """It is ready, or still starting."""
 
 
@@ -104,10 +107,18 @@ def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
     return (Reason.DEVICE_BUSY, instance.busy) if instance.busy else None
 
 
-def barred_text(instance: InstanceFacts) -> str:
-    """Why a discovery server, router or master has no node; "" when each has one, or may get one."""
-    barred = "" if instance.ready else instance.infrastructure_barred
-    return f"its discovery or master is not ready: {barred}" if barred else ""
+def explain_helpers(instance: InstanceFacts) -> tuple[Reason, str] | None:
+    """Returns why a discovery server, router or master fails, None where none does for a stated reason."""
+    failing = instance.failing_helpers
+    if not failing:
+        return None
+    worst = failing[0].view
+    names = [helper.part.name for helper in failing if helper.view.reason == worst.reason]
+    text = f"{shown(names)}: {worst.message}"
+    if worst.reason is Reason.IMAGE_PULL:
+        text += "; spec.ros2.discovery.image, spec.ros1.image or the chart's helperImages name another image"
+    prefix = "" if instance.ready else "its discovery or master is not ready: "
+    return worst.reason or Reason.COMPONENTS_NOT_READY, prefix + text
 
 
 def grace_text(node: str, grace: Grace) -> str:
@@ -127,7 +138,9 @@ def out_of_sight_text(robot: str) -> str:
 
 
 def cut_off_text(instance: InstanceFacts) -> str:
-    """What the user must do about pods that know none of the present discovery servers."""
+    """What the user must do about pods that know none of the present discovery servers, or that a new master does not know."""
+    if any(helper.part.role == MASTER_ROLE for helper in instance.helpers):
+        return f"the master was started anew since {shown(instance.cut_off)} started, and knows none of their topics; delete these pods one by one (kubectl delete pod NAME)"
     return f"all discovery servers were replaced since {shown(instance.cut_off)} started; delete these pods one by one (kubectl delete pod NAME)"
 
 
@@ -177,8 +190,8 @@ def _not_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
         return _RANKS.get(missing[0], Rank.FAILING), *missing
     worst = instance.worst
     if worst is None or worst.reason is None:
-        barred = barred_text(instance)
-        return (Rank.WAITING, Reason.UNSCHEDULABLE, barred) if barred else None
+        failure = explain_helpers(instance)
+        return (_RANKS.get(failure[0], Rank.FAILING), *failure) if failure else None
     return _RANKS.get(worst.reason, Rank.FAILING), worst.reason, f"{worst.name}: {worst.message}"
 
 
@@ -189,6 +202,8 @@ def _though_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
         return Rank.UNCLEAR_BUT_READY, Reason.ROBOT_NODE_UNCLEAR, instance.unclear
     if instance.cut_off:
         return Rank.RESTART_NEEDED, Reason.RESTART_NEEDED, cut_off_text(instance)
+    if failure := explain_helpers(instance):
+        return Rank.HELPER_FAILING, *failure
     over = [edge for edge in instance.edges if edge.met is False]
     if over:
         return (

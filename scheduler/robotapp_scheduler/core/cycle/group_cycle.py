@@ -56,7 +56,9 @@ def group_order(pods: Sequence[PodInfo], room: Mapping[str, int], apps: AppIndex
 
 def _entry(pod: PodInfo, i: int, room: Mapping[str, int], *, reached: bool) -> tuple[int, int, str, str, int]:
     places = room[pod.uid]
-    rank = 0 if places <= PINNED else 1 if reached else 2
+    is_helper = pod.member is not None and not pod.member.component
+    # Discovery servers, router and master come last: they go near the components.
+    rank = 3 if is_helper else 0 if places <= PINNED else 1 if reached else 2
     return (rank, places, pod.namespace, pod.name, i)
 
 

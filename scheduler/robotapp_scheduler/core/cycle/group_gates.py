@@ -90,11 +90,23 @@ class GangGates:
         if reason is not None:
             return _group_gate(member, reason)
         if app is None or member.component not in app.components:
-            return None  # roscore, discovery servers: parts the operator adds, no pod waits for them
+            return self._helper_gate(app, member)
         missing = self.missing(app, member.instance)
         if missing:
             return _group_gate(member, "waiting for pods of " + ", ".join(missing))
         return self._predecessor_gate(pod, member, app.components[member.component])
+
+    def _helper_gate(self, app: App | None, member: Member) -> PreEnqueueStatus | None:
+        """Returns why a discovery server, router or master waits: it goes near the components, so it starts with them.
+
+        No pod waits for it, and where a component is placed it waits for none.
+        """
+        if app is None or any(
+            replica.node for name in app.components for replica in self._cluster.apps.replicas(member, name)
+        ):
+            return None
+        missing = self.missing(app, member.instance)
+        return _group_gate(member, "waiting for pods of " + ", ".join(missing)) if missing else None
 
     def pod_group_gate(self, pod: PodInfo) -> PreEnqueueStatus | None:
         """Why a pod of a PodGroup must wait, None when it may be tried, or has no PodGroup."""

@@ -27,6 +27,8 @@ from robotapp_scheduler.core.robotics.access_links import AccessLinks
 from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Link, balances, on_one_node, tied
 from robotapp_scheduler.core.robotics.fallback import held_until
 
+HELPER_BUDGET_US: Final = 100_000
+"""Measure of a helper's nearness in an app without budgets."""
 NOTHING: Final = RosRequest()
 """Annotations that are present and require nothing."""
 
@@ -66,7 +68,7 @@ def resolve(pod: PodInfo, around: Surroundings) -> RosContext | None:
         if app is not None and component is not None:
             return _of_app(pod, pod.member, app, component, around)
         if app is not None:
-            return RosContext(tenant=pod.namespace)  # infrastructure: its discovery servers, router or master
+            return _of_helper(pod, pod.member, app, around)
     request = pod.ros_request
     if request is None or isinstance(request, InvalidAnnotation) or request == NOTHING:
         return None
@@ -115,6 +117,21 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
         balance=balances(app),
         held_until=until,
     )
+
+
+def _of_helper(pod: PodInfo, member: Member, app: App, surroundings: Surroundings) -> RosContext:
+    """Returns the context of a discovery server, router or master: the nearer to the components that it serves, the better.
+
+    It has no budget of its own. The app's tightest one is the measure, so that a server is not farther away than its clients.
+    """
+    budgets_us = [link.budget_us for links in app.links.values() for link in links if link.budget_us is not None]
+    budget_us = min(budgets_us, default=HELPER_BUDGET_US)
+    endpoints = []
+    for name in app.components:
+        nodes = _nodes_of(member, (name,), surroundings) or surroundings.apps.expected(member, name)
+        if nodes:
+            endpoints.append(Endpoint(f"component {name}", nodes, budget_us, required=False))
+    return RosContext(tenant=pod.namespace, endpoints=tuple(endpoints))
 
 
 def _app_hardware(component: Component) -> tuple[Hardware, ...]:

@@ -92,6 +92,26 @@ REFERENCES: Final = (
     ),
     _reference("secret-pull", "use a pull secret", {f"{_POD}.imagePullSecrets": [{"name": "registry"}]}),
     _reference(
+        "account-helper",
+        "name a ServiceAccount for discovery servers",
+        {"spec.ros2": {"discovery": {"template": {"spec": {"serviceAccountName": "deployer"}}}}},
+    ),
+    _reference(
+        "secret-pull-helper",
+        "use a pull secret for discovery servers",
+        {"spec.ros2": {"discovery": {"template": {"spec": {"imagePullSecrets": [{"name": "registry"}]}}}}},
+    ),
+    _reference(
+        "account-master",
+        "name a ServiceAccount for a master",
+        {"spec.ros1": {"template": {"spec": {"serviceAccountName": "deployer"}}}},
+    ),
+    _reference(
+        "secret-pull-master",
+        "use a pull secret for a master",
+        {"spec.ros1": {"template": {"spec": {"imagePullSecrets": [{"name": "registry"}]}}}},
+    ),
+    _reference(
         "secret-parameters", "read a parameter file from a Secret", {f"{_C}.parameters": [{"secretKeyRef": _KEY}]}
     ),
     _reference(

@@ -123,11 +123,24 @@ def test_instances_are_groups_of_their_own() -> None:
     assert [queued.info.uid for queued in core.queue.gated()] == ["p2"]
 
 
-def test_parts_the_operator_adds_are_not_waited_for_and_do_not_wait() -> None:
+def test_parts_the_operator_adds_start_with_the_components_near_which_they_go() -> None:
     core = make_core(*three_nodes())
     teleop(core, "driver", "planner")
     for owned in chain("roscore"):
         core.cluster.apply_owner(owned)
+    arrive(core, member_pod("roscore"))
+    assert run(core) == {}
+    arrive(core, member_pod("driver"))
+    arrive(core, member_pod("planner"))
+    assert set(run(core)) == {"driver", "planner", "roscore"}
+
+
+def test_parts_the_operator_adds_are_not_waited_for_and_do_not_wait_once_a_component_is_placed() -> None:
+    core = make_core(*three_nodes())
+    teleop(core, "driver", "planner")
+    for owned in chain("roscore"):
+        core.cluster.apply_owner(owned)
+    core.cluster.apply_pod(member_pod("driver", node="edge-1"))
     arrive(core, member_pod("roscore"))
     assert set(run(core)) == {"roscore"}
 

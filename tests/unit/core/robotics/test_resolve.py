@@ -57,6 +57,15 @@ def test_every_pod_of_an_app_and_every_annotated_pod_has_its_namespace_as_tenant
     assert annotated_pod.tenant == "default"
 
 
+def test_a_helper_is_measured_to_every_placed_component_and_excluded_by_none() -> None:
+    edge = {"topic": "/t", "from": "a", "to": "b", "latency": {"budget": "30ms"}}
+    cluster = app_cluster({"name": "a"}, {"name": "b"}, edges=[edge])
+    assert context(cluster, "").endpoints == ()
+    cluster.apply_pod(member_pod("b", instance="amr", node="edge"))
+    assert context(cluster, "").endpoints == (Endpoint("component b", ("edge",), 30_000, required=False),)
+    assert context(app_cluster({"name": "a"}), "").endpoints == ()
+
+
 def test_an_edge_reaches_its_placed_peer_with_its_own_budget_and_percentile() -> None:
     edge = {"topic": "/t", "from": "a", "to": "b", "latency": {"budget": "30ms", "percentile": 50}}
     cluster = app_cluster({"name": "a"}, {"name": "b"}, edges=[edge])

@@ -98,7 +98,7 @@ async def test_the_gate_goes_and_the_nodes_come_in_one_write(world: GatedApp) ->
     (term,) = stored["spec"]["affinity"]["nodeAffinity"]["requiredDuringSchedulingIgnoredDuringExecution"][
         "nodeSelectorTerms"
     ]
-    assert term["matchExpressions"] == [{"key": "kubernetes.io/hostname", "operator": "In", "values": ["amr-1"]}]
+    assert term == {"matchFields": [{"key": "metadata.name", "operator": "In", "values": ["amr-1"]}]}
 
 
 async def test_a_pod_without_a_node_keeps_its_gate_and_is_not_tried_until_nodes_change(world: GatedApp) -> None:

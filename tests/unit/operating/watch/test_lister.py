@@ -239,6 +239,25 @@ def test_discovery_counts_as_ready_with_one_of_its_servers() -> None:
     assert facts_of(cache, app_body()).infrastructure_ready is True
 
 
+def test_helpers_are_seen_with_their_image_and_explained_as_components_are() -> None:
+    cache = Cache()
+    children = with_children(cache, make_app())
+    server = next(item for ref, item in children.items() if "discovery" in ref.name and isinstance(item, Deployment))
+    meta = {"name": "rs", "uid": "rs", "ownerReferences": [{"uid": server.metadata.uid, "controller": True}]}
+    cache.put_replica_set(msgspec.convert({"metadata": meta}, ReplicaSet))
+    owners = [{"uid": "rs", "controller": True}]
+    pull = ("ImagePullBackOff", "Back-off pulling image")
+    cache.pods.put("uid-1", "p", make_pod("p", node="edge-1", waiting=pull, metadata={"ownerReferences": owners}))
+    helpers = {helper.part.name: helper for helper in facts_of(cache, app_body()).helpers}
+    assert {name: helper.part.image for name, helper in helpers.items()} == {
+        "discovery-0": "ros:humble-ros-base",
+        "discovery-1": "ros:humble-ros-base",
+    }
+    assert helpers["discovery-0"].view.reason == Reason.IMAGE_PULL
+    assert helpers["discovery-0"].view.node == "edge-1"
+    assert helpers["discovery-1"].view.reason is None
+
+
 def test_a_missing_parameter_file_is_named() -> None:
     cache = Cache()
     file = {"configMapKeyRef": {"name": "drv", "key": "params.yaml"}}

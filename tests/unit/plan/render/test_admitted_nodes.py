@@ -45,6 +45,10 @@ def hosts(term: dict[str, Any]) -> list[str]:
     return names
 
 
+def named(name: str) -> dict[str, Any]:
+    return {"matchFields": [{"key": "metadata.name", "operator": "In", "values": [name]}]}
+
+
 NODES = fleet("amr-1", "amr-2")
 CLOSED = frozenset({"amr-2"})
 
@@ -66,8 +70,7 @@ def test_a_pod_for_any_robot_names_the_robots_that_admit_it() -> None:
 
 
 def test_a_pod_without_any_wish_names_every_node_that_admits_it() -> None:
-    (term,) = terms_of(admitted_nodes({}, NODES, CLOSED))
-    assert hosts(term) == ["h-amr-1", "h-cloud"]
+    assert terms_of(admitted_nodes({}, NODES, CLOSED)) == [named("amr-1"), named("cloud")]
 
 
 def test_only_the_terms_that_reach_a_closed_node_are_narrowed() -> None:
@@ -96,8 +99,26 @@ def test_a_pod_for_which_no_node_is_left_is_not_let_go(spec: dict[str, Any]) -> 
 
 
 def test_a_host_name_that_a_closed_node_bears_as_well_opens_nothing() -> None:
-    twins = {"a": make_node("a", hostname="same"), "b": make_node("b", hostname="same"), "c": make_node("c")}
-    assert admitted_nodes({}, twins, frozenset({"b"})) == AdmittedNodes(False)
+    twins = {name: make_node(name, hostname="same", tier="robot") for name in ("a", "b")}
+    closed = frozenset({"b"})
+    assert terms_of(admitted_nodes({}, twins, closed)) == [named("a")]
+    (term,) = terms_of(admitted_nodes(pod(ROBOTS), twins, closed))
+    assert term == ROBOTS | named("a")
+
+
+def test_nodes_without_a_host_name_or_with_a_foreign_one_are_named_by_their_name() -> None:
+    nodes = {
+        "ip-1.internal": make_node("ip-1.internal", hostname="ip-1"),
+        "bare": make_node("bare"),
+        "shut": make_node("shut"),
+    }
+    found = admitted_nodes({}, nodes, frozenset({"shut"}))
+    assert reach_of(found.patch, nodes) == {"ip-1.internal", "bare"}
+    bare = {name: make_node(name, tier="robot") for name in ("one", "two", "shut")}
+    found = admitted_nodes(pod(ROBOTS), bare, frozenset({"shut"}), seed="s")
+    assert len(reach_of(found.patch, bare)) == 1, "a field of a term that stood there takes one name"
+    assert not is_outdated(found, bare, frozenset({"shut"}))
+    assert is_outdated(found, bare, frozenset(bare))
 
 
 def test_a_large_fleet_is_named_in_part_and_every_pod_gets_its_own_part() -> None:

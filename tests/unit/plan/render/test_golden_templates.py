@@ -35,13 +35,13 @@ SPECS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 GOLDEN: dict[str, list[str]] = {
     "minimal": ["9101de08c1bd35b2"],
-    "robot": ["8408a136ef3bc343", "b42754f64d224ee4", "d640ff77081210a3", "83e881116e706fc9"],
-    "full": ["0ddf31987aab32c0"],
+    "robot": ["a4c1b4cc8b4354f8", "d87c9d33224caa75", "d640ff77081210a3", "83e881116e706fc9"],
+    "full": ["a454d192bf5d9ba1"],
     "on board as a fallback": ["db2c668e58d2ef0b"],
-    "cyclone": ["a4b5072d02df9d87", "6a214261f5706159"],
-    "zenoh": ["0a16f057825f2c19", "5e558dd1604e1ad1", "2a5ec09b559e04c6"],
-    "noetic": ["33a02f946f55469f", "df945259d7216be1", "b61feba86447e18d"],
-    "foreign scheduler": ["08be2ac72aa0e8ad"],
+    "cyclone": ["d8763bc859da97dc", "b3a8ba986b65500d"],
+    "zenoh": ["144fbeece8844bbb", "5e558dd1604e1ad1", "2a5ec09b559e04c6"],
+    "noetic": ["c6cb627a256248d1", "df945259d7216be1", "b61feba86447e18d"],
+    "foreign scheduler": ["0427c01fb8e3011a"],
 }
 
 

@@ -64,7 +64,7 @@ def test_servers_avoid_each_other_and_the_first_stays_with_the_robot() -> None:
         assert "podAntiAffinity" in pod_spec(server)["affinity"]
     (preference,) = pod_spec(first)["affinity"]["nodeAffinity"]["preferredDuringSchedulingIgnoredDuringExecution"]
     assert preference["preference"]["matchExpressions"][0]["values"] == ["amr-07"]
-    assert "nodeAffinity" not in pod_spec(second)["affinity"]
+    assert "preferredDuringSchedulingIgnoredDuringExecution" not in pod_spec(second)["affinity"]["nodeAffinity"]
     assert "tolerations" in pod_spec(first)
 
 
@@ -114,11 +114,13 @@ def test_images_follow_the_distribution_unless_written() -> None:
     assert pod_spec(parts(ros={"distro": "noetic"}, ros1={"image": "own"})[0])["containers"][0]["image"] == "own"
 
 
-def test_the_zenoh_router_comes_from_the_first_component_and_listens_on_ipv4() -> None:
+def test_the_zenoh_router_comes_from_the_first_component_and_listens_on_ipv4_and_ipv6() -> None:
     deployment, service = parts(ros2={"rmw": "rmw_zenoh_cpp"})
     container = pod_spec(deployment)["containers"][0]
     assert container["image"] == "reg/operator:1"
-    assert "0.0.0.0:7447" in container["env"][0]["value"]
+    listen, on_failure = container["env"][0]["value"].split(";")
+    assert listen == 'listen/endpoints=["tcp/[::]:7447","tcp/0.0.0.0:7447"]'
+    assert on_failure == "listen/exit_on_failure=false", "one of the two fails where [::] serves both, or is not there"
     assert service.spec["ports"][0]["port"] == 7447
     assert "clusterIP" not in service.spec
 
@@ -127,7 +129,9 @@ def test_a_managed_master_answers_on_its_port_and_may_be_pinned_to_a_node() -> N
     deployment, service = parts(ros={"distro": "noetic"}, placement={"masterNode": "edge-1"})
     assert pod_spec(deployment)["containers"][0]["readinessProbe"] == {"tcpSocket": {"port": 11311}}
     required = pod_spec(deployment)["affinity"]["nodeAffinity"]["requiredDuringSchedulingIgnoredDuringExecution"]
-    assert required["nodeSelectorTerms"][0]["matchExpressions"][0]["values"] == ["edge-1"]
+    assert required["nodeSelectorTerms"] == [
+        {"matchFields": [{"key": "metadata.name", "operator": "In", "values": ["edge-1"]}]}
+    ]
     assert service.spec["ports"][0]["port"] == 11311
 
 

@@ -275,18 +275,6 @@ def test_plain_probes_are_passed_on(kind: str) -> None:
     assert template(**{kind: probe})["spec"]["containers"][0][kind] == probe
 
 
-def test_topics_and_lifecycle_are_asked_rarely() -> None:
-    for ready, says in (
-        ({"topic": {"name": "/odom"}}, "ros2 topic echo --once /odom"),
-        ({"topic": {"name": "/odom", "minRate": 20}}, "rate >= 20"),
-        ({"topic": {"name": "/odom", "minRate": "500m"}}, "rate >= 0.5"),
-        ({"lifecycle": "Active"}, "ros2 lifecycle get /driver"),
-    ):
-        probe = template(ready=ready)["spec"]["containers"][0]["readinessProbe"]
-        assert says in probe["exec"]["command"][-1]
-        assert probe["periodSeconds"] > probe["timeoutSeconds"]
-
-
 def test_a_ros_1_topic_is_asked_with_the_tools_of_ros_1() -> None:
     rendered = template(app={"ros": {"distro": "noetic"}}, ready={"topic": {"name": "/odom"}})
     assert "rostopic echo -n 1 /odom" in rendered["spec"]["containers"][0]["readinessProbe"]["exec"]["command"][-1]

@@ -8,12 +8,13 @@ import pytest
 from tests.support.factories import component, make_app, round_trips, telemetry
 
 from robotapp_api.model.app.status import RobotAppStatus
-from robotapp_api.model.names import Condition, Phase, Reason
+from robotapp_api.model.names import Condition, EventReason, Phase, Reason
 from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.spec.text import stored_bytes
 from robotapp_operator.plan.spec.validate import Problem
-from robotapp_operator.plan.status.components import ComponentView
+from robotapp_operator.plan.status.components import ComponentView, HelperPart, HelperView
+from robotapp_operator.plan.status.events import events_between
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView, edge_views, worst_first
 from robotapp_operator.plan.status.pace import is_progress
@@ -292,6 +293,43 @@ def test_what_ran_and_fails_is_degraded_what_starts_is_placing() -> None:
     assert status_of(instance(STARTING), previous=running)["phase"] == Phase.DEGRADED
 
 
+def barred_helper(why: str, name: str = "router", reason: Reason = Reason.UNSCHEDULABLE) -> HelperView:
+    view = ComponentView(
+        name=name, replicas=1, ready=False, exists=True, bound=False, rolling=False, reason=reason, message=why
+    )
+    return HelperView(HelperPart(name, name.partition("-")[0], "ros:humble-ros-base"), view)
+
+
+def test_discovery_servers_whose_image_cannot_be_pulled_are_named_with_the_cure() -> None:
+    why = 'ImagePullBackOff: Back-off pulling image "ros:humble-ros-base"'
+    servers = tuple(barred_helper(why, f"discovery-{index}", Reason.IMAGE_PULL) for index in range(2))
+    status = status_of(instance(STARTING, infrastructure_ready=False, helpers=servers))
+    assert condition(status, Condition.READY) == ("False", Reason.IMAGE_PULL)
+    assert f"discovery-0, discovery-1: {why}" in status["summary"]["message"]
+    assert "spec.ros2.discovery.image" in message(status, Condition.READY)
+    assert [item["reason"] for item in status["troubled"]] == [Reason.IMAGE_PULL]
+    events = events_between({}, status, new_domains={})
+    assert any(event.reason == EventReason.CHILD_FAILED and "discovery-0" in event.note for event in events)
+
+
+def test_a_master_without_a_node_is_told_by_placed_as_well() -> None:
+    status = status_of(
+        instance(infrastructure_ready=False, helpers=(barred_helper("0/3 nodes are available", "master"),))
+    )
+    assert condition(status, Condition.PLACED) == ("False", Reason.UNSCHEDULABLE)
+    assert "master: 0/3 nodes are available" in message(status, Condition.PLACED)
+
+
+def test_a_second_server_that_fails_is_trouble_although_the_first_serves() -> None:
+    up = barred_helper("", "discovery-0")
+    up = up._replace(view=dataclasses.replace(up.view, ready=True, reason=None))
+    status = status_of(instance(helpers=(up, barred_helper("exit code 1", "discovery-1", Reason.CRASH_LOOP))))
+    assert condition(status, Condition.READY)[0] == "True"
+    assert [(item["reason"], item["message"]) for item in status["troubled"]] == [
+        (Reason.CRASH_LOOP, "discovery-1: exit code 1")
+    ]
+
+
 def test_missing_discovery_keeps_the_app_from_being_ready() -> None:
     status = status_of(instance(infrastructure_ready=False))
     assert condition(status, Condition.READY) == ("False", Reason.COMPONENTS_NOT_READY)
@@ -302,7 +340,7 @@ def test_that_no_node_admits_the_infrastructure_is_told_at_once_and_before_that_
     """It travelled as an ordinary step of a start, so that it could wait, and was hidden while a component started."""
     why = "no node that it may use admits namespace x"
     before = status_of(instance())
-    status = status_of(instance(infrastructure_ready=False, infrastructure_barred=why))
+    status = status_of(instance(infrastructure_ready=False, helpers=(barred_helper(why),)))
     ready = next(item for item in status["conditions"] if item["type"] == Condition.READY)
     assert (ready["reason"], why in ready["message"]) == ("Unschedulable", True)
     assert not is_progress({**before, "phase": "Placing"}, {**status, "phase": "Placing"})
@@ -312,11 +350,11 @@ def test_of_two_instances_the_one_whose_infrastructure_no_node_admits_is_in_trou
     None
 ):
     why = "no node that it may use admits namespace x"
-    barred = instance(infrastructure_ready=False, infrastructure_barred=why, robot="amr-2")
+    barred = instance(infrastructure_ready=False, helpers=(barred_helper(why),), robot="amr-2")
     status = status_of(instance(STARTING, robot="amr-1"), barred)
     assert [(item["instance"], item["reason"]) for item in status["troubled"]] == [("amr-2", "Unschedulable")]
     assert condition(status, Condition.READY) == ("False", Reason.UNSCHEDULABLE)
-    assert f"amr-2: its discovery or master is not ready: {why}" in message(status, Condition.READY)
+    assert f"amr-2: its discovery or master is not ready: router: {why}" in message(status, Condition.READY)
 
 
 def test_held_templates_and_bugs_are_shown() -> None:
@@ -416,3 +454,11 @@ def test_more_domains_than_fit_are_counted() -> None:
     assert len(text) <= 63
     assert text.startswith("1,3,5,")
     assert text.endswith(",… (60)")
+
+
+def test_after_a_masters_restart_its_nodes_must_restart() -> None:
+    master = barred_helper("", "master")
+    master = master._replace(view=dataclasses.replace(master.view, ready=True, reason=None))
+    status = status_of(instance(helpers=(master,), cut_off=("teleop-driver-x",)))
+    assert condition(status, Condition.STALLED) == ("True", Reason.RESTART_NEEDED)
+    assert "the master was started anew since teleop-driver-x started" in message(status, Condition.STALLED)
