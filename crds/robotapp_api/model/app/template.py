@@ -125,9 +125,9 @@ class Template(Model):
 class HelperTemplateSpec(Model):
     """Fields of a helper's pod with core's names and meaning; what they leave out follows the components."""
 
-    image_pull_secrets: Annotated[JsonList, Core("PodSpec", "imagePullSecrets")] = ()
+    image_pull_secrets: Annotated[PackedList, Core("PodSpec", "imagePullSecrets")] = PackedList()
     """Secrets of this namespace that let the node pull the image, beside those of the components."""
-    tolerations: Annotated[JsonList, Core("PodSpec", "tolerations")] = ()
+    tolerations: Annotated[PackedList, Core("PodSpec", "tolerations")] = PackedList()
     """Node taints the pod puts up with, beside those that every component does."""
     node_selector: Annotated[dict[str, str], Core("PodSpec", "nodeSelector")] = Field(default_factory=dict)
     """Labels the node must have, beside those that every component asks for."""
@@ -135,7 +135,7 @@ class HelperTemplateSpec(Model):
     """PriorityClass of the pod; absent means that of the first component that has one."""
     service_account_name: Annotated[str, Core("PodSpec", "serviceAccountName")] | None = None
     """ServiceAccount the pod runs as, without its token; absent means the one that all components share."""
-    security_context: Annotated[Json, Core("PodSpec", "securityContext")] | None = None
+    security_context: Annotated[PackedMap, Core("PodSpec", "securityContext")] | None = None
     """Security options of the pod, such as runAsUser; absent means what all components share."""
     runtime_class_name: Annotated[str, Core("PodSpec", "runtimeClassName")] | None = None
     """RuntimeClass the pod runs with."""
@@ -157,9 +157,9 @@ class HelperContainer(Model):
         Annotated[Literal["Always", "IfNotPresent", "Never"], Core("Container", "imagePullPolicy")] | None
     ) = None
     """When the image is pulled: Always, IfNotPresent or Never."""
-    resources: Annotated[Json, Core("Container", "resources")] = Field(default_factory=dict)
+    resources: Annotated[PackedMap, Core("Container", "resources")] = PackedMap()
     """CPU and memory the container asks for and may use at most; absent means small ones that the operator chooses."""
-    security_context: Annotated[Json, Core("Container", "securityContext")] | None = None
+    security_context: Annotated[PackedMap, Core("Container", "securityContext")] | None = None
     """Security options of the container in place of the operator's, which Pod Security `restricted` admits."""
     template: HelperTemplate | None = None
     """Everything else of the pod."""

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import Label
+from robotapp_api.model.packed import unpacked
 from robotapp_api.values.placement.component_nodes import (
     is_in,
     may_be_on_robot,
@@ -69,7 +70,7 @@ def render_helper(
         "containers": [_render_container(desired, container, image_of)],
         "affinity": _choose_affinity(desired, labels, home=home, node=node),
         "tolerations": _collect_tolerations(desired, home=home),
-        "nodeSelector": shared_node_selector(desired) | template.spec.node_selector,
+        "nodeSelector": shared_node_selector(desired) | unpacked(template.spec.node_selector),
         **identity,
         **scheduling_gates(desired),
     }
@@ -80,7 +81,7 @@ def render_helper(
     }
     return {
         "metadata": metadata,
-        "spec": {name: value for name, value in spec.items() if value not in (None, [], {}, "")},
+        "spec": {name: plain for name, value in spec.items() if (plain := unpacked(value)) not in (None, [], {}, "")},
     }
 
 
@@ -90,8 +91,8 @@ def _render_container(desired: Desired, container: Mapping[str, Any], image_of: 
     return {
         **container,
         "env": [*container.get("env", ()), *WRITABLE],
-        "resources": helper.resources or RESOURCES,
-        "securityContext": helper.security_context or _choose_container_security(desired, image_of),
+        "resources": unpacked(helper.resources) or RESOURCES,
+        "securityContext": unpacked(helper.security_context) or _choose_container_security(desired, image_of),
         **({"imagePullPolicy": policy} if policy else {}),
     }
 
@@ -99,24 +100,25 @@ def _render_container(desired: Desired, container: Mapping[str, Any], image_of: 
 def _choose_container_security(desired: Desired, image_of: Component | None) -> dict[str, Any]:
     """Returns what `restricted` admits. The image of a component runs as the user that the component has."""
     if image_of is not None:
-        context = image_of.security_context or {}
+        context: dict[str, Any] = unpacked(image_of.security_context) or {}
         return {**_RESTRICTED, **{field: context[field] for field in _USER_FIELDS if field in context}}
-    pod_context = desired.app.helper_template.spec.security_context or {}
+    pod_context = unpacked(desired.app.helper_template.spec.security_context) or {}
     if "runAsUser" in pod_context or _read_shared(desired, "security_context", "runAsUser") is not None:
         return {**_RESTRICTED, "runAsNonRoot": True}
-    users = {(component.security_context or {}).get("runAsUser") for component in desired.app.spec.components}
+    users = {(unpacked(component.security_context) or {}).get("runAsUser") for component in desired.app.spec.components}
     user = users.pop() if len(users) == 1 else None
     user = desired.app.helper_defaults.user if user is None else user
     return {**_RESTRICTED, "runAsNonRoot": True, **({"runAsUser": user} if user else {})}
 
 
 def _choose_pod_security(desired: Desired, image_of: Component | None) -> dict[str, Any] | None:
-    pod_context = desired.app.helper_template.spec.security_context
+    pod_context: dict[str, Any] | None = unpacked(desired.app.helper_template.spec.security_context)
     if pod_context is not None:
         return pod_context
     if image_of is not None:
-        return image_of.template.spec.security_context
-    contexts = [component.template.spec.security_context or {} for component in desired.app.spec.components]
+        own_context: dict[str, Any] | None = unpacked(image_of.template.spec.security_context)
+        return own_context
+    contexts = [unpacked(component.template.spec.security_context) or {} for component in desired.app.spec.components]
     return _intersect(contexts)
 
 
@@ -125,7 +127,7 @@ def _collect_pull_secrets(desired: Desired) -> list[dict[str, Any]]:
     secrets = [
         secret for component in desired.app.spec.components for secret in component.template.spec.image_pull_secrets
     ]
-    secrets += desired.app.helper_template.spec.image_pull_secrets
+    secrets += [*desired.app.helper_template.spec.image_pull_secrets]
     return [secret for index, secret in enumerate(secrets) if secret not in secrets[:index]]
 
 
