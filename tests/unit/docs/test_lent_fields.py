@@ -24,8 +24,13 @@ def test_every_object_below_which_something_is_lent_has_a_level() -> None:
     """The policy looks at these places alone; `windowsOptions` and the three looked-at fields have a variable of their own."""
     parents = {path.rpartition(".")[0].removeprefix("spec.") for path in lending_paths(robotapp_spec(), "spec")}
     windows = {f"{parent}.securityContext" for parent in ("components", LEVELS["podSpec"], LEVELS["initContainers"])}
+    helpers = {
+        f"{helper}{place}"
+        for helper in ("ros1", "ros2.discovery")
+        for place in (".securityContext", ".template.spec", ".template.spec.securityContext")
+    }
     init = {f"{LEVELS['initContainers']}.env.valueFrom", f"{LEVELS['initContainers']}.envFrom"}
-    assert parents == {*LEVELS.values(), *windows, *init} - {
+    assert parents == {*LEVELS.values(), *windows, *helpers, *init} - {
         "components",
         "components.template",
         LEVELS["initContainers"],

@@ -92,6 +92,42 @@ REFERENCES: Final = (
     ),
     _reference("secret-pull", "use a pull secret", {f"{_POD}.imagePullSecrets": [{"name": "registry"}]}),
     _reference(
+        "priority-helper",
+        "name a PriorityClass of discovery servers",
+        {"spec.ros2": {"discovery": {"template": {"spec": {"priorityClassName": "critical"}}}}},
+    ),
+    _reference(
+        "windows-pod-helper",
+        "take an identity of Windows for the pod of discovery servers",
+        {
+            "spec.ros2": {
+                "discovery": {
+                    "template": {"spec": {"securityContext": {"windowsOptions": {"gmsaCredentialSpecName": "g"}}}}
+                }
+            }
+        },
+    ),
+    _reference(
+        "windows-helper",
+        "take an identity of Windows of discovery servers",
+        {"spec.ros2": {"discovery": {"securityContext": {"windowsOptions": {"gmsaCredentialSpecName": "g"}}}}},
+    ),
+    _reference(
+        "priority-master",
+        "name a PriorityClass of a master",
+        {"spec.ros1": {"template": {"spec": {"priorityClassName": "critical"}}}},
+    ),
+    _reference(
+        "windows-pod-master",
+        "take an identity of Windows for the pod of a master",
+        {"spec.ros1": {"template": {"spec": {"securityContext": {"windowsOptions": {"gmsaCredentialSpecName": "g"}}}}}},
+    ),
+    _reference(
+        "windows-master",
+        "take an identity of Windows of a master",
+        {"spec.ros1": {"securityContext": {"windowsOptions": {"gmsaCredentialSpecName": "g"}}}},
+    ),
+    _reference(
         "account-helper",
         "name a ServiceAccount for discovery servers",
         {"spec.ros2": {"discovery": {"template": {"spec": {"serviceAccountName": "deployer"}}}}},
