@@ -47,9 +47,11 @@ def flooded(process: Process, *modes: str) -> Iterator[Flood]:
 @pytest.fixture(params=["operator", "scheduler"])
 def victim(request: pytest.FixtureRequest, installed_plane: ControlPlane) -> Iterator[tuple[Process, int]]:
     """The process, and how many connections its port takes."""
-    start = {"operator": start_operator, "scheduler": start_scheduler}[request.param]
-    limits = {"operator": OPERATOR_LIMITS, "scheduler": SCHEDULER_LIMITS}[request.param]
-    process = start(installed_plane, name=f"flooded-{request.param}", sweep_seconds=1)
+    name = f"flooded-{request.param}"
+    if request.param == "operator":
+        process, limits = start_operator(installed_plane, name=name, sweep_seconds=1), OPERATOR_LIMITS
+    else:
+        process, limits = start_scheduler(installed_plane, name=name, sweep_seconds=1), SCHEDULER_LIMITS
     try:
         yield process, limits.connections
     finally:
