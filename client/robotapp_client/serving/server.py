@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import errno
 import ipaddress
+import os
 import socket
 import ssl
 from collections import Counter
@@ -340,8 +341,9 @@ async def listen(host: str | None, port: int) -> socket.socket:
             return _bind(host, port)
         except OSError as error:
             if pause_s is None or error.errno != errno.EADDRINUSE:
+                cause = os.strerror(error.errno) if error.errno else str(error)
                 raise PortError(
-                    f"{host or 'every address,'} port {port}: {error.strerror or error}: --health-port names another port"
+                    f"{host or 'every address,'} port {port}: {cause}: --health-port names another port"
                 ) from error
         await asyncio.sleep(pause_s)
     raise AssertionError("the last attempt returns or raises")

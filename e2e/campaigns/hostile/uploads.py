@@ -13,6 +13,8 @@ from robotapp_testbed.control_plane.servers import unverified
 BODY_BYTES: Final = 1 << 20
 """As much as a question may have; the last byte is never sent."""
 PATIENCE_S: Final = 5.0
+SOURCE: Final = "127.0.0.3"
+"""Another address than that of honest users, who would share its rate of new connections."""
 
 
 class Uploader:
@@ -51,7 +53,9 @@ class Uploader:
         )
         for _ in range(uploads):
             with contextlib.suppress(OSError):  # the server may close at any moment
-                plain = socket.create_connection((parts.hostname or "127.0.0.1", parts.port or 443), PATIENCE_S)
+                plain = socket.create_connection(
+                    (parts.hostname or "127.0.0.1", parts.port or 443), PATIENCE_S, source_address=(SOURCE, 0)
+                )
                 upload = unverified().wrap_socket(plain)
                 self._sockets.append(upload)
                 upload.sendall(head.encode() + b" " * (BODY_BYTES - 1))

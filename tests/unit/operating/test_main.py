@@ -37,4 +37,4 @@ def test_a_port_that_is_taken_ends_the_process_with_a_sentence(
     with socket.create_server(("0.0.0.0", 0)) as taken:  # noqa: S104 - where the operator listens
         port = str(taken.getsockname()[1])
         assert main(["--kubeconfig", str(kubeconfig), "--health-port", port]) == 2
-    assert f"{port}): address already in use: --health-port" in capsys.readouterr().err
+    assert f"every address, port {port}: Address already in use: --health-port" in capsys.readouterr().err
