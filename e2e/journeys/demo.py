@@ -115,11 +115,11 @@ def _tell(*, hold: bool, picture: Path | None = None, kubeconfig: Path | None = 
 
 def _plane(kubeconfig: Path | None) -> ControlPlane:
     if kubeconfig:
-        return GuestPlane(kubeconfig, nodes=_topology().nodes, namespaces=NAMESPACES)
+        return GuestPlane(kubeconfig, nodes=build_topology().nodes, namespaces=NAMESPACES)
     return ControlPlane(kube_scheduler=True)
 
 
-def _topology(*, guests: bool = False) -> Topology:
+def build_topology(*, guests: bool = False) -> Topology:
     """Two robots, one of them with a CAN bus, two edge servers, one cloud machine. `guests` keep everybody else off."""
     can = Device(id="can-can0", type="can", interface="can0")
     nodes = fleet(robots=["amr-07", "amr-08"], edges=2, clouds=1, devices={"amr-07": [can]})
@@ -155,7 +155,7 @@ def _set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> DemoCluste
         # Its nodes are simulated, and so is what an agent would measure.
         values = {"agent": {"enabled": False}, "domainPool": {"quarantineSeconds": 1}}
         product.install(cluster, values=values)
-    topology = _topology(guests=confined)
+    topology = build_topology(guests=confined)
     apply(cluster, topology)
     stack.enter_context(SimulatedTelemetry(cluster, topology))
     cluster.kubectl("create", "namespace", NAMESPACE)
