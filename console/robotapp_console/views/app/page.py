@@ -111,6 +111,8 @@ class AppView:
     namespace: str
     name: str
     path: str
+    uid: str
+    is_suspended: bool
     phase: str
     colour: str
     facts: tuple[tuple[str, str], ...]
@@ -142,6 +144,8 @@ def build_app(snapshot: Snapshot, namespace: str, name: str, robot: str = "") ->
         clean(namespace, 63),
         clean(name, 63),
         path_of_app(namespace, name),
+        clean(app.metadata.uid, 36),
+        app.spec.suspend,
         clean(app.status.phase or Phase.PENDING, 32),
         colour_phase(app.status.phase),
         _list_facts(app),
