@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Awaitable, Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -15,6 +15,7 @@ from robotapp_client import ApiClient, ApiError, Change, Endpoint
 from robotapp_client.api.resources import EVENTS, Resource
 from robotapp_console.cluster.feed import Feed
 from robotapp_console.cluster.kinds import NODE_KIND, TELEMETRY, Kind
+from robotapp_console.cluster.rights import Rights
 from robotapp_console.views.fleet import measure_links
 from robotapp_console.views.history import LinkHistory
 from robotapp_console.views.objects import Event, Telemetry
@@ -24,8 +25,12 @@ from robotapp_console.views.texts import clean, parse_timestamp
 M = TypeVar("M")
 log = logging.getLogger(__name__)
 
+NAME: Final = "robotapp-console"
+"""Under which the API server records our writes."""
 SETTLE_S: Final = 5.0
 """So long a page waits for what it shows; then it shows what there is."""
+SHOWN_S: Final = 1.0
+"""So long the answer to a write waits for the watch."""
 TICK_S: Final = 10.0
 """Period of what happens without an event: agents fall silent, a half minute of the history ends."""
 SHARE: Final = 10.0
@@ -57,7 +62,8 @@ class InformerSet:
     """One user's view of the cluster. `signed_out` becomes true when the API server does not accept the token any more."""
 
     def __init__(self, endpoint: Endpoint) -> None:
-        self.client = ApiClient(endpoint, user_agent="robotapp-console", max_connections=8, timeout_s=10.0)
+        self.client = ApiClient(endpoint, user_agent=NAME, field_manager=NAME, max_connections=8, timeout_s=10.0)
+        self.rights = Rights(self.client)
         self.version = 0
         self.signed_out = False
         self.streams = 0
@@ -193,6 +199,15 @@ class InformerSet:
             self.streams -= 1
             self._listeners.discard(wake)
             self.last_used_s = time.monotonic()
+
+    async def show_write(self, write: Callable[[], Awaitable[M]]) -> M:
+        """Makes a write and waits a moment until a watch shows something of it, so that the next page does."""
+        with self.listen() as wake:
+            result = await write()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(wake.wait(), SHOWN_S)
+        self._models.clear()
+        return result
 
     async def list_events(self, namespace: str, uid: str) -> list[Event]:
         """Returns the events about an object, read again after a few seconds. Raises ApiError when they may not be read."""

@@ -43,6 +43,7 @@ class Condition(Object, frozen=True, kw_only=True):
 
 
 class Latency(Object, frozen=True, kw_only=True):
+    budget: str | None = None
     percentile: int | None = None
 
 

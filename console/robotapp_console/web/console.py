@@ -106,6 +106,7 @@ class Console:
             "csrf": self.seal.sign(caller.session) if caller else "",
             "screen": "",
             "namespace": "",
+            "notice": "",
         }
         return self.pages.render(template, shared | dict(context), now_s=now_s)
 

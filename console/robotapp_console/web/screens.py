@@ -10,11 +10,12 @@ from robotapp_api.values.naming import DNS_LABEL
 from robotapp_client import ClientError
 from robotapp_console.cluster.informer_set import InformerSet
 from robotapp_console.cluster.kinds import APP_KINDS, FLEET_KINDS, NODES_KINDS, Kind
-from robotapp_console.views.app import EventRow, build_app, build_events, suggest_apps
+from robotapp_console.views.app.page import EventRow, build_app, build_events, suggest_apps
 from robotapp_console.views.fleet import STATES, build_fleet, draw_links, read_fleet_query, take_fleet_page
 from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
 from robotapp_console.views.snapshot import Snapshot
 from robotapp_console.views.texts import clean
+from robotapp_console.web.app_actions import find_allowed
 from robotapp_console.web.sessions import Caller
 
 
@@ -141,14 +142,16 @@ class AppScreen:
             return Shown(title, links, missing, snapshot, missing)
         stored = snapshot.apps[f"{namespace}/{name}"]
         events, refusal = await _read_events(informers, namespace, stored.metadata.uid)
+        actions = await find_allowed(informers, namespace, name)
         context: dict[str, Any] = {
             "app": app,
+            "allowed": actions,
             "events": events,
             "events_refusal": refusal,
             "stale": snapshot.stale,
         }
         on_robot = f" on {clean(robot, 63)}" if robot else ""
-        return Shown(title + on_robot, context, (app, events, refusal, snapshot.stale), snapshot)
+        return Shown(title + on_robot, context, (app, actions, events, refusal, snapshot.stale), snapshot)
 
 
 async def _read_events(informers: InformerSet, namespace: str, uid: str) -> tuple[tuple[EventRow, ...], str]:

@@ -11,6 +11,8 @@ from aiohttp import web
 
 from robotapp_console.cluster.informer_set import InformerSet
 from robotapp_console.web import security
+from robotapp_console.web.actions import drop_notice, read_notice
+from robotapp_console.web.app_actions import act_on_app, confirm_delete
 from robotapp_console.web.console import CALLER, CONSOLE, Console
 from robotapp_console.web.guard import Handler, answer_errors, guard
 from robotapp_console.web.screens import AppScreen, FleetScreen, NodesScreen, Screen, Shown
@@ -41,6 +43,8 @@ def make_app(console: Console) -> web.Application:
     app.router.add_get("/login", show_login)
     app.router.add_post("/login", sign_in)
     app.router.add_post("/logout", sign_out)
+    app.router.add_get("/apps/{namespace}/{name}/delete", confirm_delete)
+    app.router.add_post("/apps/{namespace}/{name}/{action:suspend|resume|restart|approve|delete}", act_on_app)
     screens: tuple[tuple[str, Screen], ...] = (
         ("/", FleetScreen()),
         ("/nodes", NodesScreen()),
@@ -93,12 +97,13 @@ def _make_page(screen: Screen) -> Handler:
         if shown.missing:
             return console.answer_message(request, 404, shown.title, shown.missing, links=shown.context["links"])
         now_s = time.time()
-        stream = f"{request.path.rstrip('/')}/stream"
+        stream, query = f"{request.path.rstrip('/')}/stream", drop_notice(request.query_string)
         context = {
             "title": shown.title,
             "screen": screen.path,
             "name": screen.name,
-            "stream": f"{stream}?{request.query_string}" if request.query_string else stream,
+            "stream": f"{stream}?{query}" if query else stream,
+            "notice": read_notice(console, caller, request),
         }
         html = console.render(request, "screen.html", dict(shown.context) | context, now_s=now_s)
         return web.Response(text=html, content_type="text/html")

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.unit.console.objects import NOW_S, Object, app, device_claim, instance, node, pool, snapshot, telemetry
 
-from robotapp_console.views.app import build_app, build_events
+from robotapp_console.views.app.page import build_app, build_events
 from robotapp_console.views.fleet import STATES, build_fleet, draw_links, read_fleet_query, take_fleet_page
 from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
 from robotapp_console.views.objects import Event, Meta
@@ -57,7 +57,7 @@ class Parsed(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.elements[tag] += 1
         self.attributes.update(name for name, _ in attrs)
-        self.links += [value or "" for name, value in attrs if name in ("href", "src", "action")]
+        self.links += [value or "" for name, value in attrs if name in ("href", "src", "action", "formaction")]
 
     def handle_data(self, data: str) -> None:
         self.shown.append(data)
@@ -93,6 +93,8 @@ def render(text: str) -> str:
     head = {"query": read_fleet_query({"q": text, "zone": text}), "zones": fleet.zones, "states": STATES}
     shown = build_app(now, "default", "teleop")
     events = build_events([Event(metadata=Meta(name="e"), reason=text, note=text, type=text)])
+    allowed = frozenset(("suspend", "resume", "restart", "approve", "delete"))
+    app_page = {"app": shown, "events": events, "events_refusal": clean(text), "allowed": allowed}
     return "".join(
         (
             PAGES.render("fleet_head.html", shared | head),
@@ -105,7 +107,7 @@ def render(text: str) -> str:
                 shared
                 | {"nodes": nodes, "page": take_nodes_page(nodes, read_nodes_query({})), "query": read_nodes_query({})},
             ),
-            PAGES.render("app_live.html", shared | {"app": shown, "events": events, "events_refusal": clean(text)}),
+            PAGES.render("app_live.html", shared | app_page),
         )
     )
 
