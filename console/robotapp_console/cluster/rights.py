@@ -59,10 +59,11 @@ class Rights:
     async def select_granted(self, rights: Iterable[Right]) -> frozenset[Right]:
         """Returns those the user has. One that cannot be found out counts as missing: its button is not shown."""
         distinct_rights = tuple(dict.fromkeys(rights))
-        answers = await asyncio.gather(*(self._is_surely_granted(right) for right in distinct_rights))
+        answers = await asyncio.gather(*(self.is_surely_granted(right) for right in distinct_rights))
         return frozenset(right for right, is_granted in zip(distinct_rights, answers, strict=True) if is_granted)
 
-    async def _is_surely_granted(self, right: Right) -> bool:
+    async def is_surely_granted(self, right: Right) -> bool:
+        """Returns whether the user has the right; False when that cannot be found out."""
         try:
             return await self.is_granted(right)
         except ClientError:

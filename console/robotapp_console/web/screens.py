@@ -12,10 +12,14 @@ from robotapp_console.cluster.informer_set import InformerSet
 from robotapp_console.cluster.kinds import APP_KINDS, FLEET_KINDS, NODES_KINDS, Kind
 from robotapp_console.views.app.page import EventRow, build_app, build_events, suggest_apps
 from robotapp_console.views.fleet import STATES, build_fleet, draw_links, read_fleet_query, take_fleet_page
+from robotapp_console.views.links import zones_of
 from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
+from robotapp_console.views.paging import FAR, NEAR, Query
+from robotapp_console.views.pairs import ZonePairs, build_pairs
 from robotapp_console.views.snapshot import Snapshot
 from robotapp_console.views.texts import clean
 from robotapp_console.web.app_actions import find_allowed
+from robotapp_console.web.node_actions import SHUT_DOWN
 from robotapp_console.web.sessions import Caller
 
 
@@ -101,16 +105,34 @@ class NodesScreen:
         snapshot, nodes = informers.build_model(self.key(request), build_nodes, namespace="", home=caller.home)
         query = read_nodes_query(request.query)
         page = take_nodes_page(nodes, query)
+        pairs = self._find_pairs(query, caller, informers)
+        may_shut_down = await informers.rights.is_surely_granted(SHUT_DOWN)
         context = {
             "nodes": nodes,
             "page": page,
             "query": query,
             "zones": nodes.zones,
             "tiers": nodes.tiers,
+            "pairs": pairs,
+            "may_shut_down": may_shut_down,
             "namespace": self.namespace(request),
             "stale": snapshot.stale,
         }
-        return Shown("Nodes", context, (page, nodes.matrix, nodes.refusals, snapshot.stale), snapshot)
+        fingerprint = (page, nodes.matrix, nodes.refusals, snapshot.stale, pairs, may_shut_down)
+        return Shown("Nodes", context, fingerprint, snapshot)
+
+    def _find_pairs(self, query: Query, caller: Caller, informers: InformerSet) -> ZonePairs | None:
+        """Returns the pairs of nodes of the cell that was chosen in the matrix."""
+        near, far = query.filter_value(NEAR), query.filter_value(FAR)
+        if not (near and far):
+            return None
+        _, pairs = informers.build_model(
+            ("nodes", "pairs", near, far),
+            lambda snapshot: build_pairs(snapshot, zones_of(snapshot.nodes), near, far),
+            namespace="",
+            home=caller.home,
+        )
+        return pairs
 
 
 class AppScreen:

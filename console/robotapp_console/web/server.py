@@ -15,6 +15,7 @@ from robotapp_console.web.actions import drop_notice, read_notice
 from robotapp_console.web.app_actions import act_on_app, confirm_delete
 from robotapp_console.web.console import CALLER, CONSOLE, Console
 from robotapp_console.web.guard import Handler, answer_errors, guard
+from robotapp_console.web.node_actions import act_on_node
 from robotapp_console.web.screens import AppScreen, FleetScreen, NodesScreen, Screen, Shown
 from robotapp_console.web.sessions import Caller
 from robotapp_console.web.signing import answer_expired, open_local, show_login, sign_in, sign_out
@@ -45,6 +46,7 @@ def make_app(console: Console) -> web.Application:
     app.router.add_post("/logout", sign_out)
     app.router.add_get("/apps/{namespace}/{name}/delete", confirm_delete)
     app.router.add_post("/apps/{namespace}/{name}/{action:suspend|resume|restart|approve|delete}", act_on_app)
+    app.router.add_post("/nodes/{name}/{action:begin-shutdown|end-shutdown}", act_on_node)
     screens: tuple[tuple[str, Screen], ...] = (
         ("/", FleetScreen()),
         ("/nodes", NodesScreen()),

@@ -25,11 +25,12 @@ COUNT_SHIFTS = """
 window.shifts = [];
 new PerformanceObserver((list) => {
   for (const entry of list.getEntries()) {
-    if (!entry.hadRecentInput) window.shifts.push(`${entry.value} ${entry.sources.map((s) => s.node?.outerHTML?.slice(0, 80)).join(' | ')}`);
+    const moved = entry.sources.map((source) => source.node).filter((node) => !node?.parentElement?.closest?.('.chips'));
+    if (!entry.hadRecentInput) window.shifts.push(...moved.map((node) => `${entry.value} ${node?.outerHTML ?? node?.textContent}`));
   }
 }).observe({ type: 'layout-shift', buffered: true });
 """
-"""Keeps what moved on a page without the user's doing."""
+"""Keeps what moved on a page without the user's doing. Apps of one robot close up when one of them ends."""
 
 
 @dataclass

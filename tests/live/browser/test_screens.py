@@ -149,12 +149,26 @@ def test_the_telemetry_panel_shows_what_nodes_have_use_and_hold(page: Page, flee
     expect(page.locator("table.matrix")).to_contain_text("60 ms")
 
 
-def test_a_node_in_graceful_shutdown_turns_red_without_a_reload(page: Page, fleet: Fleet) -> None:
+def test_a_cell_of_the_matrix_leads_to_its_pairs_of_nodes(page: Page, fleet: Fleet) -> None:
+    del fleet
     page.goto("/nodes")
-    edge = page.locator("#node-edge-2")
-    expect(edge).not_to_contain_text("graceful shutdown")
-    annotation = "scheduler.robotics.io/graceful-shutdown"
-    fleet.plane.kubectl("annotate", "node", "edge-2", f"{annotation}=true")
-    expect(edge.locator(".phase.bad")).to_have_text("graceful shutdown")
-    fleet.plane.kubectl("annotate", "node", "edge-2", f"{annotation}-")
-    expect(edge).not_to_contain_text("graceful shutdown")
+    page.get_by_role("link", name="hall-1 to hall-2").click()
+    pairs = page.locator("table.pairs tbody tr")
+    expect(pairs).to_have_count(4)
+    expect(pairs.first).to_contain_text("15 ms")
+    expect(pairs.first).to_contain_text("measured")
+    assert "near=hall-1&far=hall-2" in page.url
+
+
+def test_a_graceful_shutdown_is_begun_by_a_button_and_other_pages_turn_red_without_a_reload(
+    browser: Browser, page: Page, fleet: Fleet
+) -> None:
+    page.goto("/nodes")
+    with open_context(browser, fleet) as context:
+        other_page = context.new_page()
+        other_page.goto("/nodes")
+        other_page.get_by_role("button", name="Begin the graceful shutdown of edge-2").click()
+        expect(other_page.locator(".notice")).to_contain_text("edge-2 is shutting down gracefully")
+        expect(page.locator("#node-edge-2 .phase.bad")).to_have_text("graceful shutdown")
+        other_page.get_by_role("button", name="End the graceful shutdown of edge-2").click()
+        expect(page.locator("#node-edge-2")).not_to_contain_text("graceful shutdown")

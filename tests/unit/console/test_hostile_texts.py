@@ -12,8 +12,10 @@ from tests.unit.console.objects import NOW_S, Object, app, device_claim, instanc
 
 from robotapp_console.views.app.page import build_app, build_events
 from robotapp_console.views.fleet import STATES, build_fleet, draw_links, read_fleet_query, take_fleet_page
+from robotapp_console.views.links import zones_of
 from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
 from robotapp_console.views.objects import Event, Meta
+from robotapp_console.views.pairs import build_pairs
 from robotapp_console.views.texts import MOST_CHARACTERS, clean, kubectl
 from robotapp_console.web.rendering import Pages, StaticFiles
 
@@ -39,6 +41,51 @@ HOSTILE = (
     "$(rm -rf /); `id` && echo",
     "hx-get=/x",
     "emoji 🚀",
+    "<svg onload=alert(1)>",
+    "<iframe src=javascript:alert(1)>",
+    "<style>*{display:none}</style>",
+    "<base href=//evil.example>",
+    "<meta http-equiv=refresh content='0;url=//evil.example'>",
+    "<form action=//evil.example><button>Sign in</button>",
+    "<input autofocus onfocus=alert(1)>",
+    "<a href=javascript:alert(1)>x</a>",
+    "<object data=//evil.example>",
+    "<b>bold</b>",
+    "<ScRiPt>alert(1)</sCrIpT>",
+    "<script\n>alert(1)</script >",
+    "\uff1cscript\uff1ealert(1)\uff1c/script\uff1e",
+    "<!--#exec cmd=ls-->",
+    "--><script>alert(1)</script>",
+    "</title><script>alert(1)</script>",
+    "</textarea><script>alert(1)</script>",
+    "</svg><script>alert(1)</script>",
+    "<![CDATA[<script>alert(1)</script>]]>",
+    "&#60;script&#62;alert(1)&#60;/script&#62;",
+    "%3Cscript%3Ealert(1)%3C/script%3E",
+    '"><script>alert(1)</script>',
+    "'><script>alert(1)</script>",
+    "`><script>alert(1)</script>",
+    '" style="position:fixed;inset:0',
+    '" hx-on:click="alert(1)',
+    '" hx-sse:connect="//evil.example" x="',
+    "' formaction='//evil.example",
+    "//evil.example/",
+    "/\\evil.example",
+    "data:text/html,<script>alert(1)</script>",
+    "vbscript:msgbox(1)",
+    "java\tscript:alert(1)",
+    "${alert(1)}",
+    "#{7*7}",
+    "{%- include '/etc/passwd' -%}",
+    "{{ config }}",
+    "../../../../etc/passwd",
+    "..%2f..%2fapps",
+    "?namespace=kube-system&x=",
+    "#fragment?query=1&other=2",
+    "a\u0300" * 300,
+    "\u200f\u200e\u061c",
+    "\ud7ff\ue000\ufffd",
+    "event: close\ndata: gone",
 )
 
 
@@ -77,7 +124,10 @@ def world(text: str) -> dict[str, list[Object]]:
     return {
         "apps": [body],
         "instances": [single],
-        "nodes": [node("amr-07", robot=text or "x", zone=text or "x", tier=text or "x")],
+        "nodes": [
+            node("amr-07", robot=text or "x", zone=text or "x", tier=text or "x"),
+            node("amr-08", zone=text or "x"),
+        ],
         "reports": [telemetry("amr-07", rtt={"amr-08": 1.0}, devices=[device], written_s=NOW_S, deviceProblem=text)],
         "claims": [device_claim("can-can0", holder=text or "x", component=text)],
         "pools": [pool(name=text or "x", used="119/119")],
@@ -94,6 +144,14 @@ def render(text: str) -> str:
     shown = build_app(now, "default", "teleop")
     events = build_events([Event(metadata=Meta(name="e"), reason=text, note=text, type=text)])
     allowed = frozenset(("suspend", "resume", "restart", "approve", "delete"))
+    zones = zones_of(now.nodes)
+    pairs = build_pairs(now, zones, zones["amr-07"], zones["amr-07"])
+    nodes_page = {
+        "nodes": nodes,
+        "page": take_nodes_page(nodes, read_nodes_query({})),
+        "pairs": pairs,
+        "may_shut_down": True,
+    }
     app_page = {"app": shown, "events": events, "events_refusal": clean(text), "allowed": allowed}
     return "".join(
         (
@@ -103,9 +161,7 @@ def render(text: str) -> str:
                 shared | {"fleet": fleet, "page": page, "links": draw_links(page, now), "query": page.query},
             ),
             PAGES.render(
-                "nodes_live.html",
-                shared
-                | {"nodes": nodes, "page": take_nodes_page(nodes, read_nodes_query({})), "query": read_nodes_query({})},
+                "nodes_live.html", shared | nodes_page | {"query": read_nodes_query({"near": text, "far": text})}
             ),
             PAGES.render("app_live.html", shared | app_page),
         )
