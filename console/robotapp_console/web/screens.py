@@ -11,6 +11,7 @@ from robotapp_client import ClientError
 from robotapp_console.cluster.informer_set import InformerSet
 from robotapp_console.cluster.kinds import APP_KINDS, FLEET_KINDS, NODES_KINDS, Kind
 from robotapp_console.views.app.page import EventRow, build_app, build_events, suggest_apps
+from robotapp_console.views.app.timeline import build_timeline
 from robotapp_console.views.fleet import STATES, build_fleet, draw_links, read_fleet_query, take_fleet_page
 from robotapp_console.views.links import zones_of
 from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
@@ -165,15 +166,17 @@ class AppScreen:
         stored = snapshot.apps[f"{namespace}/{name}"]
         events, refusal = await _read_events(informers, namespace, stored.metadata.uid)
         actions = await find_allowed(informers, namespace, name)
+        timeline = build_timeline(app.instances, events)
         context: dict[str, Any] = {
             "app": app,
+            "timeline": timeline,
             "allowed": actions,
             "events": events,
             "events_refusal": refusal,
             "stale": snapshot.stale,
         }
         on_robot = f" on {clean(robot, 63)}" if robot else ""
-        return Shown(title + on_robot, context, (app, actions, events, refusal, snapshot.stale), snapshot)
+        return Shown(title + on_robot, context, (app, actions, timeline, events, refusal, snapshot.stale), snapshot)
 
 
 async def _read_events(informers: InformerSet, namespace: str, uid: str) -> tuple[tuple[EventRow, ...], str]:

@@ -8,9 +8,22 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.unit.console.objects import NOW_S, Object, app, device_claim, instance, node, pool, snapshot, telemetry
+from tests.unit.console.objects import (
+    NOW_S,
+    Object,
+    app,
+    device_claim,
+    instance,
+    node,
+    pool,
+    snapshot,
+    telemetry,
+    timestamp,
+)
 
+from robotapp_api.model.names import EventReason
 from robotapp_console.views.app.page import build_app, build_events
+from robotapp_console.views.app.timeline import build_timeline
 from robotapp_console.views.fleet import STATES, build_fleet, draw_links, read_fleet_query, take_fleet_page
 from robotapp_console.views.links import zones_of
 from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
@@ -119,6 +132,7 @@ def world(text: str) -> dict[str, list[Object]]:
     edge = {"topic": text, "from": text, "to": text, "kind": text, "budget": text, "p95": text, "nodes": [text]}
     single = instance("teleop", text or "x", phase=text, components=[component], edges=[edge])
     single["status"]["claims"] = [text]
+    single["status"]["moves"] = [{"component": text, "times": [text, timestamp(NOW_S)]}]
     single["status"]["summary"] = {"message": text}
     device = {"id": text, "type": text, "present": True}
     return {
@@ -142,7 +156,8 @@ def render(text: str) -> str:
     shared: dict[str, Any] = {"stale": (), "namespace": ""}
     head = {"query": read_fleet_query({"q": text, "zone": text}), "zones": fleet.zones, "states": STATES}
     shown = build_app(now, "default", "teleop")
-    events = build_events([Event(metadata=Meta(name="e"), reason=text, note=text, type=text)])
+    reasons = (text, EventReason.RESCHEDULED, EventReason.BUDGET_EXCEEDED)
+    events = build_events(Event(metadata=Meta(name="e"), reason=reason, note=text, type=text) for reason in reasons)
     allowed = frozenset(("suspend", "resume", "restart", "approve", "delete"))
     zones = zones_of(now.nodes)
     pairs = build_pairs(now, zones, zones["amr-07"], zones["amr-07"])
@@ -152,7 +167,9 @@ def render(text: str) -> str:
         "pairs": pairs,
         "may_shut_down": True,
     }
-    app_page = {"app": shown, "events": events, "events_refusal": clean(text), "allowed": allowed}
+    assert shown is not None
+    timeline = build_timeline(shown.instances, events)
+    app_page = {"app": shown, "timeline": timeline, "events": events, "events_refusal": clean(text), "allowed": allowed}
     return "".join(
         (
             PAGES.render("fleet_head.html", shared | head),

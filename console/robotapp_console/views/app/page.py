@@ -6,12 +6,14 @@ from typing import Final
 
 from robotapp_api.model.names import ROBOT_END, Label, Phase
 from robotapp_api.model.names import Condition as ConditionType
+from robotapp_api.values.approval import read_approval
 from robotapp_claims.rules.instances import primary_node
 from robotapp_console.views.app.edges import EdgeReader, EdgeRow
+from robotapp_console.views.app.timeline import MoveTime
 from robotapp_console.views.fleet import colour_phase
 from robotapp_console.views.graph.picture import ROBOT, Node, Picture, draw_picture, read_lane
 from robotapp_console.views.links import ZoneEstimates, zones_of
-from robotapp_console.views.objects import App, ComponentStatus, Condition, Event, Instance
+from robotapp_console.views.objects import App, ComponentStatus, Condition, Event, Instance, find_condition
 from robotapp_console.views.problems import Problem, list_troubled, path_of_app
 from robotapp_console.views.snapshot import Refusal, Snapshot
 from robotapp_console.views.texts import clean, kubectl
@@ -59,6 +61,7 @@ class InstanceView:
     components: tuple[ComponentRow, ...]
     edges: tuple[EdgeRow, ...]
     claims: tuple[str, ...]
+    moves: tuple[MoveTime, ...]
     picture: Picture | None = None
     """The graph; of several instances the first one alone has it, the others lead to a page of their own."""
     href: str = ""
@@ -103,6 +106,8 @@ class AppView:
     path: str
     uid: str
     is_suspended: bool
+    approval: str
+    """The operator's version whose templates wait to be approved; empty when none do."""
     phase: str
     colour: str
     facts: tuple[tuple[str, str], ...]
@@ -136,6 +141,7 @@ def build_app(snapshot: Snapshot, namespace: str, name: str, robot: str = "") ->
         path_of_app(namespace, name),
         clean(app.metadata.uid, 36),
         app.spec.suspend,
+        read_approval(find_condition(app.status.conditions, ConditionType.PROGRESSING).message),
         clean(app.status.phase or Phase.PENDING, 32),
         colour_phase(app.status.phase),
         _list_facts(app),
@@ -224,6 +230,7 @@ class _InstanceBuilder:
             components,
             edges,
             tuple(clean(claim, 120) for claim in status.claims),
+            tuple(MoveTime(clean(move.component, 63), at) for move in status.moves for at in move.times),
             self._draw(name, components, edges, robot_node) if is_drawn else None,
             path_of_app(meta.namespace, meta.name, instance.spec.instance),
         )

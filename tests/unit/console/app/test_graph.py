@@ -290,7 +290,15 @@ def make_large() -> AppView:
 
 
 def render(view: AppView) -> str:
-    context = {"app": view, "events": (), "events_refusal": "", "allowed": frozenset(), "stale": (), "namespace": ""}
+    context = {
+        "app": view,
+        "events": (),
+        "events_refusal": "",
+        "allowed": frozenset(),
+        "timeline": (),
+        "stale": (),
+        "namespace": "",
+    }
     return PAGES.render("app_live.html", context, now_s=NOW_S)
 
 

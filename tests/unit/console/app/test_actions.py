@@ -7,6 +7,7 @@ import pytest
 from tests.unit.console.guarded_api import ADMIN, APPS, INSTANCES, TENANT, VIEWER, Browser, Page, Stage, staged
 from tests.unit.console.objects import Object, app, instance
 
+from robotapp_api.values.approval import describe_approval
 from robotapp_api.values.naming import child_name
 from robotapp_client.api.resources import ROBOTAPPS
 from robotapp_console.cluster.rights import Right
@@ -86,6 +87,19 @@ async def test_a_deployment_of_the_name_that_is_not_the_apps_is_left_alone() -> 
         assert answer.status == 404
         assert "does not belong to the app" in answer.text
         assert read(stage, DEPLOYMENTS, name)["spec"] == {}
+
+
+async def test_templates_that_wait_are_approved_with_the_version_that_the_operator_names() -> None:
+    async with staged() as stage:
+        fill(stage)
+        body = app("teleop", namespace="team-a")
+        message = f"2 templates of a newer operator wait; annotate {describe_approval('0.2.0')} to roll them"
+        body["status"]["conditions"] = [{"type": "Progressing", "status": "False", "message": message}]
+        stage.api.put(APPS, body)
+        browser = await sign_in(stage, TENANT)
+        answer = await press(browser, "approve", page=await browser.get(PAGE))
+        assert answer.status == 303
+        assert read(stage, APPS, "teleop")["metadata"]["annotations"] == {"robotics.io/approve-update": "0.2.0"}
 
 
 async def test_deleting_takes_the_typed_name() -> None:
