@@ -16,10 +16,13 @@ PACKAGE: Final = "chromium-headless-shell"
 """Debian's smallest package of it: no window system, a quarter of the download."""
 FONTS: Final = "fonts-dejavu-core"
 PROGRAMS: Final = ("chromium-headless-shell", "chromium")
+REBOUND_HOST: Final = "rebound.example"
+"""A name that the browser resolves to 127.0.0.1, as an attacker's name server would do after a while."""
 _INSTALL_S: Final = 300.0
 _FLAGS: Final = (
     "--no-sandbox",  # root has none, and it opens pages of our own only
     "--disable-dev-shm-usage",  # containers have little shared memory
+    f"--host-resolver-rules=MAP {REBOUND_HOST} 127.0.0.1",
 )
 
 

@@ -3,10 +3,12 @@
 from pathlib import Path
 
 import pytest
+import yaml
 from playwright.sync_api import Browser, Page, expect
 from tests.live.browser.conftest import Fleet, open_context
 
 from robotapp_testbed.browser.axe import find_barriers
+from robotapp_testbed.browser.chromium import REBOUND_HOST
 
 SCREENS = {
     "fleet": "/",
@@ -172,3 +174,28 @@ def test_a_graceful_shutdown_is_begun_by_a_button_and_other_pages_turn_red_witho
         expect(page.locator("#node-edge-2 .phase.bad")).to_have_text("graceful shutdown")
         other_page.get_by_role("button", name="End the graceful shutdown of edge-2").click()
         expect(page.locator("#node-edge-2")).not_to_contain_text("graceful shutdown")
+
+
+def test_a_name_that_was_rebound_to_this_machine_reaches_no_page(browser: Browser, fleet: Fleet) -> None:
+    with open_context(browser, fleet) as context:
+        name, _, value = fleet.session.partition("=")
+        origin = f"http://{REBOUND_HOST}:{fleet.console.port}"
+        context.add_cookies([{"name": name, "value": value, "url": origin}])
+        page = context.new_page()
+        for path in ("/", "/nodes", "/open?pass=guess", "/static/console.css"):
+            answer = page.goto(origin + path)
+            assert answer is not None
+            assert answer.status == 403, path
+            assert "amr-07" not in page.content()
+
+
+def test_the_users_token_is_on_no_page_in_no_address_and_in_no_log(page: Page, fleet: Fleet) -> None:
+    token = yaml.safe_load(fleet.plane.kubeconfig().read_text())["users"][0]["user"]["token"]
+    addresses: list[str] = []
+    page.on("request", lambda request: addresses.append(request.url))
+    for path in SCREENS.values():
+        page.goto(path.format(namespace=fleet.namespace))
+        assert token not in page.content()
+    assert addresses
+    assert not [address for address in addresses if token in address]
+    assert token not in fleet.console.process.log_text()

@@ -62,6 +62,7 @@ def test_pages_say_stale_while_the_api_server_is_gone_and_go_on_afterwards(page:
         expect(page.locator("#node-edge-1")).to_contain_text("hall-1")
     finally:
         server.start().wait_ready()
+        fleet.scheduler.restart()  # without its lease it ends, and its pod would be started again
     expect(page.get_by_text("stale since")).to_have_count(0, timeout=60_000)
     fleet.telemetry.set_load("edge-1", cpu=17, memory=18)
     expect(page.locator("#node-edge-1")).to_contain_text("used 17 %", timeout=60_000)
