@@ -24,7 +24,7 @@ NOTICE_S: Final = 60
 
 
 class RefusedInputError(Exception):
-    """What a form holds cannot be used; the text says what is allowed."""
+    """A form holds something that cannot be used; the text says what is allowed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What can be done with an app from its page: suspend, resume, restart a component, approve an update, delete."""
+"""The buttons of an app's page: suspend, resume, restart a component, approve an update, delete."""
 
 import time
 from collections.abc import Awaitable, Callable, Mapping

@@ -10,8 +10,9 @@ from typing import Final
 from aiohttp import web
 
 from robotapp_console.cluster.informer_set import InformerSet
-from robotapp_console.web import security
+from robotapp_console.web import security, tuner
 from robotapp_console.web.actions import drop_notice, read_notice
+from robotapp_console.web.api import answer_config, answer_nodes, take_config
 from robotapp_console.web.app_actions import act_on_app, confirm_delete
 from robotapp_console.web.console import CALLER, CONSOLE, Console
 from robotapp_console.web.guard import Handler, answer_errors, guard
@@ -21,7 +22,8 @@ from robotapp_console.web.sessions import Caller
 from robotapp_console.web.signing import answer_expired, open_local, show_login, sign_in, sign_out
 
 log = logging.getLogger(__name__)
-MOST_BODY: Final = 64 * 1024
+MOST_BODY: Final = 256 * 1024
+"""Bytes; the form of the scheduler's configuration holds its text twice."""
 MOST_STREAMS: Final = 30
 """Open pages of one user."""
 GATHER_S: Final = 0.05
@@ -47,6 +49,11 @@ def make_app(console: Console) -> web.Application:
     app.router.add_get("/apps/{namespace}/{name}/delete", confirm_delete)
     app.router.add_post("/apps/{namespace}/{name}/{action:suspend|resume|restart|approve|delete}", act_on_app)
     app.router.add_post("/nodes/{name}/{action:begin-shutdown|end-shutdown}", act_on_node)
+    app.router.add_get(tuner.PATH, tuner.show_scheduler)
+    app.router.add_post(tuner.PATH, tuner.change_scheduler)
+    app.router.add_get("/api/config", answer_config)
+    app.router.add_post("/api/config", take_config)
+    app.router.add_get("/api/nodes", answer_nodes)
     screens: tuple[tuple[str, Screen], ...] = (
         ("/", FleetScreen()),
         ("/nodes", NodesScreen()),

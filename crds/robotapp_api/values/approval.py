@@ -1,4 +1,4 @@
-"""How conditions name the approval of an operator's templates: written by the operator, read by what offers a button for it."""
+"""The approval of an operator's templates as conditions name it: written by the operator, read by what offers a button for it."""
 
 import re
 from typing import Final

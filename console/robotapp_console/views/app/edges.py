@@ -35,12 +35,12 @@ class EdgeRow:
 
     @property
     def ends(self) -> str:
-        """The two ends as a table names them."""
+        """Returns the two ends as a table names them."""
         return f"{self.source} → {self.target}"
 
     @property
     def known(self) -> str:
-        """How the time is known, with the zones of an estimate."""
+        """Returns how the time is known, with the zones of an estimate."""
         return f"{self.knowledge} ({self.zones})" if self.zones else self.knowledge
 
     @property

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """Where a cell of this height would like to begin; `weight` counts the lines that wish it."""
+    """The top that a cell of this height would have if it were alone; `weight` counts the lines that wish it."""
 
     height: float
     top: float = 0.0

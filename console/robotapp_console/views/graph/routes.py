@@ -12,7 +12,7 @@ BEND: Final = 5
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """Where a line leaves or arrives, and on which side of the component: 1 for right, -1 for left."""
+    """One end of a line: its place, and the side of the component it is on: 1 for right, -1 for left."""
 
     x: float
     y: float
