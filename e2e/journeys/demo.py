@@ -174,10 +174,17 @@ def set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> DemoCluster
     cluster.kubectl("create", "namespace", NAMESPACE)
     with stage.working("starting operator, scheduler and console"):
         operator = product.start_operator(cluster, wait=False, sweep_seconds=1)
-        scheduler = product.start_scheduler(cluster, wait=False, sweep_seconds=1, insecure_explain=True)
+        scheduler = product.start_scheduler(
+            cluster,
+            wait=False,
+            sweep_seconds=1,
+            insecure_explain=True,
+            config_map=product.SCHEDULER_CONFIG,
+            last_good_config_map=product.LAST_GOOD_CONFIG,
+        )
         operator.wait_ready()
         scheduler.wait_ready()
-        console = start_console(cluster)
+        console = start_console(cluster, scheduler_url=scheduler.health_url)
     return DemoCluster(
         cluster=cluster,
         operator=operator,

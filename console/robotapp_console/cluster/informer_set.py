@@ -187,6 +187,11 @@ class InformerSet:
         entry = self._models.get((*key, namespace, home))
         return 0.0 if entry is None else max(0.0, entry.due_s - time.monotonic())
 
+    def is_behind(self, key: tuple[str, ...], *, namespace: str, home: str) -> bool:
+        """Returns whether this model was built before the latest change: whoever shows it must do so once more."""
+        entry = self._models.get((*key, namespace, home))
+        return entry is not None and entry.version != self.version
+
     @contextlib.contextmanager
     def listen(self) -> Iterator[asyncio.Event]:
         """Gives an event that is set after every change, for a page that follows them."""

@@ -166,6 +166,15 @@ class _Follower:
 
     async def wait_for_change(self) -> bool:
         """Returns whether something changed before the next beat is due."""
+        key = self._screen.key(self._request)
+        place = {"namespace": self._screen.namespace(self._request), "home": self._caller.home}
+        if not self.informers.is_behind(key, **place) and not await self._is_woken():
+            return False
+        await asyncio.sleep(max(GATHER_S, self.informers.pause_s(key, **place)))
+        self.wake.clear()
+        return True
+
+    async def _is_woken(self) -> bool:
         waiting = asyncio.ensure_future(self.wake.wait())
         ending = asyncio.ensure_future(self._console.ending.wait())
         try:
@@ -173,13 +182,7 @@ class _Follower:
         finally:
             waiting.cancel()
             ending.cancel()
-        if not self.wake.is_set():
-            return False
-        screen, namespace = self._screen, self._screen.namespace(self._request)
-        pause_s = self.informers.pause_s(screen.key(self._request), namespace=namespace, home=self._caller.home)
-        await asyncio.sleep(max(GATHER_S, pause_s))
-        self.wake.clear()
-        return True
+        return self.wake.is_set()
 
     async def render_change(self) -> str:
         """Returns the fragment, empty when it is what was sent last."""

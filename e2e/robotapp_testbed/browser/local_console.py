@@ -62,10 +62,16 @@ class LocalConsole:
             connection.close()
 
 
-def start_console(cp: ControlPlane, *, user: str = identity.ADMIN, name: str = "console") -> LocalConsole:
-    """Starts the console with the kubeconfig of this user and waits until it serves. It ends with the control plane."""
+def start_console(
+    cp: ControlPlane, *, user: str = identity.ADMIN, name: str = "console", scheduler_url: str = ""
+) -> LocalConsole:
+    """Starts the console with the kubeconfig of this user and waits until it serves. It ends with the control plane.
+
+    scheduler_url: the port of our scheduler, which replays placements.
+    """
     (port,) = ports.free_ports(1)
-    flags = ("--local", "--no-browser", f"--port={port}", f"--kubeconfig={cp.kubeconfig(user)}")
+    flags = ["--local", "--no-browser", f"--port={port}", f"--kubeconfig={cp.kubeconfig(user)}"]
+    flags += [f"--scheduler-url={scheduler_url}"] if scheduler_url else []
     process = Process(
         name,
         [sys.executable, "-m", "robotapp_console", *flags],

@@ -88,9 +88,16 @@ def fleet(browser: Browser, installed_plane: ControlPlane) -> Iterator[Fleet]:
         telemetry = stack.enter_context(topology.SimulatedTelemetry(installed_plane, nodes))
         operator = product.start_operator(installed_plane, wait=False, sweep_seconds=1, no_leader_election=True)
         stack.callback(operator.stop)
-        scheduler = product.start_scheduler(installed_plane, wait=False, sweep_seconds=1, insecure_explain=True)
+        scheduler = product.start_scheduler(
+            installed_plane,
+            wait=False,
+            sweep_seconds=1,
+            insecure_explain=True,
+            config_map=product.SCHEDULER_CONFIG,
+            last_good_config_map=product.LAST_GOOD_CONFIG,
+        )
         stack.callback(scheduler.stop)
-        console = start_console(installed_plane)
+        console = start_console(installed_plane, scheduler_url=scheduler.health_url)
         stack.callback(console.process.stop)
         namespace = stack.enter_context(created(installed_plane, f"demo-{secrets.token_hex(2)}"))
         operator.wait_ready()

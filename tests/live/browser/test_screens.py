@@ -14,7 +14,8 @@ SCREENS = {
     "fleet": "/",
     "teleop": "/apps/{namespace}/teleop",
     "can-rival": "/apps/{namespace}/can-rival",
-    "nodes": "/nodes",
+    "nodes": "/nodes?near=hall-1&far=hall-2",
+    "scheduler": "/scheduler",
     "nothing there": "/apps/{namespace}/no-such-app",
 }
 

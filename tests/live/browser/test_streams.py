@@ -2,7 +2,7 @@
 
 import re
 
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 from tests.live.browser.conftest import Fleet
 
 from robotapp_testbed.browser import start_console
@@ -36,6 +36,17 @@ def test_updates_arrive_without_a_reload_and_nothing_on_the_page_moves(page: Pag
     assert is_marked(page)
     assert page.locator("#q").input_value() == "half a wo", "what is being typed stays"
     assert page.evaluate("window.shifts") == []
+
+
+def test_a_page_follows_the_cluster_also_when_its_scripts_arrive_late(page: Page, fleet: Fleet) -> None:
+    def delay(route: Route) -> None:
+        page.wait_for_timeout(400)
+        route.continue_()
+
+    page.route("**/hx-sse.min.js*", delay)
+    page.goto("/nodes")
+    fleet.telemetry.set_load("cloud-1", cpu=71, memory=18)
+    expect(page.locator("#node-cloud-1")).to_contain_text("used 71 %")
 
 
 def test_an_app_that_is_suspended_and_resumed_is_followed(page: Page, fleet: Fleet) -> None:
