@@ -68,6 +68,8 @@ class InformerSet:
         self.signed_out = False
         self.streams = 0
         """Pages that follow changes."""
+        self.turn = asyncio.Lock()
+        """Held while a page is rendered: of many requests of one user each waits for its turn, and other users come between."""
         self.last_used_s = time.monotonic()
         self._feeds: dict[tuple[str, str], Feed] = {}
         self._tasks: list[asyncio.Task[None]] = []

@@ -21,7 +21,7 @@ from robotapp_console.web.sessions import Caller, LocalDoor, Seal, Session, hash
 LOCAL: Final = "local"
 """Key of the local console's only caller."""
 CALLER: Final = web.RequestKey("caller", Caller)
-CALLER_PER_S, CALLER_AT_ONCE = 20.0, 100
+CALLER_PER_S, CALLER_AT_ONCE = 10.0, 60
 STRANGERS_PER_S, STRANGERS_AT_ONCE = 5.0, 30
 
 

@@ -114,7 +114,8 @@ def _make_page(screen: Screen) -> Handler:
             "stream": f"{stream}?{query}" if query else stream,
             "notice": read_notice(console, caller, request),
         }
-        html = console.render(request, "screen.html", dict(shown.context) | context, now_s=now_s)
+        async with informers.turn:
+            html = console.render(request, "screen.html", dict(shown.context) | context, now_s=now_s)
         return web.Response(text=html, content_type="text/html")
 
     return show_page
