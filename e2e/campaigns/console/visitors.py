@@ -3,13 +3,13 @@
 import asyncio
 import re
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterable, AsyncIterator
 from contextlib import asynccontextmanager
 from http.cookies import SimpleCookie
 from types import TracebackType
 from typing import Final, Self
 
-from aiohttp import ClientSession, ClientTimeout, DummyCookieJar, StreamReader, TCPConnector
+from aiohttp import ClientSession, ClientTimeout, DummyCookieJar, TCPConnector
 
 _ANSWER_S: Final = 60.0
 _CSRF: Final = re.compile(r'name="csrf" value="([^"]+)"')
@@ -85,7 +85,7 @@ class OpenPage:
         self.fragments = 0
         self._arrived = asyncio.Event()
 
-    async def read(self, stream: StreamReader) -> None:
+    async def read(self, stream: AsyncIterable[bytes]) -> None:
         """Takes in fragments until cancelled."""
         lines: list[str] = []
         async for raw in stream:
