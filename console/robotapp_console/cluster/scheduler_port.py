@@ -1,4 +1,4 @@
-"""The scheduler's own port: asks it what another configuration would change, with the credentials of the user who looks."""
+"""The scheduler's own port: asks it about decisions and other configurations, with the credentials of the user who looks."""
 
 import ssl
 from http import HTTPStatus
@@ -35,9 +35,20 @@ class SchedulerPort:
     async def replay(self, endpoint: Endpoint, config: dict[str, Any], count: int, *, namespace: str) -> dict[str, Any]:
         """Returns the scheduler's answer: which of the latest placements would sit elsewhere. Raises SchedulerPortError."""
         body = msgspec.json.encode({"config": config, "replay": count})
-        return await self._post(endpoint, f"/what-if?namespace={quote(namespace)}", body)
+        status, content = await self._ask(endpoint, "POST", f"/what-if?namespace={quote(namespace)}", body)
+        return _read_answer(status, content, cure="A replay takes a ClusterRoleBinding of robotapp-cluster-viewer.")
 
-    async def _post(self, endpoint: Endpoint, path: str, body: bytes) -> dict[str, Any]:
+    async def explain(self, endpoint: Endpoint, namespace: str, pod: str) -> dict[str, Any] | None:
+        """Returns the record of the decision about a pod, None when there is none. Raises SchedulerPortError."""
+        status, content = await self._ask(endpoint, "GET", f"/explain/{quote(namespace)}/{quote(pod)}")
+        if status == HTTPStatus.NOT_FOUND:
+            return None
+        return _read_answer(
+            status, content, cure="It takes the right to get pods there, and to get nodes for their names."
+        )
+
+    async def _ask(self, endpoint: Endpoint, method: str, path: str, body: bytes | None = None) -> tuple[int, bytes]:
+        """Returns the status and the body of the answer, of which no more is read than may be sent."""
         if not self.url:
             raise SchedulerPortError(NO_ADDRESS)
         headers = await _authorize(endpoint)
@@ -45,7 +56,9 @@ class SchedulerPort:
         try:
             async with (
                 aiohttp.ClientSession(timeout=timeout, headers=headers) as http,
-                http.post(self.url + path, data=body, ssl=self._tls or True, allow_redirects=False) as response,
+                http.request(
+                    method, self.url + path, data=body, ssl=self._tls or True, allow_redirects=False
+                ) as response,
             ):
                 content = await response.content.read(MOST_ANSWER + 1)
                 while not response.content.at_eof() and len(content) <= MOST_ANSWER:
@@ -53,7 +66,7 @@ class SchedulerPort:
         except (aiohttp.ClientError, TimeoutError) as error:
             reason = str(error) or type(error).__name__
             raise SchedulerPortError(f"The scheduler at {self.url} does not answer: {clean(reason)}.") from error
-        return _read_answer(response.status, content)
+        return response.status, content
 
 
 async def _authorize(endpoint: Endpoint) -> dict[str, str]:
@@ -66,7 +79,7 @@ async def _authorize(endpoint: Endpoint) -> dict[str, str]:
     return {"Authorization": token} if token else {}
 
 
-def _read_answer(status: int, content: bytes) -> dict[str, Any]:
+def _read_answer(status: int, content: bytes, *, cure: str) -> dict[str, Any]:
     try:
         answer = msgspec.json.decode(content, type=dict[str, Any]) if len(content) <= MOST_ANSWER else {}
     except msgspec.MsgspecError:
@@ -80,7 +93,5 @@ def _read_answer(status: int, content: bytes) -> dict[str, Any]:
     if status == HTTPStatus.NOT_FOUND:
         raise SchedulerPortError("The scheduler knows no such question: it is older than the console.")
     if status in (HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN):
-        raise SchedulerPortError(
-            f"The scheduler refuses: {reason}. A replay takes a ClusterRoleBinding of robotapp-cluster-viewer."
-        )
+        raise SchedulerPortError(f"The scheduler refuses: {reason}. {cure}")
     raise SchedulerPortError(f"The scheduler answers {status}: {reason}.")
