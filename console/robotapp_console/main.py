@@ -25,7 +25,7 @@ from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_client.transport.kubeconfig import default_kubeconfigs
 from robotapp_console.cluster.config_store import Place
 from robotapp_console.cluster.informer_sets import IDLE_S, InformerSets
-from robotapp_console.cluster.scheduler_port import SchedulerPort, TunnelKeeper
+from robotapp_console.cluster.scheduler_port import SchedulerPort
 from robotapp_console.settings import TRUSTED_ROOT, Settings, parse
 from robotapp_console.web.console import LOCAL, Console
 from robotapp_console.web.server import start_app
@@ -86,7 +86,6 @@ async def _serve_local(settings: Settings) -> None:
     if settings.browser:
         await asyncio.to_thread(webbrowser.open, f"http://{LOOPBACK}:{port}{door.path}")
     await _wait_for_end(runner)
-    await console.scheduler.close()
 
 
 async def _serve_cluster(settings: Settings) -> None:
@@ -128,7 +127,7 @@ def open_scheduler(settings: Settings, tls: ssl.SSLContext | None) -> SchedulerP
     """
     parts = urlsplit(settings.scheduler_url)
     if not settings.scheduler_url:
-        return _open_keeper(settings, tls) if settings.local else SchedulerPort()
+        return SchedulerPort()
     if parts.scheme != "https" or not parts.hostname:
         raise LoginError(f"--scheduler-url {settings.scheduler_url}: tokens are sent over https:// alone")
     context = tls or ssl.create_default_context()
@@ -143,16 +142,6 @@ def open_scheduler(settings: Settings, tls: ssl.SSLContext | None) -> SchedulerP
         except (OSError, ssl.SSLError) as error:
             raise LoginError(f"--scheduler-ca {settings.scheduler_authority} cannot be loaded: {error}") from error
     return SchedulerPort(settings.scheduler_url, tls=context)
-
-
-def _open_keeper(settings: Settings, tls: ssl.SSLContext | None) -> SchedulerPort:
-    """Returns the way through kubectl port-forward. It ends in the pod that the API server named, which is what a certificate would prove."""
-    context = tls or ssl.create_default_context()
-    context.check_hostname = False
-    context.verify_mode = ssl.CERT_NONE
-    namespace = find_config_place(settings).namespace
-    keeper = TunnelKeeper(namespace, context=settings.context, kubeconfig=settings.kubeconfig)
-    return SchedulerPort(tls=context, keeper=keeper)
 
 
 def _open_port(host: str, port: int) -> socket.socket:
