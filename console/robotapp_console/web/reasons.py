@@ -1,26 +1,17 @@
 """The page that says why the pods of an app are where they are: pods by the API server, decisions by the scheduler, both with the caller's rights."""
 
-import asyncio
-from collections.abc import Sequence
-from typing import Any, Final
-
 from aiohttp import web
 
 from robotapp_api.model.names import Label
 from robotapp_client import ClientError, Listing, NotFound, Unauthorized
 from robotapp_client.api.resources import PODS, ROBOTAPPS
-from robotapp_console.cluster.scheduler_port import SchedulerPort, SchedulerPortError
 from robotapp_console.views.app.reasons import build_reasons, select_pods
 from robotapp_console.views.objects import AppPod
 from robotapp_console.views.problems import path_of_app
 from robotapp_console.views.texts import clean, kubectl
 from robotapp_console.web.app_actions import read_app
 from robotapp_console.web.console import CALLER, CONSOLE
-from robotapp_console.web.sessions import Caller
 from robotapp_console.web.signing import answer_expired
-
-AT_ONCE: Final = 8
-"""Questions to the scheduler at a time."""
 
 
 async def show_reasons(request: web.Request) -> web.StreamResponse:
@@ -45,7 +36,7 @@ async def show_reasons(request: web.Request) -> web.StreamResponse:
     if robot is None:
         robot = min((pod.metadata.labels.get(Label.INSTANCE, "") for pod in listing.items), default="")
     pods = select_pods(listing.items, robot)
-    records, problem = await _fetch_records(console.scheduler, caller, pods)
+    records, problem = await console.scheduler.explain(caller.endpoint, namespace, [pod.metadata.name for pod in pods])
     only = ("--robot", robot) if robot else ()
     context = {
         "title": clean(f"Why here? {namespace}/{name}" + (f" on {robot}" if robot else ""), 320),
@@ -58,30 +49,3 @@ async def show_reasons(request: web.Request) -> web.StreamResponse:
         "command": kubectl("robotapp", "explain", name, "-n", namespace, *only),
     }
     return web.Response(text=console.render(request, "app_why.html", context), content_type="text/html")
-
-
-async def _fetch_records(
-    scheduler: SchedulerPort, caller: Caller, pods: Sequence[AppPod]
-) -> tuple[dict[str, dict[str, Any]], str]:
-    """Returns the records by the pod's name, and why they could not be read; after the first failure nothing more is asked."""
-    records: dict[str, dict[str, Any]] = {}
-    problems: list[str] = []
-    limit = asyncio.Semaphore(AT_ONCE)
-
-    async def fetch(pod: AppPod) -> None:
-        meta = pod.metadata
-        async with limit:
-            if problems:
-                return
-            try:
-                record = await scheduler.explain(caller.endpoint, meta.namespace, meta.name)
-            except SchedulerPortError as error:
-                problems.append(str(error))
-                return
-            if record is not None:
-                records[meta.name] = record
-
-    async with asyncio.TaskGroup() as tasks:
-        for pod in pods:
-            tasks.create_task(fetch(pod))
-    return records, problems[0] if problems else ""

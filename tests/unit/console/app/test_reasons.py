@@ -152,6 +152,22 @@ async def test_without_a_way_to_the_scheduler_pods_speak_for_themselves_and_the_
         assert "kubectl robotapp explain teleop -n team-a --robot amr-07" in page.text
 
 
+async def test_all_pods_are_asked_about_through_one_tunnel_that_ends() -> None:
+    openings: list[str] = []
+
+    @asynccontextmanager
+    async def tunnel() -> AsyncIterator[int]:
+        openings.append("opened")
+        yield 1
+        openings.append("closed")
+
+    async with staged() as stage:
+        stage.console.scheduler = SchedulerPort(tunnel=tunnel)
+        page = await (await fill(stage)).get(PAGE)
+        assert "The scheduler at https://127.0.0.1:1 does not answer" in page.text
+        assert openings == ["opened", "closed"]
+
+
 async def test_a_refusal_of_the_scheduler_is_told_and_it_is_not_asked_again() -> None:
     refusal = (403, {"error": "you may not get pods in namespace team-a"})
     async with staged() as stage, scheduler(stage, dict.fromkeys("ab", refusal)) as headers:
