@@ -261,6 +261,23 @@ class Pod(Object, frozen=True, kw_only=True):
     status: PodStatus = PodStatus()
 
 
+class AppPodSpec(Object, frozen=True, kw_only=True):
+    node_name: str = ""
+
+
+class AppPodStatus(Object, frozen=True, kw_only=True):
+    phase: str = ""
+    conditions: tuple[Condition, ...] = ()
+
+
+class AppPod(Object, frozen=True, kw_only=True):
+    """A pod of one app, with what says why it is where it is. Those of all apps are followed with less: see Pod."""
+
+    metadata: Meta
+    spec: AppPodSpec = AppPodSpec()
+    status: AppPodStatus = AppPodStatus()
+
+
 class EventSeries(Object, frozen=True, kw_only=True):
     count: int = 0
     last_observed_time: str = ""

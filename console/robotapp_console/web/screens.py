@@ -19,8 +19,7 @@ from robotapp_console.views.paging import FAR, NEAR, Query
 from robotapp_console.views.pairs import ZonePairs, build_pairs
 from robotapp_console.views.snapshot import Snapshot
 from robotapp_console.views.texts import clean
-from robotapp_console.web.app_actions import find_allowed
-from robotapp_console.web.node_actions import SHUT_DOWN
+from robotapp_console.web.app_actions import SHUT_DOWN, find_allowed
 from robotapp_console.web.sessions import Caller
 
 

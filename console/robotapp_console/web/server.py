@@ -13,10 +13,10 @@ from robotapp_console.cluster.informer_set import InformerSet
 from robotapp_console.web import security, tuner
 from robotapp_console.web.actions import drop_notice, read_notice
 from robotapp_console.web.api import answer_config, answer_nodes, take_config
-from robotapp_console.web.app_actions import act_on_app, confirm_delete
+from robotapp_console.web.app_actions import act_on_app, act_on_node, confirm_delete
 from robotapp_console.web.console import CALLER, CONSOLE, Console
 from robotapp_console.web.guard import Handler, answer_errors, guard
-from robotapp_console.web.node_actions import act_on_node
+from robotapp_console.web.reasons import show_reasons
 from robotapp_console.web.screens import AppScreen, FleetScreen, NodesScreen, Screen, Shown
 from robotapp_console.web.sessions import Caller
 from robotapp_console.web.signing import answer_expired, open_local, show_login, sign_in, sign_out
@@ -47,6 +47,7 @@ def make_app(console: Console) -> web.Application:
     app.router.add_post("/login", sign_in)
     app.router.add_post("/logout", sign_out)
     app.router.add_get("/apps/{namespace}/{name}/delete", confirm_delete)
+    app.router.add_get("/apps/{namespace}/{name}/why", show_reasons)
     app.router.add_post("/apps/{namespace}/{name}/{action:suspend|resume|restart|approve|delete}", act_on_app)
     app.router.add_post("/nodes/{name}/{action:begin-shutdown|end-shutdown}", act_on_node)
     app.router.add_get(tuner.PATH, tuner.show_scheduler)

@@ -1,8 +1,12 @@
 """A browser as far as the console's live tests need one, and tokens of tenants."""
 
 import http.client
+import json
 import re
 import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from http.cookies import SimpleCookie
 from urllib.parse import urlencode
 
@@ -43,6 +47,21 @@ class Console:
         csrf = re.search(r'name="csrf" value="([^"]+)"', form)
         assert csrf is not None
         return self.post("/login", {"token": token, "home": home, "csrf": csrf[1]})[0]
+
+
+@contextmanager
+def serve(plane: ControlPlane, *flags: str) -> Iterator[Console]:
+    """Starts a console in front of this API server, and stops it."""
+    command = [sys.executable, "-m", "robotapp_console", "--plain-http", "--listen=127.0.0.1", "--port=0", *flags]
+    command += [f"--api-server={plane.server_url}", f"--certificate-authority={plane.ca_file}"]
+    with subprocess.Popen([*command, "--log-format=json"], stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        line = json.loads(process.stderr.readline())["message"]
+        port = re.search(r"port (\d+)", line)
+        assert port is not None, line
+        yield Console(process, int(port[1]))
+        process.terminate()
+        assert process.wait(30) == 0
 
 
 def make_token(plane: ControlPlane, namespace: str, *, role: str = "view") -> str:

@@ -153,7 +153,7 @@ def build_app(snapshot: Snapshot, namespace: str, name: str, robot: str = "") ->
         max(0, len(instances) - MOST_LISTED),
         clean(robot, 63),
         bool(robot) and not chosen,
-        _list_commands(namespace, name, robot),
+        _list_commands(namespace, name, robot, is_suspended=app.spec.suspend),
         snapshot.list_refusals("robotapps", "robotappinstances", "nodes", "nodetelemetries"),
     )
 
@@ -301,16 +301,22 @@ def _build_line(instance: Instance, namespace: str, name: str) -> InstanceLine:
     )
 
 
-def _list_commands(namespace: str, name: str, robot: str) -> tuple[Command, ...]:
+def _list_commands(namespace: str, name: str, robot: str, *, is_suspended: bool) -> tuple[Command, ...]:
     home = ("-n", namespace)
     only = ("--robot", robot) if robot else ()
     selector = f"{Label.APP}={name}" + (f",{Label.INSTANCE}={robot}" if robot else "")
+    words, value = ("start its pods again", "false") if is_suspended else ("stop all its pods", "true")
     return (
         Command("conditions, edges and events on a terminal", kubectl("robotapp", "info", name, *home, *only)),
         Command("why each component runs where it runs", kubectl("robotapp", "explain", name, *home, *only)),
         Command("logs of all components", kubectl("logs", *home, "-l", selector, "--all-containers", "--prefix", "-f")),
         Command("its pods", kubectl("get", "pods", *home, "-l", selector, "-o", "wide")),
         Command("the objects made of it", kubectl("robotapp", "render", name, *home)),
+        Command("restart its components", kubectl("rollout", "restart", "deployment", *home, "-l", selector)),
+        Command(
+            words,
+            kubectl("patch", "robotapp", name, *home, "--type=merge", "-p", f'{{"spec": {{"suspend": {value}}}}}'),
+        ),
     )
 
 

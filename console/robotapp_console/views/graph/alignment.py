@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import floor
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,4 +34,4 @@ def place_cells(wishes: Sequence[Wish], depth: float) -> list[float]:
         blocks.append((value, weight, count))
     slack = max(0.0, depth - offsets[-1])
     values = [min(max(value, 0.0), slack) for value, _, count in blocks for _ in range(count)]
-    return [float(round(value + offset)) for value, offset in zip(values, offsets, strict=False)]
+    return [floor(value) + offset for value, offset in zip(values, offsets, strict=False)]
