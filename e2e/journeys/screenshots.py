@@ -2,7 +2,9 @@
 
 import argparse
 import base64
+import re
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +25,19 @@ _WIDTH: Final = 1200
 _SETTLED_MS: Final = 1000
 
 
+def _leave(page: Page) -> None:
+    """Leaves the page as it was opened."""
+    del page
+
+
+def _change_weights(page: Page) -> None:
+    """Changes two weights, and shows them beside the text that follows."""
+    page.locator("summary").filter(has_text=re.compile(r"^\s*filter\b")).first.click()
+    for plugin, weight in (("NodeResourcesFit", "5"), ("NodeAffinity", "1")):
+        page.get_by_label(f"Weight of {plugin}", exact=True).first.fill(weight)
+    page.locator("#yaml .added").first.wait_for()
+
+
 @dataclass(frozen=True, slots=True)
 class Picture:
     """One picture; a page of which the console has none leaves the picture that is there as it is."""
@@ -31,12 +46,14 @@ class Picture:
     path: str
     height: int
     is_dark: bool = False
+    prepare: Callable[[Page], None] = _leave
+    """What is done on the page before the picture is taken."""
 
 
 PICTURES: Final = (
     Picture("fleet", "/", 560),
     Picture("app", f"/apps/{NAMESPACE}/teleop", 900),
-    Picture("scheduler", "/scheduler", 900),
+    Picture("scheduler", "/scheduler", 900, prepare=_change_weights),
     Picture("nodes", "/nodes?near=hall-1&far=hall-2", 900, is_dark=True),
 )
 
@@ -82,6 +99,7 @@ def _take(browser: Browser, demo: DemoCluster, picture: Picture, folder: Path) -
         answer = page.goto(picture.path)
         if answer is None or not answer.ok:
             return f"{picture.name}: the console has no such page, nothing is changed"
+        picture.prepare(page)
         page.wait_for_timeout(_SETTLED_MS)  # the stream has sent what is new
         for quality in _QUALITIES:
             image = _shoot(page, quality)
