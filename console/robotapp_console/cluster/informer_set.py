@@ -18,6 +18,7 @@ from robotapp_console.cluster.kinds import NODE_KIND, TELEMETRY, Kind
 from robotapp_console.cluster.rights import Rights
 from robotapp_console.views.fleet import measure_links
 from robotapp_console.views.history import LinkHistory
+from robotapp_console.views.links import NodeLinks
 from robotapp_console.views.objects import Event, Telemetry
 from robotapp_console.views.snapshot import Refusal, Snapshot, Stale
 from robotapp_console.views.texts import clean, parse_timestamp
@@ -75,6 +76,7 @@ class InformerSet:
         self._tasks: list[asyncio.Task[None]] = []
         self._listeners: set[asyncio.Event] = set()
         self._round_trips = RoundTrips()
+        self._links = NodeLinks(self._round_trips)
         self._history = LinkHistory()
         self._models: dict[tuple[str, ...], _Built[Any]] = {}
         self._events: dict[str, tuple[float, list[Event]]] = {}
@@ -160,6 +162,7 @@ class InformerSet:
             nodes=stores.get("nodes", {}),
             pods=stores.get("pods", {}),
             round_trips=self._round_trips,
+            links=self._links,
             history=self._history,
             refusals=refusals,
             stale=tuple(stale),
@@ -246,14 +249,16 @@ class InformerSet:
     def _take_telemetry(self, change: Change) -> None:
         report: Telemetry | None = change.new
         if report is None:
-            self._round_trips.drop(change.key)
+            self._links.forget((change.key, *self._round_trips.drop(change.key)))
             return
         written_s = parse_timestamp(report.written_at)
         if written_s is not None:
             status = report.status
-            self._round_trips.receive(
+            peers = self._round_trips.receive(
                 change.key, status.rtt, seq=status.seq, interval_s=status.interval_seconds, now_s=written_s
             )
+            if peers:
+                self._links.forget((change.key, *peers))
 
     def _sign_out(self) -> None:
         self.signed_out = True
@@ -269,7 +274,8 @@ class InformerSet:
 
     async def _tick_forever(self) -> None:
         while True:
-            self._round_trips.expire(time.time())
+            for node, peers in self._round_trips.expire(time.time()).items():
+                self._links.forget((node, *peers))
             if self._feeds.keys() >= {(TELEMETRY.plural, ""), (NODE_KIND.plural, "")}:
                 snapshot = self.take_snapshot("", "")
                 self._history.record(measure_links(snapshot), snapshot.now_s)

@@ -140,7 +140,7 @@ async def _measure_updates(rig: Rig, visitor: Visitor) -> Figures:
     async with visitor.follow("/stream") as page:
         for number in range(20):
             phase = ("Degraded", "Running")[number % 2]
-            pattern = re.compile(rf'id="robot-{robot}".*?title="{phase}', re.DOTALL)
+            pattern = re.compile(rf'id="robot-{robot}"(?:(?!</tr>).)*?title="{phase}', re.DOTALL)
             await asyncio.sleep(1.0 + number * 0.07)  # at all moments of the telemetry's period
             write = asyncio.create_task(asyncio.to_thread(rig.fleet.set_phase, rig.cp, robot, phase))
             times.append(await _wait_for_row(page, pattern, robot))
