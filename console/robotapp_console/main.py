@@ -13,14 +13,19 @@ import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
+from urllib.parse import urlsplit
 
 from aiohttp import web
 
+from robotapp_api.model.names import SYSTEM_NAMESPACE
+from robotapp_api.values.arguments import is_name
 from robotapp_client import ClientError, Endpoint, LoginError, load
 from robotapp_client.serving import logs
 from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_client.transport.kubeconfig import default_kubeconfigs
+from robotapp_console.cluster.config_store import Place
 from robotapp_console.cluster.informer_sets import IDLE_S, InformerSets
+from robotapp_console.cluster.scheduler_port import SchedulerPort
 from robotapp_console.settings import TRUSTED_ROOT, Settings, parse
 from robotapp_console.web.console import LOCAL, Console
 from robotapp_console.web.server import start_app
@@ -59,6 +64,9 @@ async def _serve_local(settings: Settings) -> None:
         hosts=frozenset({f"{LOOPBACK}:{port}", f"localhost:{port}"}),
         cookie=f"robotapp-console-{port}",
         informers=InformerSets(idle_s=float("inf")),
+        config_place=find_config_place(settings),
+        # A context of its own: that of the API server's connection goes on verifying.
+        scheduler=open_scheduler(settings, load(files or None, settings.context).tls),
     )
 
     def print_address(words: str) -> None:
@@ -88,6 +96,8 @@ async def _serve_cluster(settings: Settings) -> None:
         token_header=settings.token_header,
         hosts=frozenset(settings.hosts),
         informers=InformerSets(idle_s=IDLE_S),
+        config_place=find_config_place(settings),
+        scheduler=open_scheduler(settings, None),
     )
     tls = None if settings.plain_http else await loaded(TlsPort(settings.certificate, settings.key))
     listener = _open_port(settings.listen, settings.port)
@@ -98,6 +108,40 @@ async def _serve_cluster(settings: Settings) -> None:
     await _wait_for_end(runner)
     if certificate_task is not None:
         certificate_task.cancel()
+
+
+def find_config_place(settings: Settings) -> Place:
+    """Returns where the scheduler's configuration is. Raises LoginError for what is no name."""
+    if not settings.scheduler_config:
+        return Place()
+    namespace, slash, name = settings.scheduler_config.rpartition("/")
+    if not is_name(name) or (slash and not is_name(namespace)):
+        raise LoginError(f"--scheduler-config {settings.scheduler_config}: write [NAMESPACE/]NAME of a ConfigMap")
+    return Place(namespace or SYSTEM_NAMESPACE, name)
+
+
+def open_scheduler(settings: Settings, tls: ssl.SSLContext | None) -> SchedulerPort:
+    """Returns the way to the scheduler's port. Raises LoginError for an address to which no token may be sent.
+
+    A scheduler on this machine, such as one behind a port-forward, makes its own certificate, which cannot be verified.
+    """
+    parts = urlsplit(settings.scheduler_url)
+    if not settings.scheduler_url:
+        return SchedulerPort()
+    if parts.scheme != "https" or not parts.hostname:
+        raise LoginError(f"--scheduler-url {settings.scheduler_url}: tokens are sent over https:// alone")
+    context = tls or ssl.create_default_context()
+    is_here = parts.hostname in ("localhost", LOOPBACK, "::1")
+    context.check_hostname = not (is_here or settings.scheduler_unverified)
+    context.verify_mode = ssl.CERT_REQUIRED if context.check_hostname else ssl.CERT_NONE
+    if context.check_hostname:
+        try:
+            context.load_default_certs()
+            if settings.scheduler_authority is not None:
+                context.load_verify_locations(cafile=str(settings.scheduler_authority))
+        except (OSError, ssl.SSLError) as error:
+            raise LoginError(f"--scheduler-ca {settings.scheduler_authority} cannot be loaded: {error}") from error
+    return SchedulerPort(settings.scheduler_url, tls=context)
 
 
 def _open_port(host: str, port: int) -> socket.socket:

@@ -9,7 +9,7 @@ from typing import Final
 
 from robotapp_cli.failures import CliError, Exit
 
-_NEEDED: Final = ("robotapp_console", "jinja2", "cryptography")
+_NEEDED: Final = ("robotapp_console", "jinja2", "cryptography", "numpy")
 
 
 @dataclass(frozen=True, slots=True)

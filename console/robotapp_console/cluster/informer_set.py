@@ -32,6 +32,8 @@ SHARE: Final = 10.0
 """A model that takes a millisecond to build is built at most every ten, so that changes without end take a tenth of a core at most."""
 LEAST_PAUSE_S: Final = 0.25
 EVENTS_KEPT_S: Final = 5.0
+MANAGER: Final = "robotapp-console"
+"""Owner of what users write through the console."""
 SELF_REVIEWS: Final = Resource(
     "authentication.k8s.io", "v1", "selfsubjectreviews", "SelfSubjectReview", namespaced=False
 )
@@ -57,7 +59,7 @@ class InformerSet:
     """One user's view of the cluster. `signed_out` becomes true when the API server does not accept the token any more."""
 
     def __init__(self, endpoint: Endpoint) -> None:
-        self.client = ApiClient(endpoint, user_agent="robotapp-console", max_connections=8, timeout_s=10.0)
+        self.client = ApiClient(endpoint, user_agent=MANAGER, field_manager=MANAGER, max_connections=8, timeout_s=10.0)
         self.version = 0
         self.signed_out = False
         self.streams = 0

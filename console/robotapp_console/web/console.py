@@ -12,7 +12,9 @@ from aiohttp import web
 from robotapp_api.values.quantities.buckets import Buckets
 from robotapp_client import Endpoint
 from robotapp_client.transport.credentials import Credentials
+from robotapp_console.cluster.config_store import Place
 from robotapp_console.cluster.informer_sets import InformerSets
+from robotapp_console.cluster.scheduler_port import SchedulerPort
 from robotapp_console.web.rendering import Pages, StaticFiles
 from robotapp_console.web.sessions import Caller, LocalDoor, Seal, Session, hash_token
 
@@ -37,6 +39,9 @@ class Console:
     hosts: frozenset[str] = frozenset()
     cookie: str = "__Host-robotapp-console"
     informers: InformerSets = field(default_factory=InformerSets)
+    config_place: Place = field(default_factory=Place)
+    """Where the scheduler's configuration is."""
+    scheduler: SchedulerPort = field(default_factory=SchedulerPort)
     files: StaticFiles = field(default_factory=StaticFiles)
     pages: Pages = field(init=False)
     ending: asyncio.Event = field(default_factory=asyncio.Event)

@@ -10,7 +10,8 @@ from typing import Final
 from aiohttp import web
 
 from robotapp_console.cluster.informer_set import InformerSet
-from robotapp_console.web import security
+from robotapp_console.web import security, tuner
+from robotapp_console.web.api import answer_config, answer_nodes, take_config
 from robotapp_console.web.console import CALLER, CONSOLE, Console
 from robotapp_console.web.guard import Handler, answer_errors, guard
 from robotapp_console.web.screens import AppScreen, FleetScreen, NodesScreen, Screen, Shown
@@ -18,7 +19,8 @@ from robotapp_console.web.sessions import Caller
 from robotapp_console.web.signing import answer_expired, open_local, show_login, sign_in, sign_out
 
 log = logging.getLogger(__name__)
-MOST_BODY: Final = 64 * 1024
+MOST_BODY: Final = 256 * 1024
+"""Bytes; the form of the scheduler's configuration holds its text twice."""
 MOST_STREAMS: Final = 30
 """Open pages of one user."""
 GATHER_S: Final = 0.05
@@ -41,6 +43,11 @@ def make_app(console: Console) -> web.Application:
     app.router.add_get("/login", show_login)
     app.router.add_post("/login", sign_in)
     app.router.add_post("/logout", sign_out)
+    app.router.add_get(tuner.PATH, tuner.show_scheduler)
+    app.router.add_post(tuner.PATH, tuner.change_scheduler)
+    app.router.add_get("/api/config", answer_config)
+    app.router.add_post("/api/config", take_config)
+    app.router.add_get("/api/nodes", answer_nodes)
     screens: tuple[tuple[str, Screen], ...] = (
         ("/", FleetScreen()),
         ("/nodes", NodesScreen()),

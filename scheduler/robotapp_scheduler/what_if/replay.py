@@ -89,8 +89,8 @@ def compare_choices(before: SchedulerCore, after: SchedulerCore, pod: Pod) -> Po
 
 def choose_again(core: SchedulerCore, pod: Pod) -> Choice:
     """Returns where a running pod would go if it was placed again."""
-    with as_waiting(core.cluster, pod) as waiting:
-        info = core.cluster.pod_info(waiting)
+    with as_waiting(core.cluster, pod) as pod_to_place:
+        info = core.cluster.pod_info(pod_to_place)
         if info.scheduler_name not in core.scheduler_names:
             return Choice("", f"the configuration has no profile {info.scheduler_name}", "")
         try:
