@@ -7,6 +7,7 @@ import secrets
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from http.cookies import SimpleCookie
 from pathlib import Path
 from urllib.parse import urlencode
@@ -58,10 +59,11 @@ class Console:
         return self.post("/login", {"token": token, "home": home, "csrf": csrf[1]})[0]
 
 
-@pytest.fixture(scope="module")
-def console(installed_plane: ControlPlane) -> Iterator[Console]:
-    command = [sys.executable, "-m", "robotapp_console", "--plain-http", "--listen=127.0.0.1", "--port=0"]
-    command += [f"--api-server={installed_plane.server_url}", f"--certificate-authority={installed_plane.ca_file}"]
+@contextmanager
+def serve(plane: ControlPlane, *flags: str) -> Iterator[Console]:
+    """Starts a console in front of this API server, and stops it."""
+    command = [sys.executable, "-m", "robotapp_console", "--plain-http", "--listen=127.0.0.1", "--port=0", *flags]
+    command += [f"--api-server={plane.server_url}", f"--certificate-authority={plane.ca_file}"]
     with subprocess.Popen([*command, "--log-format=json"], stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         line = json.loads(process.stderr.readline())["message"]
@@ -70,6 +72,12 @@ def console(installed_plane: ControlPlane) -> Iterator[Console]:
         yield Console(process, int(port[1]))
         process.terminate()
         assert process.wait(30) == 0
+
+
+@pytest.fixture(scope="module")
+def console(installed_plane: ControlPlane) -> Iterator[Console]:
+    with serve(installed_plane) as console:
+        yield console
 
 
 @pytest.fixture(scope="module")
