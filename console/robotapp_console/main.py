@@ -10,7 +10,8 @@ import socket
 import ssl
 import sys
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
@@ -19,9 +20,10 @@ from aiohttp import web
 
 from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_api.values.arguments import is_name
-from robotapp_client import ClientError, Endpoint, LoginError, load
+from robotapp_client import ApiClient, ClientError, Endpoint, LoginError, load
 from robotapp_client.serving import logs
 from robotapp_client.serving.tls import TlsPort, loaded
+from robotapp_client.tools.scheduler_tunnel import open_tunnel
 from robotapp_client.transport.kubeconfig import default_kubeconfigs
 from robotapp_console.cluster.config_store import Place
 from robotapp_console.cluster.informer_sets import IDLE_S, InformerSets
@@ -66,7 +68,7 @@ async def _serve_local(settings: Settings) -> None:
         informers=InformerSets(idle_s=float("inf")),
         config_place=find_config_place(settings),
         # A context of its own: that of the API server's connection goes on verifying.
-        scheduler=open_scheduler(settings, load(files or None, settings.context).tls),
+        scheduler=open_scheduler(settings, load(files or None, settings.context).tls, api),
     )
 
     def print_address(words: str) -> None:
@@ -120,21 +122,23 @@ def find_config_place(settings: Settings) -> Place:
     return Place(namespace or SYSTEM_NAMESPACE, name)
 
 
-def open_scheduler(settings: Settings, tls: ssl.SSLContext | None) -> SchedulerPort:
-    """Returns the way to the scheduler's port. Raises LoginError for an address to which no token may be sent.
+def open_scheduler(settings: Settings, tls: ssl.SSLContext | None, api: Endpoint | None = None) -> SchedulerPort:
+    """Returns the way to the scheduler's port: its address, or for the kubeconfig's user `api` a tunnel to its pod.
+
+    Raises LoginError for an address to which no token may be sent.
 
     A scheduler on this machine, such as one behind a port-forward, makes its own certificate, which cannot be verified.
     """
     parts = urlsplit(settings.scheduler_url)
+    context = tls or ssl.create_default_context()
     if not settings.scheduler_url:
-        return SchedulerPort()
+        _believe_any(context)
+        return SchedulerPort(tls=context, tunnel=partial(_open_tunnel, settings, api) if api is not None else None)
     if parts.scheme != "https" or not parts.hostname:
         raise LoginError(f"--scheduler-url {settings.scheduler_url}: tokens are sent over https:// alone")
-    context = tls or ssl.create_default_context()
-    is_here = parts.hostname in ("localhost", LOOPBACK, "::1")
-    context.check_hostname = not (is_here or settings.scheduler_unverified)
-    context.verify_mode = ssl.CERT_REQUIRED if context.check_hostname else ssl.CERT_NONE
-    if context.check_hostname:
+    if settings.scheduler_unverified or parts.hostname in ("localhost", LOOPBACK, "::1"):
+        _believe_any(context)
+    else:
         try:
             context.load_default_certs()
             if settings.scheduler_authority is not None:
@@ -142,6 +146,22 @@ def open_scheduler(settings: Settings, tls: ssl.SSLContext | None) -> SchedulerP
         except (OSError, ssl.SSLError) as error:
             raise LoginError(f"--scheduler-ca {settings.scheduler_authority} cannot be loaded: {error}") from error
     return SchedulerPort(settings.scheduler_url, tls=context)
+
+
+def _believe_any(context: ssl.SSLContext) -> None:
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+
+
+@contextlib.asynccontextmanager
+async def _open_tunnel(settings: Settings, api: Endpoint) -> AsyncIterator[int]:
+    """Gives a port of this machine that leads to the scheduler's pod."""
+    namespace = find_config_place(settings).namespace
+    async with (
+        ApiClient(api, user_agent="robotapp-console", max_connections=1) as client,
+        open_tunnel(client, namespace, kubeconfig=settings.kubeconfig, context=settings.context) as port,
+    ):
+        yield port
 
 
 def _open_port(host: str, port: int) -> socket.socket:

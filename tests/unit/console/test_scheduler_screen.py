@@ -17,6 +17,7 @@ from tests.unit.console.guarded_api import ADMIN, EVENTS, NODES, Browser, Guarde
 from tests.unit.console.objects import node
 from tests.unit.console.tuning.documents import build_text
 
+from robotapp_client.tools.scheduler_tunnel import NoTunnelError
 from robotapp_console.cluster import config_store
 from robotapp_console.cluster.scheduler_port import SchedulerPort
 from robotapp_console.tuning.form import build_form, fill_form
@@ -382,3 +383,34 @@ async def test_programs_read_the_nodes_as_json(monkeypatch: pytest.MonkeyPatch) 
         (edge,) = answer["nodes"]
         assert (edge["name"], edge["zone"], edge["gracefulShutdown"]) == ("edge-1", "hall-1", False)
         assert edge["cpu"]["requestedMilli"] == 0
+
+
+async def test_a_tunnel_that_cannot_be_opened_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
+    @asynccontextmanager
+    async def fail() -> AsyncIterator[int]:
+        raise NoTunnelError(f"no scheduler pod runs in namespace {HOSTILE}")
+        yield 0
+
+    async with opened(monkeypatch) as stage:
+        stage.console.scheduler = SchedulerPort(tunnel=fail)
+        browser = await signed_in(stage)
+        page = await browser.post("/scheduler", fill(await browser.get("/scheduler"), action="replay", replay="5"))
+        assert "There is no way to the scheduler: no scheduler pod runs" in page.text
+        assert "<script>alert" not in page.text
+
+
+async def test_each_replay_goes_through_a_tunnel_of_its_own_that_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    events: list[str] = []
+
+    @asynccontextmanager
+    async def tunnel() -> AsyncIterator[int]:
+        events.append("open")
+        yield 1
+        events.append("never")
+
+    async with opened(monkeypatch) as stage:
+        stage.console.scheduler = SchedulerPort(tunnel=tunnel)
+        browser = await signed_in(stage)
+        page = await browser.post("/scheduler", fill(await browser.get("/scheduler"), action="replay", replay="5"))
+        assert "The scheduler at https://127.0.0.1:1 does not answer" in page.text
+        assert events == ["open"]
