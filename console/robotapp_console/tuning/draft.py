@@ -31,7 +31,7 @@ class Stored:
 
     @property
     def canonical(self) -> str:
-        """The text as the form writes it, to compare with."""
+        """Returns the text as the form writes it, to compare with."""
         return write_yaml(self.document) if self.document is not None else self.text
 
 
@@ -51,12 +51,12 @@ class Draft:
 
     @property
     def changes(self) -> int:
-        """How many lines differ from the configuration in the ConfigMap."""
+        """Returns how many lines differ from the configuration in the ConfigMap."""
         return count_changes(self.lines)
 
     @cached_property
     def problems_by_field(self) -> dict[str, list[str]]:
-        """The mistakes by the id of their field or section."""
+        """Returns the mistakes by the id of their field or section."""
         by_field: dict[str, list[str]] = {}
         for problem in self.problems:
             by_field.setdefault(problem.field, []).append(problem.text)

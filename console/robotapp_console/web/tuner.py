@@ -59,7 +59,7 @@ class Desk:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """What became of a button. `is_error` decides its colour."""
+    """A sentence about the button that was pressed. `is_error` decides its colour."""
 
     text: str
     is_error: bool = False
