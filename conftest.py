@@ -1,8 +1,10 @@
 """Settings of every test."""
 
 import gc
+import logging
 import os
 import signal
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
@@ -31,3 +33,16 @@ def pytest_collection_finish() -> None:
     """Thousands of tests and their modules stay until the end: the collector need not walk them again and again."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(autouse=True)
+def restore_logging() -> Iterator[None]:
+    """Takes back what a program that ran inside the test did to logging: its level would hide what the next test looks for."""
+    named_loggers = [item for item in logging.root.manager.loggerDict.values() if isinstance(item, logging.Logger)]
+    levels = {logger: logger.level for logger in (logging.root, *named_loggers)}
+    handlers = logging.root.handlers[:]
+    yield
+    logging.root.handlers[:] = handlers
+    for logger, level in levels.items():
+        if logger.level != level:
+            logger.setLevel(level)

@@ -14,7 +14,6 @@ figures only; `--base REV` compares with another revision; `--worst N` lists the
 
 import argparse
 import io
-import json
 import subprocess
 import sys
 from collections import Counter
@@ -24,6 +23,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from language_measures import Item, Place, read_items
+
+from suite import landing
+from suite.repository import has_history, list_names, list_python_files, run_git
 
 ROOT = Path(__file__).resolve().parent.parent
 MOST_FINDINGS: Final = 30
@@ -168,16 +170,6 @@ class Comparison:
             yield f"  … and {len(lines) - MOST_FINDINGS} more"
 
 
-def run_git(*argv: str, stdin: str = "") -> bytes:
-    """Returns the output of a git command."""
-    return subprocess.run(["git", *argv], cwd=ROOT, input=stdin.encode(), capture_output=True, check=True).stdout
-
-
-def list_names(*argv: str) -> list[str]:
-    """Returns the names that a git command prints with `-z`."""
-    return run_git(*argv).decode().split("\0")[:-1]
-
-
 def is_measured(path: str) -> bool:
     """Returns True for a Python file that is no test."""
     *folders, name = path.split("/")
@@ -185,15 +177,8 @@ def is_measured(path: str) -> bool:
 
 
 def list_sources() -> list[str]:
-    """Returns the measured files that git has or would add."""
-    names = list_names("ls-files", "-z", "--cached", "--others", "--exclude-standard", "*.py")
-    return [name for name in sorted(set(names)) if is_measured(name) and (ROOT / name).is_file()]
-
-
-def has_commit(revision: str) -> bool:
-    """Returns True where the repository holds the commit."""
-    argv = ["git", "cat-file", "-e", f"{revision}^{{commit}}"]
-    return subprocess.run(argv, cwd=ROOT, capture_output=True, check=False).returncode == 0
+    """Returns the files that are measured."""
+    return [name for name in list_python_files(ROOT) if is_measured(name)]
 
 
 def list_pairs(revision: str, sources: AbstractSet[str]) -> list[Pair]:
@@ -201,7 +186,7 @@ def list_pairs(revision: str, sources: AbstractSet[str]) -> list[Pair]:
 
     Tests are left out, but not those that were deleted or became product code: their helpers may have moved there.
     """
-    fields = iter(list_names("diff", "-z", "--name-status", "-M", "-l0", revision, "--", "*.py"))
+    fields = iter(list_names("diff", "-z", "--name-status", "-M", "-l0", revision, "--", "*.py", root=ROOT))
     pairs = []
     for status in fields:
         before = next(fields)
@@ -209,13 +194,15 @@ def list_pairs(revision: str, sources: AbstractSet[str]) -> list[Pair]:
         pair = Pair(None if status == "A" else before, now if now in sources else None)
         if pair.now or is_measured(before) or status == "D":
             pairs.append(pair)
-    tracked_names = set(list_names("ls-files", "-z", "*.py"))
+    tracked_names = set(list_names("ls-files", "-z", "*.py", root=ROOT))
     return pairs + [Pair(None, path) for path in sorted(sources - tracked_names)]
 
 
 def read_blobs(revision: str, paths: list[str]) -> dict[str, str]:
     """Returns the text of files of a revision, read by one process."""
-    output = io.BytesIO(run_git("cat-file", "--batch", stdin="".join(f"{revision}:{path}\n" for path in paths)))
+    output = io.BytesIO(
+        run_git("cat-file", "--batch", root=ROOT, stdin="".join(f"{revision}:{path}\n" for path in paths))
+    )
     texts = {}
     for path in paths:
         size = int(output.readline().split()[2])
@@ -274,16 +261,27 @@ def parse_arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def read_base() -> str:
-    """Returns the commit of the last landing."""
-    return str(json.loads((ROOT / ".ci" / "landing.json").read_text())["landed"])
+def find_base(revision: str | None) -> str:
+    """Returns the commit to compare with: that of the last landing, or the one the command line names."""
+    if revision is None:
+        base = landing.read_landing(ROOT).landed
+        landing.check_landed(base, ROOT)
+        return base
+    try:
+        return run_git("rev-parse", "--verify", "--quiet", f"{revision}^{{commit}}", root=ROOT).decode().strip()
+    except subprocess.CalledProcessError:
+        raise landing.LandingError(f"--base {revision}: this repository has no such commit") from None
 
 
-def compare(tree: Tree, base: str) -> list[str]:
+def compare(tree: Tree, revision: str | None) -> list[str]:
     """Prints the figures of what differs from the base. Returns the findings."""
-    if not has_commit(base):
-        print(f"Nothing compared: this repository does not hold commit {base}. In a shallow clone, fetch it first.")
+    if not has_history(ROOT):
+        print("Nothing compared: this is no git repository, so that nothing is known of the state before.")
         return []
+    try:
+        base = find_base(revision)
+    except landing.LandingError as error:
+        return [f"Nothing compared: {error}"]
     pairs = list_pairs(base, tree.places.keys())
     blobs = read_blobs(base, [pair.before for pair in pairs if pair.before])
     comparison = Comparison(pairs, Tree(blobs, tree.classes), tree)
@@ -299,7 +297,7 @@ def main() -> int:
         print(*list_worst(tree, options.worst), sep="\n")
         return 0
     print(*format_table(tree), sep="\n")
-    findings = [] if options.figures else compare(tree, options.base or read_base())
+    findings = [] if options.figures else compare(tree, options.base)
     for finding in findings:
         print(finding)
     return 1 if findings else 0

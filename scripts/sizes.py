@@ -7,12 +7,13 @@ needed is an error too. `python scripts/sizes.py` prints every finding and ends 
 """
 
 import ast
-import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from statistics import median
+
+from suite.repository import list_python_files
 
 MOST_FILE = 600
 MOST_FUNCTION = 60
@@ -26,9 +27,7 @@ EXCEPTIONS: dict[str, str] = {}
 
 def sources() -> list[Path]:
     """Python files git knows or would add."""
-    argv = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.py"]
-    listed = subprocess.run(argv, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
-    return [ROOT / name for name in sorted(set(listed)) if (ROOT / name).is_file()]
+    return [ROOT / name for name in list_python_files(ROOT)]
 
 
 def long_parts(path: Path) -> Iterator[tuple[str, int, int]]:

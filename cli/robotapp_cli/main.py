@@ -19,6 +19,7 @@ from robotapp_cli.completion import complete_names, complete_nodes, complete_pai
 from robotapp_cli.failures import CliError, Exit, ended_by
 from robotapp_cli.output import Output
 from robotapp_cli.reading.session import Options, run
+from robotapp_cli.verbs import Verbs, print_version
 from robotapp_cli.written import address, object_name
 
 _EPILOG = """\
@@ -29,6 +30,7 @@ Colour only on a terminal (NO_COLOR is respected). kubectl completes "kubectl ro
 
 app = typer.Typer(
     name="kubectl robotapp",
+    cls=Verbs,
     help="RobotApps, their placement, DDS domains and devices.",
     epilog=_EPILOG,
     no_args_is_help=True,
@@ -50,6 +52,16 @@ Name = Annotated[
     str,
     typer.Argument(metavar="NAME", help="Name of the RobotApp.", autocompletion=complete_names, callback=object_name),
 ]
+
+
+@app.callback()
+def show_version(
+    *,
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=print_version)
+    ] = False,
+) -> None:
+    """RobotApps, their placement, DDS domains and devices."""
 
 
 @app.command("list", epilog="Example: kubectl robotapp list -A -o wide")

@@ -1,4 +1,4 @@
-"""Measured durations of live tests, kept in the repository: what parts are balanced by.
+"""Keeps the measured durations of live tests in the repository: parts are balanced by them.
 
 `scripts/test --all --record` renews them from the reports of its run.
 """

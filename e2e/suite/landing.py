@@ -4,15 +4,17 @@
 """
 
 import json
+import re
 import subprocess
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-REPOSITORY: Final = Path(__file__).resolve().parents[2]
-FILE: Final = REPOSITORY / ".ci" / "landing.json"
-PARTS: Final = 8
+from suite.repository import REPOSITORY, has_history, list_names, run_git
+
+FILE: Final = Path(".ci/landing.json")
+LANDINGS_PER_ROUND: Final = 8
 """So many landings run everything once."""
 TEST_ROOTS: Final = ("tests/live", "e2e/tests/live")
 
@@ -29,41 +31,63 @@ class Landing:
     waiting: tuple[str, ...]
 
 
-def read_landing() -> Landing:
+def read_landing(root: Path = REPOSITORY) -> Landing:
     """Returns the recorded landing."""
     try:
-        content = json.loads(FILE.read_text())
-        return Landing(landed=str(content["landed"]), waiting=tuple(map(str, content["waiting"])))
+        content = json.loads((root / FILE).read_text())
+        landing = Landing(landed=str(content["landed"]), waiting=tuple(map(str, content["waiting"])))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise LandingError(
-            f"{FILE.relative_to(REPOSITORY)} cannot be read ({error!r}): restore it with git, or write "
+            f"{FILE} cannot be read ({error!r}): restore it with git, or write "
             '{"landed": "<commit>", "waiting": []} to begin a new round'
         ) from None
-
-
-def record_landing(waiting: Iterable[str]) -> Landing:
-    """Records that HEAD has landed and what still waits: the first commit of new work carries the change."""
-    head = _run_git("rev-parse", "HEAD").strip()
-    if head == read_landing().landed:
-        raise LandingError(f"{head[:12]} is recorded already: its part must not be counted twice")
-    landing = Landing(head, tuple(waiting))
-    FILE.write_text(json.dumps({"landed": landing.landed, "waiting": landing.waiting}, indent=1) + "\n")
+    if not re.fullmatch("[0-9a-f]{40}", landing.landed):
+        raise LandingError(
+            f'{FILE}: "landed" is {landing.landed!r}, but must be the 40 hexadecimal digits of a commit: '
+            "write the output of git rev-parse main"
+        )
     return landing
 
 
-def list_changed_files(landed: str) -> list[str] | None:
-    """Returns the files that differ between the landed commit and the working tree; None when git cannot compare them."""
-    try:
-        return _run_git("diff", "--name-only", "--no-renames", landed).splitlines()
-    except (OSError, subprocess.CalledProcessError):
+def record_landing(waiting: Iterable[str], root: Path = REPOSITORY) -> Landing:
+    """Records that HEAD has landed and what still waits: the first commit of new work carries the change."""
+    head = run_git("rev-parse", "HEAD", root=root).decode().strip()
+    if head == read_landing(root).landed:
+        raise LandingError(f"{head[:12]} is recorded already: its turn must not be counted twice")
+    landing = Landing(head, tuple(waiting))
+    (root / FILE).write_text(json.dumps({"landed": landing.landed, "waiting": landing.waiting}, indent=1) + "\n")
+    return landing
+
+
+def check_landed(landed: str, root: Path = REPOSITORY) -> None:
+    """Raises LandingError unless the repository holds the landed commit and HEAD is it or comes after it."""
+    cure = f"git fetch --unshallow, or write a commit of main into {FILE}"
+    checks = (
+        (("cat-file", "-e", f"{landed}^{{commit}}"), "is not in this repository"),
+        (("merge-base", "--is-ancestor", landed, "HEAD"), "is no ancestor of HEAD"),
+    )
+    for arguments, problem in checks:
+        try:
+            run_git(*arguments, root=root)
+        except (OSError, subprocess.CalledProcessError) as error:
+            message = getattr(error, "stderr", b"").decode().strip() or str(error)
+            raise LandingError(f"landed commit {landed} {problem}: {cure} ({message})") from None
+
+
+def list_changed_files(landed: str, root: Path = REPOSITORY) -> list[str] | None:
+    """Returns the files that differ between the landed commit and the working tree, those not yet added included.
+
+    Without a git repository it is None: then nothing can be compared.
+    """
+    if not has_history(root):
         return None
+    check_landed(landed, root)
+    changed_names = list_names("diff", "-z", "--name-only", "--no-renames", landed, root=root)
+    new_names = list_names("ls-files", "-z", "--others", "--exclude-standard", root=root)
+    return sorted({*changed_names, *new_names})
 
 
 def list_test_modules() -> list[str]:
     """Returns the modules of live tests, those of the tools included."""
     paths = (path for root in TEST_ROOTS for path in (REPOSITORY / root).rglob("test_*.py"))
     return sorted(path.relative_to(REPOSITORY).as_posix() for path in paths)
-
-
-def _run_git(*arguments: str) -> str:
-    return subprocess.run(["git", *arguments], cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout

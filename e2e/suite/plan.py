@@ -13,7 +13,7 @@ from typing import Final
 UNKNOWN_SECONDS: Final = 20.0
 """Duration of a module that has not been measured yet."""
 QUICK_FOLDERS: Final = ("tests/unit", "tests/property")
-"""Tests without a control plane: they share all cores."""
+"""Tests without a control plane: up to four workers share them."""
 EXCLUSIVE: Final = (
     "tests/live/nodes",
     "tests/live/speed",
@@ -23,13 +23,16 @@ EXCLUSIVE: Final = (
 )
 """Folders and modules that measure the machine or fill it: nothing else runs beside them."""
 
+Variables = tuple[tuple[str, str], ...]
+
 
 @dataclass(frozen=True, slots=True)
 class Group:
     """Tests for one pytest process.
 
     `selectors` are paths or test ids, `deselected` ids or paths to leave out, `seconds` the expected duration. `exclusive`
-    groups run alone; those `on_all_cores` have a pytest worker per core, the others one process that shares a control plane.
+    groups run alone; those `on_all_cores` are spread over up to four workers, the others are one process with one control plane.
+    `variables` are set in its environment where the user has not set them.
     """
 
     name: str
@@ -38,6 +41,7 @@ class Group:
     deselected: tuple[str, ...] = ()
     exclusive: bool = False
     on_all_cores: bool = False
+    variables: Variables = ()
 
 
 def read_entries(text: str) -> list[str]:
@@ -79,7 +83,10 @@ def plan_rest(modules: Iterable[str], entries: Sequence[str], durations: Mapping
 
 
 def join_groups(groups: Iterable[Group]) -> list[Group]:
-    """Joins groups of the same folder into one process each, the longest first."""
+    """Joins groups of the rest by folder into one process each, the longest first. All run with the same variables.
+
+    Their names differ from those of the essential groups: a run may have both of a folder.
+    """
     folders: dict[tuple[str, bool], list[Group]] = defaultdict(list)
     processes = []
     for group in groups:
@@ -90,26 +97,29 @@ def join_groups(groups: Iterable[Group]) -> list[Group]:
     for (folder, exclusive), members in folders.items():
         processes.append(
             Group(
-                name=folder,
+                name=f"{folder}, rest, alone" if exclusive else f"{folder}, rest",
                 selectors=tuple(selector for member in members for selector in member.selectors),
                 seconds=sum(member.seconds for member in members),
                 deselected=tuple(entry for member in members for entry in member.deselected),
                 exclusive=exclusive,
+                variables=members[0].variables,
             )
         )
     return sorted(processes, key=lambda group: -group.seconds)
 
 
+def list_folders(groups: Iterable[Group]) -> list[str]:
+    """Returns the folders of the groups, each once, in the order in which they come."""
+    return list(dict.fromkeys(_group_name(group.name) for group in groups))
+
+
 def cut_parts(groups: Sequence[Group], count: int) -> list[list[Group]]:
-    """Cuts the groups, in their order, into `count` parts of about equal duration, so that a folder stays together."""
-    parts: list[list[Group]] = [[] for _ in range(count)]
-    total = sum(group.seconds for group in groups)
-    before = 0.0
-    for group in groups:
-        middle = before + group.seconds / 2
-        index = min(count - 1, int(middle * count / total)) if total else 0
-        parts[index].append(group)
-        before += group.seconds
+    """Cuts the groups, in their order, into `count` parts: the turns of one round. The last ones may be empty."""
+    parts = []
+    waiting_names: list[str] = []
+    for number in range(count):
+        turn, waiting_names = take_turn(groups, waiting_names, count) if not number or waiting_names else ([], [])
+        parts.append(turn)
     return parts
 
 
@@ -120,8 +130,8 @@ def choose_touched(
 
     Changed tests come first, then the shortest.
     """
-    folders = {folder for name in changed_files for folder in find_test_folders(name)}
     changed_names = set(changed_files)
+    folders = {folder for name in changed_names for folder in find_test_folders(name)}
     concerned_groups = [
         group for group in groups if group.name in changed_names or group.name.startswith(tuple(folders))
     ]
@@ -137,12 +147,17 @@ def choose_touched(
     return chosen, later_groups
 
 
+ALL_OF_THE_REST: Final = ("tests/live/", "e2e/tests/")
+"""Folders of tests that a file concerns on which all depend: the budget of a landing takes the shortest of them."""
 TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
+    "conftest.py": ALL_OF_THE_REST,
+    "pyproject.toml": ALL_OF_THE_REST,
+    "uv.lock": ALL_OF_THE_REST,
     "agent/": ("tests/live/agent/",),
     "claims/": ("tests/live/claims/",),
-    "cli/": ("tests/live/cli/",),
+    "cli/": ("tests/live/cli/",),  # all of them are essential ones today
     "client/": ("tests/live/client/",),
-    "console/": ("tests/live/console/", "tests/live/browser/"),
+    "console/": ("tests/live/console/", "tests/live/browser/", "tests/live/chart/test_console_objects.py"),
     "crds/": ("tests/live/crds/",),
     "examples/": ("e2e/tests/live/testbed/test_detached.py", "tests/live/journeys/"),
     "docs/": ("e2e/tests/live/testbed/test_detached.py",),
@@ -164,15 +179,56 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "e2e/suite/": ("e2e/tests/suite/",),
     "e2e/journeys/": ("e2e/tests/live/testbed/",),
     "e2e/campaigns/": ("e2e/tests/campaigns/",),
+    "e2e/campaigns/bridge/": ("tests/live/bridge/",),
+    "e2e/campaigns/common/": ("tests/live/attacks/",),
     "e2e/campaigns/crash/": ("tests/live/crash/",),
     "e2e/campaigns/faults/": ("tests/live/faults/",),
+    "e2e/campaigns/free_api/": ("tests/live/scheduling/",),
     "e2e/campaigns/fuzz/": ("tests/live/attacks/",),
-    "e2e/campaigns/nodes/": ("tests/live/nodes/",),
+    "e2e/campaigns/network/": ("tests/live/agent/", "e2e/tests/live/switch/"),
+    "e2e/campaigns/nodes/": ("tests/live/nodes/", "e2e/tests/live/testbed/"),
+    "e2e/campaigns/operating/": ("tests/live/operating/", "tests/live/journeys/"),
     "e2e/campaigns/parity/": ("tests/live/scheduling/pods/test_parity_live.py",),
+    "e2e/campaigns/rigs/": ALL_OF_THE_REST,
     "e2e/campaigns/scenarios/": ("tests/live/scheduling/ros/test_scenarios_live.py",),
+    "e2e/campaigns/scheduler/": ("tests/live/scheduling/", "tests/live/speed/"),
     "e2e/campaigns/speed/": ("tests/live/speed/",),
     "e2e/campaigns/storm/": ("tests/live/claims/",),
     "e2e/campaigns/truth/": ("tests/live/journeys/",),
+    "e2e/campaigns/versions/": ("tests/live/chart/",),
+    "tests/golden/": ("tests/live/bridge/test_cluster_live.py",),
+    "tests/support/agent/": ("tests/live/agent/",),
+    "tests/support/apiobjects.py": ("tests/live/crds/", "tests/live/journeys/", "tests/live/scheduling/"),
+    "tests/support/apiserver/": ("tests/live/agent/", "tests/live/client/", "e2e/tests/campaigns/"),
+    "tests/support/claims/": ("tests/live/attacks/",),
+    "tests/support/clients.py": ALL_OF_THE_REST,
+    "tests/support/crds.py": ("tests/live/agent/", "tests/live/crds/"),
+    "tests/support/factories.py": ("tests/live/operating/", "tests/live/journeys/"),
+    "tests/support/largest.py": ("tests/live/operating/apps/test_largest_instance_live.py",),
+    "tests/support/proxy/": (
+        "tests/live/claims/",
+        "tests/live/client/",
+        "tests/live/crash/",
+        "tests/live/faults/",
+        "tests/live/journeys/",
+        "tests/live/scheduling/",
+        "e2e/tests/campaigns/",
+    ),
+    "tests/support/rigel/": ("tests/live/bridge/",),
+    "tests/support/ros_sources.py": ("tests/live/bridge/",),
+    "tests/support/scheduler/": ("tests/live/scheduling/", "e2e/tests/campaigns/"),
+    "tests/support/scheduling.py": ("tests/live/scheduling/", "e2e/tests/campaigns/"),
+    "tests/support/schemas.py": ("tests/live/crds/",),
+    "tests/support/seeds.py": ALL_OF_THE_REST,
+    "tests/support/virtual_time.py": ("e2e/tests/campaigns/",),
+    "tests/support/work_unit.py": (
+        "tests/live/attacks/",
+        "tests/live/nodes/",
+        "tests/live/scheduling/",
+        "e2e/tests/live/switch/",
+        "e2e/tests/testbed/",
+    ),
+    "tests/support/wrong_input/": ("tests/live/crds/", "tests/live/journeys/", "tests/live/scheduling/"),
 }
 """Beginning of a source file's path → folders or modules of the rest that test it. All rows that match count."""
 
@@ -184,15 +240,15 @@ def find_test_folders(name: str) -> tuple[str, ...]:
     return tuple(folder for start, folders in TEST_FOLDERS.items() if name.startswith(start) for folder in folders)
 
 
-def take_turn(groups: Sequence[Group], waiting: Sequence[str], parts: int) -> tuple[list[Group], list[str]]:
-    """Returns the groups whose turn it is, about one of `parts` equal shares of all, and the names that still wait after it.
+def take_turn(groups: Sequence[Group], waiting: Sequence[str], count: int) -> tuple[list[Group], list[str]]:
+    """Returns the groups whose turn it is, about one of `count` equal shares of all, and the names that still wait after it.
 
     `waiting` holds the names that have not run in this round, empty when a new one begins. A group that is new in the
     middle of a round waits for the next round: its own change makes it run at once.
     """
     by_name = {group.name: group for group in groups}
     names = [name for name in waiting if name in by_name] or list(by_name)
-    share_s = sum(group.seconds for group in groups) / parts
+    share_s = sum(group.seconds for group in groups) / count
     turn: list[Group] = []
     while names and sum(group.seconds for group in turn) < share_s:
         turn.append(by_name[names.pop(0)])

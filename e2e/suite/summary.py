@@ -1,7 +1,7 @@
-"""Sums up several pytest runs in one closing summary.
+"""Sums up several pytest processes in one closing summary.
 
 A report is a JUnit file (`junit_family=xunit1`, which names the test's file). The last line printed has the form of pytest's
-own closing line and counts all parts. A part that left no report, found no tests or ended before its last test is an error.
+own closing line and counts all groups. A group that left no report, found no tests or ended before its last test is an error.
 """
 
 from collections import Counter
@@ -16,8 +16,8 @@ BAD = {"failure": "failed", "error": "error"}
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
-    """The result of one pytest run.
+class GroupResult:
+    """The result of one pytest process.
 
     `seconds` is None when it ended without a report (killed, or wrongly called); `status` is pytest's exit status: 0 or 1
     when all tests ran.
@@ -41,27 +41,27 @@ class Part:
 
     @property
     def missing(self) -> bool:
-        """Nothing is known of it, or it found no tests: an error, whatever the other parts say."""
+        """Returns True when the process left no report or found no tests: an error, whatever the other groups came to."""
         return self.seconds is None or not self.counts
 
 
-def read(name: str, path: Path, status: int = 0) -> Part:
-    """The part as its report tells it; a test that fails and then fails again in its teardown counts once."""
+def read_result(name: str, path: Path, status: int = 0) -> GroupResult:
+    """Returns the result in a group's report. A test that fails, and then again in its teardown, counts once."""
     try:
         suite = ET.parse(path).getroot().find("testsuite")  # noqa: S314 - written by our own pytest
     except (OSError, ET.ParseError):
         suite = None
     if suite is None:
-        return Part(name, Counter(), status=status)
+        return GroupResult(name, Counter(), status=status)
     outcomes: dict[str, str] = {}
     for case in suite.iter("testcase"):
-        said = [BAD.get(child.tag, child.tag) for child in case]
-        outcome = next((word for word in ("failed", "error", "skipped") if word in said), "passed")
-        known = outcomes.setdefault(find_test_id(case), outcome)
-        if known == "passed":
+        words = [BAD.get(child.tag, child.tag) for child in case]
+        outcome = next((word for word in ("failed", "error", "skipped") if word in words), "passed")
+        first_outcome = outcomes.setdefault(find_test_id(case), outcome)
+        if first_outcome == "passed":
             outcomes[find_test_id(case)] = outcome
     bad = tuple(test for test, outcome in outcomes.items() if outcome in BAD.values())
-    return Part(name, Counter(outcomes.values()), bad, float(suite.get("time", 0)), status)
+    return GroupResult(name, Counter(outcomes.values()), bad, float(suite.get("time", 0)), status)
 
 
 def find_test_id(case: ET.Element) -> str:
@@ -73,32 +73,32 @@ def find_test_id(case: ET.Element) -> str:
     return "::".join(filter(None, (file, *classes.split("."), name)))
 
 
-def summary(parts: Sequence[Part]) -> Iterable[str]:
-    """The lines: a table of the parts, what failed, and a closing line that counts everything."""
-    wide = max((len(part.name) for part in parts), default=0)
-    yield f"{'part':{wide}}  passed  failed  skipped  seconds"
-    for part in parts:
-        if part.missing:
-            yield f"{part.name:{wide}}  {'did not finish' if part.seconds is None else 'found no tests'}"
+def format_summary(results: Sequence[GroupResult]) -> Iterable[str]:
+    """Yields the lines: a table of the groups, what failed, and a closing line that counts everything."""
+    width = max((len(result.name) for result in results), default=0)
+    yield f"{'group':{width}}  passed  failed  skipped  seconds"
+    for result in results:
+        if result.missing:
+            yield f"{result.name:{width}}  {'did not finish' if result.seconds is None else 'found no tests'}"
             continue
-        counts, seconds = part.counts, part.seconds or 0
-        yield f"{part.name:{wide}}  {counts['passed']:6}  {len(part.bad):6}  {counts['skipped']:7}  {seconds:7.1f}"
-    for part in parts:
-        if part.broken:
-            yield f"BROKEN {part.name}: pytest ended with status {part.status}; its output is above"
-    for part in parts:
-        for test in part.bad:
+        counts, seconds = result.counts, result.seconds or 0
+        yield f"{result.name:{width}}  {counts['passed']:6}  {len(result.bad):6}  {counts['skipped']:7}  {seconds:7.1f}"
+    for result in results:
+        if result.broken:
+            yield f"BROKEN {result.name}: pytest ended with status {result.status}; its output is above"
+    for result in results:
+        for test in result.bad:
             yield f"FAILED {test}"
-    yield closing(parts)
+    yield format_closing_line(results)
 
 
-def closing(parts: Sequence[Part]) -> str:
-    """pytest's closing line, over all parts."""
-    total = sum((part.counts for part in parts), Counter[str]())
-    errors = total.pop("error", 0) + sum(part.missing or part.broken for part in parts)
+def format_closing_line(results: Sequence[GroupResult]) -> str:
+    """Returns pytest's closing line, over all groups."""
+    total = sum((result.counts for result in results), Counter[str]())
+    errors = total.pop("error", 0) + sum(result.missing or result.broken for result in results)
     total["error" if errors == 1 else "errors"] = errors
     words = ("failed", "passed", "skipped", "error", "errors")
-    said = ", ".join(f"{total[word]} {word}" for word in words if total[word])
-    seconds = sum(part.seconds or 0 for part in parts)
-    spelt = f" ({timedelta(seconds=int(seconds))})" if seconds >= 60 else ""
-    return f" {said or 'no tests ran'} in {seconds:.2f}s{spelt} ".center(WIDTH, "=")
+    counts = ", ".join(f"{total[word]} {word}" for word in words if total[word])
+    seconds = sum(result.seconds or 0 for result in results)
+    duration = f" ({timedelta(seconds=int(seconds))})" if seconds >= 60 else ""
+    return f" {counts or 'no tests ran'} in {seconds:.2f}s{duration} ".center(WIDTH, "=")

@@ -166,17 +166,18 @@ def _print(found: Json, extra: Sequence[Json]) -> None:
     if again:
         lines.append(f"{found['moved']} pods placed again would be elsewhere")
     lines += [f"{count} pods wait for scheduler {name}" for name, count in found["otherSchedulers"].items()]
-    for line in [*lines, *_left_out(extra), *found["problems"], found["note"]]:
+    for line in [*lines, *_tell_left_out(extra), *found["problems"], found["note"]]:
         print_line(line)
 
 
-def _left_out(extra: Sequence[Json]) -> Iterator[str]:
-    """Which objects of the user's files were not placed, although pods come of them."""
+def _tell_left_out(extra: Sequence[Json]) -> Iterator[str]:
+    """Says which objects of the user's files were not placed although pods come of them, and what places them."""
     for obj in extra:
-        kind = str(obj.get("kind"))
-        if kind in _OWNERS:
-            name = obj["metadata"].get("name", "")
-            yield f"{kind} {name} of the files was left out: it becomes pods in a cluster only; give its pods"
+        kind, name = str(obj.get("kind")), obj["metadata"].get("name", "")
+        if kind == "RobotApp":
+            yield f"RobotApp {name} of the files was left out: kubectl robotapp what-if --app FILE says where its pods would go"
+        elif kind in _OWNERS:
+            yield f"{kind} {name} of the files was left out, since only a cluster makes pods of it: put its pods into a file"
 
 
 def _print_placements(placements: Sequence[Json], *, again: bool) -> None:

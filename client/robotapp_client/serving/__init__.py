@@ -1,1 +1,4 @@
-"""What a component of ours serves over HTTPS, and to whom."""
+"""Serves a component's HTTPS ports to those who may see them.
+
+An import from here loads the whole client, because `robotapp_client` re-exports the names that most programs need.
+"""

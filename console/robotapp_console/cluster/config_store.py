@@ -39,7 +39,7 @@ _ACCESS_REVIEWS: Final = Resource(
 
 
 class State(StrEnum):
-    """What the scheduler has made of the ConfigMap's text."""
+    """A state of the ConfigMap's text: whether the scheduler uses it."""
 
     RUNNING = "running"
     REFUSED = "refused"
@@ -68,7 +68,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StoredConfig:
-    """What the API server has. A text that may not be read, or is not there, is None, and its problem says why."""
+    """The configuration as the API server has it. A text that may not be read, or is not there, is None, and its problem says why."""
 
     text: str | None = None
     problem: str = ""
@@ -87,7 +87,7 @@ class StoredConfig:
 
     @property
     def state(self) -> State:
-        """What the scheduler has made of the text."""
+        """Returns whether the scheduler uses the text."""
         if self.running is None:
             return State.REFUSED if self.refusal else State.UNKNOWN
         if self.text == self.running:

@@ -24,7 +24,7 @@ class Problem(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What the loader makes of a document: a configuration, or problems."""
+    """The loader's answer about a document: a configuration, or problems."""
 
     problems: tuple[Problem, ...]
     warnings: tuple[str, ...] = ()

@@ -8,12 +8,16 @@ from typing import Final
 from robotapp_console.tuning.check import Problem, check
 from robotapp_console.tuning.form import ProfileForm, apply_form, build_form, write_yaml
 from robotapp_console.tuning.lines import Line, count_changes, mark_lines
+from robotapp_console.tuning.plugins import count_entries
 from robotapp_console.views.texts import clean
 from robotapp_scheduler.config.editing import Document, read_document
 from robotapp_scheduler.config.load import ConfigError
 
 MOST_TEXT: Final = 48 * 1024
 """Characters. A longer configuration is shown, and edited elsewhere."""
+MOST_PROFILES: Final = 10
+MOST_ENTRIES: Final = 300
+"""Names of plugins in all lists."""
 _LONGEST_LINE: Final = 500
 
 
@@ -27,7 +31,7 @@ class Stored:
 
     @property
     def canonical(self) -> str:
-        """The text as the form writes it, to compare with."""
+        """Returns the text as the form writes it, to compare with."""
         return write_yaml(self.document) if self.document is not None else self.text
 
 
@@ -47,12 +51,12 @@ class Draft:
 
     @property
     def changes(self) -> int:
-        """How many lines differ from the configuration in the ConfigMap."""
+        """Returns how many lines differ from the configuration in the ConfigMap."""
         return count_changes(self.lines)
 
     @cached_property
     def problems_by_field(self) -> dict[str, list[str]]:
-        """The mistakes by the id of their field or section."""
+        """Returns the mistakes by the id of their field or section."""
         by_field: dict[str, list[str]] = {}
         for problem in self.problems:
             by_field.setdefault(problem.field, []).append(problem.text)
@@ -68,9 +72,14 @@ def read_stored(text: str) -> Stored:
     if len(text) > MOST_TEXT:
         return Stored(text, None, f"it has {len(text)} characters, and at most {MOST_TEXT} are edited here")
     try:
-        return Stored(text, read_document(text))
+        document = read_document(text)
     except ConfigError as error:
         return Stored(text, None, "; ".join(error.problems))
+    profiles, entries = len(document.get("profiles", [])), count_entries(document)
+    if profiles > MOST_PROFILES or entries > MOST_ENTRIES:
+        words = f"it has {profiles} profiles that name {entries} plugins"
+        return Stored(text, None, f"{words}, and at most {MOST_PROFILES} and {MOST_ENTRIES} are edited here")
+    return Stored(text, document)
 
 
 def make_draft(stored: Stored, base: str, fields: Mapping[str, str] | None, *, running: str = "") -> Draft:

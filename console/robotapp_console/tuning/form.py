@@ -10,7 +10,7 @@ import yaml
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_api.values import strict_yaml
 from robotapp_console.tuning.edits import SCORE, set_argument, set_weight, switch_plugin
-from robotapp_console.tuning.plugins import build_catalogue, list_foreign
+from robotapp_console.tuning.plugins import build_catalogue
 from robotapp_scheduler.config.editing import (
     EXTENSION_POINTS,
     Argument,
@@ -67,7 +67,6 @@ class PluginArguments:
     plugin: str
     help: str
     fields: tuple[ArgumentField, ...]
-    is_foreign: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +83,6 @@ def build_form(document: Document) -> tuple[ProfileForm, ...]:
     """Returns the fields of a document, by profile."""
     document = with_profile(document)
     catalogue = build_catalogue(document)
-    foreign = frozenset(list_foreign(document))
     in_force = expand_profiles(document, catalogue)
     weights = {ref.name: ref.weight or 1 for ref in catalogue.defaults}
     forms = []
@@ -97,7 +95,7 @@ def build_form(document: Document) -> tuple[ProfileForm, ...]:
         args = {entry["name"]: entry.get("args", {}) for entry in profile.get("pluginConfig", [])}
         used = dict.fromkeys([*args, *(row.name for group in points for row in group.rows if row.on)])
         arguments = tuple(
-            _build_arguments(number, name, args.get(name, {}), catalogue, foreign)
+            _build_arguments(number, name, args.get(name, {}), catalogue)
             for name in sorted(used)
             if name in catalogue.classes
         )
@@ -163,12 +161,10 @@ def _build_group(
     return PointGroup(f"p{number}-{point}", point, tuple(rows))
 
 
-def _build_arguments(
-    number: int, name: str, args: Mapping[str, Any], catalogue: Catalogue, foreign: frozenset[str]
-) -> PluginArguments:
+def _build_arguments(number: int, name: str, args: Mapping[str, Any], catalogue: Catalogue) -> PluginArguments:
     plugin = catalogue.classes[name]
     fields = tuple(_build_field(number, name, argument, args) for argument in list_arguments(plugin, given=args))
-    return PluginArguments(name, explain_arguments(plugin), fields, name in foreign)
+    return PluginArguments(name, explain_arguments(plugin), fields)
 
 
 def _build_field(number: int, plugin: str, argument: Argument, args: Mapping[str, Any]) -> ArgumentField:

@@ -38,6 +38,17 @@ def list_foreign(document: Document) -> tuple[str, ...]:
     return tuple(sorted({name for name in names if name not in built_in and name not in NOT_BUILT}))
 
 
+def count_entries(document: Document) -> int:
+    """Returns how often a profile names a plugin."""
+    count = 0
+    for profile in document.get("profiles", []):
+        lists = profile.get("plugins", {}).values()
+        count += sum(len(entries) for points in lists for entries in points.values()) + len(
+            profile.get("pluginConfig", [])
+        )
+    return count
+
+
 def drop_foreign_arguments(document: Document) -> Document:
     """Returns the document without the arguments of plugins that cannot be loaded here, but for `shadow`, which all of them take."""
     foreign = frozenset(list_foreign(document))

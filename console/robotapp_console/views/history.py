@@ -63,10 +63,6 @@ class Sparkline:
     lost: tuple[str, ...]
     label: str
 
-    @property
-    def is_empty(self) -> bool:
-        return not (self.paths or self.lost)
-
 
 def draw_sparkline(values: tuple[float | None, ...]) -> Sparkline:
     """Returns the picture of a node's link: a gap where nothing is known, a mark where the other end was unreachable."""

@@ -1,6 +1,5 @@
 """The same data for programs: `/api/config` and `/api/nodes` as JSON, with the authentication of the pages."""
 
-import asyncio
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,7 +10,6 @@ from robotapp_client import ClientError, Unauthorized
 from robotapp_client.transport.errors import Forbidden
 from robotapp_console.cluster.config_store import StaleError, StoredConfig
 from robotapp_console.cluster.kinds import NODES_KINDS
-from robotapp_console.tuning.draft import Draft, make_draft, read_stored
 from robotapp_console.views.nodes import NodeRow, build_nodes
 from robotapp_console.views.snapshot import Refusal
 from robotapp_console.views.texts import clean
@@ -39,7 +37,7 @@ async def take_config(request: web.Request) -> web.Response:
         config = await desk.store.read()
         if config.text is None:
             return _answer_json({"error": config.problem}, status=404)
-        draft = await asyncio.to_thread(_draft_text, config.text, text)
+        draft = await desk.draft(config, text, None)
         if draft.problems:
             problems = [{"field": problem.field, "problem": problem.text} for problem in draft.problems]
             return _answer_json({"error": "the configuration cannot be used", "problems": problems}, status=422)
@@ -75,10 +73,6 @@ async def answer_nodes(request: web.Request) -> web.Response:
 
 def _answer_stale() -> web.Response:
     return _answer_json({"error": "the configuration was changed by somebody else"}, status=409)
-
-
-def _draft_text(stored_text: str, text: str) -> Draft:
-    return make_draft(read_stored(stored_text), text, None)
 
 
 def _describe_config(desk: Desk, stored: StoredConfig) -> dict[str, Any]:

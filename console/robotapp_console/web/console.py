@@ -44,6 +44,8 @@ class Console:
     scheduler: SchedulerPort = field(default_factory=SchedulerPort)
     files: StaticFiles = field(default_factory=StaticFiles)
     pages: Pages = field(init=False)
+    drafting: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Configurations are checked one at a time, beside the loop, so that other pages are served meanwhile."""
     ending: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when the process ends, so that streams do."""
     callers: Buckets = field(

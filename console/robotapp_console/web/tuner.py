@@ -47,6 +47,11 @@ class Desk:
         informers = await console.informers.get(caller.key, caller.endpoint)
         return cls(console, caller, informers, ConfigStore(informers.client, console.config_place))
 
+    async def draft(self, config: StoredConfig, base: str, fields: Mapping[str, str] | None) -> Draft:
+        """Returns the draft that the fields of the text `base` mean."""
+        async with self.console.drafting:
+            return await asyncio.to_thread(_make_draft, config.text or "", base, fields, config.running or "")
+
     async def find_author(self) -> str:
         """Returns how the API server names the user."""
         return self.caller.user or await self.informers.fetch_user()
@@ -54,7 +59,7 @@ class Desk:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """What became of a button. `is_error` decides its colour."""
+    """A sentence about the button that was pressed. `is_error` decides its colour."""
 
     text: str
     is_error: bool = False
@@ -67,7 +72,7 @@ async def show_scheduler(request: web.Request) -> web.StreamResponse:
         config = await (desk.store.wait_for_reload() if "applied" in request.query else desk.store.read())
     except Unauthorized:
         return answer_expired(request)
-    return await _answer_page(request, desk, config, await _draft(config, config.text or "", None))
+    return await _answer_page(request, desk, config, await desk.draft(config, config.text or "", None))
 
 
 async def change_scheduler(request: web.Request) -> web.StreamResponse:
@@ -81,7 +86,7 @@ async def change_scheduler(request: web.Request) -> web.StreamResponse:
         action = fields.get("action", "preview")
         if action == "undo":
             return await _undo(request, desk, config, fields)
-        draft, message = await _read_draft(config, fields, action)
+        draft, message = await _read_draft(desk, config, fields, action)
         if "HX-Request" in request.headers:
             return _answer_outcome(request, desk, config, draft)
         if action == "apply":
@@ -93,26 +98,23 @@ async def change_scheduler(request: web.Request) -> web.StreamResponse:
     return await _answer_page(request, desk, config, draft, message=message)
 
 
-async def _read_draft(stored: StoredConfig, fields: Mapping[str, str], action: str) -> tuple[Draft, Message | None]:
+async def _read_draft(
+    desk: Desk, stored: StoredConfig, fields: Mapping[str, str], action: str
+) -> tuple[Draft, Message | None]:
     if action == "text":
-        return await _draft(stored, fields.get("text", "").replace("\r\n", "\n"), None), None
+        return await desk.draft(stored, fields.get("text", "").replace("\r\n", "\n"), None), None
     if action == "restore":
         version = next((v for v in stored.history if str(v.number) == fields.get("number", "")), None)
         if version is None:
-            return await _draft(stored, stored.text or "", None), Message(
+            return await desk.draft(stored, stored.text or "", None), Message(
                 "That version is not kept any more.", is_error=True
             )
-        return await _draft(stored, version.text, None), Message(
+        return await desk.draft(stored, version.text, None), Message(
             f"This is version {version.number}. Nothing is written until you apply it."
         )
     if "complete" not in fields:
         raise web.HTTPBadRequest(text=_SHORT_FORM)
-    return await _draft(stored, fields.get("base", "").replace("\r\n", "\n"), fields), None
-
-
-async def _draft(stored: StoredConfig, base: str, fields: Mapping[str, str] | None) -> Draft:
-    """Returns the draft; a long text takes a while, so other pages are served meanwhile."""
-    return await asyncio.to_thread(_make_draft, stored.text or "", base, fields, stored.running or "")
+    return await desk.draft(stored, fields.get("base", "").replace("\r\n", "\n"), fields), None
 
 
 def _make_draft(text: str, base: str, fields: Mapping[str, str] | None, running: str) -> Draft:
@@ -134,7 +136,7 @@ async def _undo(
     request: web.Request, desk: Desk, stored: StoredConfig, fields: Mapping[str, str]
 ) -> web.StreamResponse:
     previous = stored.previous
-    draft = await _draft(stored, stored.text or "", None)
+    draft = await desk.draft(stored, stored.text or "", None)
     if previous is None:
         message = Message("There is no earlier version to go back to.", is_error=True)
         return await _answer_page(request, desk, stored, draft, message=message, status=409)

@@ -6,14 +6,15 @@ from typing import Any, Final
 
 from pydantic.alias_generators import to_snake
 
+from robotapp_api.checks.command_line import command_line_notes, command_line_problems
+from robotapp_api.checks.device_names import device_name_notes
+from robotapp_api.checks.gated_fields import gated_field_notes, gated_field_problems
 from robotapp_api.checks.parameters import parameter_problems
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
-from robotapp_api.model.app.device import Device, Requirement
 from robotapp_api.model.app.robots import LABEL_KEY
 from robotapp_api.model.names import GPU, PARAMETERS_VOLUME, WAITING_STEP
 from robotapp_api.values.label_key import key_problem, value_problem
-from robotapp_api.values.naming import label_value
 from robotapp_api.values.quantities.quantity import parse_milli
 
 SET_FOR_ALL: Final = {
@@ -23,7 +24,6 @@ SET_FOR_ALL: Final = {
 }
 """Variables a component may not set itself, and the field that does it for all components alike."""
 RESERVED_PREFIX: Final = "ROBOTAPP_"
-_NOT_PUBLISHED: Final = re.compile(r"[^A-Za-z0-9._-]")
 
 
 def component_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:
@@ -31,6 +31,8 @@ def component_problems(component: Component, at: str, *, ros_version: int) -> It
     yield from _resource_problems(component, at)
     yield from _environment_problems(component, at)
     yield from parameter_problems(component, at, ros_version=ros_version)
+    yield from command_line_problems(component, at)
+    yield from gated_field_problems(component, at)
     yield from _device_problems(component, at)
     yield from _ready_problems(component, at, ros_version=ros_version)
     yield from _init_container_problems(component, at)
@@ -52,8 +54,10 @@ def component_notes(component: Component, at: str) -> Iterator[Note]:
             yield Note(f"{where}.sharing", "Namespace acts as Cluster: nothing keeps other namespaces from the device")
         if device.on_loss != "Keep" and (device.sharing != "Exclusive" or device.type == "gpu"):
             yield Note(f"{where}.onLoss", f"{device.on_loss} has no effect: nothing is claimed, so no loss is seen")
-    yield from _unmatched_notes(component.devices, f"{at}.devices")
-    yield from _unmatched_notes(component.requires, f"{at}.requires")
+    yield from device_name_notes(component.devices, f"{at}.devices")
+    yield from device_name_notes(component.requires, f"{at}.requires")
+    yield from command_line_notes(component, at)
+    yield from gated_field_notes(component, at)
     for field in ("durability", "queueSize", "tcpNodelay"):
         if getattr(component.policies, to_snake(field)) is not None:
             yield Note(f"{at}.policies.{field}", "has no effect: the program's own setting counts")
@@ -140,18 +144,6 @@ def _device_problems(component: Component, at: str) -> Iterator[Problem]:
                 f"{at}.devices[{index}].count",
                 f"GPUs are counted by their device plugin; write resources.limits with its resource, such as nvidia.com/gpu: {device.count}, and leave count out",
             )
-
-
-def _unmatched_notes(wanted: Iterable[Device | Requirement], at: str) -> Iterator[Note]:
-    """Models and interfaces that no agent publishes."""
-    for index, item in enumerate(wanted):
-        for name, value in (("model", item.model), ("interface", item.interface)):
-            if _NOT_PUBLISHED.search(value):
-                cure = f"write {label_value(value)}" if label_value(value) else "leave it out"
-                yield Note(
-                    f"{at}[{index}].{name}",
-                    f'no device that a node agent finds has "{value}", because it writes them as label values; {cure}',
-                )
 
 
 def _ready_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:

@@ -1,4 +1,4 @@
-"""One process falls asleep at any request of its work; the world goes on without it; then it wakes up.
+"""One process falls asleep at any request of its work; the others go on without it; then it wakes up.
 
 Every process, every request, in every situation in which ids change hands. One id, two apps that want it.
 """
@@ -9,7 +9,7 @@ import random
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from campaigns.claims.claims_world import Director, World
+from campaigns.claims.claim_cluster import ClaimCluster, Director
 
 SITUATIONS = ("new", "running", "given up", "rested", "deleted")
 EVENTS = ("nothing", "toggle", "delete", "replace", "toggle twice")
@@ -38,48 +38,48 @@ CASES = [
 
 
 def cast(case: Case) -> Director:
-    world = World(ids="1", chance=random.Random(f"{case}{case.luck}"))
-    director = Director(world)
-    world.create_app("a")
+    cluster = ClaimCluster(ids="1", chance=random.Random(f"{case}{case.luck}"))
+    director = Director(cluster)
+    cluster.create_app("a")
     for name in "ab":
-        director.add(f"operator 1 {name}", lambda client, app=name: world.operate(client, app))
-        director.add(f"operator 2 {name}", lambda client, app=name: world.operate(client, app))
+        director.add(f"operator 1 {name}", lambda client, app=name: cluster.operate(client, app))
+        director.add(f"operator 2 {name}", lambda client, app=name: cluster.operate(client, app))
     for number in "12":
-        director.add(f"manager {number}", world.control)
-        director.add(f"scheduler {number}", world.schedule)
-        director.add(f"sweeper {number}", world.sweeping())
+        director.add(f"manager {number}", cluster.control)
+        director.add(f"scheduler {number}", cluster.schedule)
+        director.add(f"sweeper {number}", cluster.sweeping())
     return director
 
 
 async def prepare(director: Director, situation: str) -> None:
-    world = director.world
+    cluster = director.cluster
     if situation != "new":
         await director.rest(time_passes=False)
     if situation in {"given up", "rested"}:
-        world.toggle_ros("a")
+        cluster.toggle_ros("a")
         await director.rest(time_passes=False)
     if situation == "rested":
-        world.now += 6
+        cluster.now += 6
     if situation == "deleted":
-        world.delete_app("a")
+        cluster.delete_app("a")
         await director.rest(time_passes=False)
-    world.create_app("b")
+    cluster.create_app("b")
 
 
 def happen(director: Director, event: str) -> None:
     director.steps.append(f"--- {event}")
-    world = director.world
+    cluster = director.cluster
     if event in {"delete", "replace"}:
-        world.delete_app("a")
+        cluster.delete_app("a")
     if event == "replace":
-        world.create_app("a")
+        cluster.create_app("a")
     if event == "toggle":
-        world.toggle_ros("a")
+        cluster.toggle_ros("a")
 
 
 async def play(case: Case) -> None:
     director = cast(case)
-    names = [actor.name for actor in director.world.actors]
+    names = [actor.name for actor in director.cluster.actors]
     sleeper = names.index(case.sleeper)
     try:
         await prepare(director, case.situation)
@@ -87,9 +87,9 @@ async def play(case: Case) -> None:
             await director.step(sleeper, "go")
         happen(director, case.event)
         if case.event == "toggle twice":
-            director.world.toggle_ros("a")
+            director.cluster.toggle_ros("a")
             await director.rest(without=sleeper, time_passes=False)
-            director.world.toggle_ros("a")
+            director.cluster.toggle_ros("a")
         await director.rest(without=sleeper, time_passes=case.event != "toggle")
         director.steps.append("--- it wakes")
         await director.round(sleeper)

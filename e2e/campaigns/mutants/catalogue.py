@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-QUICK: Final = ("tests/unit", "tests/property")
-"""Folders of the tests that need no control plane."""
+from suite.plan import QUICK_FOLDERS
+
 _SCHEDULER: Final = "scheduler/robotapp_scheduler"
 _OPERATOR: Final = "operator/robotapp_operator"
 _CHART: Final = "helm/robotapp"
@@ -31,11 +31,11 @@ class Fault:
 
     @property
     def quick_tests(self) -> tuple[str, ...]:
-        return tuple(test for test in self.tests if test.startswith(QUICK))
+        return tuple(test for test in self.tests if test.startswith(QUICK_FOLDERS))
 
     @property
     def live_tests(self) -> tuple[str, ...]:
-        return tuple(test for test in self.tests if not test.startswith(QUICK))
+        return tuple(test for test in self.tests if not test.startswith(QUICK_FOLDERS))
 
 
 class MissingTextError(ValueError):

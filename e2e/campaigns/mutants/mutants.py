@@ -57,19 +57,22 @@ class Campaign:
             options = [*stage.options, *(f"--deselect={test}" for test in sorted(self.failing))]
             text = put_in(fault, self._copy.path)
             try:
-                answer = self._copy.run_tests(stage.tests, options=options, most_s=self._left_s(ends_s))
+                answer = self._copy.run_tests(
+                    stage.tests, options=options, variables=stage.environment, most_s=self._left_s(ends_s)
+                )
             finally:
                 take_out(fault, self._copy.path, text)
             if answer.tail:
                 print(answer.tail, flush=True)
-            if not answer.failed or answer.tail or self._passes(answer.failed):
+            if not answer.failed or answer.tail or self._passes(answer.failed, stage):
                 return answer
             print(f"    {answer.failed} fails without the fault as well, so it is left out", flush=True)
             self.failing.add(answer.failed)
 
-    def _passes(self, test: str) -> bool:
+    def _passes(self, test: str, stage: Stage) -> bool:
         """Returns whether the test passes without a fault. One that could not be run to its end counts as passed."""
-        return not self._copy.run_tests([test], options=(), most_s=self._left_s(self._ends_s)).failed
+        most_s = self._left_s(self._ends_s)
+        return not self._copy.run_tests([test], variables=stage.environment, most_s=most_s).failed
 
     @staticmethod
     def _left_s(ends_s: float) -> float:

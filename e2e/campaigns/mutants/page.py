@@ -20,7 +20,7 @@ class Result(NamedTuple):
 _HEAD: Final = """# Faults put in on purpose
 
 A small fault is put into a copy of the product, and tests run until one fails: those of the touched package, the other unit
-and property tests, the essential live tests, then the rest. Seconds are those of all tests up to
+and property tests, the essential live tests, with `--rest` then everything else. Seconds are those of all tests up to
 the one that failed. Made at commit {commit}; `e2e/campaigns/mutants/catalogue.py` has the faults.
 
 ```

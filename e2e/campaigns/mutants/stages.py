@@ -1,19 +1,23 @@
 """The order in which tests run against a fault, until one of them fails."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from campaigns.mutants.catalogue import QUICK, Fault
+from campaigns.mutants.catalogue import Fault
+from suite.__main__ import EXAMPLES, SAMPLES
+from suite.lanes import ON_ALL_CORES
+from suite.plan import QUICK_FOLDERS, plan_essential, read_entries
 
 ESSENTIAL: Final = "tests/essential.txt"
-"""Live tests of `scripts/test`: a path or an id of pytest on each line, # begins a remark."""
 LIVE: Final = "tests/live"
 OTHERS: Final = "e2e/tests"
 NO_NOTICE: Final = "e2e/tests/campaigns/mutants/test_mutants.py"
 """Fails with every fault, because it looks for the text that the fault replaces."""
-SHARED: Final = ("--numprocesses=auto", "--maxprocesses=4", "--dist=worksteal")
-"""Quick tests run on all cores, as in `scripts/test`."""
+FEW: Final[Mapping[str, str]] = MappingProxyType({EXAMPLES: "few"})
+"""Variables of the quick tests in `scripts/test`."""
+ALL: Final[Mapping[str, str]] = MappingProxyType({SAMPLES: "all"})
 
 
 class Stage(NamedTuple):
@@ -23,39 +27,29 @@ class Stage(NamedTuple):
     tests: tuple[str, ...]
     is_daily: bool
     options: tuple[str, ...] = ()
+    environment: Mapping[str, str] = MappingProxyType({})
 
 
 def plan_stages(fault: Fault, tree: Path, *, rest: bool) -> Iterator[Stage]:
     """The touched package's quick tests, all quick ones, the essential live tests, and with `rest` everything else."""
     if fault.quick_tests:
-        yield Stage("own tests", fault.quick_tests, is_daily=True)
-    yield Stage("unit and property", QUICK, is_daily=True, options=SHARED)
-    essential = read_essential(tree)
-    if essential:
-        for tests in group_by_folder(essential, first=fault.live_tests):
-            yield Stage("essential live tests", tests, is_daily=True)
-    if rest or not essential:
-        folders = [f"{LIVE}/{path.name}" for path in sorted((tree / LIVE).iterdir()) if _has_tests(path)]
-        for tests in group_by_folder(folders, first=fault.live_tests):
-            yield Stage("live tests", tests, is_daily=not essential)
+        yield Stage("own tests", fault.quick_tests, is_daily=True, environment=FEW)
+    yield Stage("unit and property", QUICK_FOLDERS, is_daily=True, options=ON_ALL_CORES, environment=FEW)
+    entries = read_entries((tree / ESSENTIAL).read_text(encoding="utf-8"))
+    folders = {group.name: group.selectors for group in plan_essential(entries, {})}
+    for folder in order_folders(list(folders), first=fault.live_tests):
+        yield Stage("essential live tests", folders[folder], is_daily=True)
     if rest:
+        yield Stage("all examples", QUICK_FOLDERS, is_daily=False, options=ON_ALL_CORES, environment=ALL)
+        live = [f"{LIVE}/{path.name}" for path in sorted((tree / LIVE).iterdir()) if _has_tests(path)]
+        for folder in order_folders(live, first=fault.live_tests):
+            yield Stage("live tests", (folder,), is_daily=False, environment=ALL)
         yield Stage("tests of the tools", (OTHERS,), is_daily=False, options=(f"--ignore={NO_NOTICE}",))
 
 
-def read_essential(tree: Path) -> tuple[str, ...]:
-    """Returns the tests that the list names; none when there is no list."""
-    path = tree / ESSENTIAL
-    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    return tuple(test for line in lines if (test := line.partition(" #")[0].strip()) and not test.startswith("#"))
-
-
-def group_by_folder(tests: Iterable[str], *, first: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """Groups tests by their folder of `tests/live`, each of which has a control plane of its own; those in `first` lead."""
-    groups: dict[str, list[str]] = {}
-    for test in tests:
-        groups.setdefault("/".join(test.split("/")[:3]), []).append(test)
-    ordered = sorted(groups, key=lambda folder: not folder.startswith(first) if first else True)
-    return [tuple(groups[folder]) for folder in ordered]
+def order_folders(folders: Sequence[str], *, first: tuple[str, ...]) -> list[str]:
+    """Returns the folders, each of which has a control plane of its own; those that hold a test of `first` lead."""
+    return sorted(folders, key=lambda folder: not any(f"{test}/".startswith(f"{folder}/") for test in first))
 
 
 def _has_tests(path: Path) -> bool:

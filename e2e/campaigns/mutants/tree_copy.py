@@ -8,13 +8,15 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from campaigns.mutants.first_failure import REPORT
 
 PACKAGES: Final = (
     *("robotapp_api", "robotapp_client", "robotapp_claims", "robotapp_operator", "robotapp_scheduler"),
-    *("robotapp_agent", "robotapp_cli", "rigel_bridge", "ros_profile", "robotapp_testbed", "campaigns"),
+    *("robotapp_agent", "robotapp_cli", "robotapp_console", "rigel_bridge", "ros_profile"),
+    *("robotapp_testbed", "campaigns", "suite"),
 )
 PROGRAM: Final = "robotapp-operator"
 """One of the programs that an installation makes; all have the same first line."""
@@ -86,15 +88,22 @@ class TreeCopy:
         if str(self._programs) not in program.read_text(encoding="utf-8").splitlines()[0]:
             raise WrongEnvironmentError(f"{program} is run by another Python than that of the copy")
 
-    def run_tests(self, tests: Sequence[str], *, options: Sequence[str], most_s: float) -> PytestRun:
-        """Runs pytest in the copy until a test fails, or `most_s` are over."""
+    def run_tests(
+        self,
+        tests: Sequence[str],
+        *,
+        most_s: float,
+        options: Sequence[str] = (),
+        variables: Mapping[str, str] = MappingProxyType({}),
+    ) -> PytestRun:
+        """Runs pytest in the copy, with these environment variables besides, until a test fails or `most_s` are over."""
         report = self.path / ".venv" / "failed-tests"
         report.write_text("", encoding="utf-8")
         command = [str(self._programs / "python"), "-m", "pytest", "-x", "-q", "--tb=no", "-p", "no:randomly"]
         command += ["-p", "campaigns.mutants.first_failure", *options, *tests]
         started_s = time.monotonic()
         with (self.path / ".venv" / "output").open("w+b") as output:
-            environment = self.environment() | {REPORT: str(report)}
+            environment = self.environment() | {**variables, REPORT: str(report)}
             # A group of its own and no session: the leader of a session is hung up by a test that closes a terminal.
             process = subprocess.Popen(
                 command,

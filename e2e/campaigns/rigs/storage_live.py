@@ -51,18 +51,18 @@ def storage_class(cp: ControlPlane, name: str, provisioner: str = "kubernetes.io
         yield name
     finally:
         cp.api.delete(f"{CLASSES}/{name}")
-        for each in cp.api.get(VOLUMES)["items"]:
-            if each["spec"].get("storageClassName") == name:
-                delete_volume(cp, each["metadata"]["name"])
+        for stored_volume in cp.api.get(VOLUMES)["items"]:
+            if stored_volume["spec"].get("storageClassName") == name:
+                delete_volume(cp, stored_volume["metadata"]["name"])
 
 
 def delete_volume(cp: ControlPlane, name: str) -> None:
-    """Delete a volume although a claim uses it."""
+    """Deletes a volume although a claim uses it."""
     cp.api.delete(f"{VOLUMES}/{name}")
-    _free(cp, f"{VOLUMES}/{name}")
+    _remove_finalizers(cp, f"{VOLUMES}/{name}")
 
 
-def _free(cp: ControlPlane, path: str) -> None:
+def _remove_finalizers(cp: ControlPlane, path: str) -> None:
     try:
         cp.api.patch(path, {"metadata": {"finalizers": None}})
     except ApiStatusError as error:
@@ -81,11 +81,11 @@ def provisioner(cp: ControlPlane, namespace: str, *, refuses: frozenset[str] = f
 
     def work() -> None:
         while not done.wait(0.1):
-            for found in cp.api.get(claims_path(namespace))["items"]:
-                node = found["metadata"].get("annotations", {}).get(SELECTED_NODE)
-                if node and not found["spec"].get("volumeName"):
+            for pending_claim in cp.api.get(claims_path(namespace))["items"]:
+                node = pending_claim["metadata"].get("annotations", {}).get(SELECTED_NODE)
+                if node and not pending_claim["spec"].get("volumeName"):
                     asked.append(node)
-                    _provide(cp, namespace, found, node, refuse=node in refuses)
+                    _provide(cp, namespace, pending_claim, node, refuse=node in refuses)
 
     thread = threading.Thread(target=work, name="provisioner")
     thread.start()
@@ -96,16 +96,20 @@ def provisioner(cp: ControlPlane, namespace: str, *, refuses: frozenset[str] = f
         thread.join()
 
 
-def _provide(cp: ControlPlane, namespace: str, found: Json, node: str, *, refuse: bool) -> None:
-    meta = found["metadata"]
+def _provide(cp: ControlPlane, namespace: str, pending_claim: Json, node: str, *, refuse: bool) -> None:
+    meta = pending_claim["metadata"]
     if refuse:
         path = f"{claims_path(namespace)}/{meta['name']}"
         cp.api.patch(path, {"metadata": {"annotations": {SELECTED_NODE: None}}})
         return
     ref = {"apiVersion": "v1", "kind": "PersistentVolumeClaim", "namespace": namespace, "name": meta["name"]}
-    size = found["spec"]["resources"]["requests"]["storage"]
+    size = pending_claim["spec"]["resources"]["requests"]["storage"]
     body = volume(
-        f"pvc-{meta['uid']}", found["spec"]["storageClassName"], size, node=node, claim_ref={**ref, "uid": meta["uid"]}
+        f"pvc-{meta['uid']}",
+        pending_claim["spec"]["storageClassName"],
+        size,
+        node=node,
+        claim_ref={**ref, "uid": meta["uid"]},
     )
     body["metadata"]["annotations"] = {PROVISIONED_BY: PROVISIONER}
     try:

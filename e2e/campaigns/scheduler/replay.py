@@ -1,4 +1,4 @@
-"""How long the console's replay takes: scripts/bench replay [--nodes 5000] [--placed 50000] [--apps 1000] [--pods 500]
+"""Measures the console's replay: scripts/bench replay [--nodes 5000] [--placed 50000] [--apps 1000] [--pods 500]
 
 In this process, without an API server, on the cache that `scripts/bench whatif` uses: the latest placements, half of them components of
 apps with latency budgets, are judged under the running configuration and under one with two other weights. `answer_ms` is all of

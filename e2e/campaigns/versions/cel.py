@@ -19,6 +19,7 @@ from campaigns.common.output import save
 from robotapp_testbed.binaries import programs
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.product import REGISTRY
 from robotapp_testbed.progress import Progress
 
 RELEASES = ("1.32", "1.33", "1.34", "1.35", "1.36", "1.37")
@@ -41,7 +42,19 @@ def rendered(release: str, *values: str) -> list[Object]:
     """The chart as helm renders it for that release; CalledProcessError when the chart refuses the release."""
     helm = Assets().resolve(["helm"])["helm"]
     given = [part for value in (*EVERY_POLICY, *values) for part in ("--set", value)]
-    command = [helm, "template", "robotapp", CHART, "--namespace", NAMESPACE, "--kube-version", f"{release}.0", *given]
+    command = [
+        helm,
+        "template",
+        "robotapp",
+        CHART,
+        "--namespace",
+        NAMESPACE,
+        "--kube-version",
+        f"{release}.0",
+        "--set",
+        f"imageRegistry={REGISTRY}",
+        *given,
+    ]
     answer = subprocess.run(command, capture_output=True, text=True, check=True)
     return product.objects_of(answer.stdout)
 

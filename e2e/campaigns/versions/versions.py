@@ -17,7 +17,7 @@ from campaigns.common import options
 from campaigns.common.output import save
 from robotapp_testbed.binaries import pins, versions
 from robotapp_testbed.progress import Progress
-from suite.summary import Part, read
+from suite.summary import GroupResult, read_result
 
 SMOKE: Final = (
     "tests/live/chart/test_installation_live.py",
@@ -67,30 +67,30 @@ def _run(minor: str, progress: Progress) -> dict[str, Any]:
     began_s = time.monotonic()
     demo = subprocess.run([sys.executable, "-m", "journeys.demo", "--once"], cwd=pins.REPOSITORY, env=env, check=False)
     told_s = time.monotonic()
-    parts = smoke(env)
-    bad = [name for part in parts for name in (part.bad or ([] if part.succeeded else [part.name]))]
+    results = smoke(env)
+    bad = [name for result in results for name in (result.bad or ([] if result.succeeded else [result.name]))]
     return {
         "version": version,
         "demo": demo.returncode == 0,
         "demo_s": told_s - began_s,
-        "passed": sum(part.counts["passed"] for part in parts),
+        "passed": sum(result.counts["passed"] for result in results),
         "bad": bad,
         "smoke_s": time.monotonic() - told_s,
         "failed": demo.returncode != 0 or bool(bad),
     }
 
 
-def smoke(env: Mapping[str, str]) -> list[Part]:
-    """Folder by folder, each with a control plane of its own, as `scripts/test` does."""
-    found = []
+def smoke(env: Mapping[str, str]) -> list[GroupResult]:
+    """Runs the smoke suite folder by folder, each with a control plane of its own, as `scripts/test` does."""
+    results: list[GroupResult] = []
     with tempfile.TemporaryDirectory() as reports:
         for folder in dict.fromkeys(str(Path(name).parent) for name in SMOKE):
-            report = Path(reports) / f"{len(found)}.xml"
+            report = Path(reports) / f"{len(results)}.xml"
             files = [name for name in SMOKE if str(Path(name).parent) == folder]
             command = [sys.executable, "-m", "pytest", "-q", f"--junitxml={report}", *files]
             status = subprocess.run(command, cwd=pins.REPOSITORY, env=dict(env), check=False).returncode
-            found.append(read(folder, report, status))
-    return found
+            results.append(read_result(folder, report, status))
+    return results
 
 
 if __name__ == "__main__":

@@ -27,6 +27,8 @@ SCHEDULER_CONFIG: Final = "robotapp-scheduler"
 """The ConfigMap of the chart that a scheduler started with `config_map=` follows."""
 LAST_GOOD_CONFIG: Final = "robotapp-scheduler-last-good"
 _WORKLOADS = frozenset({"Deployment", "DaemonSet", "StatefulSet", "Job", "CronJob", "PodDisruptionBudget", "Pod"})
+REGISTRY = "registry.example"
+"""Stands before the images of workloads, which nothing pulls here."""
 _FIRST = ("Namespace", "CustomResourceDefinition")
 _KEPT = "Secret"
 """Of a kind whose content the chart makes once: without a cluster to look at, each rendering has another."""
@@ -232,7 +234,7 @@ def _template(cp: ControlPlane, values: Mapping[str, Any]) -> list[dict[str, Any
         # Where the CRD exists the default pool is an ordinary object instead of a hook, which we would leave out.
         "--api-versions=robotics.io/v1alpha1/DomainPool",
         "--values=-",
-        stdin=yaml.safe_dump(dict(values)),
+        stdin=yaml.safe_dump({"imageRegistry": REGISTRY, **values}),
     )
     return [obj for obj in objects_of(text) if _is_installed(obj)]
 

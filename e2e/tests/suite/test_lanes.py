@@ -34,7 +34,40 @@ def run_group(folder: Path, text: str, **files: str) -> Lanes:
 def test_a_group_that_passes_succeeds(tmp_path: Path) -> None:
     lanes = run_group(tmp_path, "def test_one(): pass\n")
     assert lanes.succeeded
-    assert [part.counts["passed"] for part in lanes.parts] == [1]
+    assert [result.counts["passed"] for result in lanes.results] == [1]
+
+
+def test_two_groups_of_one_name_run_at_once(tmp_path: Path) -> None:
+    (tmp_path / "pytest.ini").write_text(INI)
+    settings = (f"--rootdir={tmp_path}", "-c", str(tmp_path / "pytest.ini"))
+    groups = []
+    for own, other in (("a", "b"), ("b", "a")):
+        module = tmp_path / f"test_{own}.py"
+        module.write_text(
+            f"from pathlib import Path\nimport time\nfolder = Path({str(tmp_path)!r})\n"
+            f"def test_both_run():\n    (folder / {own!r}).touch()\n    deadline = time.monotonic() + 60\n"
+            f"    while not (folder / {other!r}).exists():\n        assert time.monotonic() < deadline\n"
+        )
+        groups.append(Group("it", (str(module), *settings), 1.0))
+    lanes = Lanes(tmp_path)
+    lanes.run(groups, os.environ)
+    assert [result.counts for result in lanes.results] == [{"passed": 1}] * 2
+
+
+@pytest.mark.parametrize(("users", "value"), [({}, "all"), ({"ROBOTAPP_SAMPLES": "few"}, "few")])
+def test_a_groups_variables_are_set_where_the_user_has_not_set_them(
+    tmp_path: Path, users: dict[str, str], value: str
+) -> None:
+    (tmp_path / "pytest.ini").write_text(INI)
+    module = tmp_path / "test_it.py"
+    module.write_text(f"import os\ndef test_one(): assert os.environ['ROBOTAPP_SAMPLES'] == {value!r}\n")
+    lanes = Lanes(tmp_path)
+    environment = {name: text for name, text in os.environ.items() if name != "ROBOTAPP_SAMPLES"} | users
+    lanes.run(
+        [Group("it", (str(module), "-c", str(tmp_path / "pytest.ini")), 1.0, variables=(("ROBOTAPP_SAMPLES", "all"),))],
+        environment,
+    )
+    assert lanes.succeeded
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,9 @@
 """What `scripts/test` runs: nothing is left out, nothing runs twice, and parts are about equally long."""
 
-import subprocess
+import ast
+from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,6 +22,7 @@ from suite.plan import (
     read_entries,
     take_turn,
 )
+from suite.repository import REPOSITORY, list_names
 
 MODULES = [f"tests/live/{folder}/test_{name}.py" for folder in ("cli", "claims", "operating") for name in "abcde"]
 groups = st.lists(
@@ -69,7 +72,7 @@ def test_groups_of_a_folder_are_one_process_and_exclusive_ones_stay_apart() -> N
 def test_what_a_changed_file_concerns_runs_within_the_budget_and_the_rest_is_named() -> None:
     measured = dict.fromkeys(MODULES, 100.0)
     rest = plan_rest(MODULES, [], measured)
-    chosen, postponed = choose_touched(rest, ["cli/robotapp_cli/main.py", "tests/live/cli/test_e.py"], 250)
+    chosen, postponed = choose_touched(rest, iter(["cli/robotapp_cli/main.py", "tests/live/cli/test_e.py"]), 250)
     assert [group.name for group in chosen] == ["tests/live/cli/test_e.py", "tests/live/cli/test_a.py"]
     assert len(postponed) == 3
 
@@ -81,14 +84,38 @@ def test_a_file_of_the_tests_concerns_its_own_folder_and_one_of_the_product_all_
     assert find_test_folders("README.md") == ()
 
 
-def test_every_root_folder_concerns_tests_or_is_listed_as_one_that_does_not() -> None:
-    names = subprocess.run(
-        ["git", "ls-files"], cwd=landing.REPOSITORY, capture_output=True, text=True, check=True
-    ).stdout
-    folders = {name.partition("/")[0] for name in names.splitlines() if "/" in name}
-    folders = {f"e2e/{name.split('/')[1]}" if name.startswith("e2e/") else name for name in folders}
-    uncovered = {name for name in folders if not find_test_folders(f"{name}/file") and name != "e2e"}
-    assert uncovered == {".ci", "scripts", "tests"}
+def test_every_folder_concerns_tests_or_is_listed_as_one_that_does_not() -> None:
+    """Tests without a control plane, and what only they use, run in any case."""
+    depths = {"tests": 2, "e2e": 2, "tests/support": 3}
+    folders = set()
+    for name in list_names("ls-files", "-z"):
+        words = name.split("/")
+        depth = depths.get("/".join(words[:2]), depths.get(words[0], 1))
+        folders.add("/".join((*words[:depth], "file")[: len(words)]))
+    uncovered = {name for name in folders if not find_test_folders(name)}
+    documents = {".gitignore", "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "README.md", "SECURITY.md"}
+    without_plane = {".ci/file", "scripts/file", "tests/unit/file", "tests/property/file", "tests/support/scripted.py"}
+    assert uncovered == {*documents, *without_plane, "tests/essential.txt"}
+
+
+def list_helpers(module: Path) -> set[str]:
+    """Returns the files or folders of tests/support and e2e/campaigns from which a module imports."""
+    imports = (node for node in ast.walk(ast.parse(module.read_text())) if isinstance(node, ast.ImportFrom))
+    names = [f"{node.module}.{alias.name}".split(".") for node in imports for alias in node.names]
+    paths = {"/".join(words[:3]) for words in names if words[:2] == ["tests", "support"]}
+    paths |= {f"e2e/campaigns/{words[1]}" for words in names if words[0] == "campaigns"}
+    return {f"{path}/file" if (REPOSITORY / path).is_dir() else f"{path}.py" for path in paths}
+
+
+def test_a_helper_concerns_every_folder_whose_tests_import_it() -> None:
+    missing = set()
+    for path in list_names("ls-files", "-z", "tests/live/*/*.py", "e2e/tests/*/*.py"):
+        (folder,) = find_test_folders(path)
+        for helper in list_helpers(REPOSITORY / path):
+            concerned = find_test_folders(helper)
+            if not any(folder.startswith(start) or start.startswith(folder) for start in concerned):
+                missing.add(f"{helper} concerns {folder}")
+    assert missing == set()
 
 
 @given(st.lists(groups, min_size=60, max_size=60), st.integers(2, 8))
@@ -105,27 +132,29 @@ def test_whatever_is_added_removed_or_measured_anew_nothing_waits_longer_than_tw
         assert turn or not planned
 
 
-def test_eight_turns_of_one_plan_run_everything_once() -> None:
+def test_the_turns_of_a_round_are_the_parts() -> None:
     rest = plan_rest(MODULES, [], {module: 10.0 + number for number, module in enumerate(MODULES)})
     waiting: list[str] = []
     turns = []
-    for _ in range(8):
-        turn, waiting = take_turn(rest, waiting, 8)
-        turns += [group.name for group in turn]
+    for _ in range(landing.LANDINGS_PER_ROUND):
+        turn, waiting = take_turn(rest, waiting, landing.LANDINGS_PER_ROUND)
+        turns.append(turn)
         if not waiting:
             break
-    assert sorted(turns) == sorted(MODULES)
+    parts = cut_parts(rest, landing.LANDINGS_PER_ROUND)
+    assert parts == turns + [[]] * (len(parts) - len(turns))
+    assert sorted(group.name for turn in turns for group in turn) == sorted(MODULES)
 
 
 def test_every_folder_that_the_plan_names_exists() -> None:
     named = {*EXCLUSIVE, *(folder for folders in TEST_FOLDERS.values() for folder in folders), *TEST_FOLDERS}
-    assert [name for name in sorted(named) if not (landing.REPOSITORY / name).exists()] == []
+    assert [name for name in sorted(named) if not (REPOSITORY / name).exists()] == []
 
 
 def test_every_essential_entry_names_a_test_that_exists() -> None:
     for entry in read_entries(command.ESSENTIAL.read_text()):
         module, _, name = entry.partition("::")
-        text = (landing.REPOSITORY / module).read_text()
+        text = (REPOSITORY / module).read_text()
         assert not name or f"def {name}(" in text, entry
 
 
@@ -133,7 +162,7 @@ def test_no_essential_test_is_the_beginning_of_another_name() -> None:
     """pytest deselects by the beginning of an id."""
     for entry in read_entries(command.ESSENTIAL.read_text()):
         module, _, name = entry.partition("::")
-        text = (landing.REPOSITORY / module).read_text() if name else ""
+        text = (REPOSITORY / module).read_text() if name else ""
         assert text.count(f"def {name}") <= 1, entry
 
 
@@ -141,11 +170,21 @@ def test_everything_is_the_essential_tests_and_all_parts() -> None:
     def list_selectors(*arguments: str) -> list[str]:
         entries = read_entries(command.ESSENTIAL.read_text())
         plan = command.make_plan(command.parse_arguments(arguments), entries)
-        return [selector for group in plan.groups for selector in group.selectors]
+        return [selector for group in plan.list_groups() for selector in group.selectors]
 
-    parts = [list_selectors("--part", f"{number}/{landing.PARTS}") for number in range(1, landing.PARTS + 1)]
+    parts = [
+        list_selectors("--part", f"{number}/{landing.LANDINGS_PER_ROUND}")
+        for number in range(1, landing.LANDINGS_PER_ROUND + 1)
+    ]
     essential = [selector for selector in list_selectors() if selector not in {"tests/unit", "tests/property"}]
     assert sorted(list_selectors("--all")) == sorted([*essential, *(selector for part in parts for selector in part)])
+
+
+@pytest.mark.parametrize("arguments", [(), ("--all",), ("--part", "1/1")])
+def test_no_two_groups_of_a_run_have_the_same_name(arguments: tuple[str, ...]) -> None:
+    plan = command.make_plan(command.parse_arguments(arguments), read_entries(command.ESSENTIAL.read_text()))
+    names = [group.name for group in plan.list_groups()]
+    assert sorted(set(names)) == sorted(names)
 
 
 def test_an_entry_with_a_comment_is_read_without_it() -> None:

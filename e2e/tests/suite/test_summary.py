@@ -1,4 +1,4 @@
-"""The closing summary tells the truth about every part, whichever failed."""
+"""The closing summary tells the truth about every group, whichever failed."""
 
 import os
 import subprocess
@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from suite.summary import Part, closing, read, summary
+from suite.summary import GroupResult, format_closing_line, format_summary, read_result
 
-GOOD = Part("tests/unit", Counter(passed=3, skipped=1), (), 2.5)
-BAD = Part("tests/live/chart", Counter(passed=1, failed=1, error=1), ("a.py::test_x", "b.py::test_y"), 70.25)
-CUT_OFF = Part("tests/crash", Counter())
+GOOD = GroupResult("tests/unit", Counter(passed=3, skipped=1), (), 2.5)
+BAD = GroupResult("tests/live/chart", Counter(passed=1, failed=1, error=1), ("a.py::test_x", "b.py::test_y"), 70.25)
+CUT_OFF = GroupResult("tests/crash", Counter())
 
 SUITE = """
 import pytest
@@ -44,27 +44,27 @@ def run_pytest(folder: Path, name: str, text: str) -> Path:
 
 
 def test_a_real_report_is_read_with_the_ids_that_pytest_takes(tmp_path: Path) -> None:
-    part = read("a", run_pytest(tmp_path, "a", SUITE))
-    assert part.counts == {"passed": 2, "failed": 2, "error": 1, "skipped": 1}
-    assert part.bad == (
+    result = read_result("a", run_pytest(tmp_path, "a", SUITE))
+    assert result.counts == {"passed": 2, "failed": 2, "error": 1, "skipped": 1}
+    assert result.bad == (
         "test_a.py::test_bad_afterwards",
         "test_a.py::test_bad_twice",
         "test_a.py::TestOf::test_bad[b c: 1]",
     )
-    assert part.seconds is not None
+    assert result.seconds is not None
 
 
 @pytest.mark.parametrize("content", [None, "", "<testsuites>", "<testsuites/>"])
-def test_a_part_without_a_whole_report_did_not_finish(tmp_path: Path, content: str | None) -> None:
+def test_a_group_without_a_whole_report_did_not_finish(tmp_path: Path, content: str | None) -> None:
     report = tmp_path / "report.xml"
     if content is not None:
         report.write_text(content)
-    assert read("a", report) == Part("a", Counter())
+    assert read_result("a", report) == GroupResult("a", Counter())
 
 
-def test_the_last_line_counts_all_parts_though_an_earlier_one_failed() -> None:
-    *table, last = summary([BAD, GOOD])
-    assert last == closing([BAD, GOOD])
+def test_the_last_line_counts_all_groups_though_an_earlier_one_failed() -> None:
+    *table, last = format_summary([BAD, GOOD])
+    assert last == format_closing_line([BAD, GOOD])
     assert last.strip("=") == " 1 failed, 4 passed, 1 skipped, 1 error in 72.75s (0:01:12) "
     assert table[1:] == [
         "tests/live/chart       1       2        0     70.2",
@@ -74,22 +74,22 @@ def test_the_last_line_counts_all_parts_though_an_earlier_one_failed() -> None:
     ]
 
 
-def test_a_part_that_did_not_finish_is_an_error() -> None:
-    assert closing([GOOD, CUT_OFF]).strip("=") == " 3 passed, 1 skipped, 1 error in 2.50s "
-    assert closing([CUT_OFF, BAD]).strip("=") == " 1 failed, 1 passed, 2 errors in 70.25s (0:01:10) "
-    assert list(summary([CUT_OFF]))[1] == "tests/crash  did not finish"
+def test_a_group_that_did_not_finish_is_an_error() -> None:
+    assert format_closing_line([GOOD, CUT_OFF]).strip("=") == " 3 passed, 1 skipped, 1 error in 2.50s "
+    assert format_closing_line([CUT_OFF, BAD]).strip("=") == " 1 failed, 1 passed, 2 errors in 70.25s (0:01:10) "
+    assert list(format_summary([CUT_OFF]))[1] == "tests/crash  did not finish"
 
 
-def test_a_part_that_found_no_tests_is_an_error() -> None:
-    empty = Part("tests/new", Counter(), (), 0.5)
-    assert "tests/new   found no tests" in list(summary([GOOD, empty]))
-    assert closing([GOOD, empty]).strip("=") == " 3 passed, 1 skipped, 1 error in 3.00s "
+def test_a_group_that_found_no_tests_is_an_error() -> None:
+    empty = GroupResult("tests/new", Counter(), (), 0.5)
+    assert "tests/new   found no tests" in list(format_summary([GOOD, empty]))
+    assert format_closing_line([GOOD, empty]).strip("=") == " 3 passed, 1 skipped, 1 error in 3.00s "
 
 
 @pytest.mark.parametrize(("text", "status"), [("def test_x(): pass", 0), ("def test_x(): assert 0", 1), ("", 1)])
-def test_a_part_succeeds_only_when_everything_passed(tmp_path: Path, text: str, status: int) -> None:
+def test_a_group_succeeds_only_when_everything_passed(tmp_path: Path, text: str, status: int) -> None:
     report = run_pytest(tmp_path, "c", text)
-    part = read("tests/c", report)
-    assert part.succeeded == (status == 0)
-    assert list(summary([part]))[-1] == closing([part])
-    assert not read("never", tmp_path / "no.xml").succeeded
+    result = read_result("tests/c", report)
+    assert result.succeeded == (status == 0)
+    assert list(format_summary([result]))[-1] == format_closing_line([result])
+    assert not read_result("never", tmp_path / "no.xml").succeeded

@@ -23,10 +23,16 @@ app.kubernetes.io/instance: {{ .root.Release.Name }}
 app.kubernetes.io/component: {{ .component }}
 {{- end -}}
 
-{{/* Image reference; a digest wins over a tag, and the tag defaults to the chart's version. */}}
+{{/* Image reference; a digest wins over a tag, and the tag defaults to the chart's version. No images are published, so a
+repository without a registry, which container runtimes look for on Docker Hub, is refused. */}}
 {{- define "robotapp.image" -}}
 {{- $repository := .image.repository -}}
-{{- with .root.Values.imageRegistry }}{{ $repository = printf "%s/%s" . $repository }}{{ end -}}
+{{- $registry := .root.Values.imageRegistry | default (.root.Values.global | default dict).imageRegistry -}}
+{{- if $registry }}
+{{- $repository = printf "%s/%s" $registry $repository -}}
+{{- else if not (regexMatch "^[^/]*([.:]|^localhost)[^/]*/" $repository) -}}
+{{- fail (printf "imageRegistry is empty, so %s would be looked for on Docker Hub, where this project publishes nothing: build the images (docs/installation.md) and write imageRegistry, the registry you pushed them to" $repository) -}}
+{{- end -}}
 {{- if .image.digest -}}
 {{ printf "%s@%s" $repository .image.digest }}
 {{- else -}}
@@ -42,10 +48,10 @@ app.kubernetes.io/component: {{ .component }}
 {{/* Pod fields that every component shares; argument: root, component, values; asRoot: as user 0, without its capabilities. */}}
 {{- define "robotapp.podCommon" -}}
 serviceAccountName: {{ include "robotapp.name" .root }}-{{ .component }}
-{{- with .root.Values.imagePullSecrets }}
+{{- with .root.Values.imagePullSecrets | default (.root.Values.global | default dict).imagePullSecrets }}
 imagePullSecrets:
 {{- range . }}
-- name: {{ . }}
+- name: {{ if kindIs "string" . }}{{ . }}{{ else }}{{ .name }}{{ end }}
 {{- end }}
 {{- end }}
 {{- with .values.priorityClassName }}
@@ -58,8 +64,12 @@ securityContext:
   runAsGroup: 0
   {{- else }}
   runAsNonRoot: true
-  runAsUser: 65532
-  runAsGroup: 65532
+  {{- with .root.Values.podSecurity.runAsUser }}
+  runAsUser: {{ int64 . }}
+  {{- end }}
+  {{- with .root.Values.podSecurity.runAsGroup }}
+  runAsGroup: {{ int64 . }}
+  {{- end }}
   {{- end }}
   seccompProfile: {type: RuntimeDefault}
 {{- with .values.nodeSelector }}

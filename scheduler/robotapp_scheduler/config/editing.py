@@ -1,4 +1,4 @@
-"""What a form needs to edit a configuration: plugins per point as they are in force, and the arguments that plugins take.
+"""Editing of a configuration by a form: plugins per point as they are in force, and the arguments that plugins take.
 
 Everything is read from the plugins' own classes and by the loader's own rules, so that a form shows what the scheduler would do.
 """
@@ -32,7 +32,7 @@ _RELEASE: Final = "compatVersion"
 
 
 class ArgumentKind(StrEnum):
-    """How an argument is entered."""
+    """Kinds of fields in which an argument is entered."""
 
     TEXT = "text"
     INTEGER = "integer"

@@ -39,7 +39,7 @@ class Choice(NamedTuple):
 
 
 class Replay(NamedTuple):
-    """What the supposed configuration would change for pods that run. `judged`: how many were looked at."""
+    """Changes that the supposed configuration would make for pods that run. `judged`: how many were looked at."""
 
     pods: tuple[PodChange, ...]
     edges: tuple[EdgeChange, ...]

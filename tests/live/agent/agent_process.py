@@ -1,7 +1,6 @@
 """The agent as a process on this machine, with a kubeconfig and a tree of its own instead of the host's files."""
 
 import os
-import socket
 import sys
 from pathlib import Path
 from typing import Any
@@ -50,10 +49,3 @@ def status_of(plane: ControlPlane, node: str) -> dict[str, Any]:
             raise
         return {}
     return found
-
-
-def free_udp_port() -> int:
-    """One that nobody has open now."""
-    with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as probe:
-        probe.bind(("::", 0))
-        return int(probe.getsockname()[1])

@@ -41,7 +41,7 @@ SAMPLES = {
         "ros2 'bash", "'bash"
     ),
 }
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a package index may be far away
+pytestmark = pytest.mark.timeout(900)  # a package index may be far away
 
 
 @pytest.fixture(scope="session")

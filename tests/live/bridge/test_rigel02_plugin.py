@@ -44,7 +44,7 @@ for folder in sorted(os.listdir(".")):
         json.dump(found, file)
     os.chdir("..")
 """
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a package index may be far away
+pytestmark = pytest.mark.timeout(900)  # a package index may be far away
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ CRDS = [
     for plural in ("robotapps", "robotappinstances", "robotclaims", "domainpools", "nodetelemetries")
 ]
 NO_WORKLOADS = {"operator.enabled": "false", "scheduler.enabled": "false"}
+REGISTRY = "registry.example"
 NO_KEY = {"agent.keySecretName": "own"}
 """Else each rendering has another key of the agents' measurements."""
 # They come and go by themselves, or are no stored objects.
@@ -32,7 +33,9 @@ Object = dict[str, Any]
 
 
 def flags(values: Mapping[str, str]) -> list[str]:
-    return [part for key, value in values.items() for part in ("--set", f"{key}={value}")]
+    """Returns the options for these values, and for a registry, without which the chart renders no workload."""
+    named_values = {"imageRegistry": REGISTRY, **values}
+    return [part for key, value in named_values.items() for part in ("--set", f"{key}={value}")]
 
 
 @dataclass(frozen=True, slots=True)

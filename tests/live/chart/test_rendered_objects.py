@@ -253,10 +253,52 @@ def test_a_digest_wins_over_the_tag_and_the_registry_comes_first(chart: Chart) -
     assert pod_spec(objects, "scheduler")["containers"][0]["image"] == "images.test/robotapp/scheduler:v9"
 
 
-def test_shipped_values_name_no_registry(chart: Chart) -> None:
-    for component in ("operator", "scheduler"):
-        image = pod_spec(chart.render(), component)["containers"][0]["image"]
-        assert re.fullmatch(r"robotapp/[a-z]+:\d+\.\d+\.\d+", image)
+def test_without_a_registry_the_chart_says_that_nothing_is_published(chart: Chart) -> None:
+    with pytest.raises(CommandError) as refusal:
+        chart.render({"imageRegistry": ""})
+    assert "so robotapp/" in str(refusal.value)
+    assert "write imageRegistry, the registry you pushed them to" in str(refusal.value)
+    assert chart.render({"imageRegistry": "", "agent.enabled": "false"} | NO_WORKLOADS), "no workload needs no image"
+    named = {f"{part}.image.repository": f"localhost:5000/{part}" for part in ("operator", "scheduler", "agent")}
+    assert pod_spec(chart.render(named | {"imageRegistry": ""}), "operator")["containers"][0]["image"].startswith(
+        "localhost:5000/"
+    )
+
+
+def test_an_umbrella_charts_registry_and_pull_secrets_count_where_ours_are_empty(chart: Chart) -> None:
+    umbrella = {"enabled": "true", "global.imageRegistry": "images.test", "global.imagePullSecrets[0].name": "theirs"}
+    pod = pod_spec(chart.render(umbrella | {"imageRegistry": ""}), "operator")
+    assert pod["containers"][0]["image"].startswith("images.test/robotapp/operator:")
+    assert pod["imagePullSecrets"] == [{"name": "theirs"}]
+    own = pod_spec(chart.render(umbrella | {"imagePullSecrets[0]": "a", "imagePullSecrets[1].name": "b"}), "operator")
+    assert own["containers"][0]["image"].startswith("registry.example/")
+    assert own["imagePullSecrets"] == [{"name": "a"}, {"name": "b"}]
+
+
+def test_user_and_group_can_be_left_to_the_cluster(chart: Chart) -> None:
+    fixed = pod_spec(chart.render(), "scheduler")["securityContext"]
+    assert (fixed["runAsUser"], fixed["runAsGroup"]) == (65532, 65532)
+    free = chart.render({"podSecurity.runAsUser": "null", "podSecurity.runAsGroup": "null"})
+    for workload in of_kind(free, "Deployment", "DaemonSet"):
+        assert workload["spec"]["template"]["spec"]["securityContext"] == {
+            "runAsNonRoot": True,
+            "seccompProfile": {"type": "RuntimeDefault"},
+        }
+
+
+def test_pods_keep_to_linux_and_agents_off_nodes_without_a_kubelet_of_their_own(chart: Chart) -> None:
+    objects = chart.render({"agent.labeller.enabled": "true", "console.enabled": "true"})
+    for workload in of_kind(objects, "Deployment", "DaemonSet"):
+        assert workload["spec"]["template"]["spec"]["nodeSelector"] == {"kubernetes.io/os": "linux"}
+    (agent,) = of_kind(objects, "DaemonSet")
+    required = agent["spec"]["template"]["spec"]["affinity"]["nodeAffinity"][
+        "requiredDuringSchedulingIgnoredDuringExecution"
+    ]
+    (term,) = required["nodeSelectorTerms"]
+    assert [(item["key"], item["operator"], item["values"]) for item in term["matchExpressions"]] == [
+        ("type", "NotIn", ["virtual-kubelet"]),
+        ("eks.amazonaws.com/compute-type", "NotIn", ["fargate"]),
+    ]
 
 
 def test_switches_leave_their_objects_out(chart: Chart) -> None:

@@ -19,10 +19,13 @@ PASSED_ON = {
     *(f"{part}.{key}" for part in PODS for key in ("resources", "affinity")),
     "scheduler.config",
 }
-# What a person may take away with null: the container then has neither requests nor limits.
-REMOVABLE = {f"{part}.resources" for part in PODS}
-# Whose absence says something: a namespace without a quota is unlimited.
-ABSENT = {"domainPool.quota.default"}
+# What a person may take away with null: the pod then has neither requests nor limits, no selector, the image's or cluster's user.
+REMOVABLE = {
+    *(f"{part}.{key}" for part in PODS for key in ("resources", "nodeSelector")),
+    *("agent.affinity", "podSecurity.runAsUser", "podSecurity.runAsGroup"),
+}
+# Whose absence says something: a namespace without a quota is unlimited, and no umbrella chart switches ours.
+ABSENT = {"domainPool.quota.default", "enabled"}
 KINDS: dict[str, tuple[type, ...]] = {
     "object": (dict,),
     "array": (list,),

@@ -19,7 +19,6 @@ def campaign() -> Iterator[CrashCampaign]:
 
 
 @pytest.mark.live
-@pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_whoever_dies_at_whichever_write_every_app_becomes_ready_and_nothing_is_doubled_or_left(
     campaign: CrashCampaign,

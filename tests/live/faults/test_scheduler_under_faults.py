@@ -28,7 +28,6 @@ async def sample(cp: ControlPlane) -> list[dict[str, Any]]:
 
 
 @pytest.mark.live
-@pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_whatever_is_killed_or_lies_every_pod_is_bound_once_or_told_why_and_no_node_is_overfull() -> None:
     with ControlPlane(kwok=False, controller_manager=False, audit=True) as cp:

@@ -15,17 +15,17 @@ ROBOTS = 10
 
 @dataclass(frozen=True, slots=True)
 class Pools:
-    """Names of pools that only this module uses: two of twelve ids, one of four."""
+    """Names of pools that only this module uses: two of twelve ids, of which the second is spare, and one of four."""
 
     twelve: str
-    dozen: str
+    spare: str
     four: str
 
 
 @pytest.fixture(scope="module")
 def pools() -> Pools:
     mark = secrets.token_hex(3)
-    return Pools(f"twelve-{mark}", f"dozen-{mark}", f"four-{mark}")
+    return Pools(f"twelve-{mark}", f"spare-{mark}", f"four-{mark}")
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def running(installed_plane: ControlPlane, pools: Pools) -> Iterator[SimulatedSi
         clouds=[f"cloud-{mark}"],
     )
     with SimulatedSite(
-        installed_plane, nodes, pools={pools.twelve: "1-12", pools.dozen: "1-12", pools.four: "1-4"}
+        installed_plane, nodes, pools={pools.twelve: "1-12", pools.spare: "1-12", pools.four: "1-4"}
     ) as world:
         yield world
 

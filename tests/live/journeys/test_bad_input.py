@@ -129,7 +129,7 @@ def _starts(world: SimulatedSite, name: str, pools: Pools, *, within_s: float, b
     for attempt in range(TRIES):
         beside(attempt)
         again = f"-again-{attempt}" if attempt else ""
-        if start_one(world, name + again, pools.dozen if attempt else pools.twelve) < within_s:
+        if start_one(world, name + again, pools.spare if attempt else pools.twelve) < within_s:
             return True
     return False
 

@@ -15,9 +15,9 @@ pytestmark = pytest.mark.live
 def test_twenty_apps_applied_at_once_are_ready_with_distinct_domains_in_each_pool(
     world: SimulatedSite, pools: Pools
 ) -> None:
-    found = journeys.storm(world, [pools.twelve, pools.dozen], apps=20, within_s=120)
+    found = journeys.storm(world, [pools.twelve, pools.spare], apps=20, within_s=120)
     assert found.problems == ()
-    assert found.domains == {pools.twelve: 10, pools.dozen: 10}
+    assert found.domains == {pools.twelve: 10, pools.spare: 10}
 
 
 def test_apps_beyond_the_pool_wait_and_are_told_what_to_do_and_start_when_others_go(
@@ -32,9 +32,9 @@ def test_apps_beyond_the_pool_wait_and_are_told_what_to_do_and_start_when_others
 
 
 def test_an_app_for_each_robot_has_as_many_domains_as_robots(world: SimulatedSite, pools: Pools) -> None:
-    found = journeys.one_per_robot(world, pool=pools.dozen, within_s=120)
+    found = journeys.one_per_robot(world, pool=pools.spare, within_s=120)
     assert found.problems == ()
-    assert found.domains == {pools.dozen: ROBOTS}
+    assert found.domains == {pools.spare: ROBOTS}
 
 
 def test_nothing_is_written_while_nothing_changes(world: SimulatedSite, pools: Pools) -> None:

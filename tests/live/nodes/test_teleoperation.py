@@ -14,7 +14,7 @@ from robotapp_testbed.machines.nodes import cloud, edge, robot
 from robotapp_testbed.real import RealNodes
 from ros_nodes.trips import FOREIGN, summarise
 
-pytestmark = [pytest.mark.live, pytest.mark.slow]
+pytestmark = pytest.mark.live
 
 FIRST_TRIP_S = 6.0
 """Where `slowness` is 1."""

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support.seeds import count_examples
 
+from campaigns.claims.claim_cluster import ClaimCluster, Director
 from campaigns.claims.claims_weakened import one_phase
-from campaigns.claims.claims_world import Director, World
 
 APPS = ("a", "b", "c")
 
@@ -19,11 +19,11 @@ def people(director: Director, chance: random.Random) -> None:
     app, what = chance.choice(APPS), chance.choice(("delete", "replace", "toggle", "toggle"))
     director.steps.append(f"{what} {app}")
     if what == "toggle":
-        director.world.toggle_ros(app)
+        director.cluster.toggle_ros(app)
         return
-    director.world.delete_app(app)
+    director.cluster.delete_app(app)
     if what == "replace":
-        director.world.create_app(app)
+        director.cluster.create_app(app)
 
 
 async def run(seed: int, *, length: int = 1200, ours: bool = True) -> list[str]:
@@ -32,25 +32,25 @@ async def run(seed: int, *, length: int = 1200, ours: bool = True) -> list[str]:
     ours: whether one of the two schedulers is. Its writes into claims refuse hasty sweepers that others do not.
     """
     chance = random.Random(seed)
-    world = World(ids=chance.choice(("1", "1", "1-2")), chance=chance)
-    director = Director(world)
+    cluster = ClaimCluster(ids=chance.choice(("1", "1", "1-2")), chance=chance)
+    director = Director(cluster)
     for name in APPS[:2]:
-        world.create_app(name)
+        cluster.create_app(name)
     for name in APPS:  # two operators, so one of them may sleep through anything
-        director.add(f"operator 1 {name}", lambda client, app=name: world.operate(client, app))
-        director.add(f"operator 2 {name}", lambda client, app=name: world.operate(client, app))
+        director.add(f"operator 1 {name}", lambda client, app=name: cluster.operate(client, app))
+        director.add(f"operator 2 {name}", lambda client, app=name: cluster.operate(client, app))
     for number in "12":
-        director.add(f"manager {number}", world.control)
-        director.add(f"scheduler {number}", world.schedule if ours and number == "1" else world.schedule_elsewhere)
-        director.add(f"sweeper {number}", world.sweeping())
+        director.add(f"manager {number}", cluster.control)
+        director.add(f"scheduler {number}", cluster.schedule if ours and number == "1" else cluster.schedule_elsewhere)
+        director.add(f"sweeper {number}", cluster.sweeping())
     actor, left = 0, 0
     try:
         for _ in range(length):
             if not left:  # whoever was at work is put to sleep wherever it is, perhaps for long
                 kind = chance.choice(("operator", "manager", "scheduler", "sweeper"))
-                actor = chance.choice([n for n, one in enumerate(world.actors) if one.name.startswith(kind)])
+                actor = chance.choice([n for n, one in enumerate(cluster.actors) if one.name.startswith(kind)])
                 left = chance.choice((1, 2, 3, 4, 5, 6, 7, 20))
-                world.now += chance.choice((0, 0, 6))
+                cluster.now += chance.choice((0, 0, 6))
                 if chance.random() < 0.15:
                     people(director, chance)
             left -= 1

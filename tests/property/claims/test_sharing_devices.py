@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from tests.support.claims.store import Store
 
-from campaigns.claims.claims_world import Actor, Director, bind_pod
+from campaigns.claims.claim_cluster import Actor, Director, bind_pod
 from robotapp_claims.protocol import device_sharing
 from robotapp_claims.protocol.devices import Reservation
 from robotapp_claims.protocol.sweeper import Sweeper
@@ -82,30 +82,30 @@ class SharedDevices:
 async def run(seed: int) -> list[str]:
     chance = random.Random(seed)
     names = tuple(chance.sample(sorted(WISHES), 3))
-    world = SharedDevices(names)
-    director = Director(world)  # type: ignore[arg-type]  # what it steps through is the same
+    cluster = SharedDevices(names)
+    director = Director(cluster)  # type: ignore[arg-type]  # what it steps through is the same
     for name in (*names, *names[:1]):
-        director.add(f"scheduler of {name}", world.scheduler(name))
-    director.add("sweeper", world.sweeping())
+        director.add(f"scheduler of {name}", cluster.scheduler(name))
+    director.add("sweeper", cluster.sweeping())
     left = actor = 0
     try:
         for _ in range(120):
             if not left:
-                actor, left = chance.randrange(len(world.actors)), chance.choice((1, 1, 2, 3, 5))
+                actor, left = chance.randrange(len(cluster.actors)), chance.choice((1, 1, 2, 3, 5))
             left -= 1
             await director.step(actor, chance.choices(("go", "die", "lose"), (90, 4, 6))[0])
         for _ in range(3):  # who waits tries for ever, so there is no rest to wait for
-            for index in range(len(world.actors)):
+            for index in range(len(cluster.actors)):
                 await director.round(index)
         for _ in range(3):
-            await director.round(len(world.actors) - 1)
+            await director.round(len(cluster.actors) - 1)
     finally:
-        for one in world.actors:
+        for one in cluster.actors:
             if one.task:
                 one.task.cancel()
-    bound = [pod for pod in world.store.all(PODS) if pod["spec"].get("nodeName")]
+    bound = [pod for pod in cluster.store.all(PODS) if pod["spec"].get("nodeName")]
     alone = [pod for pod in bound if granted_devices(pod["metadata"]["annotations"])]
-    held = {claim["spec"]["holder"]["uid"] for claim in world.store.all(ROBOTCLAIMS)}  # by pods that wait, perhaps
+    held = {claim["spec"]["holder"]["uid"] for claim in cluster.store.all(ROBOTCLAIMS)}  # by pods that wait, perhaps
     assert bound, "nobody got the device"
     assert held & {pod["metadata"]["uid"] for pod in bound} == {pod["metadata"]["uid"] for pod in alone}
     return director.steps

@@ -92,7 +92,7 @@ def test_what_is_no_pod_yet_is_named_as_left_out(cluster: Stage, tmp_path: Path,
     app = tmp_path / "app.yaml"
     app.write_text("{kind: RobotApp, metadata: {name: teleop}}")
     text = cluster.text("simulate", str(app), *url(cluster))
-    assert "RobotApp teleop of the files was left out: it becomes pods in a cluster only" in text
+    assert "RobotApp teleop of the files was left out: kubectl robotapp what-if --app FILE says where" in text
     for kind in ("Pod", "Node"):
         app.write_text(f"{{kind: {kind}, metadata: {{name: other}}}}")
         assert "left out" not in cluster.text("simulate", str(app), *url(cluster))

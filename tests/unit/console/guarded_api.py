@@ -21,7 +21,6 @@ from robotapp_console.web.server import start_app
 from robotapp_console.web.sessions import LocalDoor, Seal
 
 ADMIN, TENANT, VIEWER = "admin-token-0123456789", "tenant-token-0123456789", "viewer-token-0123456789"
-CLUSTER_KINDS = ("nodes", "robotclaims", "domainpools", "nodetelemetries")
 
 
 class GuardedApi(FakeApiServer):

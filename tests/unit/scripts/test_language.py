@@ -244,10 +244,50 @@ def test_tests_are_not_measured(repository: Repository) -> None:
     assert repository.check() == 0
 
 
-def test_without_the_base_nothing_is_compared(repository: Repository, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("landed", "problem"),
+    [
+        (
+            "0" * 40,
+            f"landed commit {'0' * 40} is not in this repository: git fetch --unshallow, or write a commit of main",
+        ),
+        ("HEAD", "\"landed\" is 'HEAD', but must be the 40 hexadecimal digits of a commit"),
+    ],
+)
+def test_a_base_that_cannot_be_compared_with_is_a_finding(
+    repository: Repository, capsys: pytest.CaptureFixture[str], landed: str, problem: str
+) -> None:
     repository.write("cli/robotapp_cli/rows.py", write_functions("row_key", "row_text", "row_size", "row_name"))
-    repository.write(".ci/landing.json", json.dumps({"landed": "0" * 40, "waiting": []}))
-    assert repository.check() == 0
+    repository.land()
+    repository.write(".ci/landing.json", json.dumps({"landed": landed, "waiting": []}))
+    assert repository.check() == 1
     output = capsys.readouterr().out
     assert "robotapp_cli                  4       0.0 %" in output
-    assert f"Nothing compared: this repository does not hold commit {'0' * 40}." in output
+    assert problem in output
+
+
+def test_a_revision_that_does_not_exist_is_a_finding(
+    repository: Repository, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    repository.write("cli/robotapp_cli/rows.py", write_functions("read_row"))
+    repository.land()
+    monkeypatch.setattr("sys.argv", ["language.py", "--base", "nonsense"])
+    assert repository.check() == 1
+    assert "--base nonsense: this repository has no such commit" in capsys.readouterr().out
+    monkeypatch.setattr("sys.argv", ["language.py", "--base", "HEAD"])
+    assert repository.check() == 0
+
+
+def test_an_unpacked_source_archive_is_measured_and_nothing_is_compared(
+    language: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(language, "ROOT", tmp_path)
+    monkeypatch.setattr("sys.argv", ["language.py"])
+    for folder in ("cli/robotapp_cli", ".venv/lib"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "rows.py").write_text(write_functions("row_key"))
+    assert language.main() == 0
+    output = capsys.readouterr().out
+    assert "robotapp_cli                  1       0.0 %" in output
+    assert "all                           1       0.0 %" in output
+    assert "Nothing compared: this is no git repository" in output

@@ -22,6 +22,21 @@ def test_an_argument_it_does_not_know_is_answered_with_what_it_does(script: str,
     assert (helped.returncode, helped.stdout) == (0, wrong.stderr)
 
 
+@pytest.mark.parametrize("verb", ["mutan.s", "nonsense", "stub\\", "s*"])
+def test_a_verb_of_bench_is_a_name_and_no_pattern(verb: str, tmp_path: Path) -> None:
+    answer = asked("bench", verb, "--help", folder=tmp_path)
+    assert (answer.returncode, answer.stdout) == (2, "")
+    assert answer.stderr == f"scripts/bench: there is no verb '{verb}'; run scripts/bench for the list\n"
+
+
+def test_the_verbs_of_bench_are_listed_in_two_columns(tmp_path: Path) -> None:
+    _, *lines = asked("bench", folder=tmp_path).stdout.splitlines()
+    verbs = [line[:18].strip() for line in lines]
+    assert "profile_hostile" in verbs
+    assert [verb for verb in verbs if not verb.isidentifier()] == []
+    assert all(line[18] == " " != line[19] for line in lines)
+
+
 def test_help_on_a_bench_is_given_before_anything_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     answer = asked("bench", "stub", "--help", folder=tmp_path)

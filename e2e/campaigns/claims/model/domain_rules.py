@@ -4,7 +4,6 @@ A mutant overrides one method (or swaps one product function) and must be caught
 few small values only, so every one is computed once.
 """
 
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -206,6 +205,3 @@ class DomainRules:
 
 def refusal() -> ApiError:
     return Forbidden('robotapps "app-0" is forbidden', status=403, reason="Forbidden")
-
-
-Mutation = Callable[[], DomainRules]

@@ -9,7 +9,7 @@ import pytest
 from campaigns.mutants.catalogue import FAULTS, Fault, MissingTextError, faulty_text, put_in, select_faults, take_out
 from campaigns.mutants.mutants import ROOT, Campaign, render_command
 from campaigns.mutants.page import Result, render_json, render_page
-from campaigns.mutants.stages import ESSENTIAL, group_by_folder, plan_stages, read_essential
+from campaigns.mutants.stages import ALL, ESSENTIAL, FEW, order_folders, plan_stages
 from campaigns.mutants.tree_copy import PROGRAM, TreeCopy, WrongEnvironmentError
 
 QUICK_FAULT, LIVE_FAULT = (next(fault for fault in FAULTS if fault.live is live) for live in (False, True))
@@ -57,12 +57,11 @@ def test_faults_that_quick_tests_notice_come_first() -> None:
     assert select_faults([LIVE_FAULT.name]) == [LIVE_FAULT]
 
 
-def tree_with(tmp_path: Path, essential: str | None) -> Path:
+def tree_with(tmp_path: Path, essential: str) -> Path:
     for folder in ("chart", "operating", "scheduling"):
         (tmp_path / "tests" / "live" / folder).mkdir(parents=True)
         (tmp_path / "tests" / "live" / folder / "test_it.py").touch()
-    if essential is not None:
-        (tmp_path / ESSENTIAL).write_text(essential)
+    (tmp_path / ESSENTIAL).write_text(essential)
     return tmp_path
 
 
@@ -80,25 +79,23 @@ def test_the_touched_packages_tests_come_first_and_the_essential_live_tests_afte
         (("tests/live/scheduling/test_it.py::test_a[1]",), True),
         (("tests/live/chart/test_it.py",), True),
     ]
-    rest = list(plan_stages(fault, tree, rest=True))[4:]
+    rest = list(plan_stages(fault, tree, rest=True))[5:]
     assert [stage.tests[0] for stage in rest] == [
         *("tests/live/scheduling", "tests/live/chart", "tests/live/operating", "e2e/tests")
     ]
     assert not any(stage.is_daily for stage in rest)
 
 
-def test_without_a_list_all_live_tests_are_essential(tmp_path: Path) -> None:
-    tree = tree_with(tmp_path, None)
-    assert read_essential(tree) == ()
-    live = [stage for stage in plan_stages(LIVE_FAULT, tree, rest=False) if stage.tests[0].startswith("tests/live")]
-    assert len(live) == 3
-    assert all(stage.is_daily for stage in live)
+def test_what_counts_as_noticed_by_scripts_test_is_run_with_as_few_examples_as_there(tmp_path: Path) -> None:
+    stages = list(plan_stages(QUICK_FAULT, tree_with(tmp_path, "tests/live/chart/test_it.py"), rest=True))
+    quick = [stage for stage in stages if stage.tests[0].startswith(("tests/unit", "tests/property"))]
+    assert [(stage.is_daily, stage.environment) for stage in quick] == [(True, FEW), (True, FEW), (False, ALL)]
 
 
-def test_tests_of_one_folder_share_a_control_plane() -> None:
-    tests = ("tests/live/a/test_x.py", "tests/live/b/test_y.py", "tests/live/a/test_z.py::test_1")
-    assert group_by_folder(tests, first=()) == [(tests[0], tests[2]), (tests[1],)]
-    assert group_by_folder(tests, first=("tests/live/b",)) == [(tests[1],), (tests[0], tests[2])]
+def test_the_folder_of_the_faults_own_live_tests_leads() -> None:
+    folders = ["tests/live/a", "tests/live/b"]
+    assert order_folders(folders, first=()) == folders
+    assert order_folders(folders, first=("tests/live/b/test_y.py",)) == folders[::-1]
 
 
 PRODUCT = "def answer():\n    return 'right'\n"
@@ -139,7 +136,7 @@ def test_a_fault_is_noticed_by_the_first_test_that_passes_without_it(small_copy:
 def test_tests_that_take_too_long_are_ended(small_copy: TreeCopy) -> None:
     slow = small_copy.path / "tests" / "unit" / "test_slow.py"
     slow.write_text("import time\n\ndef test_slow():\n    time.sleep(600)\n")
-    answer = small_copy.run_tests(["tests/unit/test_slow.py"], options=(), most_s=5)
+    answer = small_copy.run_tests(["tests/unit/test_slow.py"], most_s=5)
     assert (answer.failed, answer.is_over) == ("", False)
 
 

@@ -21,7 +21,6 @@ def compared(seed: str) -> Report:
 
 
 @pytest.mark.live
-@pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_cases_of_every_family_get_the_same_nodes_scores_texts_and_victims_as_from_kube_scheduler() -> None:
     """`scripts/bench parity --seed S --case N` shows the one that fails."""

@@ -39,7 +39,6 @@ LOAD: Final = {NEAR: ("9600m", "6Gi"), MID: ("1600m", "45Gi")}
 """What pods on these nodes request, of 16 processors and 64 GiB: the one is short of processors, the other of memory."""
 
 BUDGET, DEADLINE = "30ms", "100ms"
-CONFIGURATION: Final = "scheduler.yaml"
 
 
 def _only(plugin: str, **args: Any) -> Json:

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 from tests.support.claims.objects import app_json, deployment_json, labels, owners_json, pod, pod_json, pool_json
-from tests.support.claims.sweep_world import World, number
+from tests.unit.claims.protocol.sweep_rig import SweepRig, number
 
 from robotapp_claims.protocol.bind_check import check_bind_all
 from robotapp_claims.protocol.domains import ensure_domain, find_claim
@@ -23,115 +23,115 @@ def elsewhere(obj: Json, *, owners: list[Json] | None = None) -> Json:
 
 
 @pytest.fixture
-async def victim() -> tuple[World, str]:
-    """A world whose app has gone and left a claim that nothing real uses."""
-    world = World()
-    name = await world.domain()
-    world.delete_app()
-    return world, name
+async def victim() -> tuple[SweepRig, str]:
+    """A rig whose app has gone and left a claim that nothing real uses."""
+    rig = SweepRig()
+    name = await rig.domain()
+    rig.delete_app()
+    return rig, name
 
 
-async def pinned(world: World, name: str) -> bool:
+async def pinned(rig: SweepRig, name: str) -> bool:
     for _ in range(3):
-        await world.sweep(after_s=61)
-    return world.phase(name) != "gone"
+        await rig.sweep(after_s=61)
+    return rig.phase(name) != "gone"
 
 
 @pytest.mark.parametrize("resource", [DEPLOYMENTS, REPLICASETS], ids=lambda resource: resource.kind)
 @pytest.mark.parametrize("owners", ["kept", "none"])
 @pytest.mark.parametrize("namespace", ["attacker", "team"])
 async def test_an_empty_deployment_with_forged_labels_pins_nobodys_domain(
-    victim: tuple[World, str], resource: Any, owners: str, namespace: str
+    victim: tuple[SweepRig, str], resource: Any, owners: str, namespace: str
 ) -> None:
-    world, name = victim
-    forged = deployment_json(number(name), uid=world.app.uid, name="forged", replicas=0, claim=name)
+    rig, name = victim
+    forged = deployment_json(number(name), uid=rig.app.uid, name="forged", replicas=0, claim=name)
     forged["metadata"]["namespace"] = namespace
     if owners == "none":
         forged["metadata"]["ownerReferences"] = []
-    world.store.put(resource, forged | {"status": {"replicas": 1}})
-    assert not await pinned(world, name)
+    rig.store.put(resource, forged | {"status": {"replicas": 1}})
+    assert not await pinned(rig, name)
 
 
-async def test_an_attackers_own_app_does_not_share_a_domain_unasked(victim: tuple[World, str]) -> None:
-    world, name = victim
+async def test_an_attackers_own_app_does_not_share_a_domain_unasked(victim: tuple[SweepRig, str]) -> None:
+    rig, name = victim
     own = app_json("own", ros2={"shareWith": [{"name": "teleop", "namespace": "team"}]})
     own["metadata"]["namespace"] = "attacker"
-    uid = world.store.put(ROBOTAPPS, own)["metadata"]["uid"]
+    uid = rig.store.put(ROBOTAPPS, own)["metadata"]["uid"]
     forged = deployment_json(number(name), uid=uid, name="forged", replicas=0, claim=name, app="own")
-    world.store.put(DEPLOYMENTS, elsewhere(forged))
+    rig.store.put(DEPLOYMENTS, elsewhere(forged))
     notes = {"robotics.io/domain-claim": name}
     for node in ("", "edge-1"):  # bound by a scheduler that makes no bind check
         bound = pod_json(number(name), name=f"forged-{node}", uid=uid, app="own", node=node, annotations=notes)
-        world.store.put(PODS, elsewhere(bound))
-    assert not await pinned(world, name)
-    assert world.conflicts == []
+        rig.store.put(PODS, elsewhere(bound))
+    assert not await pinned(rig, name)
+    assert rig.conflicts == []
 
 
 async def test_a_sharer_in_another_namespace_keeps_the_owners_domain_as_long_as_both_name_each_other() -> None:
-    world = World(ros2={"pool": "another", "shareWith": [{"name": "mapper", "namespace": "zoo"}]})
+    rig = SweepRig(ros2={"pool": "another", "shareWith": [{"name": "mapper", "namespace": "zoo"}]})
     sharer = app_json("mapper", ros2={"shareWith": [{"name": "teleop", "namespace": "team"}]})
     sharer["metadata"]["namespace"] = "zoo"  # of a ring the first in name order owns the domain
-    uid = world.store.put(ROBOTAPPS, sharer)["metadata"]["uid"]
-    name = await world.domain()
+    uid = rig.store.put(ROBOTAPPS, sharer)["metadata"]["uid"]
+    name = await rig.domain()
     deployment = deployment_json(number(name), uid=uid, name="mapper", claim=name, app="mapper", replicas=0)
     deployment["metadata"]["namespace"] = "zoo"
-    world.store.put(DEPLOYMENTS, deployment)
-    await world.sweep()
-    assert world.phase(name) == "Reserved"
-    world.store.put(ROBOTAPPS, app_json("teleop", ros2={"pool": "another"}))
-    await world.sweep()
-    assert world.phase(name) == "Draining"
+    rig.store.put(DEPLOYMENTS, deployment)
+    await rig.sweep()
+    assert rig.phase(name) == "Reserved"
+    rig.store.put(ROBOTAPPS, app_json("teleop", ros2={"pool": "another"}))
+    await rig.sweep()
+    assert rig.phase(name) == "Draining"
 
 
 @pytest.mark.parametrize("length", [36, 37, 63])
 async def test_a_running_pod_with_a_forged_label_makes_no_claim_and_does_not_end_the_pass(length: int) -> None:
-    world = World()
-    name = await world.domain()
+    rig = SweepRig()
+    name = await rig.domain()
     real = pod_json(
         number(name),
         name="z",
-        uid=world.app.uid,
+        uid=rig.app.uid,
         node="edge-1",
         phase="Running",
         annotations={"robotics.io/domain-claim": name},
     )
-    world.store.put(PODS, real)
-    world.store.remove(ROBOTCLAIMS, name)
+    rig.store.put(PODS, real)
+    rig.store.remove(ROBOTCLAIMS, name)
     for index, owners in enumerate(([], DEAD)):
         lock = f"dds.default.c.{number(name) % 3 + 1}"
         notes = {"robotics.io/domain-claim": lock}
         forged = pod_json(number(lock), name=f"a{index}", uid="x" * length, node="edge-1", annotations=notes)
-        world.store.put(PODS, elsewhere(forged, owners=owners))
-    await world.sweep()
-    assert [claim["metadata"]["name"] for claim in world.store.all(ROBOTCLAIMS)] == [name], "the real one comes back"
+        rig.store.put(PODS, elsewhere(forged, owners=owners))
+    await rig.sweep()
+    assert [claim["metadata"]["name"] for claim in rig.store.all(ROBOTCLAIMS)] == [name], "the real one comes back"
 
 
 async def test_a_forged_pod_of_a_victims_uid_blames_nobody() -> None:
-    world = World()
-    name = await world.domain()
-    other = world.new_app("other")
-    taken = await world.domain(other)
+    rig = SweepRig()
+    name = await rig.domain()
+    other = rig.new_app("other")
+    taken = await rig.domain(other)
     notes = {"robotics.io/domain-claim": taken}
-    forged = pod_json(number(taken), name="forged", uid=world.app.uid, node="edge-1", annotations=notes)
-    world.store.put(PODS, elsewhere(forged))
-    world.store.put(PODS, {**forged, "metadata": {**forged["metadata"], "namespace": "team", "ownerReferences": []}})
-    await world.sweep()
-    assert world.conflicts == []
-    assert world.phase(name) == "Reserved"
+    forged = pod_json(number(taken), name="forged", uid=rig.app.uid, node="edge-1", annotations=notes)
+    rig.store.put(PODS, elsewhere(forged))
+    rig.store.put(PODS, {**forged, "metadata": {**forged["metadata"], "namespace": "team", "ownerReferences": []}})
+    await rig.sweep()
+    assert rig.conflicts == []
+    assert rig.phase(name) == "Reserved"
 
 
 async def test_an_app_on_somebody_elses_domain_past_our_scheduler_is_told_itself_and_not_the_holder() -> None:
-    world = World()
-    name = await world.domain()
+    rig = SweepRig()
+    name = await rig.domain()
     own = app_json("own")
     own["metadata"]["namespace"] = "attacker"
-    uid = world.store.put(ROBOTAPPS, own)["metadata"]["uid"]
+    uid = rig.store.put(ROBOTAPPS, own)["metadata"]["uid"]
     notes = {"robotics.io/domain-claim": name}
-    world.store.put(
+    rig.store.put(
         PODS, elsewhere(pod_json(number(name), name="p", uid=uid, app="own", node="edge-1", annotations=notes))
     )
-    await world.sweep()
-    (conflict,) = world.conflicts
+    await rig.sweep()
+    (conflict,) = rig.conflicts
     assert [party.uid for party in conflict.parties] == [uid]
 
 
@@ -149,26 +149,26 @@ async def test_an_app_on_somebody_elses_domain_past_our_scheduler_is_told_itself
     ids=["reserved", "reserved in range", "out of range", "shared", "over quota", "no pool", "another scope"],
 )
 async def test_a_running_pod_makes_no_claim_that_its_app_could_not_have(lock: str, pool: Json) -> None:
-    world = World(ros2={"domain": 1})
-    held = (await ensure_domain(world.store.client(), DomainRequest(world.app, requested_id=1))).claim
-    world.store.put(DOMAINPOOLS, pool_json("1-3", quarantine_s=60, **pool))
+    rig = SweepRig(ros2={"domain": 1})
+    held = (await ensure_domain(rig.store.client(), DomainRequest(rig.app, requested_id=1))).claim
+    rig.store.put(DOMAINPOOLS, pool_json("1-3", quarantine_s=60, **pool))
     notes = {"robotics.io/domain-claim": lock}
-    world.store.put(
-        PODS, pod_json(number(lock), name="p", uid=world.app.uid, node="edge-1", phase="Running", annotations=notes)
+    rig.store.put(
+        PODS, pod_json(number(lock), name="p", uid=rig.app.uid, node="edge-1", phase="Running", annotations=notes)
     )
-    await world.sweep()
-    assert [claim["metadata"]["name"] for claim in world.store.all(ROBOTCLAIMS)] == [held]
-    assert world.sweeper.counts["failed claims"] == 0
+    await rig.sweep()
+    assert [claim["metadata"]["name"] for claim in rig.store.all(ROBOTCLAIMS)] == [held]
+    assert rig.sweeper.counts["failed claims"] == 0
 
 
 async def test_a_device_claim_is_made_again_for_a_component_of_the_app_alone() -> None:
-    world = World()
+    rig = SweepRig()
     for component, made in (("stranger", 0), ("driver", 1)):
         grants = {"granted.robotics.io/devices": "can-can0"}
-        driver = pod_json(name="p", uid=world.app.uid, component=component, node="edge-1", annotations=grants)
-        world.store.put(PODS, driver | {"status": {"phase": "Running"}})
-        await world.sweep()
-        assert len(world.store.all(ROBOTCLAIMS)) == made
+        driver = pod_json(name="p", uid=rig.app.uid, component=component, node="edge-1", annotations=grants)
+        rig.store.put(PODS, driver | {"status": {"phase": "Running"}})
+        await rig.sweep()
+        assert len(rig.store.all(ROBOTCLAIMS)) == made
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ async def test_what_a_label_or_annotation_says_is_asked_for_only_if_it_can_be_a_
     async def note(what: str) -> None:
         asked.append(what)
 
-    client = World().store.client(before=note)
+    client = SweepRig().store.client(before=note)
     assert await find_claim(client, name) is None
     forged = pod(7, annotations={"robotics.io/domain-claim": name} if name else None)
     assert [verdict.allowed for verdict in await check_bind_all(client, [forged])] == [False]

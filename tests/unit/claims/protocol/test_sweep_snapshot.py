@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 from msgspec import ValidationError
-from tests.support.claims.sweep_world import World
+from tests.unit.claims.protocol.sweep_rig import SweepRig
 
 from robotapp_claims.protocol.sweep_snapshot import APPS_BY_NAME, View, read_view
 from robotapp_client.api.resources import ROBOTAPPS
@@ -28,7 +28,7 @@ async def test_eight_claims_that_ask_for_one_list_read_it_once(
         found[what] += 1
         await asyncio.sleep(0)
 
-    view = await read_view(World().store.client(before=gate), ["team"])
+    view = await read_view(SweepRig().store.client(before=gate), ["team"])
     found.clear()
     await asyncio.gather(*(ask(view) for _ in range(8)))
     assert found == reads
@@ -44,13 +44,13 @@ async def apps_of_many(*, refused: type[Exception] | None = None) -> tuple[list[
             raise refused
         await asyncio.sleep(0)
 
-    world = World()
-    holders = [world.new_app(f"app-{number}") for number in range(40)]
+    rig = SweepRig()
+    holders = [rig.new_app(f"app-{number}") for number in range(40)]
     for name in ("app-7", "app-39"):
-        world.store.remove(ROBOTAPPS, name, "team")
-    world.new_app("app-39")
-    view = await read_view(world.store.client(), ["team"])
-    view.client = world.store.client(before=gate)
+        rig.store.remove(ROBOTAPPS, name, "team")
+    rig.new_app("app-39")
+    view = await read_view(rig.store.client(), ["team"])
+    view.client = rig.store.client(before=gate)
     found = await asyncio.gather(*map(view.app, holders))
     gone = [holder.name for holder, app in zip(holders, found, strict=True) if app is None]
     assert all(app is None or app.metadata.uid == holder.uid for holder, app in zip(holders, found, strict=True))

@@ -54,7 +54,7 @@ spec:
   - name: b
     image: i
     replicas: 2
-    devices: [{name: cam, type: usb}]
+    devices: [{name: cam, type: video}]
 """
     places = {each.path: tuple(each.place) for each in lint(text.encode()).findings}
     assert places == {"spec.ros2.domain": (8, 13), "spec.components[1].replicas": (13, 15)}

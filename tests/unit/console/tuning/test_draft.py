@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.console.tuning.documents import build_document, build_text
+from tests.unit.console.tuning.documents import build_document, build_text, enable
 
 from robotapp_console.tuning.draft import MOST_TEXT, Stored, make_draft, read_stored
 from robotapp_console.tuning.form import build_form, fill_form
@@ -63,6 +63,8 @@ def test_a_mistake_keeps_what_was_entered_and_forbids_to_apply() -> None:
         ("- 1\n", "mapping"),
         ("x" * (MOST_TEXT + 1), "at most"),
         (f"{TEXT}profiles: []\n", "already set"),
+        (build_text(plugins={"score": enable(*(f"a{number}" for number in range(200)))}), "at most 10 and 300"),
+        (TEXT + "".join(f"- schedulerName: s{number}\n" for number in range(9)), "11 profiles"),
     ],
 )
 def test_a_text_without_the_shape_of_a_configuration_has_no_form_but_its_mistakes(text: str, words: str) -> None:

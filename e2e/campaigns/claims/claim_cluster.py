@@ -49,7 +49,7 @@ class Actor:
 
 
 @dataclass
-class World:
+class ClaimCluster:
     """apps: name -> uid of the apps ever created. deleted: uids of those that are gone."""
 
     ids: str = "1-2"
@@ -291,12 +291,12 @@ def _number(template: Json) -> int | None:
 class Director:
     """Opens one gate at a time. `choose(n)` picks among n actors; `fate()` is "go", "die" or "lose"."""
 
-    def __init__(self, world: World) -> None:
-        self.world = world
+    def __init__(self, cluster: ClaimCluster) -> None:
+        self.cluster = cluster
         self.steps: list[str] = []
 
     def add(self, name: str, work: Callable[[ApiClient], Awaitable[None]]) -> None:
-        self.world.actors.append(Actor(name, work))
+        self.cluster.actors.append(Actor(name, work))
 
     async def _run(self, actor: Actor) -> None:
         lost = False
@@ -314,7 +314,7 @@ class Director:
             if lost and not what.startswith(("get", "list")):
                 raise Unreachable("answer lost", maybe_applied=True)
 
-        client = self.world.store.client(before, after)
+        client = self.cluster.store.client(before, after)
         while True:
             actor.idle = True
             actor.gate = asyncio.get_running_loop().create_future()
@@ -325,7 +325,7 @@ class Director:
 
     async def step(self, choice: int, fate: str) -> None:
         """Let one actor do its next request (or begin its next round)."""
-        actor = self.world.actors[choice % len(self.world.actors)]
+        actor = self.cluster.actors[choice % len(self.cluster.actors)]
         if actor.task is None:
             actor.task = asyncio.create_task(self._run(actor))
             await self._settle(actor.task, actor)
@@ -334,7 +334,7 @@ class Director:
         await self._settle(actor.task, actor)
         if actor.task.done():
             actor.task.result()
-        violation = self.world.broken()
+        violation = self.cluster.broken()
         assert not violation, "\n".join([violation, *self.steps])
 
     async def _settle(self, task: asyncio.Task[None], actor: Actor) -> None:
@@ -349,32 +349,32 @@ class Director:
         """Let one actor come to the end of what it is at, or do one whole round of its work."""
         for _ in range(200):
             await self.step(index, "go")
-            if self.world.actors[index].idle:
+            if self.cluster.actors[index].idle:
                 return
-        raise AssertionError(f"{self.world.actors[index].name} never ends its round")
+        raise AssertionError(f"{self.cluster.actors[index].name} never ends its round")
 
     async def rest(self, *, without: int = -1, time_passes: bool = True, rounds: int = 60) -> None:
         """Everybody but one works until nobody writes any more."""
         for _ in range(rounds):
-            before = self.world.store.version
-            for index in range(len(self.world.actors)):
+            before = self.cluster.store.version
+            for index in range(len(self.cluster.actors)):
                 if index != without:
                     await self.round(index)
-            if self.world.store.version == before:
+            if self.cluster.store.version == before:
                 return
-            self.world.now += 6 if time_passes else 0
+            self.cluster.now += 6 if time_passes else 0
         raise AssertionError("\n".join(["they never stop writing", *self.steps[-200:]]))
 
     async def finish(self) -> None:
         """All faults are over: what must be, comes to be."""
         for _ in range(4):
-            self.world.now += 6
+            self.cluster.now += 6
             await self.rest()
-        wrong = self.world.wanting()
+        wrong = self.cluster.wanting()
         assert not wrong, "\n".join([*wrong, *self.steps[-400:]])
 
     async def close(self) -> None:
-        for actor in self.world.actors:
+        for actor in self.cluster.actors:
             if actor.task:
                 actor.task.cancel()
                 with contextlib.suppress(asyncio.CancelledError):

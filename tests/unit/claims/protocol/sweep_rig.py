@@ -19,7 +19,7 @@ from robotapp_client.api.resources import (
 )
 
 
-class World:
+class SweepRig:
     """A store, a clock and one sweeper."""
 
     def __init__(self, **app_spec: object) -> None:

@@ -1,0 +1,100 @@
+"""Checks of what a container starts: does ROS' entry point run, do parameter files reach the program, is every reference replaced?"""
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from robotapp_api.checks.problem import Note, Problem, invalid
+from robotapp_api.model.app.component import Component
+
+_DEVICE_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\(ROBOTAPP_DEVICE_[A-Za-z0-9_]*\))")
+"""A reference that the kubelet would replace; `$$(NAME)` is the text `$(NAME)`."""
+_OBJECT_NAMES: Final = frozenset({"name", "secretName", "claimName"})
+_ROS_TOOLS: Final = frozenset({"ros2", "roslaunch", "rosrun"})
+_LAUNCHERS: Final = frozenset({"launch", "roslaunch"})
+
+
+def command_line_problems(component: Component, at: str) -> Iterator[Problem]:
+    """`at`: where the component stands, such as `spec.components[0]`."""
+    yield from _device_reference_problems(component, at)
+    yield from _object_name_problems(component, at)
+    if component.parameters and is_launch(component):
+        yield invalid(
+            f"{at}.parameters",
+            f"parameter files are passed as --ros-args --params-file, which a launch file does not take, so {component.name} would end "
+            "at once; give a launch argument of yours the path, such as args: [bash, -c, 'ros2 launch PACKAGE FILE params:=\"$ROBOTAPP_PARAMETER_FILES\"']",
+        )
+
+
+def command_line_notes(component: Component, at: str) -> Iterator[Note]:
+    """Says when the image's entry point is passed by, which sets up ROS in the usual images."""
+    program = component.command[0].rpartition("/")[2] if component.command else ""
+    if program in _ROS_TOOLS:
+        yield Note(
+            f"{at}.command",
+            f"replaces the image's entry point, which sets up ROS, so {program} is not found in the usual images; write these words under args",
+        )
+
+
+def is_launch(component: Component) -> bool:
+    """Returns whether the command line is that of `ros2 launch` or `roslaunch`, not inside a script of a shell."""
+    words = [*component.command, *component.args]
+    for index, word in enumerate(words):
+        if word == "-c":
+            return False
+        if word.rpartition("/")[2] == "roslaunch":
+            return True
+        if word.rpartition("/")[2] == "ros2":
+            return index + 1 < len(words) and words[index + 1] in _LAUNCHERS
+    return False
+
+
+def _device_reference_problems(component: Component, at: str) -> Iterator[Problem]:
+    containers = component.template.spec.init_containers
+    texts = [(f"{at}.{field}", text) for field in ("command", "args") for text in getattr(component, field)]
+    texts += [(f"{at}.env", str(variable.get("value") or "")) for variable in component.env]
+    for index, container in enumerate(containers):
+        where = f"{at}.template.spec.initContainers[{index}]"
+        texts += [
+            (f"{where}.{field}", str(text)) for field in ("command", "args") for text in container.get(field) or ()
+        ]
+        texts += [(f"{where}.env", str(variable.get("value") or "")) for variable in container.get("env") or ()]
+    for field, text in texts:
+        if reference := _DEVICE_REFERENCE.search(text):
+            yield invalid(
+                field,
+                f"{reference[1]} would reach {component.name} as this very text, because no node hands devices over yet; write the path "
+                "that your device plugin gives, such as /dev/ttyUSB0, and ask for its resource in resources.limits",
+            )
+
+
+def _object_name_problems(component: Component, at: str) -> Iterator[Problem]:
+    """Names of objects in core's fields are taken as they stand: nothing replaces a reference there, and no object has such a name."""
+    spec = component.template.spec
+    fields = [
+        (f"{at}.env", component.env),
+        (f"{at}.envFrom", component.env_from),
+        (f"{at}.template.spec.volumes", spec.volumes),
+        (f"{at}.template.spec.imagePullSecrets", spec.image_pull_secrets),
+    ]
+    for field, items in fields:
+        for index, item in enumerate(items):
+            for path, name in _list_object_names(item, f"{field}[{index}]"):
+                if "$(" in name:
+                    yield invalid(
+                        path,
+                        f"{name} is taken as it stands: nothing is replaced in names of objects, and none is called so; write the name itself, "
+                        "or an app for each robot",
+                    )
+
+
+def _list_object_names(item: Any, at: str) -> Iterator[tuple[str, str]]:
+    """Yields path and text of each name of an object below `item`."""
+    for key, value in item.items() if isinstance(item, Mapping) else ():
+        if isinstance(value, str) and key in _OBJECT_NAMES:
+            yield f"{at}.{key}", value
+        elif isinstance(value, list | tuple):
+            for index, member in enumerate(value):
+                yield from _list_object_names(member, f"{at}.{key}[{index}]")
+        else:
+            yield from _list_object_names(value, f"{at}.{key}")
