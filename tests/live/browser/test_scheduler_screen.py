@@ -64,9 +64,10 @@ def test_two_weights_are_changed_replayed_applied_and_undone(page: Page, fleet: 
 def test_a_mistake_stands_at_its_field_and_nothing_is_written(page: Page, fleet: Fleet) -> None:
     del fleet
     page.goto("/scheduler")
-    find_weight(page, "NodeAffinity").fill("0")
+    limit = page.get_by_label("maxLatency", exact=True).first
+    limit.fill("soon")
     expect(page.locator("#problems")).to_contain_text("1 mistake")
-    expect(find_weight(page, "NodeAffinity")).to_have_attribute("aria-invalid", "true")
+    expect(limit).to_have_attribute("aria-invalid", "true")
 
 
 def test_a_slider_and_its_number_are_one_value(page: Page, fleet: Fleet) -> None:

@@ -14,6 +14,8 @@ SCREENS = {
     "fleet": "/",
     "teleop": "/apps/{namespace}/teleop",
     "can-rival": "/apps/{namespace}/can-rival",
+    "reasons": "/apps/{namespace}/teleop/why",
+    "deletion": "/apps/{namespace}/teleop/delete",
     "nodes": "/nodes?near=hall-1&far=hall-2",
     "scheduler": "/scheduler",
     "nothing there": "/apps/{namespace}/no-such-app",
@@ -170,10 +172,10 @@ def test_a_graceful_shutdown_is_begun_by_a_button_and_other_pages_turn_red_witho
     with open_context(browser, fleet) as context:
         other_page = context.new_page()
         other_page.goto("/nodes")
-        other_page.get_by_role("button", name="Begin the graceful shutdown of edge-2").click()
+        other_page.get_by_role("button", name="Begin shutdown of edge-2").click()
         expect(other_page.locator(".notice")).to_contain_text("edge-2 is shutting down gracefully")
         expect(page.locator("#node-edge-2 .phase.bad")).to_have_text("graceful shutdown")
-        other_page.get_by_role("button", name="End the graceful shutdown of edge-2").click()
+        other_page.get_by_role("button", name="End shutdown of edge-2").click()
         expect(page.locator("#node-edge-2")).not_to_contain_text("graceful shutdown")
 
 
