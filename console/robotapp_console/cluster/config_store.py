@@ -11,6 +11,7 @@ from robotapp_client import ApiClient, ApiError, ClientError
 from robotapp_client.api.resources import CONFIGMAPS, EVENTS, Resource
 from robotapp_client.transport.errors import Conflict, NotFound, Unauthorized
 from robotapp_console.tuning.versions import (
+    NAMELESS_AUTHOR,
     UNKNOWN_AUTHOR,
     Version,
     find_previous,
@@ -114,6 +115,10 @@ class StaleError(Exception):
     """Somebody else changed the configuration in the meantime; nothing was written."""
 
 
+class NotRecordedError(Exception):
+    """The configuration was written, and the history was not; the text says why."""
+
+
 @dataclass(slots=True)
 class ConfigStore:
     """Reads and writes with one user's client."""
@@ -151,7 +156,7 @@ class ConfigStore:
     async def apply(self, stored: StoredConfig, text: str, *, author: str) -> None:
         """Writes the text by server-side apply, if the ConfigMap is still the one that was read. What it replaces is recorded first.
 
-        Raises StaleError, and ClientError when the API server refuses or cannot be reached.
+        Raises StaleError, ClientError when the API server refuses or cannot be reached, and NotRecordedError after the write.
         """
         if stored.text is not None and not is_recorded(stored.history, stored.text):
             await self._record(stored.text, at=stored.written_at, by=UNKNOWN_AUTHOR)
@@ -160,7 +165,10 @@ class ConfigStore:
             await self.client.apply(CONFIGMAPS, {"metadata": metadata, "data": {KEY: text}})
         except Conflict as error:
             raise StaleError from error
-        await self._record(text, at=_format_now(), by=author or UNKNOWN_AUTHOR)
+        try:
+            await self._record(text, at=_format_now(), by=author or NAMELESS_AUTHOR)
+        except ClientError as error:
+            raise NotRecordedError(clean(str(error))) from error
 
     async def wait_for_reload(self) -> StoredConfig:
         """Returns the state as soon as the scheduler runs with the ConfigMap's text or has said why not, or after RELOAD_S."""

@@ -10,6 +10,7 @@ KEPT: Final = 20
 KEPT_BYTES: Final = 900_000
 """A ConfigMap takes a mebibyte."""
 UNKNOWN_AUTHOR: Final = "unknown (not by the console)"
+NAMELESS_AUTHOR: Final = "a user whose name the API server does not give"
 _KEY: Final = re.compile(r"version-(\d{6,12})")
 
 

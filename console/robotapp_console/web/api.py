@@ -8,7 +8,7 @@ from aiohttp import web
 
 from robotapp_client import ClientError, Unauthorized
 from robotapp_client.transport.errors import Forbidden
-from robotapp_console.cluster.config_store import StaleError, StoredConfig
+from robotapp_console.cluster.config_store import NotRecordedError, StaleError, StoredConfig
 from robotapp_console.cluster.kinds import NODES_KINDS
 from robotapp_console.views.nodes import NodeRow, build_nodes
 from robotapp_console.views.snapshot import Refusal
@@ -47,6 +47,8 @@ async def take_config(request: web.Request) -> web.Response:
         return _answer_json(_describe_config(desk, await desk.store.wait_for_reload()))
     except StaleError:
         return _answer_stale()
+    except NotRecordedError as error:
+        return _answer_json({"error": f"applied, but not recorded: {error}", "maybeApplied": True}, status=502)
     except Unauthorized:
         return answer_expired(request)
     except Forbidden as error:

@@ -11,7 +11,7 @@ from aiohttp import web
 
 from robotapp_client import ClientError, Unauthorized
 from robotapp_client.transport.errors import Forbidden
-from robotapp_console.cluster.config_store import ConfigStore, StaleError, State, StoredConfig
+from robotapp_console.cluster.config_store import ConfigStore, NotRecordedError, StaleError, State, StoredConfig
 from robotapp_console.cluster.informer_set import InformerSet
 from robotapp_console.cluster.scheduler_port import SchedulerPortError
 from robotapp_console.tuning.draft import Draft, Stored, make_draft, read_stored
@@ -150,6 +150,9 @@ async def _write(request: web.Request, desk: Desk, stored: StoredConfig, draft: 
         await desk.store.apply(stored, text, author=await desk.find_author())
     except StaleError:
         message, status = Message(CHANGED, is_error=True), 409
+    except NotRecordedError as error:
+        text = f"Applied, but not recorded among the versions: {error}. Undo goes back to the newest version there is."
+        message, status = Message(text, is_error=True), 502
     except Unauthorized:
         raise
     except Forbidden as error:

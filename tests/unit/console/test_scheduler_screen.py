@@ -178,6 +178,33 @@ async def test_a_change_of_somebody_else_is_not_overwritten(monkeypatch: pytest.
         assert (await browser.post("/scheduler", stale)).status == 409
 
 
+async def test_a_version_that_cannot_be_recorded_is_told_and_nothing_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with opened(monkeypatch) as stage:
+        browser = await signed_in(stage)
+        page = await browser.get("/scheduler")
+        await browser.post("/scheduler", fill(page, p0__weight__TopologyScore="10", action="apply"))
+        page = await browser.get("/scheduler")
+        api_of(stage).denied = {f"{NAME}-history"}
+        answer = await browser.post("/scheduler", fill(page, p0__weight__TopologyScore="11", action="apply"))
+        assert answer.status == 502
+        assert "Applied, but not recorded among the versions" in answer.text
+        assert "weight: 11" in api_of(stage).read_text()
+        api_of(stage).denied = set()
+        assert "Undo: back to version 2" in (await browser.get("/scheduler")).text
+
+
+async def test_where_the_history_cannot_be_written_what_is_not_in_it_is_not_replaced(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with opened(monkeypatch) as stage:
+        browser = await signed_in(stage)
+        page = await browser.get("/scheduler")
+        api_of(stage).denied = {f"{NAME}-history"}
+        answer = await browser.post("/scheduler", fill(page, p0__weight__TopologyScore="10", action="apply"))
+        assert answer.status == 403
+        assert api_of(stage).read_text() == TEXT
+
+
 async def test_without_rights_the_screen_is_read_only_and_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     async with opened(monkeypatch) as stage:
         api_of(stage).denied = {NAME}
