@@ -350,12 +350,16 @@ def console_command(
     *,
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port on 127.0.0.1 (default: a free one).")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
+    scheduler_url: SchedulerUrl = None,
     context: Context = None,
     kubeconfig: Kubeconfig = None,
 ) -> None:
-    """Watch the fleet, its apps and nodes in a browser, with your own rights, until Ctrl-C."""
+    """Watch the fleet, its apps and nodes in a browser and tune the scheduler, with your own rights, until Ctrl-C."""
     try:
-        start_console(ConsoleOptions(kubeconfig=kubeconfig, context=context, port=port, browser=browser))
+        options = ConsoleOptions(
+            kubeconfig=kubeconfig, context=context, port=port, browser=browser, scheduler_url=scheduler_url or ""
+        )
+        start_console(options)
     except CliError as failure:
         raise ended_by(failure) from failure
 

@@ -9,17 +9,24 @@ import signal
 import socket
 import sys
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
+from urllib.parse import urlsplit
 
 from aiohttp import web
 
-from robotapp_client import ClientError, Endpoint, LoginError, load
+from robotapp_api.model.names import SYSTEM_NAMESPACE
+from robotapp_api.values.arguments import is_name
+from robotapp_client import ApiClient, ClientError, Endpoint, LoginError, load
 from robotapp_client.serving import logs
 from robotapp_client.serving.tls import TlsPort, loaded
+from robotapp_client.tools.scheduler_tunnel import open_tunnel
 from robotapp_client.transport.kubeconfig import default_kubeconfigs, follow_authority
+from robotapp_console.cluster.config_store import Place
 from robotapp_console.cluster.informer_sets import IDLE_S, InformerSets
+from robotapp_console.cluster.scheduler_port import SchedulerPort
 from robotapp_console.settings import TRUSTED_ROOT, Settings, parse
 from robotapp_console.web.console import LOCAL, Console
 from robotapp_console.web.server import start_app
@@ -58,6 +65,9 @@ async def _serve_local(settings: Settings) -> None:
         hosts=frozenset({f"{LOOPBACK}:{port}", f"localhost:{port}"}),
         cookie=f"robotapp-console-{port}",
         informers=InformerSets(idle_s=float("inf")),
+        config_place=find_config_place(settings),
+        # A context of its own: that of the API server's connection goes on verifying.
+        scheduler=open_scheduler(settings, load(files or None, settings.context).tls, api),
     )
 
     def print_address(words: str) -> None:
@@ -87,6 +97,8 @@ async def _serve_cluster(settings: Settings) -> None:
         token_header=settings.token_header,
         hosts=frozenset(settings.hosts),
         informers=InformerSets(idle_s=IDLE_S),
+        config_place=find_config_place(settings),
+        scheduler=open_scheduler(settings, None),
     )
     tls = None if settings.plain_http else await loaded(TlsPort(settings.certificate, settings.key))
     listener = _open_port(settings.listen, settings.port)
@@ -97,6 +109,58 @@ async def _serve_cluster(settings: Settings) -> None:
     await _wait_for_end(runner)
     if certificate_task is not None:
         certificate_task.cancel()
+
+
+def find_config_place(settings: Settings) -> Place:
+    """Returns where the scheduler's configuration is. Raises LoginError for what is no name."""
+    if not settings.scheduler_config:
+        return Place()
+    namespace, slash, name = settings.scheduler_config.rpartition("/")
+    if not is_name(name) or (slash and not is_name(namespace)):
+        raise LoginError(f"--scheduler-config {settings.scheduler_config}: write [NAMESPACE/]NAME of a ConfigMap")
+    return Place(namespace or SYSTEM_NAMESPACE, name)
+
+
+def open_scheduler(settings: Settings, tls: ssl.SSLContext | None, api: Endpoint | None = None) -> SchedulerPort:
+    """Returns the way to the scheduler's port: its address, or for the kubeconfig's user `api` a tunnel to its pod.
+
+    Raises LoginError for an address to which no token may be sent.
+
+    A scheduler on this machine, such as one behind a port-forward, makes its own certificate, which cannot be verified.
+    """
+    parts = urlsplit(settings.scheduler_url)
+    context = tls or ssl.create_default_context()
+    if not settings.scheduler_url:
+        _believe_any(context)
+        return SchedulerPort(tls=context, tunnel=partial(_open_tunnel, settings, api) if api is not None else None)
+    if parts.scheme != "https" or not parts.hostname:
+        raise LoginError(f"--scheduler-url {settings.scheduler_url}: tokens are sent over https:// alone")
+    if settings.scheduler_unverified or parts.hostname in ("localhost", LOOPBACK, "::1"):
+        _believe_any(context)
+    else:
+        try:
+            context.load_default_certs()
+            if settings.scheduler_authority is not None:
+                context.load_verify_locations(cafile=str(settings.scheduler_authority))
+        except (OSError, ssl.SSLError) as error:
+            raise LoginError(f"--scheduler-ca {settings.scheduler_authority} cannot be loaded: {error}") from error
+    return SchedulerPort(settings.scheduler_url, tls=context)
+
+
+def _believe_any(context: ssl.SSLContext) -> None:
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+
+
+@contextlib.asynccontextmanager
+async def _open_tunnel(settings: Settings, api: Endpoint) -> AsyncIterator[int]:
+    """Gives a port of this machine that leads to the scheduler's pod."""
+    namespace = find_config_place(settings).namespace
+    async with (
+        ApiClient(api, user_agent="robotapp-console", max_connections=1) as client,
+        open_tunnel(client, namespace, kubeconfig=settings.kubeconfig, context=settings.context) as port,
+    ):
+        yield port
 
 
 def _open_port(host: str, port: int) -> socket.socket:

@@ -30,6 +30,10 @@ class Settings:
     hosts: tuple[str, ...] = ()
     api_server: str = ""
     certificate_authority: Path | None = None
+    scheduler_url: str = ""
+    scheduler_authority: Path | None = None
+    scheduler_unverified: bool = False
+    scheduler_config: str = ""
     log_format: str = "text"
     log_level: str = ""
 
@@ -67,6 +71,7 @@ def parse(argv: Sequence[str] | None = None) -> Settings:
     cluster_flags.add_argument(
         "--certificate-authority", type=Path, metavar="FILE", help=f"of the API server; default: {TRUSTED_ROOT}"
     )
+    _add_scheduler_flags(parser)
     parser.add_argument("--port", type=int, help=f"default: {DEFAULT_PORT}, or a free one with --local")
     parser.add_argument("--log-format", choices=("json", "text"), default="text")
     parser.add_argument(
@@ -79,3 +84,26 @@ def parse(argv: Sequence[str] | None = None) -> Settings:
         values["port"] = 0 if values["local"] else DEFAULT_PORT
     values["log_level"] = values["log_level"] or ("error" if values["local"] else "info")
     return Settings(**values | {"hosts": tuple(values["hosts"])})
+
+
+def _add_scheduler_flags(parser: argparse.ArgumentParser) -> None:
+    scheduler_flags = parser.add_argument_group("the scheduler")
+    scheduler_flags.add_argument(
+        "--scheduler-url",
+        default="",
+        metavar="URL",
+        help="address of its port, for replays; the user's token is sent there",
+    )
+    scheduler_flags.add_argument(
+        "--scheduler-ca",
+        dest="scheduler_authority",
+        type=Path,
+        metavar="FILE",
+        help="of its certificate; default: the machine's",
+    )
+    scheduler_flags.add_argument(
+        "--scheduler-unverified", action="store_true", help="believe any certificate: in a network that you trust alone"
+    )
+    scheduler_flags.add_argument(
+        "--scheduler-config", default="", metavar="[NAMESPACE/]NAME", help="ConfigMap with its configuration"
+    )

@@ -9,21 +9,23 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from journeys.burst import survive_kills
 from journeys.comparison import compare_with_kube_scheduler
 from journeys.demo_cluster import NAMESPACE, NAMESPACES, ROOT, DemoCluster
 from journeys.stage import FalseClaimError, Stage
-from journeys.steps import apply_teleop, explain_teleop, render_from_rigel, share_a_can_bus
+from journeys.steps import apply_teleop, explain_teleop, open_console, render_from_rigel, share_a_can_bus
 from robotapp_testbed import ControlPlane, TestbedError
+from robotapp_testbed.browser import start_console
 from robotapp_testbed.control_plane import guest, product
 from robotapp_testbed.control_plane.guest import GuestPlane
 from robotapp_testbed.machines.network import Topology
-from robotapp_testbed.machines.nodes import Device
+from robotapp_testbed.machines.nodes import Device, Tier
 from robotapp_testbed.machines.topology import SimulatedTelemetry, apply, fleet
 from robotapp_testbed.processes.detached import Cluster
 from robotapp_testbed.processes.process import wait_until
@@ -35,6 +37,7 @@ STORY: tuple[Callable[[Stage, DemoCluster], None], ...] = (
     share_a_can_bus,
     survive_kills,
     render_from_rigel,
+    open_console,
 )
 EXAMPLES = """examples:
   scripts/demo            tell the story, then leave the cluster up to play with
@@ -43,6 +46,12 @@ EXAMPLES = """examples:
   scripts/demo --once --kubeconfig ~/.kube/kind
                           the same on a cluster of your own, which is left as it was
 """
+_LOADS: Final[Mapping[Tier, Mapping[str, int]]] = {
+    Tier.ROBOT: {"cpu": 38, "memory": 52},
+    Tier.EDGE: {"cpu": 24, "memory": 31},
+    Tier.CLOUD: {"cpu": 9, "memory": 17},
+}
+"""What the simulated agents report, in percent."""
 _CLUSTER = Cluster("demo")
 _STORY_LIMIT_S = 900.0
 _DOWN_LIMIT_S = 180.0
@@ -115,11 +124,11 @@ def _tell(*, hold: bool, picture: Path | None = None, kubeconfig: Path | None = 
 
 def _plane(kubeconfig: Path | None) -> ControlPlane:
     if kubeconfig:
-        return GuestPlane(kubeconfig, nodes=_topology().nodes, namespaces=NAMESPACES)
+        return GuestPlane(kubeconfig, nodes=build_topology().nodes, namespaces=NAMESPACES)
     return ControlPlane(kube_scheduler=True)
 
 
-def _topology(*, guests: bool = False) -> Topology:
+def build_topology(*, guests: bool = False) -> Topology:
     """Two robots, one of them with a CAN bus, two edge servers, one cloud machine. `guests` keep everybody else off."""
     can = Device(id="can-can0", type="can", interface="can0")
     nodes = fleet(robots=["amr-07", "amr-08"], edges=2, clouds=1, devices={"amr-07": [can]})
@@ -129,7 +138,7 @@ def _topology(*, guests: bool = False) -> Topology:
 
 
 def _tell_on(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> DemoCluster:
-    demo = _set_up(stage, cluster, stack)
+    demo = set_up(stage, cluster, stack)
     for step in STORY:
         step(stage, demo)
     stage.close()
@@ -141,7 +150,7 @@ def _tell_and_stay(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> Non
     _leave_terminal()
 
 
-def _set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> DemoCluster:
+def set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> DemoCluster:
     """The nodes, and operator and scheduler as local processes with their pods' rights."""
     confined = isinstance(cluster, GuestPlane)
     if confined:
@@ -150,21 +159,41 @@ def _set_up(stage: Stage, cluster: ControlPlane, stack: ExitStack) -> DemoCluste
     else:
         stage.say(f"A real control plane runs: {cluster.server_url} (etcd, kube-apiserver, controllers, scheduler).")
     stage.say("Nodes: 2 robots, 2 edge servers, 1 cloud machine.")
-    stage.say("[yellow]Simulated[/yellow]: the kubelets (by kwok) and the telemetry (round trips of 2, 15 and 60 ms).")
+    stage.say(
+        "[yellow]Simulated[/yellow]: the kubelets (by kwok) and the telemetry (round trips of 2, 15 and 60 ms, load)."
+    )
     with stage.working("installing CRDs, rights and policies"):
         # Its nodes are simulated, and so is what an agent would measure.
         values = {"agent": {"enabled": False}, "domainPool": {"quarantineSeconds": 1}}
         product.install(cluster, values=values)
-    topology = _topology(guests=confined)
+    topology = build_topology(guests=confined)
     apply(cluster, topology)
-    stack.enter_context(SimulatedTelemetry(cluster, topology))
+    telemetry = stack.enter_context(SimulatedTelemetry(cluster, topology))
+    for node in topology:
+        telemetry.set_load(node.name, **_LOADS[node.tier])
     cluster.kubectl("create", "namespace", NAMESPACE)
-    with stage.working("starting operator and scheduler"):
+    with stage.working("starting operator, scheduler and console"):
         operator = product.start_operator(cluster, wait=False, sweep_seconds=1)
-        scheduler = product.start_scheduler(cluster, wait=False, sweep_seconds=1, insecure_explain=True)
+        scheduler = product.start_scheduler(
+            cluster,
+            wait=False,
+            sweep_seconds=1,
+            insecure_explain=True,
+            config_map=product.SCHEDULER_CONFIG,
+            last_good_config_map=product.LAST_GOOD_CONFIG,
+        )
         operator.wait_ready()
         scheduler.wait_ready()
-    return DemoCluster(cluster=cluster, operator=operator, scheduler=scheduler, topology=topology, confined=confined)
+        console = start_console(cluster, scheduler_url=scheduler.health_url)
+    return DemoCluster(
+        cluster=cluster,
+        operator=operator,
+        scheduler=scheduler,
+        topology=topology,
+        telemetry=telemetry,
+        console=console,
+        confined=confined,
+    )
 
 
 def how_to_go_on(stage: Stage, demo: DemoCluster) -> None:
@@ -175,6 +204,7 @@ def how_to_go_on(stage: Stage, demo: DemoCluster) -> None:
     stage.say(f"  export PATH={ROOT / '.venv/bin'}:$PATH:{cluster.run_dir / 'bin'}")
     stage.say(f"  kubectl get ra -n {NAMESPACE};  kubectl robotapp info teleop -n {NAMESPACE}")
     stage.say(f"  kubectl robotapp explain teleop -n {NAMESPACE} -o wide;  kubectl explain robotapp.spec")
+    stage.say(f"The console, once (kubectl robotapp console opens another one):  {demo.console.address}")
     stage.say("and end it with  scripts/demo --down")
 
 

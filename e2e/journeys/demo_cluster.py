@@ -11,8 +11,10 @@ from typing import Any
 import yaml
 
 from robotapp_testbed import ControlPlane, Process
+from robotapp_testbed.browser import LocalConsole
 from robotapp_testbed.control_plane.guest import GUEST_LABEL, TOLERATION
 from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.telemetry import SimulatedTelemetry
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMESPACE = "demo"
@@ -29,6 +31,8 @@ class DemoCluster:
     operator: Process
     scheduler: Process
     topology: Topology
+    telemetry: SimulatedTelemetry
+    console: LocalConsole
     confined: bool = False
     """Whether the nodes are guests in somebody's cluster: every app is then kept on them."""
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import yaml
 
-from journeys.demo_cluster import DemoCluster, condition, is_ready
+from journeys.demo_cluster import NAMESPACE, DemoCluster, condition, is_ready
 from journeys.stage import Stage, wait_for
 from robotapp_testbed import ApiStatusError
 
@@ -70,6 +70,20 @@ def render_from_rigel(stage: Stage, demo: DemoCluster) -> None:
     _, took_s = wait_for(f"{name} Ready", lambda: _if_ready(demo, name), within_s=60)
     stage.claim(f"{name} is Ready after {took_s:.2f} s", took_s < 10)
     demo.kubectl("delete", "ra", name)
+
+
+def open_console(stage: Stage, demo: DemoCluster) -> None:
+    stage.step("The same in a browser")
+    session = demo.console.open_session()
+    stage.shell("kubectl robotapp console")
+    status, page = demo.console.read_page("/", session)
+    stage.claim("the fleet is shown, with the robot and its app", status == 200 and _shows_teleop(page), page)
+    status, page = demo.console.read_page(f"/apps/{NAMESPACE}/teleop", session)
+    stage.claim("the app is shown with its edges and their budgets", status == 200 and "/cmd_vel" in page, page)
+
+
+def _shows_teleop(page: str) -> bool:
+    return 'id="robot-amr-07"' in page and f'href="/apps/{NAMESPACE}/teleop' in page
 
 
 def _if_ready(demo: DemoCluster, name: str) -> dict[str, Any] | None:

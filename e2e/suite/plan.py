@@ -157,7 +157,7 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "claims/": ("tests/live/claims/",),
     "cli/": ("tests/live/cli/",),  # all of them are essential ones today
     "client/": ("tests/live/client/",),
-    "console/": ("tests/live/console/", "tests/live/chart/test_console_objects.py"),
+    "console/": ("tests/live/console/", "tests/live/browser/", "tests/live/chart/test_console_objects.py"),
     "crds/": ("tests/live/crds/",),
     "examples/": ("e2e/tests/live/testbed/test_detached.py", "tests/live/journeys/"),
     "docs/": ("e2e/tests/live/testbed/test_detached.py",),
@@ -166,6 +166,7 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "rigel_bridge/": ("tests/live/bridge/",),
     "ros_profile/": ("tests/live/bridge/test_cluster_live.py",),
     "scheduler/": ("tests/live/scheduling/", "tests/live/faults/"),
+    "e2e/robotapp_testbed/browser/": ("tests/live/browser/",),
     "e2e/robotapp_testbed/images/": ("tests/live/images/",),
     "e2e/robotapp_testbed/real/": ("tests/live/nodes/",),
     "e2e/robotapp_testbed/": ("e2e/tests/live/testbed/", "e2e/tests/testbed/"),

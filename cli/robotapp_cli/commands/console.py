@@ -9,7 +9,7 @@ from typing import Final
 
 from robotapp_cli.failures import CliError, Exit
 
-_NEEDED: Final = ("robotapp_console", "jinja2", "cryptography")
+_NEEDED: Final = ("robotapp_console", "jinja2", "cryptography", "numpy")
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +20,7 @@ class ConsoleOptions:
     context: str | None
     port: int
     browser: bool
+    scheduler_url: str = ""
 
 
 def start_console(options: ConsoleOptions) -> None:
@@ -38,4 +39,5 @@ def build_command(options: ConsoleOptions) -> list[str]:
     command = [sys.executable, "-m", "robotapp_console", "--local", f"--port={options.port}"]
     command += [f"--kubeconfig={options.kubeconfig}"] if options.kubeconfig else []
     command += [f"--context={options.context}"] if options.context else []
+    command += [f"--scheduler-url={options.scheduler_url}"] if options.scheduler_url else []
     return command if options.browser else [*command, "--no-browser"]

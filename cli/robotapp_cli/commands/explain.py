@@ -7,9 +7,15 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label, PodReason
+from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label
+from robotapp_api.values.placement.explanation import (
+    describe_hardware,
+    describe_refusals,
+    describe_waiting,
+    list_budgets,
+)
 from robotapp_cli.commands.apps import print_edges, with_percentiles
-from robotapp_cli.commands.reasons import budgets, hardware, refusals, with_what_is_known
+from robotapp_cli.commands.reasons import with_what_is_known
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.output import Column, Output, blank_line, print_line, print_table, write_structured
 from robotapp_cli.reading.fields import Json, condition, label, meta, status
@@ -115,12 +121,12 @@ async def _instance(app: Json, pods: list[Json], *, instance: Instance, question
     rows: list[Row] = []
     records: dict[str, Json] = {}
     for name in _components(app, own, question):
-        peers = budgets(app, name, instance=instance.name, nodes=nodes)
+        peers = list_budgets(app, name, instance=instance.name, nodes=nodes)
         for pod in own.get(name, []):
             record = await link.fetch(meta(pod)["namespace"], meta(pod)["name"])
             if record:
                 records[name] = record
-            reasons = refusals(record, peers, wanted=hardware(app, name)) if record else []
+            reasons = describe_refusals(record, peers, hardware=describe_hardware(app, name)) if record else []
             row = _row(name, pod, record, reasons)
             if trouble := _helper_trouble(instance, pod):
                 row.reasons = [trouble, *row.reasons]
@@ -191,20 +197,8 @@ def _row(component: str, pod: Json, record: Json | None, reasons: list[str]) -> 
         row.recomputed = bool(record.get("recomputed"))
     if not node:
         told = str(condition(pod, "PodScheduled").get("message") or "the scheduler has not looked at it yet")
-        row.reasons = [*_held_back(pod, record), *reasons] or [told]
+        row.reasons = [*describe_waiting(record, condition(pod, "PodScheduled")), *reasons] or [told]
     return row
-
-
-def _held_back(pod: Json, record: Json | None) -> list[str]:
-    """What else than a lack of nodes keeps the pod waiting: others of its group, its predecessor, its domain.
-
-    A node that the rules of the pod itself admit (`feasible`) is no use while the group is placed whole or not at all.
-    """
-    if record and record.get("feasible") and not record.get("node") and record.get("message"):
-        return [str(record["message"])]
-    waiting = condition(pod, "PodScheduled")
-    about_nodes = waiting.get("reason", PodReason.UNSCHEDULABLE) == PodReason.UNSCHEDULABLE
-    return [] if about_nodes or not waiting.get("message") else [str(waiting["message"])]
 
 
 def note_of(link: Link, views: list[InstanceView]) -> str:

@@ -1,12 +1,7 @@
-"""Asking the scheduler why: by a given URL, or through kubectl port-forward to its pod.
+"""Asking the scheduler why: by a given URL, or through kubectl port-forward to its pod."""
 
-The API server's own pod proxy would do, were it not that it drops the Authorization header the scheduler asks for.
-"""
-
-import asyncio
 import contextlib
 import ipaddress
-import re
 import ssl
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
@@ -15,19 +10,13 @@ from urllib.parse import urlsplit
 
 import aiohttp
 
-from robotapp_cli.reading.fields import Json, meta, status
+from robotapp_cli.reading.fields import Json
 from robotapp_cli.reading.session import Session, endpoint
-from robotapp_client.api.resources import LEASES, PODS
-from robotapp_client.transport.errors import ApiError
+from robotapp_client.tools.scheduler_tunnel import NoTunnelError, open_tunnel
 
-_SELECTOR: Final = "app.kubernetes.io/component=scheduler"
-_RELEASE: Final = "app.kubernetes.io/instance"
-_LEASE: Final = "robotapp-scheduler"
-_PORT: Final = 10259
 _PATIENCE_S: Final = 5.0
 _LONG_PATIENCE_S: Final = 70.0
 """For /simulate, which may work for a minute, and /what-if."""
-_LISTENING: Final = re.compile(r"127\.0\.0\.1:(\d+)")
 
 
 class NoAnswerError(Exception):
@@ -115,18 +104,15 @@ async def connect(session: Session, *, url: str | None, namespace: str) -> Async
     if url:
         yield _given(url.strip(), headers, tls)
         return
-    try:
-        pod, port = await _scheduler_pod(session, namespace)
-        process, local = await _forward(session, namespace, pod=pod, port=port)
-    except NoAnswerError as error:
-        yield Link(problem=str(error))
-        return
-    try:
-        yield Link(f"https://127.0.0.1:{local}", headers, tls=tls)
-    finally:
-        with contextlib.suppress(ProcessLookupError):  # the tunnel ends by itself when the pod does
-            process.terminate()
-        await process.wait()
+    options = session.options
+    tunnel = open_tunnel(session.client, namespace, kubeconfig=options.kubeconfig, context=options.context)
+    async with contextlib.AsyncExitStack() as stack:
+        try:
+            port = await stack.enter_async_context(tunnel)
+        except NoTunnelError as error:
+            yield Link(problem=str(error))
+            return
+        yield Link(f"https://127.0.0.1:{port}", headers, tls=tls)
 
 
 def _given(url: str, headers: dict[str, str], tls: ssl.SSLContext) -> Link:
@@ -167,81 +153,3 @@ def _local(host: str) -> bool:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
-
-
-async def _scheduler_pod(session: Session, namespace: str) -> tuple[str, int]:
-    """The leading scheduler pod and its port. The user's token goes there, so it must be the one it says it is."""
-    try:
-        pods = (await session.client.list(PODS, namespace=namespace, label_selector=_SELECTOR)).items
-    except ApiError as error:
-        raise NoAnswerError(f"{error.message}{_way(error.message)}") from error
-    running = [pod for pod in pods if status(pod).get("phase") == "Running"]
-    if not running:
-        raise NoAnswerError(f"no scheduler pod runs in namespace {namespace}")
-    pod = _certain(running, await _leader(session, namespace), namespace=namespace)
-    ports = [port for container in pod["spec"]["containers"] for port in container.get("ports") or []]
-    health = next((port["containerPort"] for port in ports if port.get("name") == "health"), _PORT)
-    return meta(pod)["name"], int(health)
-
-
-def _certain(running: list[Json], leader: str, *, namespace: str) -> Json:
-    """The pod that holds the Lease, which only schedulers write; a label every user of the namespace may set.
-
-    Who may not read the Lease gets any pod of the one release there is. Raises `NoAnswerError`.
-    """
-    cure = "name one with --scheduler-url"
-    if leader:
-        found = next((pod for pod in running if meta(pod)["name"] == leader), None)
-        if found is None:
-            held = f"Lease {namespace}/{_LEASE} is held by {leader}, which is no running scheduler pod"
-            raise NoAnswerError(f"{held} of this namespace: your token is not sent to another; {cure}")
-        return found
-    releases = {(meta(pod).get("labels") or {}).get(_RELEASE, "") for pod in running}
-    if releases == {""} or len(releases) > 1:
-        names = ", ".join(sorted(meta(pod)["name"] for pod in running))
-        raise NoAnswerError(
-            f"which of {names} in namespace {namespace} is the scheduler is not certain (Lease {_LEASE} cannot be read or has "
-            f"no holder, and they are not of one release, label {_RELEASE}): your token is sent to none; {cure}"
-        )
-    return running[0]
-
-
-async def _leader(session: Session, namespace: str) -> str:
-    try:
-        lease = await session.client.get(LEASES, _LEASE, namespace=namespace)
-    except ApiError:  # users seldom may read Leases
-        return ""
-    return str(lease.get("spec", {}).get("holderIdentity") or "")
-
-
-async def _forward(session: Session, namespace: str, *, pod: str, port: int) -> tuple[asyncio.subprocess.Process, int]:
-    options = session.options
-    command = ["kubectl", "port-forward", "-n", namespace, f"pod/{pod}", f":{port}"]
-    command += ["--context", options.context] if options.context else []
-    command += ["--kubeconfig", str(options.kubeconfig)] if options.kubeconfig else []
-    pipe = asyncio.subprocess.PIPE
-    try:
-        process = await asyncio.create_subprocess_exec(
-            *command, stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe
-        )
-    except OSError as error:
-        raise NoAnswerError(f"kubectl port-forward cannot be started: {error.strerror}") from error
-    assert process.stdout is not None  # noqa: S101 - asked for with a pipe
-    try:
-        line = (await asyncio.wait_for(process.stdout.readline(), _PATIENCE_S)).decode()
-    except TimeoutError:
-        line = ""
-    if found := _LISTENING.search(line):
-        return process, int(found[1])
-    if process.returncode is None:
-        process.terminate()
-    _, complaint = await process.communicate()
-    text = complaint.decode(errors="replace").strip().rpartition("\n")[2]
-    raise NoAnswerError(f"kubectl port-forward to {pod} failed: {text or 'no answer'}{_way(text)}")
-
-
-def _way(refusal: str) -> str:
-    """What to ask for where the API server refuses a way to the scheduler."""
-    if " is forbidden" not in refusal:
-        return ""
-    return "; ask for Role robotapp-ask-scheduler of docs/cli.md in that namespace, or name the scheduler with --scheduler-url"

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Awaitable, Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -15,8 +15,10 @@ from robotapp_client import ApiClient, ApiError, Change, Endpoint
 from robotapp_client.api.resources import EVENTS, Resource
 from robotapp_console.cluster.feed import Feed
 from robotapp_console.cluster.kinds import NODE_KIND, TELEMETRY, Kind
+from robotapp_console.cluster.rights import Rights
 from robotapp_console.views.fleet import measure_links
 from robotapp_console.views.history import LinkHistory
+from robotapp_console.views.links import NodeLinks
 from robotapp_console.views.objects import Event, Telemetry
 from robotapp_console.views.snapshot import Refusal, Snapshot, Stale
 from robotapp_console.views.texts import clean, parse_timestamp
@@ -26,12 +28,16 @@ log = logging.getLogger(__name__)
 
 SETTLE_S: Final = 5.0
 """So long a page waits for what it shows; then it shows what there is."""
+SHOWN_S: Final = 1.0
+"""So long the answer to a write waits for the watch."""
 TICK_S: Final = 10.0
 """Period of what happens without an event: agents fall silent, a half minute of the history ends."""
 SHARE: Final = 10.0
 """A model that takes a millisecond to build is built at most every ten, so that changes without end take a tenth of a core at most."""
 LEAST_PAUSE_S: Final = 0.25
 EVENTS_KEPT_S: Final = 5.0
+MANAGER: Final = "robotapp-console"
+"""Owner of what users write through the console."""
 SELF_REVIEWS: Final = Resource(
     "authentication.k8s.io", "v1", "selfsubjectreviews", "SelfSubjectReview", namespaced=False
 )
@@ -57,16 +63,20 @@ class InformerSet:
     """One user's view of the cluster. `signed_out` becomes true when the API server does not accept the token any more."""
 
     def __init__(self, endpoint: Endpoint) -> None:
-        self.client = ApiClient(endpoint, user_agent="robotapp-console", max_connections=8, timeout_s=10.0)
+        self.client = ApiClient(endpoint, user_agent=MANAGER, field_manager=MANAGER, max_connections=8, timeout_s=10.0)
+        self.rights = Rights(self.client)
         self.version = 0
         self.signed_out = False
         self.streams = 0
         """Pages that follow changes."""
+        self.turn = asyncio.Lock()
+        """Held while a page is rendered: of many requests of one user each waits for its turn, and other users come between."""
         self.last_used_s = time.monotonic()
         self._feeds: dict[tuple[str, str], Feed] = {}
         self._tasks: list[asyncio.Task[None]] = []
         self._listeners: set[asyncio.Event] = set()
         self._round_trips = RoundTrips()
+        self._links = NodeLinks(self._round_trips)
         self._history = LinkHistory()
         self._models: dict[tuple[str, ...], _Built[Any]] = {}
         self._events: dict[str, tuple[float, list[Event]]] = {}
@@ -152,6 +162,7 @@ class InformerSet:
             nodes=stores.get("nodes", {}),
             pods=stores.get("pods", {}),
             round_trips=self._round_trips,
+            links=self._links,
             history=self._history,
             refusals=refusals,
             stale=tuple(stale),
@@ -181,6 +192,11 @@ class InformerSet:
         entry = self._models.get((*key, namespace, home))
         return 0.0 if entry is None else max(0.0, entry.due_s - time.monotonic())
 
+    def is_behind(self, key: tuple[str, ...], *, namespace: str, home: str) -> bool:
+        """Returns whether this model was built before the latest change: whoever shows it must do so once more."""
+        entry = self._models.get((*key, namespace, home))
+        return entry is not None and entry.version != self.version
+
     @contextlib.contextmanager
     def listen(self) -> Iterator[asyncio.Event]:
         """Gives an event that is set after every change, for a page that follows them."""
@@ -193,6 +209,15 @@ class InformerSet:
             self.streams -= 1
             self._listeners.discard(wake)
             self.last_used_s = time.monotonic()
+
+    async def show_write(self, write: Callable[[], Awaitable[M]]) -> M:
+        """Makes a write and waits a moment until a watch shows something of it, so that the next page does."""
+        with self.listen() as wake:
+            result = await write()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(wake.wait(), SHOWN_S)
+        self._models.clear()
+        return result
 
     async def list_events(self, namespace: str, uid: str) -> list[Event]:
         """Returns the events about an object, read again after a few seconds. Raises ApiError when they may not be read."""
@@ -224,14 +249,16 @@ class InformerSet:
     def _take_telemetry(self, change: Change) -> None:
         report: Telemetry | None = change.new
         if report is None:
-            self._round_trips.drop(change.key)
+            self._links.forget((change.key, *self._round_trips.drop(change.key)))
             return
         written_s = parse_timestamp(report.written_at)
         if written_s is not None:
             status = report.status
-            self._round_trips.receive(
+            peers = self._round_trips.receive(
                 change.key, status.rtt, seq=status.seq, interval_s=status.interval_seconds, now_s=written_s
             )
+            if peers:
+                self._links.forget((change.key, *peers))
 
     def _sign_out(self) -> None:
         self.signed_out = True
@@ -247,7 +274,8 @@ class InformerSet:
 
     async def _tick_forever(self) -> None:
         while True:
-            self._round_trips.expire(time.time())
+            for node, peers in self._round_trips.expire(time.time()).items():
+                self._links.forget((node, *peers))
             if self._feeds.keys() >= {(TELEMETRY.plural, ""), (NODE_KIND.plural, "")}:
                 snapshot = self.take_snapshot("", "")
                 self._history.record(measure_links(snapshot), snapshot.now_s)

@@ -1,4 +1,4 @@
-// What the pages do beyond HTML: copy buttons, `/` for the search, running ages, and a note when the stream is lost.
+// What the pages do beyond HTML: copy buttons, `/` for the search, running ages, sliders, and a note when the stream is lost.
 (() => {
   'use strict';
   const lost = document.getElementById('lost');
@@ -40,6 +40,33 @@
     lost.hidden = !isLost;
   }
 
+  // The slider and the number of a weight are one value: only the number is sent.
+  function joinWeight(changed) {
+    const isSlider = changed.classList.contains('slider');
+    const other = isSlider
+      ? document.getElementById(changed.dataset.for)
+      : document.querySelector(`[data-for="${CSS.escape(changed.id)}"]`);
+    if (other) other.value = changed.value;
+  }
+
+  // Mistakes that came with a preview are marked at their fields.
+  function markMistakes() {
+    for (const field of document.querySelectorAll('#tuner [aria-invalid]')) field.removeAttribute('aria-invalid');
+    for (const stale of document.querySelectorAll('#tuner .mistake')) stale.remove();
+    for (const item of document.querySelectorAll('#problems [data-problem-of]')) {
+      const field = document.getElementById(item.dataset.problemOf);
+      if (!field) continue;
+      if (field.matches('input, select, textarea')) field.setAttribute('aria-invalid', 'true');
+      const mistake = document.createElement('span');
+      mistake.className = 'mistake';
+      mistake.textContent = item.textContent;
+      (field.closest('.field') || field).append(mistake);
+    }
+  }
+
+  document.addEventListener('input', (event) => {
+    if (event.target.matches?.('.slider, .weight')) joinWeight(event.target);
+  });
   document.addEventListener('click', (event) => {
     const button = event.target.closest?.('pre.command > button');
     if (button) copy(button);
@@ -61,7 +88,11 @@
   });
   document.addEventListener('htmx:sse:close', () => noteLoss(true));
   document.addEventListener('htmx:sse:after:connection', () => noteLoss(false));
-  document.addEventListener('htmx:after:swap', renewAges);
+  document.addEventListener('htmx:after:swap', () => {
+    renewAges();
+    if (document.getElementById('tuner')) markMistakes();
+  });
+  document.documentElement.classList.add('scripted');
   window.addEventListener('pagehide', () => noteLoss(false));
   if (navigator.clipboard) document.documentElement.classList.add('copies');
   setInterval(renewAges, 1000);

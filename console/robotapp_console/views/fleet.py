@@ -10,7 +10,7 @@ from robotapp_api.model.names import Label, Phase
 from robotapp_claims.rules.instances import primary_node
 from robotapp_console.views.devices import NodeDevice, count_devices, devices_by_node
 from robotapp_console.views.history import Sparkline, draw_sparkline
-from robotapp_console.views.links import Link, link_of, zones_of
+from robotapp_console.views.links import Link, NodeLinks, zones_of
 from robotapp_console.views.objects import Battery, Load, Node, find_condition
 from robotapp_console.views.paging import NAMESPACE, Page, Query, take_page
 from robotapp_console.views.problems import Problems, find_problems, path_of_app
@@ -102,6 +102,7 @@ class _Surroundings(NamedTuple):
 
     devices: Mapping[str, tuple[NodeDevice, ...]]
     zones: Mapping[str, str]
+    links: NodeLinks
     snapshot: Snapshot
 
 
@@ -114,10 +115,9 @@ def build_fleet(snapshot: Snapshot) -> Fleet:
     chips, loose = _group_chips(snapshot)
     devices = devices_by_node(snapshot.nodes, snapshot.telemetry, snapshot.claims.values())
     zones = zones_of(snapshot.nodes)
+    around = _Surroundings(devices, zones, _take_links(snapshot, zones), snapshot)
     rows = tuple(
-        _build_row(
-            robot, computers.get(robot, []), tuple(chips.get(robot, ())), _Surroundings(devices, zones, snapshot)
-        )
+        _build_row(robot, computers.get(robot, []), tuple(chips.get(robot, ())), around)
         for robot in sorted(computers.keys() | chips.keys())
     )
     return Fleet(
@@ -136,10 +136,16 @@ def build_fleet(snapshot: Snapshot) -> Fleet:
 
 def measure_links(snapshot: Snapshot) -> dict[str, float]:
     """Returns the present p95 in microseconds of each robot's nodes, for the history."""
-    zones = zones_of(snapshot.nodes)
+    links = _take_links(snapshot, zones_of(snapshot.nodes))
     robots = (name for name, node in snapshot.nodes.items() if node.labels.get(Label.ROBOT))
-    links = {name: link_of(name, zones, snapshot.round_trips).p95_us for name in robots}
-    return {name: time for name, time in links.items() if time is not None}
+    times = {name: links.find(name).p95_us for name in robots}
+    return {name: time for name, time in times.items() if time is not None}
+
+
+def _take_links(snapshot: Snapshot, zones: Mapping[str, str]) -> NodeLinks:
+    links = snapshot.links or NodeLinks(snapshot.round_trips)
+    links.use_zones(zones)
+    return links
 
 
 def colour_phase(phase: str) -> str:
@@ -189,7 +195,7 @@ def _build_row(
         clean(around.zones.get(primary, ""), 63),
         tuple(clean(item.name, 253) for item in nodes),
         primary,
-        link_of(primary, around.zones, snapshot.round_trips),
+        around.links.find(primary),
         chips,
         *device_counts,
         report.status.load if report and not silent else None,

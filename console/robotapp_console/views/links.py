@@ -57,6 +57,36 @@ def link_of(node: str, zones: Mapping[str, str], round_trips: RoundTrips) -> Lin
     return Link(zone, usual.get(zone))
 
 
+class NodeLinks:
+    """The usual round trip of each node, computed anew only when one of its times or a zone has changed."""
+
+    def __init__(self, round_trips: RoundTrips) -> None:
+        self._round_trips = round_trips
+        self._zones: Mapping[str, str] = {}
+        self._links: dict[str, Link] = {}
+
+    def __repr__(self) -> str:
+        return f"<NodeLinks {len(self._links)}>"
+
+    def use_zones(self, zones: Mapping[str, str]) -> None:
+        """Takes the zones of the nodes from here on; other ones than before make all links unknown."""
+        if zones != self._zones:
+            self._zones = dict(zones)
+            self._links.clear()
+
+    def forget(self, nodes: Iterable[str]) -> None:
+        """Drops the links of nodes of which a time has changed."""
+        for node in nodes:
+            self._links.pop(node, None)
+
+    def find(self, node: str) -> Link:
+        """Returns the node's link."""
+        link = self._links.get(node)
+        if link is None:
+            link = self._links[node] = link_of(node, self._zones, self._round_trips)
+        return link
+
+
 @dataclass(frozen=True, slots=True)
 class MatrixCell:
     """The usual round trip between two zones; `pairs` counts the pairs of nodes that were measured."""

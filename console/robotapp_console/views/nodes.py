@@ -11,12 +11,12 @@ from robotapp_api.values.quantities.requests import pod_requests
 from robotapp_console.views.devices import NodeDevice, devices_by_node
 from robotapp_console.views.links import ZoneMatrix, build_zone_matrix, zones_of
 from robotapp_console.views.objects import Load, Node, Pod, find_condition
-from robotapp_console.views.paging import NAMESPACE, Page, Query, take_page
+from robotapp_console.views.paging import FAR, NAMESPACE, NEAR, Page, Query, take_page
 from robotapp_console.views.snapshot import Refusal, Snapshot
 from robotapp_console.views.texts import clean
 
 SORTS: Final = ("node", "zone", "tier", "cpu", "memory", "heard")
-FILTERS: Final = ("zone", "tier", NAMESPACE)
+FILTERS: Final = ("zone", "tier", NEAR, FAR, NAMESPACE)
 MOST_DEVICES: Final = 6
 _NO_ZONES: Final = ZoneMatrix((), ())
 _FINISHED: Final = frozenset({"Succeeded", "Failed"})
@@ -44,6 +44,7 @@ class NodeRow:
     silent: bool = False
     problem: str = ""
     """What is wrong with the rules for its devices."""
+    uid: str = ""
 
     @property
     def shown_devices(self) -> tuple[NodeDevice, ...]:
@@ -132,6 +133,7 @@ def _build_row(
         report.written_at if report else "",
         silent,
         clean(report.status.device_problem) if report else "",
+        node.metadata.uid,
     )
 
 

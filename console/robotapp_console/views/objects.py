@@ -43,6 +43,7 @@ class Condition(Object, frozen=True, kw_only=True):
 
 
 class Latency(Object, frozen=True, kw_only=True):
+    budget: str | None = None
     percentile: int | None = None
 
 
@@ -258,6 +259,23 @@ class Pod(Object, frozen=True, kw_only=True):
     metadata: Meta
     spec: PodSpec = PodSpec()
     status: PodStatus = PodStatus()
+
+
+class AppPodSpec(Object, frozen=True, kw_only=True):
+    node_name: str = ""
+
+
+class AppPodStatus(Object, frozen=True, kw_only=True):
+    phase: str = ""
+    conditions: tuple[Condition, ...] = ()
+
+
+class AppPod(Object, frozen=True, kw_only=True):
+    """A pod of one app, with what says why it is where it is. Those of all apps are followed with less: see Pod."""
+
+    metadata: Meta
+    spec: AppPodSpec = AppPodSpec()
+    status: AppPodStatus = AppPodStatus()
 
 
 class EventSeries(Object, frozen=True, kw_only=True):

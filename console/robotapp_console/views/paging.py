@@ -12,6 +12,9 @@ MOST_QUERY: Final = 200
 MOST_PAGE: Final = 100_000
 NAMESPACE: Final = "namespace"
 """The filter that belongs to every screen."""
+NEAR, FAR = "near", "far"
+"""The two zones whose pairs of nodes are looked at: they choose no rows of the table."""
+_NO_FILTERS: Final = frozenset({NAMESPACE, NEAR, FAR})
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +45,7 @@ class Query:
     @property
     def is_narrowed(self) -> bool:
         """Returns whether rows may be left out, apart from those of other namespaces."""
-        return bool(self.text) or any(name != NAMESPACE for name, _ in self.filters)
+        return bool(self.text) or any(name not in _NO_FILTERS for name, _ in self.filters)
 
     def filter_value(self, name: str) -> str:
         """Returns the chosen value of a filter, empty without one."""

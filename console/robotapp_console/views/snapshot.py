@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from robotapp_api.values.placement.round_trips import RoundTrips
 from robotapp_claims.rules.objects import Claim
 from robotapp_console.views.history import LinkHistory
+from robotapp_console.views.links import NodeLinks
 from robotapp_console.views.objects import App, Instance, Node, Pod, Pool, Telemetry
 
 
@@ -43,6 +44,8 @@ class Snapshot:
     nodes: Mapping[str, Node] = field(default_factory=dict)
     pods: Mapping[str, Pod] = field(default_factory=dict)
     round_trips: RoundTrips = field(default_factory=RoundTrips)
+    links: NodeLinks | None = None
+    """Links that outlive the snapshot; None: they are computed for it alone."""
     history: LinkHistory = field(default_factory=LinkHistory)
     refusals: Mapping[str, Refusal] = field(default_factory=dict)
     """By the plural of the kind."""

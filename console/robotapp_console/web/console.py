@@ -12,14 +12,16 @@ from aiohttp import web
 from robotapp_api.values.quantities.buckets import Buckets
 from robotapp_client import Endpoint
 from robotapp_client.transport.credentials import Credentials
+from robotapp_console.cluster.config_store import Place
 from robotapp_console.cluster.informer_sets import InformerSets
+from robotapp_console.cluster.scheduler_port import SchedulerPort
 from robotapp_console.web.rendering import Pages, StaticFiles
 from robotapp_console.web.sessions import Caller, LocalDoor, Seal, Session, hash_token
 
 LOCAL: Final = "local"
 """Key of the local console's only caller."""
 CALLER: Final = web.RequestKey("caller", Caller)
-CALLER_PER_S, CALLER_AT_ONCE = 20.0, 100
+CALLER_PER_S, CALLER_AT_ONCE = 10.0, 60
 STRANGERS_PER_S, STRANGERS_AT_ONCE = 5.0, 30
 
 
@@ -37,8 +39,13 @@ class Console:
     hosts: frozenset[str] = frozenset()
     cookie: str = "__Host-robotapp-console"
     informers: InformerSets = field(default_factory=InformerSets)
+    config_place: Place = field(default_factory=Place)
+    """Where the scheduler's configuration is."""
+    scheduler: SchedulerPort = field(default_factory=SchedulerPort)
     files: StaticFiles = field(default_factory=StaticFiles)
     pages: Pages = field(init=False)
+    drafting: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Configurations are checked one at a time, beside the loop, so that other pages are served meanwhile."""
     ending: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when the process ends, so that streams do."""
     callers: Buckets = field(
@@ -106,6 +113,7 @@ class Console:
             "csrf": self.seal.sign(caller.session) if caller else "",
             "screen": "",
             "namespace": "",
+            "notice": "",
         }
         return self.pages.render(template, shared | dict(context), now_s=now_s)
 

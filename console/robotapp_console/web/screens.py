@@ -10,11 +10,16 @@ from robotapp_api.values.naming import DNS_LABEL
 from robotapp_client import ClientError
 from robotapp_console.cluster.informer_set import InformerSet
 from robotapp_console.cluster.kinds import APP_KINDS, FLEET_KINDS, NODES_KINDS, Kind
-from robotapp_console.views.app import EventRow, build_app, build_events, suggest_apps
+from robotapp_console.views.app.page import EventRow, build_app, build_events, suggest_apps
+from robotapp_console.views.app.timeline import build_timeline
 from robotapp_console.views.fleet import STATES, build_fleet, draw_links, read_fleet_query, take_fleet_page
+from robotapp_console.views.links import zones_of
 from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
+from robotapp_console.views.paging import FAR, NEAR, Query
+from robotapp_console.views.pairs import ZonePairs, build_pairs
 from robotapp_console.views.snapshot import Snapshot
 from robotapp_console.views.texts import clean
+from robotapp_console.web.app_actions import SHUT_DOWN, find_allowed
 from robotapp_console.web.sessions import Caller
 
 
@@ -100,16 +105,34 @@ class NodesScreen:
         snapshot, nodes = informers.build_model(self.key(request), build_nodes, namespace="", home=caller.home)
         query = read_nodes_query(request.query)
         page = take_nodes_page(nodes, query)
+        pairs = self._find_pairs(query, caller, informers)
+        may_shut_down = await informers.rights.is_surely_granted(SHUT_DOWN)
         context = {
             "nodes": nodes,
             "page": page,
             "query": query,
             "zones": nodes.zones,
             "tiers": nodes.tiers,
+            "pairs": pairs,
+            "may_shut_down": may_shut_down,
             "namespace": self.namespace(request),
             "stale": snapshot.stale,
         }
-        return Shown("Nodes", context, (page, nodes.matrix, nodes.refusals, snapshot.stale), snapshot)
+        fingerprint = (page, nodes.matrix, nodes.refusals, snapshot.stale, pairs, may_shut_down)
+        return Shown("Nodes", context, fingerprint, snapshot)
+
+    def _find_pairs(self, query: Query, caller: Caller, informers: InformerSet) -> ZonePairs | None:
+        """Returns the pairs of nodes of the cell that was chosen in the matrix."""
+        near, far = query.filter_value(NEAR), query.filter_value(FAR)
+        if not (near and far):
+            return None
+        _, pairs = informers.build_model(
+            ("nodes", "pairs", near, far),
+            lambda snapshot: build_pairs(snapshot, zones_of(snapshot.nodes), near, far),
+            namespace="",
+            home=caller.home,
+        )
+        return pairs
 
 
 class AppScreen:
@@ -141,14 +164,18 @@ class AppScreen:
             return Shown(title, links, missing, snapshot, missing)
         stored = snapshot.apps[f"{namespace}/{name}"]
         events, refusal = await _read_events(informers, namespace, stored.metadata.uid)
+        actions = await find_allowed(informers, namespace, name)
+        timeline = build_timeline(app.instances, events)
         context: dict[str, Any] = {
             "app": app,
+            "timeline": timeline,
+            "allowed": actions,
             "events": events,
             "events_refusal": refusal,
             "stale": snapshot.stale,
         }
         on_robot = f" on {clean(robot, 63)}" if robot else ""
-        return Shown(title + on_robot, context, (app, events, refusal, snapshot.stale), snapshot)
+        return Shown(title + on_robot, context, (app, actions, timeline, events, refusal, snapshot.stale), snapshot)
 
 
 async def _read_events(informers: InformerSet, namespace: str, uid: str) -> tuple[tuple[EventRow, ...], str]:

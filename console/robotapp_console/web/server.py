@@ -10,15 +10,20 @@ from typing import Final
 from aiohttp import web
 
 from robotapp_console.cluster.informer_set import InformerSet
-from robotapp_console.web import security
+from robotapp_console.web import security, tuner
+from robotapp_console.web.actions import drop_notice, read_notice
+from robotapp_console.web.api import answer_config, answer_nodes, take_config
+from robotapp_console.web.app_actions import act_on_app, act_on_node, confirm_delete
 from robotapp_console.web.console import CALLER, CONSOLE, Console
 from robotapp_console.web.guard import Handler, answer_errors, guard
+from robotapp_console.web.reasons import show_reasons
 from robotapp_console.web.screens import AppScreen, FleetScreen, NodesScreen, Screen, Shown
 from robotapp_console.web.sessions import Caller
 from robotapp_console.web.signing import answer_expired, open_local, show_login, sign_in, sign_out
 
 log = logging.getLogger(__name__)
-MOST_BODY: Final = 64 * 1024
+MOST_BODY: Final = 256 * 1024
+"""Bytes; the form of the scheduler's configuration holds its text twice."""
 MOST_STREAMS: Final = 30
 """Open pages of one user."""
 GATHER_S: Final = 0.05
@@ -41,6 +46,15 @@ def make_app(console: Console) -> web.Application:
     app.router.add_get("/login", show_login)
     app.router.add_post("/login", sign_in)
     app.router.add_post("/logout", sign_out)
+    app.router.add_get("/apps/{namespace}/{name}/delete", confirm_delete)
+    app.router.add_get("/apps/{namespace}/{name}/why", show_reasons)
+    app.router.add_post("/apps/{namespace}/{name}/{action:suspend|resume|restart|approve|delete}", act_on_app)
+    app.router.add_post("/nodes/{name}/{action:begin-shutdown|end-shutdown}", act_on_node)
+    app.router.add_get(tuner.PATH, tuner.show_scheduler)
+    app.router.add_post(tuner.PATH, tuner.change_scheduler)
+    app.router.add_get("/api/config", answer_config)
+    app.router.add_post("/api/config", take_config)
+    app.router.add_get("/api/nodes", answer_nodes)
     screens: tuple[tuple[str, Screen], ...] = (
         ("/", FleetScreen()),
         ("/nodes", NodesScreen()),
@@ -93,14 +107,16 @@ def _make_page(screen: Screen) -> Handler:
         if shown.missing:
             return console.answer_message(request, 404, shown.title, shown.missing, links=shown.context["links"])
         now_s = time.time()
-        stream = f"{request.path.rstrip('/')}/stream"
+        stream, query = f"{request.path.rstrip('/')}/stream", drop_notice(request.query_string)
         context = {
             "title": shown.title,
             "screen": screen.path,
             "name": screen.name,
-            "stream": f"{stream}?{request.query_string}" if request.query_string else stream,
+            "stream": f"{stream}?{query}" if query else stream,
+            "notice": read_notice(console, caller, request),
         }
-        html = console.render(request, "screen.html", dict(shown.context) | context, now_s=now_s)
+        async with informers.turn:
+            html = console.render(request, "screen.html", dict(shown.context) | context, now_s=now_s)
         return web.Response(text=html, content_type="text/html")
 
     return show_page
@@ -152,6 +168,15 @@ class _Follower:
 
     async def wait_for_change(self) -> bool:
         """Returns whether something changed before the next beat is due."""
+        key = self._screen.key(self._request)
+        place = {"namespace": self._screen.namespace(self._request), "home": self._caller.home}
+        if not self.informers.is_behind(key, **place) and not await self._is_woken():
+            return False
+        await asyncio.sleep(max(GATHER_S, self.informers.pause_s(key, **place)))
+        self.wake.clear()
+        return True
+
+    async def _is_woken(self) -> bool:
         waiting = asyncio.ensure_future(self.wake.wait())
         ending = asyncio.ensure_future(self._console.ending.wait())
         try:
@@ -159,13 +184,7 @@ class _Follower:
         finally:
             waiting.cancel()
             ending.cancel()
-        if not self.wake.is_set():
-            return False
-        screen, namespace = self._screen, self._screen.namespace(self._request)
-        pause_s = self.informers.pause_s(screen.key(self._request), namespace=namespace, home=self._caller.home)
-        await asyncio.sleep(max(GATHER_S, pause_s))
-        self.wake.clear()
-        return True
+        return self.wake.is_set()
 
     async def render_change(self) -> str:
         """Returns the fragment, empty when it is what was sent last."""

@@ -101,6 +101,7 @@ async def asked(core: SchedulerCore, question: dict[str, Any]) -> dict[str, floa
         "answer_ms": 1000 * (ended_s - began_s),
         "pods": len(answer["pods"]),
         "edges": len(answer["edges"]),
+        "replayed": answer["replayed"],
     }
 
 
@@ -110,7 +111,13 @@ def row(name: str, found: list[dict[str, float]]) -> dict[str, Any]:
         for key in ("fork_ms", "decided_ms", "answer_ms", "cpu_ms")
         for suffix, rule in (("", statistics.median), ("_worst", max))
     }
-    return {"question": name, **times, "pods": int(found[0]["pods"]), "edges": int(found[0]["edges"])}
+    return {
+        "question": name,
+        **times,
+        "pods": int(found[0]["pods"]),
+        "edges": int(found[0]["edges"]),
+        "replayed": int(min(each["replayed"] for each in found)),
+    }
 
 
 def main() -> None:

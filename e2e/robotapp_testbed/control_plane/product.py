@@ -9,7 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import yaml
 
@@ -23,6 +23,9 @@ from robotapp_testbed.processes.process import Process, wait_until
 
 CHART = REPOSITORY / "helm" / "robotapp"
 CRDS = REPOSITORY / "crds"
+SCHEDULER_CONFIG: Final = "robotapp-scheduler"
+"""The ConfigMap of the chart that a scheduler started with `config_map=` follows."""
+LAST_GOOD_CONFIG: Final = "robotapp-scheduler-last-good"
 _WORKLOADS = frozenset({"Deployment", "DaemonSet", "StatefulSet", "Job", "CronJob", "PodDisruptionBudget", "Pod"})
 REGISTRY = "registry.example"
 """Stands before the images of workloads, which nothing pulls here."""

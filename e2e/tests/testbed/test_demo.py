@@ -25,11 +25,13 @@ def test_whoever_goes_on_can_ask_the_scheduler_and_has_a_kubectl() -> None:
     stage, paper = stage_on_paper()
     cluster = SimpleNamespace(kubeconfig=lambda: Path("/run/x/admin.yaml"), run_dir=Path("/run/x"))
     scheduler = SimpleNamespace(health_url="https://127.0.0.1:20001")
-    demo.how_to_go_on(stage, SimpleNamespace(cluster=cluster, scheduler=scheduler))  # type: ignore[arg-type] # all it looks at
+    console = SimpleNamespace(address="http://127.0.0.1:20002/open?pass=word")
+    demo.how_to_go_on(stage, SimpleNamespace(cluster=cluster, scheduler=scheduler, console=console))  # type: ignore[arg-type] # all it looks at
     said = paper.getvalue()
     assert "export KUBECONFIG=/run/x/admin.yaml ROBOTAPP_SCHEDULER_URL=https://127.0.0.1:20001\n" in said
     assert "/.venv/bin:$PATH:/run/x/bin\n" in said
     assert "kubectl robotapp explain teleop -n demo" in said
+    assert "http://127.0.0.1:20002/open?pass=word\n" in said
 
 
 def test_the_demo_gets_kube_scheduler_to_compare_with_and_no_kubelet(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -176,6 +176,15 @@ def parse(document: object, *, catalogue: Catalogue, third_party: Collection[str
     )
 
 
+def parse_shape(document: object) -> dict[str, Any]:
+    """Returns the document as it is read, without nulls. Raises ConfigError where its shape is not that of a configuration."""
+    shaped = _as_decoded(document)
+    _, unknown_fields = _model(shaped)
+    if unknown_fields or not isinstance(shaped, dict):
+        raise ConfigError(unknown_fields or ["configuration: Input should be a mapping"])
+    return shaped
+
+
 def _model(document: object) -> tuple[ConfigurationModel, list[str]]:
     """The typed document, and its unknown fields: without those the rest is still checked, so all problems are reported at once."""
     try:

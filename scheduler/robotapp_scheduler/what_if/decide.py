@@ -5,7 +5,7 @@ with the pods that the operator would make, profiles are swapped. Then the sched
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from typing import Final, NamedTuple
+from typing import Final
 
 import msgspec
 
@@ -14,20 +14,21 @@ from robotapp_api.values.quantities.duration import format_us
 from robotapp_scheduler.config.load import SchedulerConfig
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cycle.better_node import Proposal, better_node, settled, why_kept
-from robotapp_scheduler.core.cycle.re_evaluate import as_waiting
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
-from robotapp_scheduler.core.cycle.schedule_result import FAULTS, ScheduleResult
+from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
 from robotapp_scheduler.core.robotics.app_index import App, InstanceKey, Link, Replica
 from robotapp_scheduler.core.robotics.edge_times import PlacedComponent, movable, part_of, worst_late
 from robotapp_scheduler.simulation.rounds import Rounds
 from robotapp_scheduler.simulation.run import chosen_text, latest_bound
+from robotapp_scheduler.what_if import replay
 from robotapp_scheduler.what_if.app_pods import instances_with_pods, running_apps, take_away, tried_app
 from robotapp_scheduler.what_if.difference import Answer, Outcome, PodChange, edge_changes, in_order
 from robotapp_scheduler.what_if.edges import edge_times, instances_on
 from robotapp_scheduler.what_if.lost_nodes import SUCCESSOR, change_of, fate, lost, successor_of
 from robotapp_scheduler.what_if.question import Question, QuestionError, check_nodes
+from robotapp_scheduler.what_if.replay import compare_choices
 
 REPLAY_S: Final = 0.5
 """After this long no further running pod is placed again: the answer is to be there within a second."""
@@ -46,14 +47,6 @@ def answer(
     """What would be different. Raises QuestionError. The cache is another one afterwards."""
     check_nodes(question, core.cluster.nodes.row_of)
     return _Decider(core, question, config, clock).answer()
-
-
-class _Chosen(NamedTuple):
-    """A decision about a pod: its node, or "" with the message and the code of its condition."""
-
-    node: str
-    message: str
-    code: str
 
 
 class _Decider:
@@ -79,6 +72,8 @@ class _Decider:
         self._running = sum(self._ours(placed.pod) for placed in core.cluster.placed.values())
 
     def answer(self) -> Answer:
+        if self._question.replay:
+            return self._answer_replay()
         running = running_apps(self._question.names, self._cluster)
         replaced = instances_with_pods(running.values(), self._cluster)
         concerned = list(dict.fromkeys([*instances_on(self._question.nodes, self._cluster), *replaced]))
@@ -102,6 +97,21 @@ class _Decider:
             edges=edges,
             edges_unchanged=same,
             notes=(*self._notes, NOT_TRIED),
+            decided_ms=round(1000 * (self._clock() - self._began_s), 1),
+        )
+
+    def _answer_replay(self) -> Answer:
+        """The latest placements under the supposed configuration, and nothing else."""
+        until_s = self._began_s + replay.REPLAY_S
+        result = replay.replay_latest(
+            self._before, self._core, self._question.replay, clock=self._clock, until_s=until_s
+        )
+        return Answer(
+            pods=in_order(result.pods),
+            edges=result.edges,
+            edges_unchanged=result.edges_unchanged,
+            replayed=result.judged,
+            notes=result.notes,
             decided_ms=round(1000 * (self._clock() - self._began_s), 1),
         )
 
@@ -280,34 +290,15 @@ class _Decider:
             if self._clock() - self._began_s > REPLAY_S:
                 break
             looked += 1
-            self._compare(pod)
+            change = compare_choices(self._before, self._core, pod)
+            if change is not None:
+                self._pods.append(change)
         self._notes.append(
             f"{looked} of {self._running} running pods were placed again with the configuration, the latest first"
         )
 
-    def _compare(self, pod: Pod) -> None:
-        """Note a running pod that the supposed configuration would place elsewhere and the present one would not."""
-        old, new = self._chosen(self._before, pod), self._chosen(self._core, pod)
-        if new.node in (old.node, pod.spec.node_name):
-            return
-        reason = "placed again with this configuration; nothing moves it by itself" if new.node else new.message
-        fields = {"from_": pod.spec.node_name, "to": new.node, "code": new.code, "reason": reason}
-        self._pods.append(change_of(pod, self._cluster, Outcome.MAY_MOVE, **fields))
-
     def _ours(self, pod: Pod) -> bool:
         return pod.spec.scheduler_name in self._before.scheduler_names
-
-    def _chosen(self, core: SchedulerCore, pod: Pod) -> _Chosen:
-        """Where a running pod would go if it was placed again."""
-        with as_waiting(self._cluster, pod) as waiting:
-            info = self._cluster.pod_info(waiting)
-            if info.scheduler_name not in core.scheduler_names:
-                return _Chosen("", f"the configuration has no profile {info.scheduler_name}", "")
-            try:
-                record, _ = core.consider(info, core.runner(info.scheduler_name))
-            except FAULTS as error:
-                return _Chosen("", str(error), PodReason.SCHEDULER_ERROR.value)
-        return _Chosen(record.node or "", record.message, "" if record.node else PodReason.UNSCHEDULABLE.value)
 
 
 def _why_better(link: Link, found: Proposal) -> str:

@@ -103,11 +103,12 @@ class Hidden(msgspec.Struct, frozen=True):
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
-    """What would be different. `edges_unchanged`: looked at, and their verdict is as before."""
+    """What would be different. `edges_unchanged`: looked at, and their verdict is as before. `replayed`: running pods judged anew."""
 
     pods: tuple[PodChange, ...] = ()
     edges: tuple[EdgeChange, ...] = ()
     edges_unchanged: int = 0
+    replayed: int = 0
     hidden: Hidden = Hidden()
     notes: tuple[str, ...] = ()
     decided_ms: float = 0.0

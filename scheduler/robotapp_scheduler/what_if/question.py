@@ -12,6 +12,7 @@ from robotapp_api.values.quantities.duration import parse_us
 
 MOST_BODY: Final = 1 << 20
 MOST_NODES, MOST_PAIRS, MOST_APPS = 50, 50, 10
+MOST_REPLAYED: Final = 500
 _EXAMPLE: Final = (
     '{"nodeLoss": ["edge-1"], "rtt": [{"one": "edge-1", "other": "amr-07", "rtt": "40ms"}], "apps": [], "config": null}'
 )
@@ -40,12 +41,16 @@ class RoundTrip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Question(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """All of it at once: `node_loss` names nodes, `apps` are RobotApps, `config` a KubeSchedulerConfiguration."""
+    """All of it at once: `node_loss` names nodes, `apps` are RobotApps, `config` a KubeSchedulerConfiguration.
+
+    `replay`: nothing else is asked, and so many of the latest placements are judged with `config`.
+    """
 
     node_loss: tuple[str, ...] = ()
     rtt: tuple[RoundTrip, ...] = ()
     apps: tuple[dict[str, Any], ...] = ()
     config: dict[str, Any] | None = None
+    replay: int = 0
 
     @property
     def nodes(self) -> list[str]:
@@ -68,6 +73,7 @@ def parse(body: bytes) -> Question:
         raise QuestionError(f"{_FORM}; {error}") from error
     if not (question.node_loss or question.rtt or question.apps or question.config):
         raise QuestionError(f"nothing is asked; {_FORM}")
+    _check_replay(question)
     for field, asked, most in (
         ("nodeLoss", question.node_loss, MOST_NODES),
         ("rtt", question.rtt, MOST_PAIRS),
@@ -92,6 +98,15 @@ def check_nodes(question: Question, known: Collection[str]) -> None:
             close = get_close_matches(name, known, n=3)
             hint = f"did you mean {' or '.join(close)}?" if close else "kubectl robotapp nodes lists them"
             raise UnknownNodeError(f"there is no node {name[:253]!r} among {len(known)}: {hint}")
+
+
+def _check_replay(question: Question) -> None:
+    if not 0 <= question.replay <= MOST_REPLAYED:
+        raise QuestionError(f"replay is {question.replay}: from 0 to {MOST_REPLAYED} placements can be judged")
+    if question.replay and (question.config is None or question.nodes or question.apps):
+        raise QuestionError(
+            "replay judges placements with a config, and with nothing else: leave nodeLoss, rtt and apps out"
+        )
 
 
 def _check_pair(where: str, pair: RoundTrip) -> None:

@@ -69,6 +69,24 @@ def test_behind_something_with_tls_it_speaks_http(chart: Chart) -> None:
     assert named(objects, "Service", "robotapp-console")["spec"]["ports"][0]["port"] == 80
 
 
+def test_it_finds_the_scheduler_and_believes_its_certificate_where_it_has_one(chart: Chart) -> None:
+    objects = chart.render(ON)
+    settings = parse(pod_spec(objects, "console")["containers"][0]["args"])
+    assert settings.scheduler_config == "robotapp-system/robotapp-scheduler"
+    assert settings.scheduler_url == "https://robotapp-scheduler.robotapp-system.svc"
+    assert settings.scheduler_unverified
+    (port,) = named(objects, "Service", "robotapp-scheduler")["spec"]["ports"]
+    assert (port["port"], port["targetPort"]) == (443, "health")
+    spec = pod_spec(chart.render(ON | {"scheduler.tls.secretName": "cert"}), "console")
+    verified = parse(spec["containers"][0]["args"])
+    assert not verified.scheduler_unverified
+    assert str(verified.scheduler_authority) == "/etc/robotapp-scheduler/ca.crt"
+    (authority,) = (volume["secret"] for volume in spec["volumes"] if volume["name"] == "scheduler-authority")
+    assert authority == {"secretName": "cert", "items": [{"key": "ca.crt", "path": "ca.crt"}]}
+    alone = chart.render(ON | {"scheduler.enabled": "false"})
+    assert not parse(pod_spec(alone, "console")["containers"][0]["args"]).scheduler_url
+
+
 def test_several_pods_without_a_common_key_are_refused(chart: Chart) -> None:
     with pytest.raises(CommandError, match=re.escape("cookieKey.secretName")):
         chart.render(ON | {"console.replicas": "2"})
@@ -76,13 +94,20 @@ def test_several_pods_without_a_common_key_are_refused(chart: Chart) -> None:
 
 def test_the_network_policy_lets_browsers_in(chart: Chart) -> None:
     objects = chart.render(ON | {"networkPolicy.enabled": "true"})
-    (rule,) = named(objects, "NetworkPolicy", "robotapp-console")["spec"]["ingress"]
+    policy = named(objects, "NetworkPolicy", "robotapp-console")["spec"]
+    (rule,) = policy["ingress"]
     assert rule == {"ports": [{"protocol": "TCP", "port": "console"}]}
+    (out,) = policy["egress"]
+    assert out["to"][0]["podSelector"]["matchLabels"]["app.kubernetes.io/component"] == "scheduler"
+    to_scheduler = named(objects, "NetworkPolicy", "robotapp-console-to-scheduler")["spec"]
+    assert to_scheduler["ingress"][0]["ports"] == out["ports"] == [{"protocol": "TCP", "port": "health"}]
 
 
 def test_the_server_accepts_its_objects(chart: Chart) -> None:
     objects = [item for item in chart.render(ON) if "console" in item["metadata"]["name"]]
-    assert {item["kind"] for item in objects} == {"Deployment", "Service", "ServiceAccount", "NetworkPolicy"}
+    objects += [item for item in chart.render(ON) if item["metadata"]["name"] == "robotapp-scheduler-tuner"]
+    objects.append(named(chart.render(ON), "Service", "robotapp-scheduler"))
+    assert {item["kind"] for item in objects} == {"Deployment", "Service", "ServiceAccount", "Role", "NetworkPolicy"}
     for item in objects:
         item["metadata"]["namespace"] = "default"
     text = json.dumps({"apiVersion": "v1", "kind": "List", "items": objects})

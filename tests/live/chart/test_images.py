@@ -21,7 +21,7 @@ FOREIGN = {
     "operator": ("numpy", "typer", "uvloop"),
     "scheduler": ("kopf", "typer", "rich"),
     "agent": ("aiohttp", "pydantic", "numpy", "kopf", "typer"),
-    "console": ("numpy", "kopf", "typer", "rich", "uvloop"),
+    "console": ("kopf", "typer", "rich", "uvloop"),
 }
 
 

@@ -18,12 +18,13 @@ from tests.live.chart.chart import (
     rules,
 )
 
-from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULER_NAME
+from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULER_NAME, SYSTEM_NAMESPACE
 from robotapp_operator.plan.status.fleet import MAX_SHARDS
 from robotapp_testbed.failures import CommandError
 
 pytestmark = pytest.mark.live
 
+TUNER = "robotapp-scheduler-tuner"
 WRITES = {"create", "update", "patch", "delete", "deletecollection"}
 
 
@@ -135,13 +136,26 @@ def test_the_scheduler_reads_its_configuration_and_writes_the_last_good_one_and_
     found = [
         (rule["verbs"], rule.get("resourceNames"))
         for role, rule in rules(rendered)
-        if "scheduler" in role and "configmaps" in rule["resources"]
+        if "scheduler" in role and role != f"Role/{TUNER}" and "configmaps" in rule["resources"]
     ]
     assert found == [
         (["get", "list", "watch"], ["robotapp-scheduler"]),
         (["get", "patch"], ["robotapp-scheduler-last-good"]),
     ]
-    assert "data" not in named(rendered, "ConfigMap", "robotapp-scheduler-last-good"), "an upgrade must not empty it"
+    for name in ("robotapp-scheduler-last-good", "robotapp-scheduler-history"):
+        assert "data" not in named(rendered, "ConfigMap", name), "an upgrade must not empty it"
+
+
+def test_who_tunes_the_scheduler_writes_its_configuration_and_the_history_and_nothing_else(
+    rendered: list[Object],
+) -> None:
+    role = named(rendered, "Role", TUNER)
+    assert role["metadata"]["namespace"] == SYSTEM_NAMESPACE
+    writes = [rule for rule in role["rules"] if not {"get", "list"}.issuperset(rule["verbs"])]
+    assert [(rule["verbs"], rule["resourceNames"]) for rule in writes] == [
+        (["get", "patch"], ["robotapp-scheduler", "robotapp-scheduler-history"])
+    ]
+    assert not [binding for binding in rendered if (binding.get("roleRef") or {}).get("name") == TUNER]
 
 
 def test_the_operator_changes_no_config_maps_but_the_fleet_view(rendered: list[Object]) -> None:

@@ -1,96 +1,16 @@
 """The console as the chart runs it, in front of a real API server: what a tenant and an administrator see."""
 
-import http.client
-import json
 import re
-import secrets
-import subprocess
-import sys
-from collections.abc import Iterator
-from http.cookies import SimpleCookie
 from pathlib import Path
-from urllib.parse import urlencode
 
 import pytest
+from tests.live.console.browsing import Console, make_token
 
 from robotapp_testbed import ControlPlane, wait_until
-from robotapp_testbed.control_plane import product
-from robotapp_testbed.machines import topology
 
 pytestmark = pytest.mark.live
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 ROBOT = "amr-console"
-
-
-class Console:
-    """A process, and a browser's cookies for it."""
-
-    def __init__(self, process: "subprocess.Popen[str]", port: int) -> None:
-        self.process = process
-        self.port = port
-        self.cookies: dict[str, str] = {}
-
-    def get(self, path: str) -> tuple[int, str]:
-        return self._ask("GET", path)
-
-    def post(self, path: str, fields: dict[str, str]) -> tuple[int, str]:
-        return self._ask("POST", path, urlencode(fields))
-
-    def _ask(self, method: str, path: str, body: str | None = None) -> tuple[int, str]:
-        cookies = "; ".join(f"{name}={value}" for name, value in self.cookies.items())
-        headers = {"Accept": "text/html", "Cookie": cookies, "Origin": f"http://127.0.0.1:{self.port}"}
-        headers |= {"Content-Type": "application/x-www-form-urlencoded"} if body else {}
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
-        try:
-            connection.request(method, path, body, headers)
-            answer = connection.getresponse()
-            for line in answer.headers.get_all("Set-Cookie") or ():
-                self.cookies |= {name: morsel.value for name, morsel in SimpleCookie(line).items()}
-            return answer.status, answer.read().decode()
-        finally:
-            connection.close()
-
-    def sign_in(self, token: str, home: str = "") -> int:
-        self.cookies.clear()
-        _, form = self.get("/login")
-        csrf = re.search(r'name="csrf" value="([^"]+)"', form)
-        assert csrf is not None
-        return self.post("/login", {"token": token, "home": home, "csrf": csrf[1]})[0]
-
-
-@pytest.fixture(scope="module")
-def console(installed_plane: ControlPlane) -> Iterator[Console]:
-    command = [sys.executable, "-m", "robotapp_console", "--plain-http", "--listen=127.0.0.1", "--port=0"]
-    command += [f"--api-server={installed_plane.server_url}", f"--certificate-authority={installed_plane.ca_file}"]
-    with subprocess.Popen([*command, "--log-format=json"], stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        line = json.loads(process.stderr.readline())["message"]
-        port = re.search(r"port (\d+)", line)
-        assert port is not None, line
-        yield Console(process, int(port[1]))
-        process.terminate()
-        assert process.wait(30) == 0
-
-
-@pytest.fixture(scope="module")
-def fleet(installed_plane: ControlPlane) -> Iterator[None]:
-    """A robot and an edge server with telemetry, and an operator; nothing places pods."""
-    nodes = topology.fleet([ROBOT], 1, 0)
-    topology.apply(installed_plane, nodes)
-    name = f"operator-{secrets.token_hex(2)}"
-    operator = product.start_operator(installed_plane, name=name, sweep_seconds=1, no_leader_election=True)
-    with topology.SimulatedTelemetry(installed_plane, nodes):
-        yield
-    operator.stop()
-    topology.remove(installed_plane, nodes)
-
-
-def make_token(plane: ControlPlane, namespace: str) -> str:
-    """Returns the token of a tenant who may view this namespace and nothing else."""
-    plane.kubectl("create", "serviceaccount", "viewer", "-n", namespace)
-    binding = ("create", "rolebinding", "viewer", "-n", namespace, "--clusterrole=view")
-    plane.kubectl(*binding, f"--serviceaccount={namespace}:viewer")
-    return plane.kubectl("create", "token", "viewer", "-n", namespace).strip()
 
 
 def find_refused(page: str) -> str:
@@ -115,7 +35,7 @@ def test_a_tenant_sees_its_apps_and_is_told_what_it_may_not_read(
     assert wait_until(is_shown, timeout_s=30), "the operator's instance is shown as a chip"
     status, page = console.get("/")
     assert status == 200
-    assert f"system:serviceaccount:{namespace}:viewer" in page
+    assert f"system:serviceaccount:{namespace}:view" in page
     for kind in ("Nodes", "NodeTelemetries", "RobotClaims", "DomainPools"):
         assert kind in find_refused(page)
     assert "RobotApps" not in find_refused(page)
@@ -135,7 +55,7 @@ def test_who_may_read_the_cluster_sees_robots_nodes_and_round_trips(
     token = make_token(installed_plane, namespace)
     for role in ("view", "robotapp-cluster-viewer"):
         binding = ("create", "clusterrolebinding", f"{namespace}-{role}", f"--clusterrole={role}")
-        installed_plane.kubectl(*binding, f"--serviceaccount={namespace}:viewer")
+        installed_plane.kubectl(*binding, f"--serviceaccount={namespace}:view")
     try:
         assert console.sign_in(token) == 303
         assert wait_until(lambda: "2 ms" in console.get("/")[1], timeout_s=30)

@@ -14,7 +14,8 @@ from robotapp_cli.main import app
 
 
 def test_the_options_reach_the_console() -> None:
-    options = ConsoleOptions(kubeconfig=Path("/k"), context="c", port=8080, browser=False)
+    url = "https://127.0.0.1:10259"
+    options = ConsoleOptions(kubeconfig=Path("/k"), context="c", port=8080, browser=False, scheduler_url=url)
     assert build_command(options)[1:] == [
         "-m",
         "robotapp_console",
@@ -22,6 +23,7 @@ def test_the_options_reach_the_console() -> None:
         "--port=8080",
         "--kubeconfig=/k",
         "--context=c",
+        f"--scheduler-url={url}",
         "--no-browser",
     ]
 

@@ -20,15 +20,15 @@ from robotapp_console.web.console import Console
 from robotapp_console.web.server import start_app
 from robotapp_console.web.sessions import LocalDoor, Seal
 
-ADMIN, TENANT = "admin-token-0123456789", "tenant-token-0123456789"
+ADMIN, TENANT, VIEWER = "admin-token-0123456789", "tenant-token-0123456789", "viewer-token-0123456789"
 
 
 class GuardedApi(FakeApiServer):
-    """Knows two tokens: ADMIN may read everything, TENANT what is in namespace team-a. Counts lists and watches by token."""
+    """Knows three tokens: ADMIN may do everything, TENANT everything in namespace team-a, VIEWER read there. Counts watches by token."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.tokens = {ADMIN: "admin", TENANT: "tenant"}
+        self.tokens = {ADMIN: "admin", TENANT: "tenant", VIEWER: "viewer"}
         self.forbidden: set[str] = set()
         """Plurals that not even ADMIN may read."""
         self.absent_groups: set[str] = set()
@@ -46,9 +46,15 @@ class GuardedApi(FakeApiServer):
             review = {"status": {"userInfo": {"username": self.tokens[token]}}}
             client.reply(201, msgspec.json.encode(review))
             return
-        if where.plural in self.forbidden or (token == TENANT and where.namespace != "team-a"):
+        if where.plural == "selfsubjectaccessreviews":
+            asked = msgspec.json.decode(body)["spec"]["resourceAttributes"]
+            is_allowed = self._allows(token, asked["verb"], asked["resource"], asked.get("namespace"))
+            client.reply(201, msgspec.json.encode({"status": {"allowed": is_allowed}}))
+            return
+        verb = "list" if method == "GET" else method.lower()
+        if not self._allows(token, verb, where.plural, where.namespace):
             scope = f'in the namespace "{where.namespace}"' if where.namespace else "at the cluster scope"
-            text = f'User "{self.tokens[token]}" cannot list resource "{where.plural}" {scope}'
+            text = f'User "{self.tokens[token]}" cannot {verb} resource "{where.plural}" {scope}'
             self._refuse(client, Refused(403, "Forbidden", text))
             return
         if where.group in self.absent_groups:
@@ -57,6 +63,11 @@ class GuardedApi(FakeApiServer):
         if dict(parse_qsl(address.query)).get("watch"):
             self.watches.append((self.tokens[token], where.plural))
         super().answer(client, method, url, body)
+
+    def _allows(self, token: str, verb: str, plural: str, namespace: str | None) -> bool:
+        if plural in self.forbidden:
+            return False
+        return token == ADMIN or (namespace == "team-a" and (token == TENANT or verb == "list"))
 
     def _refuse(self, client: TypedConnection, refusal: Refused) -> None:
         client.reply(refusal.code, msgspec.json.encode(refusal.status()))

@@ -2,12 +2,37 @@
 
 from math import inf
 
+import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.unit.console.objects import NOW_S, node, snapshot, telemetry
 
+from robotapp_client import Change, Endpoint
+from robotapp_console.cluster.informer_set import InformerSet
 from robotapp_console.views.history import SLOT_S, SLOTS, LinkHistory, draw_sparkline
-from robotapp_console.views.links import MOST_ZONES, ZoneEstimates, build_zone_matrix, rate_heat, zones_of
+from robotapp_console.views.links import MOST_ZONES, ZoneEstimates, build_zone_matrix, link_of, rate_heat, zones_of
+from robotapp_console.views.objects import Telemetry
+
+NODES = ("a", "b", "c", "d")
+REPORTS = st.tuples(
+    st.sampled_from(NODES),
+    st.one_of(st.none(), st.dictionaries(st.sampled_from(NODES), st.sampled_from((1.0, 2.0, 30.0)))),
+    st.dictionaries(st.sampled_from(NODES), st.sampled_from(("hall-1", "hall-2")), min_size=2),
+)
+
+
+@given(st.lists(REPORTS, max_size=12))
+def test_links_that_are_kept_are_those_that_would_be_computed_anew(
+    steps: list[tuple[str, dict[str, float] | None, dict[str, str]]],
+) -> None:
+    informers = InformerSet(Endpoint("https://127.0.0.1:1"))
+    for number, (name, rtt, zones) in enumerate(steps):
+        report = None if rtt is None else telemetry(name, rtt=rtt, written_s=NOW_S + number)
+        new = None if report is None else msgspec.convert(report, Telemetry)
+        informers._take_telemetry(Change("DELETED" if new is None else "MODIFIED", name, None, new))
+        informers._links.use_zones(zones)
+        for node_name in NODES:
+            assert informers._links.find(node_name) == link_of(node_name, zones, informers._round_trips)
 
 
 def test_the_newest_value_is_last_and_gaps_are_none() -> None:

@@ -8,12 +8,28 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.unit.console.objects import NOW_S, Object, app, device_claim, instance, node, pool, snapshot, telemetry
+from tests.unit.console.objects import (
+    NOW_S,
+    Object,
+    app,
+    device_claim,
+    instance,
+    node,
+    pool,
+    snapshot,
+    telemetry,
+    timestamp,
+)
 
-from robotapp_console.views.app import build_app, build_events
+from robotapp_api.model.names import Annotation, EventReason, Label
+from robotapp_console.views.app.page import build_app, build_events
+from robotapp_console.views.app.reasons import build_reasons, select_pods
+from robotapp_console.views.app.timeline import build_timeline
 from robotapp_console.views.fleet import STATES, build_fleet, draw_links, read_fleet_query, take_fleet_page
+from robotapp_console.views.links import zones_of
 from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
-from robotapp_console.views.objects import Event, Meta
+from robotapp_console.views.objects import AppPod, AppPodStatus, Condition, Event, Meta
+from robotapp_console.views.pairs import build_pairs
 from robotapp_console.views.texts import MOST_CHARACTERS, clean, kubectl
 from robotapp_console.web.rendering import Pages, StaticFiles
 
@@ -39,6 +55,51 @@ HOSTILE = (
     "$(rm -rf /); `id` && echo",
     "hx-get=/x",
     "emoji 🚀",
+    "<svg onload=alert(1)>",
+    "<iframe src=javascript:alert(1)>",
+    "<style>*{display:none}</style>",
+    "<base href=//evil.example>",
+    "<meta http-equiv=refresh content='0;url=//evil.example'>",
+    "<form action=//evil.example><button>Sign in</button>",
+    "<input autofocus onfocus=alert(1)>",
+    "<a href=javascript:alert(1)>x</a>",
+    "<object data=//evil.example>",
+    "<b>bold</b>",
+    "<ScRiPt>alert(1)</sCrIpT>",
+    "<script\n>alert(1)</script >",
+    "\uff1cscript\uff1ealert(1)\uff1c/script\uff1e",
+    "<!--#exec cmd=ls-->",
+    "--><script>alert(1)</script>",
+    "</title><script>alert(1)</script>",
+    "</textarea><script>alert(1)</script>",
+    "</svg><script>alert(1)</script>",
+    "<![CDATA[<script>alert(1)</script>]]>",
+    "&#60;script&#62;alert(1)&#60;/script&#62;",
+    "%3Cscript%3Ealert(1)%3C/script%3E",
+    '"><script>alert(1)</script>',
+    "'><script>alert(1)</script>",
+    "`><script>alert(1)</script>",
+    '" style="position:fixed;inset:0',
+    '" hx-on:click="alert(1)',
+    '" hx-sse:connect="//evil.example" x="',
+    "' formaction='//evil.example",
+    "//evil.example/",
+    "/\\evil.example",
+    "data:text/html,<script>alert(1)</script>",
+    "vbscript:msgbox(1)",
+    "java\tscript:alert(1)",
+    "${alert(1)}",
+    "#{7*7}",
+    "{%- include '/etc/passwd' -%}",
+    "{{ config }}",
+    "../../../../etc/passwd",
+    "..%2f..%2fapps",
+    "?namespace=kube-system&x=",
+    "#fragment?query=1&other=2",
+    "a\u0300" * 300,
+    "\u200f\u200e\u061c",
+    "\ud7ff\ue000\ufffd",
+    "event: close\ndata: gone",
 )
 
 
@@ -57,7 +118,7 @@ class Parsed(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.elements[tag] += 1
         self.attributes.update(name for name, _ in attrs)
-        self.links += [value or "" for name, value in attrs if name in ("href", "src", "action")]
+        self.links += [value or "" for name, value in attrs if name in ("href", "src", "action", "formaction")]
 
     def handle_data(self, data: str) -> None:
         self.shown.append(data)
@@ -72,12 +133,16 @@ def world(text: str) -> dict[str, list[Object]]:
     edge = {"topic": text, "from": text, "to": text, "kind": text, "budget": text, "p95": text, "nodes": [text]}
     single = instance("teleop", text or "x", phase=text, components=[component], edges=[edge])
     single["status"]["claims"] = [text]
+    single["status"]["moves"] = [{"component": text, "times": [text, timestamp(NOW_S)]}]
     single["status"]["summary"] = {"message": text}
     device = {"id": text, "type": text, "present": True}
     return {
         "apps": [body],
         "instances": [single],
-        "nodes": [node("amr-07", robot=text or "x", zone=text or "x", tier=text or "x")],
+        "nodes": [
+            node("amr-07", robot=text or "x", zone=text or "x", tier=text or "x"),
+            node("amr-08", zone=text or "x"),
+        ],
         "reports": [telemetry("amr-07", rtt={"amr-08": 1.0}, devices=[device], written_s=NOW_S, deviceProblem=text)],
         "claims": [device_claim("can-can0", holder=text or "x", component=text)],
         "pools": [pool(name=text or "x", used="119/119")],
@@ -92,7 +157,20 @@ def render(text: str) -> str:
     shared: dict[str, Any] = {"stale": (), "namespace": ""}
     head = {"query": read_fleet_query({"q": text, "zone": text}), "zones": fleet.zones, "states": STATES}
     shown = build_app(now, "default", "teleop")
-    events = build_events([Event(metadata=Meta(name="e"), reason=text, note=text, type=text)])
+    reasons = (text, EventReason.RESCHEDULED, EventReason.BUDGET_EXCEEDED)
+    events = build_events(Event(metadata=Meta(name="e"), reason=reason, note=text, type=text) for reason in reasons)
+    allowed = frozenset(("suspend", "resume", "restart", "approve", "delete"))
+    zones = zones_of(now.nodes)
+    pairs = build_pairs(now, zones, zones["amr-07"], zones["amr-07"])
+    nodes_page = {
+        "nodes": nodes,
+        "page": take_nodes_page(nodes, read_nodes_query({})),
+        "pairs": pairs,
+        "may_shut_down": True,
+    }
+    assert shown is not None
+    timeline = build_timeline(shown.instances, events)
+    app_page = {"app": shown, "timeline": timeline, "events": events, "events_refusal": clean(text), "allowed": allowed}
     return "".join(
         (
             PAGES.render("fleet_head.html", shared | head),
@@ -101,13 +179,41 @@ def render(text: str) -> str:
                 shared | {"fleet": fleet, "page": page, "links": draw_links(page, now), "query": page.query},
             ),
             PAGES.render(
-                "nodes_live.html",
-                shared
-                | {"nodes": nodes, "page": take_nodes_page(nodes, read_nodes_query({})), "query": read_nodes_query({})},
+                "nodes_live.html", shared | nodes_page | {"query": read_nodes_query({"near": text, "far": text})}
             ),
-            PAGES.render("app_live.html", shared | {"app": shown, "events": events, "events_refusal": clean(text)}),
+            PAGES.render("app_live.html", shared | app_page),
+            PAGES.render("app_why.html", shared | build_why_page(text)),
+            PAGES.render("app_delete.html", shared | build_delete_page(text)),
         )
     )
+
+
+def build_why_page(text: str) -> dict[str, Any]:
+    """Returns the context of the page that explains a pod, with the text in its spec, its record and its annotations."""
+    labels = {Label.COMPONENT: text, Label.INSTANCE: text}
+    annotations = {Annotation.FALLBACK: text, Annotation.BETTER_NODE: text}
+    meta = Meta(name=text, labels=labels, annotations=annotations)
+    condition = Condition(type="PodScheduled", message=text)
+    pods = select_pods([AppPod(metadata=meta, status=AppPodStatus(conditions=(condition,)))], text)
+    refusal = {"plugin": text, "reason": text, "nodes": 2, "unit": text, "examples": [{"node": text, "number": 1.5}]}
+    record = {"runnerUp": text, "refusals": [refusal], "tier": text, "planned": text, "devices": [text]}
+    record["top"] = {"nodes": [text], "totals": [7]}
+    rows = build_reasons({"spec": {"components": [{"name": text}]}}, pods, {text: record}, robot=text)
+    names = {
+        "title": clean(text, 320),
+        "name": clean(text, 63),
+        "robot": clean(text, 63) or "x",
+        "problem": clean(text) or "x",
+    }
+    page = {"caller": None, "csrf": "c", "screen": "", "notice": ""}
+    return (
+        page | names | {"rows": rows, "path": "/apps/a/b", "namespace_of_app": "a", "command": kubectl("explain", text)}
+    )
+
+
+def build_delete_page(text: str) -> dict[str, Any]:
+    names = {"title": clean(text, 320), "name": clean(text, 63), "uid": text, "namespace_of_app": clean(text, 63)}
+    return names | {"caller": None, "csrf": "c", "screen": "", "path": "/apps/a/b", "instances": 3}
 
 
 REFERENCE = Parsed(render(HARMLESS))
@@ -134,7 +240,8 @@ def _assert_only_text(text: str) -> None:
     for element in STRUCTURE:
         assert parsed.elements[element] == REFERENCE.elements[element], element
     assert parsed.attributes.keys() <= REFERENCE.attributes.keys()
-    assert all(link.startswith(("/", "?")) and not link.startswith("//") for link in parsed.links), parsed.links
+    links = [link for link in parsed.links if link != "#main"]
+    assert all(link.startswith(("/", "?")) and not link.startswith("//") for link in links), links
     for character in "\u202e\u2066\u2069\u200f\x00\x1b\x07":
         assert character not in "".join(parsed.shown)
     assert len(html) < 400_000

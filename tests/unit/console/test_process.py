@@ -5,6 +5,7 @@ import contextlib
 import os
 import re
 import signal
+import ssl
 import sys
 from pathlib import Path
 
@@ -13,7 +14,8 @@ import yaml
 from aiohttp import ClientSession, DummyCookieJar
 from tests.unit.console.guarded_api import ADMIN, GuardedApi
 
-from robotapp_console.main import main
+from robotapp_client import LoginError
+from robotapp_console.main import find_config_place, main, open_scheduler
 from robotapp_console.settings import DEFAULT_PORT, parse
 
 
@@ -44,6 +46,31 @@ def test_what_cannot_be_used_is_named(
     monkeypatch.delenv("KUBERNETES_SERVICE_HOST", raising=False)
     assert main(argv) == 2
     assert text in capsys.readouterr().err
+
+
+def test_the_schedulers_configuration_is_that_of_the_chart_or_the_one_named() -> None:
+    assert str(find_config_place(parse([]))) == "robotapp-system/robotapp-scheduler"
+    assert str(find_config_place(parse(["--scheduler-config=other"]))) == "robotapp-system/other"
+    place = find_config_place(parse(["--scheduler-config=ns/other"]))
+    assert (place.namespace, place.history, place.last_good) == ("ns", "other-history", "other-last-good")
+    for wrong in ("ns/", "/x", "a/b/c", "Name", "<b>"):
+        with pytest.raises(LoginError, match="NAMESPACE"):
+            find_config_place(parse([f"--scheduler-config={wrong}"]))
+
+
+def test_tokens_go_to_a_scheduler_that_proves_its_name_or_is_on_this_machine() -> None:
+    for url, mode in (("https://127.0.0.1:1", ssl.CERT_NONE), ("https://scheduler.example", ssl.CERT_REQUIRED)):
+        tls = ssl.create_default_context()
+        open_scheduler(parse([f"--scheduler-url={url}"]), tls)
+        assert tls.verify_mode is mode
+    tls = ssl.create_default_context()
+    open_scheduler(parse(["--scheduler-url=https://scheduler.example", "--scheduler-unverified"]), tls)
+    assert tls.verify_mode is ssl.CERT_NONE
+    for wrong in ("http://scheduler.example", "scheduler.example", "https://"):
+        with pytest.raises(LoginError, match="https://"):
+            open_scheduler(parse([f"--scheduler-url={wrong}"]), None)
+    with pytest.raises(LoginError, match="cannot be loaded"):
+        open_scheduler(parse(["--scheduler-url=https://x.example", "--scheduler-ca=/nowhere"]), None)
 
 
 async def test_the_local_console_prints_its_address_serves_and_ends_with_ctrl_c(tmp_path: Path) -> None:

@@ -47,3 +47,11 @@ def test_our_script_reaches_no_other_site_and_makes_no_code() -> None:
     text = (STATIC / "console.js").read_text()
     for word in ("http:", "https:", "eval(", "Function(", "innerHTML", "insertAdjacentHTML", "document.write"):
         assert word not in text
+
+
+def test_the_extension_of_htmx_is_there_before_htmx_begins() -> None:
+    """A deferred htmx begins in a timer, which may be before a script that arrives later: the page would not follow anything."""
+    page = (STATIC.parent / "templates" / "base.html").read_text()
+    scripts = re.findall(r"<script src=[^>]*vendor/[^>]*>", page)
+    assert [re.sub(r".*vendor/([\w.-]+)'.*", r"\1", script) for script in scripts] == ["htmx.min.js", "hx-sse.min.js"]
+    assert not [script for script in scripts if "defer" in script or "async" in script or "module" in script]

@@ -48,6 +48,18 @@ async def opened(stage: Stage, browser: Browser, path: str = "/stream") -> Async
         yield Stream(answer)
 
 
+async def test_a_change_between_the_page_and_its_stream_is_not_lost() -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        await browser.get("/")
+        stage.api.put(NODES, node("amr-07", robot="amr-07"))
+        (informers,) = stage.console.informers._sets.values()
+        await until(lambda: informers.is_behind(("fleet",), namespace="", home=""), what="change")
+        async with opened(stage, browser) as stream:
+            await stream.find("amr-07")
+
+
 async def test_a_change_reaches_an_open_page_within_the_blink_of_an_eye() -> None:
     async with staged() as stage:
         browser = stage.browser()

@@ -39,6 +39,14 @@ def test_nodes_pairs_apps_and_a_configuration_are_asked_about_at_once() -> None:
     assert question.names == [("team", "a")]
 
 
+def test_a_replay_is_asked_with_a_configuration_alone() -> None:
+    assert asked(config={"kind": "x"}, replay=500).replay == 500
+    assert "from 0 to 500 placements" in refusal(config={"kind": "x"}, replay=501)
+    assert "from 0 to 500 placements" in refusal(config={"kind": "x"}, replay=-1)
+    assert "with nothing else" in refusal(config={"kind": "x"}, replay=1, nodeLoss=["n1"])
+    assert "with nothing else" in refusal(apps=[APP], replay=1)
+
+
 def test_every_mistake_is_named_with_its_place_and_what_is_allowed() -> None:
     assert "nothing is asked" in refusal()
     assert "$.nodeLoss" in refusal(nodeLoss="n1")

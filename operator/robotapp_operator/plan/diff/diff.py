@@ -98,7 +98,7 @@ def plan(
         else:
             changes.append(Change(child, over))
     moved, still = _moved_servers(waiting, changes)
-    held += [Held(change.child.ref.name) for change in still]
+    held += [Held(change.child.ref.name, ours=version) for change in still]
     names = {child.ref for child in wanted}
     unwanted = [item for ref, item in sorted(observed.items()) if ref not in names and _prunable(app, item)]
     deletes = [item for item in unwanted if not (wanted and _may_be_named(app, item, held, version))]

@@ -5,6 +5,7 @@ from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.conditions import condition
 from robotapp_api.model.names import GPU, OUR_SCHEDULERS, SCHEDULER_NAME, Condition, Reason
+from robotapp_api.values.approval import describe_approval
 from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_claims.rules.device import claimed
 from robotapp_operator.plan.diff.newer import Held, version_key
@@ -217,12 +218,12 @@ def budget_met(facts: AppFacts) -> Verdict:
 def progressing(facts: AppFacts) -> Verdict:
     if newer := newer_templates(facts):
         return Verdict("False", Reason.NEWER_VERSION, newer)
-    held = [item.name for instance in facts.instances for item in instance.held]
+    held = [item for instance in facts.instances for item in instance.held]
     if held:
         return Verdict(
             "False",
             Reason.UPDATE_HELD,
-            f"{len(held)} templates of a newer operator wait; annotate robotics.io/approve-update with its version to roll them",
+            f"{len(held)} templates of a newer operator wait; annotate {describe_approval(held[0].ours)} to roll them",
         )
     if facts.problems or facts.app.spec.suspend:
         return Verdict("False", Reason.UP_TO_DATE, "nothing to roll out")
@@ -260,7 +261,7 @@ def newer_templates(facts: AppFacts) -> str:
     return (
         f"{len(held)} {'template was' if len(held) == 1 else 'templates were'} written by operator {newest.newer}, which is newer than this one ({newest.ours}): "
         "suspend, replicas, images and domains act, other edits wait; run the newer operator again, "
-        f"or annotate robotics.io/approve-update={newest.ours} to have this one write its own templates"
+        f"or annotate {describe_approval(newest.ours)} to have this one write its own templates"
     )
 
 

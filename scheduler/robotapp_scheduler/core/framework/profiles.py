@@ -94,6 +94,10 @@ class Catalogue(msgspec.Struct, frozen=True):
         """True when upstream's plugin of this name takes part at this point and ours does not: naming it there is no error."""
         return point in self.upstream_points.get(name, ()) and not _takes_part(self, name, point)
 
+    def takes_part(self, name: str, point: str) -> bool:
+        """Returns whether the plugin of this name has something to do at the point."""
+        return _takes_part(self, name, point)
+
     def with_defaults_for(self, specs: Sequence[ProfileSpec]) -> "Catalogue":
         """The catalogue with the default plugins that apply to a file with these profiles.
 

@@ -1,7 +1,7 @@
 """LatencyFilter: nodes that are too far from the other ends of a pod's connections, or on whose links these do not fit."""
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
 import numpy as np
@@ -11,6 +11,7 @@ from robotapp_api.values.quantities.duration import parse_us
 from robotapp_scheduler.core.api.ros import Endpoint
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
+from robotapp_scheduler.core.framework.argument_words import check_word, one_of
 from robotapp_scheduler.core.framework.interface import FilterResult, Verdict
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray, IntArray
 from robotapp_scheduler.core.nodes.node_facts import NodeFact
@@ -35,12 +36,14 @@ SHUTTING_DOWN: Final = NodeFact(
 """No new ROS pods on these."""
 _PASS, _DRAINING, _TOO_FAR, _UNKNOWN, _OUTLIER, _UNREACHABLE, _LIKELY_TOO_FAR, _NO_END, _NO_BANDWIDTH = range(-1, 8)
 
+UNKNOWN_RULES: Final = ("Allow", "Deny")
+
 
 class LatencyFilterArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
     """maxLatency is the ceiling of connections without a budget; outlierFactor 0 switches that check off."""
 
     max_latency: str = "100ms"
-    unknown: str = "Allow"
+    unknown: Annotated[str, one_of(UNKNOWN_RULES)] = "Allow"
     outlier_factor: float = 0.0
 
 
@@ -62,8 +65,7 @@ class LatencyFilter:
 
     def __init__(self, args: LatencyFilterArgs | None = None) -> None:
         args = args or LatencyFilterArgs()
-        if args.unknown not in {"Allow", "Deny"}:
-            raise ValueError(f"unknown: {args.unknown!r} is not allowed; write Allow or Deny")
+        check_word("unknown", args.unknown, UNKNOWN_RULES)
         if not 0.0 <= args.outlier_factor <= 1000.0:
             raise ValueError("outlierFactor: not in valid range [0-1000]")
         self.most_us = parse_us(args.max_latency)

@@ -1,21 +1,26 @@
 """LatencyScore: how much of the budget the worst connection would leave."""
 
+from typing import Annotated, Final
+
 import msgspec
 import numpy as np
 
 from robotapp_scheduler.core.api.ros import Endpoint
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
+from robotapp_scheduler.core.framework.argument_words import check_word, one_of
 from robotapp_scheduler.core.framework.interface import MAX_SCORE, ScoreResult, Scores
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.plugins.ros.round_trips import NEUTRAL, margin_points, nearest_us, tightest
 
+FORMS: Final = ("Budget", "MinMax")
+
 
 class LatencyScoreArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """normalize: Budget measures against the budget, MinMax against the other nodes (the thesis' form; not for apps that balance load)."""
 
-    normalize: str = "Budget"
+    normalize: Annotated[str, one_of(FORMS)] = "Budget"
 
 
 class LatencyScore:
@@ -31,8 +36,7 @@ class LatencyScore:
 
     def __init__(self, args: LatencyScoreArgs | None = None) -> None:
         form = (args or LatencyScoreArgs()).normalize
-        if form not in {"Budget", "MinMax"}:
-            raise ValueError(f"normalize: {form!r} is not allowed; write Budget or MinMax")
+        check_word("normalize", form, FORMS)
         self._by_budget = form == "Budget"
         self.row_local = self._by_budget
 

@@ -1,12 +1,13 @@
 """LoadBalanceScore: prefer nodes with little taken, weighted by what the pod's class needs most."""
 
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
 import numpy as np
 
 from robotapp_scheduler.core.cache.snapshot import LoadField, Snapshot
 from robotapp_scheduler.core.events.cluster_event import Change
+from robotapp_scheduler.core.framework.argument_words import check_word, one_of
 from robotapp_scheduler.core.framework.interface import ScoreResult
 from robotapp_scheduler.core.nodes.columns import FloatArray
 from robotapp_scheduler.core.nodes.node_table import Row
@@ -16,11 +17,13 @@ WEIGHTS: Final = {"realtime": (0.65, 0.25, 0.10), "best_effort": (0.35, 0.35, 0.
 """cpu, memory, gpu per QoS class; all others use DEFAULT."""
 DEFAULT: Final = (0.50, 0.30, 0.20)
 
+SOURCES: Final = ("Requests", "Telemetry")
+
 
 class LoadBalanceArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """source: Requests counts what pods ask for, Telemetry what agents measure (requests where they do not)."""
 
-    source: str = "Requests"
+    source: Annotated[str, one_of(SOURCES)] = "Requests"
 
 
 class LoadBalanceScore:
@@ -35,8 +38,7 @@ class LoadBalanceScore:
 
     def __init__(self, args: LoadBalanceArgs | None = None) -> None:
         source = (args or LoadBalanceArgs()).source
-        if source not in {"Requests", "Telemetry"}:
-            raise ValueError(f"source: {source!r} is not allowed; write Requests or Telemetry")
+        check_word("source", source, SOURCES)
         self._measured = source == "Telemetry"
         if not self._measured:
             self.score_row = self._score_row

@@ -1,17 +1,20 @@
 """ROSQueueSort: by PriorityClass, then by ROS tier, then by time of arrival."""
 
-from typing import Any
+from typing import Annotated, Any, Final
 
 import msgspec
 
 from robotapp_scheduler.core.api.ros import DEFAULT_QOS_CLASS, TIERS, thesis_tier, tier
+from robotapp_scheduler.core.framework.argument_words import check_word, one_of
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+
+ORDERS: Final = ("Priority", "Thesis")
 
 
 class ROSQueueSortArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
     """order: Thesis puts the tier above PriorityClass. agingSeconds: a pod that waited so long gains one tier; 0 = off."""
 
-    order: str = "Priority"
+    order: Annotated[str, one_of(ORDERS)] = "Priority"
     aging_seconds: float = 0.0
 
 
@@ -23,8 +26,7 @@ class ROSQueueSort:
 
     def __init__(self, args: ROSQueueSortArgs | None = None) -> None:
         args = args or ROSQueueSortArgs()
-        if args.order not in {"Priority", "Thesis"}:
-            raise ValueError(f"order: {args.order!r} is not allowed; write Priority or Thesis")
+        check_word("order", args.order, ORDERS)
         if not 0.0 <= args.aging_seconds <= 86_400.0:
             raise ValueError("agingSeconds: not in valid range [0-86400]")
         self._thesis = args.order == "Thesis"

@@ -192,7 +192,7 @@ def test_on_demand_holds_what_only_a_newer_operator_would_change() -> None:
     app, observed = held_world()
     result = planned(app, wanted(app), observed)
     assert not result
-    assert [item.name.rsplit("-", 1)[0] for item in result.held] == ["teleop-driver"]
+    assert [(item.name.rsplit("-", 1)[0], item.ours) for item in result.held] == [("teleop-driver", VERSION)]
 
 
 def test_on_demand_still_holds_a_template_after_an_edit_of_another_component() -> None:

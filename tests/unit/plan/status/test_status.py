@@ -9,6 +9,7 @@ from tests.support.factories import component, make_app, round_trips, telemetry
 
 from robotapp_api.model.app.status import RobotAppStatus
 from robotapp_api.model.names import Condition, EventReason, Phase, Reason
+from robotapp_api.values.approval import read_approval
 from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.spec.text import stored_bytes
@@ -358,8 +359,9 @@ def test_of_two_instances_the_one_whose_infrastructure_no_node_admits_is_in_trou
 
 
 def test_held_templates_and_bugs_are_shown() -> None:
-    held = status_of(instance(held=(Held("teleop-driver"),)))
+    held = status_of(instance(held=(Held("teleop-driver", ours="0.2.0"),)))
     assert condition(held, Condition.PROGRESSING) == ("False", Reason.UPDATE_HELD)
+    assert read_approval(message(held, Condition.PROGRESSING)) == "0.2.0"
     assert condition(status_of(instance(), bug="KeyError in children"), Condition.STALLED) == (
         "True",
         Reason.RECONCILE_ERROR,
@@ -373,7 +375,7 @@ def test_edits_that_a_newer_operators_templates_hold_back_are_counted_with_both_
     text = message(found, Condition.PROGRESSING)
     assert text.startswith("2 templates were written by operator 0.10.0, which is newer than this one (0.2.0): ")
     assert "run the newer operator again" in text
-    assert "robotics.io/approve-update=0.2.0" in text
+    assert read_approval(text) == "0.2.0"
     assert condition(found, Condition.READY)[0] == "True"
     assert found["summary"]["message"].startswith("2 templates were written by operator 0.10.0")
     assert found["summary"]["ready"] == "1/1 (2 held)", "the default table shows it: ready is not what the spec says"

@@ -3,7 +3,7 @@
 import msgspec
 from tests.unit.console.objects import NOW_S, app, instance, node, snapshot, telemetry, timestamp
 
-from robotapp_console.views.app import MOST_IN_FULL, AppView, EdgeRow, build_app, build_events
+from robotapp_console.views.app.page import MOST_IN_FULL, AppView, EdgeRow, build_app, build_events
 from robotapp_console.views.objects import Event
 from robotapp_console.views.snapshot import Snapshot
 

@@ -4,14 +4,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from robotapp_api.model.names import ROBOT_END, Label, Phase
 from robotapp_api.model.names import Condition as ConditionType
-from robotapp_api.model.names import Label, Phase
+from robotapp_api.values.approval import read_approval
+from robotapp_claims.rules.instances import primary_node
+from robotapp_console.views.app.edges import EdgeReader, EdgeRow
+from robotapp_console.views.app.timeline import MoveTime
 from robotapp_console.views.fleet import colour_phase
+from robotapp_console.views.graph.picture import ROBOT, Node, Picture, draw_picture, read_lane
 from robotapp_console.views.links import ZoneEstimates, zones_of
-from robotapp_console.views.objects import App, Condition, EdgeSpec, EdgeStatus, Event, Instance
+from robotapp_console.views.objects import App, ComponentStatus, Condition, Event, Instance, find_condition
 from robotapp_console.views.problems import Problem, list_troubled, path_of_app
 from robotapp_console.views.snapshot import Refusal, Snapshot
-from robotapp_console.views.texts import clean, format_milliseconds, kubectl, parse_milliseconds
+from robotapp_console.views.texts import clean, kubectl
 
 MOST_IN_FULL: Final = 5
 """Instances whose components and edges are shown, unless one is chosen."""
@@ -19,7 +24,6 @@ MOST_LISTED: Final = 200
 MOST_EVENTS: Final = 20
 _GOOD_WHEN_FALSE: Final = frozenset({ConditionType.PROGRESSING, ConditionType.STALLED})
 _WELL: Final = frozenset({Phase.RUNNING, Phase.SUSPENDED})
-MEDIAN: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,20 +50,6 @@ class ComponentRow:
 
 
 @dataclass(frozen=True, slots=True)
-class EdgeRow:
-    """An edge and its budget. `known` is measured, estimated, same node or unknown; `share` is the part of the budget in percent."""
-
-    topic: str
-    ends: str
-    time: str
-    budget: str
-    known: str
-    share: int | None = None
-    verdict: str = ""
-    """met, exceeded or empty."""
-
-
-@dataclass(frozen=True, slots=True)
 class InstanceView:
     """An instance in full."""
 
@@ -70,8 +60,11 @@ class InstanceView:
     message: str
     components: tuple[ComponentRow, ...]
     edges: tuple[EdgeRow, ...]
-    edges_omitted: int
     claims: tuple[str, ...]
+    moves: tuple[MoveTime, ...]
+    picture: Picture | None = None
+    """The graph; of several instances the first one alone has it, the others lead to a page of their own."""
+    href: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +104,10 @@ class AppView:
     namespace: str
     name: str
     path: str
+    uid: str
+    is_suspended: bool
+    approval: str
+    """The operator's version whose templates wait to be approved; empty when none do."""
     phase: str
     colour: str
     facts: tuple[tuple[str, str], ...]
@@ -137,23 +134,26 @@ def build_app(snapshot: Snapshot, namespace: str, name: str, robot: str = "") ->
     instances = _order_instances(app, snapshot.instances.values())
     chosen = [item for item in instances if item.spec.instance == robot] if robot else instances[:MOST_IN_FULL]
     several = len(instances) > 1
-    estimates = ZoneEstimates(zones_of(snapshot.nodes), snapshot.round_trips)
+    builder = _InstanceBuilder(snapshot, app)
     return AppView(
         clean(namespace, 63),
         clean(name, 63),
         path_of_app(namespace, name),
+        clean(app.metadata.uid, 36),
+        app.spec.suspend,
+        read_approval(find_condition(app.status.conditions, ConditionType.PROGRESSING).message),
         clean(app.status.phase or Phase.PENDING, 32),
         colour_phase(app.status.phase),
         _list_facts(app),
         app.status.observed_generation != app.metadata.generation,
         tuple(list_troubled(app)),
         tuple(_build_condition(condition) for condition in app.status.conditions),
-        tuple(_build_instance(item, app.spec.edges, estimates) for item in chosen),
+        tuple(builder.build(item, is_drawn=position == 0) for position, item in enumerate(chosen)),
         tuple(_build_line(item, namespace, name) for item in instances[:MOST_LISTED]) if several else (),
         max(0, len(instances) - MOST_LISTED),
         clean(robot, 63),
         bool(robot) and not chosen,
-        _list_commands(namespace, name, robot),
+        _list_commands(namespace, name, robot, is_suspended=app.spec.suspend),
         snapshot.list_refusals("robotapps", "robotappinstances", "nodes", "nodetelemetries"),
     )
 
@@ -203,64 +203,89 @@ def _build_condition(condition: Condition) -> ConditionRow:
     )
 
 
-def _build_instance(instance: Instance, edges: Sequence[EdgeSpec], estimates: ZoneEstimates) -> InstanceView:
-    status = instance.status
-    moves = {move.component: move.times for move in status.moves if move.times}
-    percentiles = {_edge_key(edge): edge.latency.percentile for edge in edges if edge.latency}
-    return InstanceView(
-        clean(instance.spec.instance, 63),
-        clean(status.phase or Phase.PENDING, 32),
-        colour_phase(status.phase),
-        "" if status.domain is None else str(status.domain),
-        "" if status.phase in _WELL else clean(status.summary.message),
-        tuple(
-            ComponentRow(
-                clean(component.name, 63),
-                clean(component.node, 253),
-                component.ready,
-                component.restarts,
-                clean(component.message),
-                max(moves.get(component.name, ()), default=""),
-                len(moves.get(component.name, ())),
-            )
-            for component in status.components
-        ),
-        tuple(build_edge(edge, estimates, percentile=percentiles.get(_edge_key(edge))) for edge in status.edges),
-        status.edges_omitted,
-        tuple(clean(claim, 120) for claim in status.claims),
+class _InstanceBuilder:
+    """Makes the views of an app's instances; what they share is worked out once."""
+
+    def __init__(self, snapshot: Snapshot, app: App) -> None:
+        self._snapshot = snapshot
+        self._app = app
+        estimates = ZoneEstimates(zones_of(snapshot.nodes), snapshot.round_trips)
+        self._edges = EdgeReader(app.spec.edges, estimates, snapshot.round_trips)
+
+    def build(self, instance: Instance, *, is_drawn: bool) -> InstanceView:
+        status = instance.status
+        moves = {move.component: move.times for move in status.moves if move.times}
+        robot_node = self._find_robot_node(instance)
+        nodes = {component.name: component.node for component in status.components} | {ROBOT_END: robot_node}
+        components = tuple(_build_component(item, moves.get(item.name, ())) for item in status.components)
+        edges = self._edges.build_rows(status.edges, nodes)
+        name = clean(instance.spec.instance, 63)
+        meta = self._app.metadata
+        return InstanceView(
+            name,
+            clean(status.phase or Phase.PENDING, 32),
+            colour_phase(status.phase),
+            "" if status.domain is None else str(status.domain),
+            "" if status.phase in _WELL else clean(status.summary.message),
+            components,
+            edges,
+            tuple(clean(claim, 120) for claim in status.claims),
+            tuple(MoveTime(clean(move.component, 63), at) for move in status.moves for at in move.times),
+            self._draw(name, components, edges, robot_node) if is_drawn else None,
+            path_of_app(meta.namespace, meta.name, instance.spec.instance),
+        )
+
+    def _find_robot_node(self, instance: Instance) -> str:
+        """Returns the node that `@robot` means: by the nodes' labels, else by an edge that the operator observed; or none."""
+        robot = instance.spec.robot
+        if not robot:
+            return ""
+        computers = [node for node in self._snapshot.nodes.values() if node.labels.get(Label.ROBOT) == robot]
+        if node := primary_node(robot, computers).node:
+            return node
+        for edge in instance.status.edges:
+            if len(edge.nodes) == len(ends := (edge.from_, edge.to)) and ROBOT_END in ends:
+                return edge.nodes[ends.index(ROBOT_END)]
+        return ""
+
+    def _draw(
+        self, name: str, components: Sequence[ComponentRow], edges: Sequence[EdgeRow], robot_node: str
+    ) -> Picture:
+        """Returns the graph. The robot itself is drawn when an edge ends at it."""
+        parts = [
+            Node(row.name, row.node, "good" if row.ready else "bad" if row.node else "busy", _describe_part(row))
+            for row in components
+        ]
+        if any(ROBOT_END in (edge.source, edge.target) for edge in edges):
+            parts.append(Node(ROBOT_END, clean(robot_node, 253), "idle", "The robot itself: sensors, drivers, base"))
+        nodes = {clean(key, 253): node for key, node in self._snapshot.nodes.items()}
+
+        def find_lane(node: str) -> int:
+            known = nodes.get(node)
+            return ROBOT if node == robot_node else read_lane(known.labels if known else None)
+
+        title = f"Graph of {clean(self._app.metadata.name, 63)}" + (f" on {name}" if name else "")
+        are_tiers_known = "nodes" not in self._snapshot.refusals
+        return draw_picture(title, parts, edges, lane_of=find_lane, are_tiers_known=are_tiers_known)
+
+
+def _build_component(component: ComponentStatus, moves: tuple[str, ...]) -> ComponentRow:
+    return ComponentRow(
+        clean(component.name, 63),
+        clean(component.node, 253),
+        component.ready,
+        component.restarts,
+        clean(component.message),
+        max(moves, default=""),
+        len(moves),
     )
 
 
-def _edge_key(edge: EdgeSpec | EdgeStatus) -> tuple[str, str, str, str]:
-    return edge.kind, edge.topic, edge.from_, edge.to
-
-
-def build_edge(edge: EdgeStatus, estimates: ZoneEstimates, *, percentile: int | None = None) -> EdgeRow:
-    """Returns the row of an edge. Times are p95 except where a budget is about the median: then only the verdict counts."""
-    budget, p95 = parse_milliseconds(edge.budget), parse_milliseconds(edge.p95)
-    is_unreachable = edge.measured and p95 is None
-    source = "measured" if edge.measured else "unknown" if p95 is None else "same node"
-    if p95 is None and not is_unreachable and len(set(edge.nodes)) == 2:
-        estimate = estimates.estimate(edge.nodes[0], edge.nodes[1])
-        if estimate is not None:
-            p95, source = estimate[0] / 1000, f"estimated ({', '.join(dict.fromkeys(estimate[1]))})"
-    if is_unreachable:
-        time, share = "unreachable", None
-    else:
-        time = "" if p95 is None else f"{format_milliseconds(p95)} ms"
-        share = round(100 * p95 / budget) if p95 is not None and budget and percentile != MEDIAN else None
-    verdict = "" if edge.met is None else "met" if edge.met else "exceeded"
-    kind = "" if edge.kind == "Topic" else f" ({edge.kind})"
-    median = ", median" if percentile == MEDIAN else ""
-    return EdgeRow(
-        clean(f"{edge.topic}{kind}", 255),
-        clean(f"{edge.from_} → {edge.to}", 140),
-        time,
-        f"{format_milliseconds(budget)} ms{median}" if budget else "",
-        clean(source, 160),
-        share,
-        verdict,
-    )
+def _describe_part(row: ComponentRow) -> str:
+    state = "ready" if row.ready else "not ready"
+    restarts = f", {row.restarts} restarts" if row.restarts else ""
+    message = f": {row.message}" if row.message else ""
+    return f"{row.name} on {row.node or 'no node yet'}, {state}{restarts}{message}"
 
 
 def _build_line(instance: Instance, namespace: str, name: str) -> InstanceLine:
@@ -276,16 +301,22 @@ def _build_line(instance: Instance, namespace: str, name: str) -> InstanceLine:
     )
 
 
-def _list_commands(namespace: str, name: str, robot: str) -> tuple[Command, ...]:
+def _list_commands(namespace: str, name: str, robot: str, *, is_suspended: bool) -> tuple[Command, ...]:
     home = ("-n", namespace)
     only = ("--robot", robot) if robot else ()
     selector = f"{Label.APP}={name}" + (f",{Label.INSTANCE}={robot}" if robot else "")
+    words, value = ("start its pods again", "false") if is_suspended else ("stop all its pods", "true")
     return (
         Command("conditions, edges and events on a terminal", kubectl("robotapp", "info", name, *home, *only)),
         Command("why each component runs where it runs", kubectl("robotapp", "explain", name, *home, *only)),
         Command("logs of all components", kubectl("logs", *home, "-l", selector, "--all-containers", "--prefix", "-f")),
         Command("its pods", kubectl("get", "pods", *home, "-l", selector, "-o", "wide")),
         Command("the objects made of it", kubectl("robotapp", "render", name, *home)),
+        Command("restart its components", kubectl("rollout", "restart", "deployment", *home, "-l", selector)),
+        Command(
+            words,
+            kubectl("patch", "robotapp", name, *home, "--type=merge", "-p", f'{{"spec": {{"suspend": {value}}}}}'),
+        ),
     )
 
 

@@ -1,0 +1,59 @@
+"""Writes that pages offer, each one request as the user. All raise ClientError; `uid` keeps them from another object of that name."""
+
+from collections.abc import Mapping
+
+from robotapp_api.model.names import Annotation, Label
+from robotapp_api.values.naming import child_name
+from robotapp_client import ApiClient
+from robotapp_client.api.resources import DEPLOYMENTS, ROBOTAPPS, Resource
+
+RESTARTED_AT = "kubectl.kubernetes.io/restartedAt"
+"""The annotation of a pod template that `kubectl rollout restart` writes: a new value rolls the pods."""
+
+
+class NothingToChangeError(Exception):
+    """There is nothing of this kind to change; the text names it."""
+
+
+async def set_suspend(client: ApiClient, namespace: str, name: str, *, uid: str, suspend: bool) -> None:
+    """Stops all pods of an app, or lets them start again."""
+    await client.patch(ROBOTAPPS, name, {"metadata": {"uid": uid}, "spec": {"suspend": suspend}}, namespace=namespace)
+
+
+async def approve_update(client: ApiClient, namespace: str, name: str, *, uid: str, version: str) -> None:
+    """Lets the operator of this version write its own templates."""
+    await annotate(client, ROBOTAPPS, name, {Annotation.APPROVE_UPDATE: version}, namespace=namespace, uid=uid)
+
+
+async def delete_app(client: ApiClient, namespace: str, name: str, *, uid: str) -> None:
+    """Deletes the app; its pods go with it, and its domain and devices become free."""
+    await client.delete(ROBOTAPPS, name, namespace=namespace, uid=uid)
+
+
+async def restart_component(
+    client: ApiClient, namespace: str, app: str, *, uid: str, robot: str, component: str, at: str
+) -> None:
+    """Rolls the pods of a component as `kubectl rollout restart` does. Raises NothingToChangeError for a name that the app does not own."""
+    name = child_name(app, robot, component)
+    deployment = await client.get(DEPLOYMENTS, name, namespace=namespace)
+    meta = deployment["metadata"]
+    if (meta.get("labels") or {}).get(Label.APP_UID) != uid:
+        raise NothingToChangeError(f"Deployment {namespace}/{name} does not belong to the app.")
+    template = {"metadata": {"annotations": {RESTARTED_AT: at}}}
+    await client.patch(
+        DEPLOYMENTS, name, {"metadata": {"uid": meta["uid"]}, "spec": {"template": template}}, namespace=namespace
+    )
+
+
+async def annotate(
+    client: ApiClient,
+    resource: Resource,
+    name: str,
+    annotations: Mapping[str, str | None],
+    *,
+    namespace: str = "",
+    uid: str = "",
+) -> None:
+    """Sets annotations of an object; None removes one."""
+    meta = {"annotations": dict(annotations)} | ({"uid": uid} if uid else {})
+    await client.patch(resource, name, {"metadata": meta}, namespace=namespace or None)

@@ -1,0 +1,1 @@
+"""The screen of one app: its page, what can be done with it, and what happened to it."""

@@ -1,0 +1,204 @@
+"""Every screen in a real browser: what it shows, from phone to wall, light and dark, and by the keyboard alone."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+from playwright.sync_api import Browser, Page, expect
+from tests.live.browser.conftest import Fleet, open_context
+
+from robotapp_testbed.browser.axe import find_barriers
+from robotapp_testbed.browser.chromium import REBOUND_HOST
+
+SCREENS = {
+    "fleet": "/",
+    "teleop": "/apps/{namespace}/teleop",
+    "can-rival": "/apps/{namespace}/can-rival",
+    "reasons": "/apps/{namespace}/teleop/why",
+    "deletion": "/apps/{namespace}/teleop/delete",
+    "nodes": "/nodes?near=hall-1&far=hall-2",
+    "scheduler": "/scheduler",
+    "nothing there": "/apps/{namespace}/no-such-app",
+}
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [360, 1920])
+def test_every_screen_fits_and_shuts_nobody_out(
+    browser: Browser, fleet: Fleet, axe: Path, width: int, scheme: str
+) -> None:
+    with open_context(browser, fleet, width=width, scheme=scheme) as context:
+        page = context.new_page()
+        for name, path in SCREENS.items():
+            page.goto(path.format(namespace=fleet.namespace))
+            page_width = page.evaluate("document.documentElement.scrollWidth")
+            assert page_width <= width, f"{name} is {page_width} px wide at {width} px"
+            barriers = find_barriers(page, axe)
+            assert not [finding for finding in barriers if finding.is_severe], f"{name} at {width} px, {scheme}"
+
+
+def test_light_and_dark_differ(browser: Browser, fleet: Fleet) -> None:
+    grounds = set()
+    for scheme in ("light", "dark"):
+        with open_context(browser, fleet, scheme=scheme) as context:
+            page = context.new_page()
+            page.goto("/")
+            grounds.add(page.evaluate("getComputedStyle(document.body).backgroundColor"))
+    assert len(grounds) == 2
+
+
+def test_the_one_time_address_opens_the_fleet_and_does_so_once(browser: Browser, fleet: Fleet) -> None:
+    address = fleet.console.address
+    with browser.new_context() as context:
+        page = context.new_page()
+        page.goto(address)
+        expect(page).to_have_title("Fleet · RobotApp")
+        expect(page.locator("#robot-amr-07")).to_be_visible()
+        assert "pass=" not in page.url
+    with browser.new_context() as context:
+        page = context.new_page()
+        page.goto(address)
+        expect(page.locator("main")).to_contain_text("This address is not valid")
+
+
+def test_the_fleet_puts_the_problem_first_with_the_command_that_helps(page: Page, fleet: Fleet) -> None:
+    page.goto("/")
+    problem = page.locator("article.problem").first
+    expect(problem).to_contain_text(f"{fleet.namespace}/can-rival on amr-07")
+    expect(problem).to_contain_text(f"held by {fleet.namespace}/can-holder")
+    expect(problem.locator("code")).to_have_text("kubectl robotapp devices")
+    row = page.locator("#robot-amr-07")
+    expect(row).to_contain_text("2 ms")
+    expect(row).to_contain_text("1 held, 0 free")
+    expect(row.locator(".chip")).to_have_count(3)
+
+
+def test_a_command_is_copied_by_its_button(page: Page, fleet: Fleet) -> None:
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"], origin=fleet.console.origin)
+    page.goto("/")
+    page.locator("article.problem button").first.click()
+    expect(page.locator("article.problem button").first).to_have_text("Copied")
+    assert page.evaluate("navigator.clipboard.readText()") == "kubectl robotapp devices"
+
+
+def test_the_fleet_is_searched_and_an_app_opened_by_the_keyboard_alone(page: Page, fleet: Fleet) -> None:
+    page.goto("/")
+    page.keyboard.press("Tab")
+    expect(page.locator(".skip")).to_be_focused()
+    page.keyboard.press("/")
+    expect(page.locator("#q")).to_be_focused()
+    page.keyboard.type("amr-07")
+    page.keyboard.press("Enter")
+    expect(page.locator("#robot-amr-08")).to_have_count(0)
+    expect(page.locator("#robot-amr-07")).to_be_visible()
+    assert "q=amr-07" in page.url, "the address can be shared"
+    press_tab_until(page, "a.chip", "teleop")
+    page.keyboard.press("Enter")
+    expect(page).to_have_title(f"{fleet.namespace}/teleop on amr-07 · RobotApp")
+    press_tab_until(page, "nav a", "Nodes")
+    page.keyboard.press("Enter")
+    expect(page).to_have_title("Nodes · RobotApp")
+    press_tab_until(page, "th a", "Zone")
+    page.keyboard.press("Enter")
+    expect(page.locator("th[aria-sort=ascending]")).to_have_text("Zone")
+
+
+def press_tab_until(page: Page, selector: str, text: str) -> None:
+    """Goes from control to control until the focus is on the one with this text; everything must be reached, and seen."""
+    for _ in range(80):
+        page.keyboard.press("Tab")
+        focused = page.locator("*:focus")
+        if focused.evaluate(f"(element) => element.matches({selector!r})") and text in focused.inner_text():
+            assert focused.evaluate("(element) => getComputedStyle(element).outlineStyle") == "solid"
+            return
+    pytest.fail(f"the keyboard does not reach {selector} {text}")
+
+
+def test_an_app_shows_its_conditions_components_and_edges(page: Page, fleet: Fleet) -> None:
+    page.goto(f"/apps/{fleet.namespace}/teleop")
+    expect(page.locator("table.conditions")).to_contain_text("BudgetMet")
+    components = page.locator("table.components")
+    expect(components).to_contain_text("operator-ui")
+    expect(components).to_contain_text("edge-1")
+    edges = page.locator("table.edges")
+    expect(edges).to_contain_text("/cmd_vel")
+    expect(edges).to_contain_text("2 ms / 30 ms")
+
+
+def test_without_scripts_every_screen_still_shows_what_it_has(browser: Browser, fleet: Fleet) -> None:
+    name, _, value = fleet.session.partition("=")
+    with browser.new_context(java_script_enabled=False, base_url=fleet.console.origin) as context:
+        context.add_cookies([{"name": name, "value": value, "url": fleet.console.origin}])
+        page = context.new_page()
+        page.goto("/")
+        expect(page.locator("#robot-amr-07")).to_contain_text("teleop")
+        page.locator("#q").fill("amr-08")
+        page.get_by_role("button", name="Filter").click()
+        expect(page.locator("#robot-amr-07")).to_have_count(0)
+        page.goto("/nodes")
+        expect(page.locator("#node-edge-1")).to_contain_text("16")
+
+
+def test_the_telemetry_panel_shows_what_nodes_have_use_and_hold(page: Page, fleet: Fleet) -> None:
+    fleet.telemetry.set_load("amr-07", cpu=41, memory=52)
+    page.goto("/nodes")
+    robot = page.locator("#node-amr-07")
+    expect(robot).to_contain_text("can-can0")
+    expect(robot).to_contain_text(f"held by {fleet.namespace}/can-holder base-driver")
+    expect(robot).to_contain_text("used 41 %")
+    expect(robot).to_contain_text("used 52 %")
+    expect(robot.locator("time")).to_contain_text("ago")
+    edge = page.locator("#node-edge-1")
+    expect(edge).to_contain_text("6 of 16")
+    expect(edge).to_contain_text("hall-1")
+    expect(page.locator("table.matrix")).to_contain_text("60 ms")
+
+
+def test_a_cell_of_the_matrix_leads_to_its_pairs_of_nodes(page: Page, fleet: Fleet) -> None:
+    del fleet
+    page.goto("/nodes")
+    page.get_by_role("link", name="hall-1 to hall-2").click()
+    pairs = page.locator("table.pairs tbody tr")
+    expect(pairs).to_have_count(4)
+    expect(pairs.first).to_contain_text("15 ms")
+    expect(pairs.first).to_contain_text("measured")
+    assert "near=hall-1&far=hall-2" in page.url
+
+
+def test_a_graceful_shutdown_is_begun_by_a_button_and_other_pages_turn_red_without_a_reload(
+    browser: Browser, page: Page, fleet: Fleet
+) -> None:
+    page.goto("/nodes")
+    with open_context(browser, fleet) as context:
+        other_page = context.new_page()
+        other_page.goto("/nodes")
+        other_page.get_by_role("button", name="Begin shutdown of edge-2").click()
+        expect(other_page.locator(".notice")).to_contain_text("edge-2 is shutting down gracefully")
+        expect(page.locator("#node-edge-2 .phase.bad")).to_have_text("graceful shutdown")
+        other_page.get_by_role("button", name="End shutdown of edge-2").click()
+        expect(page.locator("#node-edge-2")).not_to_contain_text("graceful shutdown")
+
+
+def test_a_name_that_was_rebound_to_this_machine_reaches_no_page(browser: Browser, fleet: Fleet) -> None:
+    with open_context(browser, fleet) as context:
+        name, _, value = fleet.session.partition("=")
+        origin = f"http://{REBOUND_HOST}:{fleet.console.port}"
+        context.add_cookies([{"name": name, "value": value, "url": origin}])
+        page = context.new_page()
+        for path in ("/", "/nodes", "/open?pass=guess", "/static/console.css"):
+            answer = page.goto(origin + path)
+            assert answer is not None
+            assert answer.status == 403, path
+            assert "amr-07" not in page.content()
+
+
+def test_the_users_token_is_on_no_page_in_no_address_and_in_no_log(page: Page, fleet: Fleet) -> None:
+    token = yaml.safe_load(fleet.plane.kubeconfig().read_text())["users"][0]["user"]["token"]
+    addresses: list[str] = []
+    page.on("request", lambda request: addresses.append(request.url))
+    for path in SCREENS.values():
+        page.goto(path.format(namespace=fleet.namespace))
+        assert token not in page.content()
+    assert addresses
+    assert not [address for address in addresses if token in address]
+    assert token not in fleet.console.process.log_text()
