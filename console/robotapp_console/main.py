@@ -7,6 +7,7 @@ import os
 import secrets
 import signal
 import socket
+import ssl
 import sys
 import webbrowser
 from collections.abc import AsyncIterator, Sequence

@@ -18,17 +18,16 @@ def find_additions(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
 
 
 def _uses(spec: Mapping[str, Any]) -> Iterator[str]:
-    for field in ("ros1", "ros2"):
-        part = _object(spec.get(field))
-        for image in (part.get("image"), _object(part.get("discovery")).get("image")):
-            if image:
-                yield f"spec.{field}: image {image}"
+    helpers = {"spec.ros1": spec.get("ros1"), "spec.ros2.discovery": _object(spec.get("ros2")).get("discovery")}
+    for where, helper in helpers.items():
+        yield from (f"{where}: {line}" for line in _uses_of(_object(helper)))
     for component in map(_object, _list(spec.get("components"))):
         where = f"component {component.get('name', '')}"
         yield from (f"{where}: {line}" for line in _uses_of(component))
 
 
 def _uses_of(component: Mapping[str, Any]) -> Iterator[str]:
+    """Yields what a component uses, or the pod of a master, a discovery server or a router, which has the same fields."""
     pod = _object(_object(component.get("template")).get("spec"))
     for name, label in (("serviceAccountName", "ServiceAccount"), ("priorityClassName", "PriorityClass")):
         if pod.get(name):
@@ -36,7 +35,8 @@ def _uses_of(component: Mapping[str, Any]) -> Iterator[str]:
     for secret in map(_object, _list(pod.get("imagePullSecrets"))):
         yield f"pull Secret {secret.get('name', '')}"
     for container in (component, *map(_object, _list(pod.get("initContainers")))):
-        yield f"image {container.get('image', '')}"
+        if container.get("image"):
+            yield f"image {container['image']}"
         yield from _values_of(container)
     for item in map(_object, _list(component.get("parameters"))):
         yield from _named(item, {"inline", "configMapKeyRef"})
