@@ -8,7 +8,9 @@ from robotapp_testbed.control_plane import product
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "crds").glob("*.yaml"))
-EXAMPLES = sorted((ROOT / "examples").glob("*.yaml"))
+EXAMPLES = [
+    path for path in sorted((ROOT / "examples").glob("*.yaml")) if "kind: RobotApp" in path.read_text(encoding="utf-8")
+]
 GROUP_PATH = "/apis/robotics.io/v1alpha1"
 _PLURALS = {
     "RobotApp": "namespaces/default/robotapps",

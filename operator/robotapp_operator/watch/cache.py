@@ -195,6 +195,9 @@ class Ended:
         self._uids.clear()
 
 
+_NO_APP: Final = "uids of no app"
+
+
 class Cache:
     """Every object the plan reads.
 
@@ -238,9 +241,14 @@ class Cache:
         return f"<Cache: {len(self.apps)} apps, {len(self.nodes)} nodes, {sum(map(len, self.pods.values()))} pods>"
 
     def namespace_of(self, group: str) -> str:
-        """The namespace of an app by its uid; other groups of work stand for themselves."""
+        """Returns whose turn the work on a group takes: the namespace of an app by its uid, a pool or a namespace for itself.
+
+        Uids that no app has share one turn: anybody may write them on objects, as many as he likes.
+        """
         record = self.apps.get(group)
-        return record.namespace if record is not None else group
+        if record is not None:
+            return record.namespace
+        return group if "/" in group or not group else _NO_APP
 
     # What has changed
 

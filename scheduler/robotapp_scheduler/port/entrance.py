@@ -18,9 +18,12 @@ from robotapp_client.serving.pages import problem, too_many
 BODY_S: Final = 10.0
 BUDGET_BYTES: Final = 8 << 20
 CHUNK: Final = 1 << 16
-ONE_AT_A_TIME: Final = "another question of yours is being answered; ask again later"
+ONE_AT_A_TIME: Final = (
+    "another question of yours, or of an account in your namespace, is being answered; ask again later"
+)
 FULL: Final = "many questions are being answered; ask again later"
 AGAIN_S: Final = 1.0
+_ACCOUNT: Final = "system:serviceaccount:"
 
 
 class BodyError(Exception):
@@ -80,14 +83,18 @@ class Entrance:
 
     @contextmanager
     def take_turn(self, user: str) -> Iterator[None]:
-        """One request of each user at a time, from before its body until its answer. Raises TooManyError."""
-        if user in self._users:
+        """Gives one request of each user a turn, from before its body until its answer. Raises TooManyError.
+
+        The accounts of a namespace share a turn: who may make one may make a hundred.
+        """
+        owner = user.rpartition(":")[0] if user.startswith(_ACCOUNT) else user
+        if owner in self._users:
             raise TooManyError(ONE_AT_A_TIME, AGAIN_S)
-        self._users.add(user)
+        self._users.add(owner)
         try:
             yield
         finally:
-            self._users.discard(user)
+            self._users.discard(owner)
 
     async def _receive(self, upload: _Upload, content: StreamReader, most: int) -> bytes:
         body = bytearray()

@@ -144,3 +144,14 @@ async def test_the_pieces_of_a_body_that_is_passed_on_have_one_deadline_together
     finally:
         writer.transport.abort()
         await port.close()
+
+
+async def test_accounts_of_one_namespace_share_a_turn_and_people_have_one_each() -> None:
+    entrance = Entrance()
+    with entrance.take_turn("system:serviceaccount:tenant:a"), entrance.take_turn("alice"), entrance.take_turn("bob"):
+        with pytest.raises(TooManyError), entrance.take_turn("system:serviceaccount:tenant:b"):
+            pass
+        with entrance.take_turn("system:serviceaccount:other:b"):
+            pass
+    with entrance.take_turn("system:serviceaccount:tenant:b"):
+        pass

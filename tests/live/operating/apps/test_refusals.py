@@ -22,7 +22,7 @@ REFUSED: list[tuple[str, dict[str, Any], str, str]] = [
     ("ros1-ros2", {"ros1": {}}, "InvalidSpec", "remove spec.ros1"),
     ("mode", {"ros2": {"rmw": "rmw_zenoh_cpp", "discovery": {"mode": "Server"}}}, "InvalidSpec", "mode"),
     ("master", {"placement": {"masterNode": "ghost"}}, "InvalidSpec", 'no node "ghost"'),
-    ("robots", {"robots": ROBOTS}, "NoMatchingRobot", "no robot matches"),
+    ("robots", {"robots": ROBOTS}, "NoMatchingRobot", "no robot that admits namespace"),
     (
         "env",
         {"components": [part("a", env=[{"name": "RMW_IMPLEMENTATION", "value": "x"}])]},
