@@ -84,11 +84,11 @@ def _default_name(launched: Launched, unit: Unit | None, index: Index) -> str:
         names = {n for s in package.sources if s.file in unit.files for n in s.node_names if not n.startswith("$")}
         if len(names) == 1:
             return names.pop()
-        snake = _snake(launched.node.plugin) or launched.node.executable
+        snake = _snake(launched.plugin) or launched.executable
         if fitting := [name for name in names if snake in (name, _snake(name), f"{name}_node")]:
             return fitting[0]
-    plugin = launched.node.plugin.replace("::", "/").rpartition("/")[2]
-    return launched.node.executable.removesuffix(".py") or plugin
+    plugin = launched.plugin.replace("::", "/").rpartition("/")[2]
+    return launched.executable.removesuffix(".py") or plugin
 
 
 def _snake(plugin: str) -> str:

@@ -103,7 +103,7 @@ def _launch(package: Package, launch: LaunchFile, engine: Engine, index: Index) 
     ends: list[Ends] = []
     nodes: list[LaunchedNode] = []
     for launched in found.nodes:
-        unit = index.unit(launched.package, launched.node.executable, launched.node.plugin)
+        unit = index.unit(launched.package, launched.executable, launched.plugin)
         end = ends_of(launched, unit, index)
         ends.append(end)
         started = _as_launched(launched, unit)
@@ -119,7 +119,17 @@ def _launch(package: Package, launch: LaunchFile, engine: Engine, index: Index) 
         edges=edges(ends),
         assessment=_of_all(nodes, included, engine),
         problems=(*launch.problems, *found.problems, *outside),
+        parameter_texts=tuple(_parameter_texts(nodes, index)),
     )
+
+
+def _parameter_texts(nodes: Iterable[LaunchedNode], index: Index) -> Iterator[tuple[str, str]]:
+    """Yields the parameter files of these nodes that ROS 2 reads as they stand in the workspace."""
+    for file in dict.fromkeys(file for node in nodes for file in node.parameter_files):
+        package, _, path = file.partition("/")
+        source = index.parameter_file(package, path)
+        if source is not None and source.text:
+            yield file, source.text
 
 
 def _of_all(nodes: Sequence[LaunchedNode], included: Sequence[Assessment], engine: Engine) -> Assessment:
@@ -133,8 +143,8 @@ def _node(end: Ends, assessment: Assessment) -> LaunchedNode:
     return LaunchedNode(
         full_name=end.full_name,
         package=launched.package,
-        executable=launched.node.executable,
-        plugin=launched.node.plugin,
+        executable=launched.executable,
+        plugin=launched.plugin,
         container=launched.container,
         assessment=assessment,
         graph=end.graph,
@@ -145,7 +155,10 @@ def _node(end: Ends, assessment: Assessment) -> LaunchedNode:
         namespace=launched.namespace,
         file=launched.file,
         line=launched.node.line,
-        arguments=() if launched.node.plugin else launched.arguments,
+        arguments=() if launched.plugin else launched.arguments,
+        text_parameters=launched.node.text_parameters,
+        environment=launched.environment,
+        prefix=launched.prefix,
     )
 
 
@@ -155,8 +168,8 @@ def _as_launched(launched: Launched, unit: Unit | None) -> Unit:
     file, line = abroad(package, path), launched.node.line
     known = unit or Unit(
         package=Manifest(name=launched.package, file=""),
-        name=launched.node.plugin or launched.node.executable,
-        kind="component" if launched.node.plugin else "program",
+        name=launched.plugin or launched.executable,
+        kind="component" if launched.plugin else "program",
     )
     given = tuple(Parameter(name, value, file, line) for name, value in launched.parameters)
     facts = tuple(fact for name, value in launched.parameters for fact in text_facts(value, file, line, name))
