@@ -67,6 +67,7 @@ def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
     launches = tuple(_launch(package, launch, engine, index) for launch in package.launch_files)
     unit = package_unit(package)
     own = placed(engine.classify(unit), of=package.name, within=package.name)
+    own = _timed_by_its_programs(own, [executable.assessment for executable in executables])
     only_launches = launches and not runs_code(unit)
     if only_launches and engine.follows_launch_files and not _is_no_program(unit, own):
         own = engine.aggregate([own, *(launch.assessment for launch in launches)])
@@ -79,6 +80,19 @@ def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
         launches=launches,
         problems=package.problems,
     )
+
+
+def _timed_by_its_programs(assessment: Assessment, programs: Sequence[Assessment]) -> Assessment:
+    """The package's times are those of its programs of the same class: timers and rates of others say nothing of them."""
+    qos = assessment.qos_class
+    same = [a for a in programs if a.qos_class and qos and a.qos_class.value is qos.value]
+    from_source = [a for a in same if a.deadline_s is not None and a.deadline_s.evidence]
+    timed = [a.deadline_s for a in from_source or same if a.deadline_s is not None]
+    if not timed:
+        return assessment
+    tightest = min(timed, key=lambda estimate: estimate.value)
+    lead = next(a for a in from_source or same if a.deadline_s is tightest)
+    return replace(assessment, sub_class=lead.sub_class, deadline_s=tightest, latency_budget_s=lead.latency_budget_s)
 
 
 def _is_no_program(unit: Unit, own: Assessment) -> bool:

@@ -9,7 +9,7 @@ from ros_profile.model.launch import NOT, UNKNOWN_TEXT
 MAX_TEXT: Final = 2000
 MAX_ROUNDS: Final = 20
 _INNERMOST: Final = re.compile(r"\$\(([^()$]*)\)")
-_FIND: Final = re.compile(r"\$\(find ([\w-]+)\)/?(.*)")
+_FIND: Final = re.compile(r"\$\(find(?:-pkg-share|-pkg-prefix)? ([\w-]+) *\)/?(.*)")
 _DIRNAME: Final = re.compile(r"\$\(dirname\)/?(.*)")
 _TRUE: Final = frozenset({"true", "1", "1.0", "yes", "on"})
 _FALSE: Final = frozenset({"false", "0", "0.0", "no", "off"})

@@ -169,6 +169,11 @@ def _callback_type(c: Context, call: Call, kind: str) -> str:
     return f".{call.receiver}" if call.receiver else ""
 
 
+_LOOP_CHARACTERS = 2000
+"""After the declaration of a rate, in which the loop that sleeps by it stands."""
+_BOUND = re.compile(r"&(?:\w+::)*(\w+)")
+
+
 def timers(c: Context) -> list[Timer]:
     found: list[Timer] = []
     for call in c.tree.calls(_TIMERS):
@@ -186,8 +191,18 @@ def timers(c: Context) -> list[Timer]:
             expression = _substituted(expression, c.tree.near(call.place))
             span = read(expression, c.variables)
         line = c.tree.source.line(call.place)
-        found.append(Timer(c.file, line, span.seconds, span.parameter, span.is_rate, call.owner))
+        runs = _function_run(call, arguments[1:], c)
+        found.append(Timer(c.file, line, span.seconds, span.parameter, span.is_rate, call.owner, runs))
     return found
+
+
+def _function_run(call: Call, arguments: list[str], c: Context) -> str:
+    """Returns the name of the function that a timer calls; of a loop or a lambda, whether it publishes."""
+    for argument in arguments:
+        if bound := _BOUND.search(argument):
+            return bound[1]
+    code = " ".join(arguments) if arguments else c.tree.source.code[call.place : call.place + _LOOP_CHARACTERS]
+    return "publish" if "publish(" in code else ""
 
 
 def _substituted(expression: str, code: str) -> str:
