@@ -1,10 +1,12 @@
 """From packages to a profile: units are judged, launch files followed, edges matched."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from ros_profile.decide.classify import only_assets, runs_code
-from ros_profile.decide.edges import Ends, edges, ends_of
+from ros_profile.decide.control import runs_control, with_control_hardware
+from ros_profile.decide.edges import Ends, edges, ends_of, file_parameters
 from ros_profile.decide.engines import Engine
 from ros_profile.decide.launching import Launched, closure
 from ros_profile.decide.places import abroad, placed
@@ -27,6 +29,8 @@ from ros_profile.model.package import Executable, Manifest, Package, Unit
 from ros_profile.read.parameters import text_facts
 
 SURE = 0.8
+_CONTROL_NODE_NAME = "/controller_manager"
+"""What the control node of ros2_control calls itself, whatever its program is called."""
 
 
 def profile(
@@ -68,7 +72,7 @@ def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
     unit = package_unit(package)
     own = placed(engine.classify(unit), of=package.name, within=package.name)
     own = _timed_by_its_programs(own, [executable.assessment for executable in executables])
-    only_launches = launches and not runs_code(unit)
+    only_launches = launches and (not runs_code(unit) or _BRINGUP.search(package.name))
     if only_launches and engine.follows_launch_files and not _is_no_program(unit, own):
         own = engine.aggregate([own, *(launch.assessment for launch in launches)])
     return PackageProfile(
@@ -80,6 +84,10 @@ def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
         launches=launches,
         problems=package.problems,
     )
+
+
+_BRINGUP = re.compile(r"(?:^|_)(?:bringup|bring_up|launch|launcher|startup)(?:_|$)")
+"""Packages that start a robot: a helper among their programs does not say what they are."""
 
 
 def _timed_by_its_programs(assessment: Assessment, programs: Sequence[Assessment]) -> Assessment:
@@ -120,7 +128,10 @@ def _launch(package: Package, launch: LaunchFile, engine: Engine, index: Index) 
         unit = index.unit(launched.package, launched.executable, launched.plugin)
         end = ends_of(launched, unit, index)
         ends.append(end)
-        started = _as_launched(launched, unit)
+        name = _CONTROL_NODE_NAME if runs_control(launched) else end.full_name
+        started = _as_launched(launched, unit, tuple(file_parameters(launched, name, index)))
+        if runs_control(launched):
+            started = with_control_hardware(started, launched, index)
         judged = placed(engine.classify(started), of=started.package.name, within=package.name)
         nodes.append(_node(end, judged))
     absent = dict.fromkeys(name.partition("/")[0] for name in found.outside)
@@ -176,7 +187,7 @@ def _node(end: Ends, assessment: Assessment) -> LaunchedNode:
     )
 
 
-def _as_launched(launched: Launched, unit: Unit | None) -> Unit:
+def _as_launched(launched: Launched, unit: Unit | None, of_files: tuple[Parameter, ...]) -> Unit:
     """The unit with what the launch file gives to it; by its name alone when its source is not there."""
     package, _, path = launched.file.partition("/")
     file, line = abroad(package, path), launched.node.line
@@ -185,10 +196,19 @@ def _as_launched(launched: Launched, unit: Unit | None) -> Unit:
         name=launched.plugin or launched.executable,
         kind="component" if launched.plugin else "program",
     )
-    given = tuple(Parameter(name, value, file, line) for name, value in launched.parameters)
+    stated = tuple(Parameter(name, value, file, line) for name, value in launched.parameters)
+    names = {parameter.name for parameter in stated}
+    rates = (p for p in of_files if p.name not in names)
+    given = (*stated, *(replace(p, file=_seen_from(package, p.file)) for p in rates))
     facts = tuple(fact for name, value in launched.parameters for fact in text_facts(value, file, line, name))
     facts += tuple(fact for text in launched.node.arguments for fact in text_facts(text, file, line))
     return replace(known, parameters=(*given, *_others(known, given)), facts=(*known.facts, *facts))
+
+
+def _seen_from(package: str, file: str) -> str:
+    """Returns `package/path` as it is shown in a profile of a package."""
+    holder, _, path = file.partition("/")
+    return path if holder == package else abroad(holder, path)
 
 
 def _others(unit: Unit, given: tuple[Parameter, ...]) -> Iterator[Parameter]:

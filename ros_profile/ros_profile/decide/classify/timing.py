@@ -124,6 +124,8 @@ def _sensor(found: Features) -> SubClass:
         return SubClass.CAMERA if images else SubClass.LIDAR
     if any(kind.endswith(("/Image", "/CompressedImage", "/CameraInfo", "/DisparityImage")) for kind in carried):
         return SubClass.CAMERA
+    if not carried and "hardware:camera" in found:
+        return SubClass.CAMERA
     if any(kind.endswith(("/Imu", "/MagneticField")) for kind in carried) or "pub:state" in found:
         return SubClass.INERTIAL
     return SubClass.LIDAR

@@ -162,7 +162,32 @@ def _through(*keys: str) -> Callable[[Arguments], Any]:
     return lambda arguments: _first(arguments, *keys)
 
 
+def _started(*programs: str) -> Callable[[Arguments], v.Description]:
+    """A function of a library that returns a description of these nodes, each `package/executable`."""
+
+    def make_description(arguments: Arguments) -> v.Description:
+        place = {key: arguments[key] for key in ("line", "file")}
+        pairs = (program.split("/") for program in programs)
+        return v.Description([_node({"package": package, "executable": name, **place}) for package, name in pairs])
+
+    return make_description
+
+
+_MOVE_GROUP, _STATES = "moveit_ros_move_group/move_group", "robot_state_publisher/robot_state_publisher"
+_MOVEIT: Final = {
+    "generate_demo_launch": _started(_MOVE_GROUP, _STATES, "rviz2/rviz2", "controller_manager/ros2_control_node"),
+    "generate_move_group_launch": _started(_MOVE_GROUP),
+    "generate_rsp_launch": _started(_STATES),
+    "generate_moveit_rviz_launch": _started("rviz2/rviz2"),
+    "generate_spawn_controllers_launch": _started("controller_manager/spawner"),
+    "generate_static_virtual_joint_tfs_launch": _started("tf2_ros/static_transform_publisher"),
+    "generate_setup_assistant_launch": _started(),
+    "generate_warehouse_db_launch": _started(),
+}
+"""What the generated launch files of MoveIt configurations return, by function of moveit_configs_utils."""
+
 CALLS: Final[dict[str, Callable[[Arguments], Any]]] = {
+    **_MOVEIT,
     "LaunchConfiguration": _configuration,
     "DeclareLaunchArgument": _argument,
     "SetLaunchConfiguration": lambda a: LaunchArgument(_text(a, "name", "0"), _text(a, "value", "1"), a["line"]),

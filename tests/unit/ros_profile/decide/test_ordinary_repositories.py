@@ -63,3 +63,138 @@ def test_an_interface_that_only_a_foreign_launch_file_takes_is_no_device_of_the_
     assert hardware(found) == set()
     assert [one.value.type for one in found.doubted] == doubted
     assert class_of(found) == "realtime"
+
+
+HARDWARE_PLUGIN = """
+    namespace {package} {{ class {name} : public hardware_interface::SystemInterface {{ int s = socket(PF_CAN, SOCK_RAW, 1); }}; }}
+    PLUGINLIB_EXPORT_CLASS({package}::{name}, hardware_interface::SystemInterface)
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "plugin", "wanted"),
+    [
+        ("arm_simulation", "ArmHW", "best_effort"),
+        ("arm_hw", "MockArm", "best_effort"),
+        ("arm_driver", "FakeHardware", "best_effort"),
+        ("arm_hw", "ArmHW", "realtime"),
+    ],
+)
+def test_a_plugin_that_stands_in_for_a_device_is_a_simulation(
+    tmp_path: Path, name: str, plugin: str, wanted: str
+) -> None:
+    text = HARDWARE_PLUGIN.replace("int s = socket(PF_CAN, SOCK_RAW, 1);", "").format(package=name, name=plugin)
+    files = {"CMakeLists.txt": f"project({name})\nadd_library(hw SHARED src/hw.cpp)", "src/hw.cpp": text}
+    assert class_of(judged(tmp_path, files, name=name).assessment) == wanted
+
+
+LINE = 'int fd = open("/dev/ttyUSB0", O_RDWR); termios t; cfsetispeed(&t, B57600);'
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "wanted"),
+    [
+        ("angle_interface", 'n->create_publisher<sensor_msgs::msg::JointState>("joint_states", 10);', "sensor_data"),
+        ("battery_link", 'n->create_publisher<sensor_msgs::msg::BatteryState>("battery", 10);', "sensor_data"),
+        ("status_lights", 'n->create_subscription<std_msgs::msg::String>("color", 10, f);', "system_default"),
+        ("beacon_lamp", 'n->create_subscription<std_msgs::msg::ColorRGBA>("color", 10, f);', "system_default"),
+        ("arm_driver", 'n->create_subscription<geometry_msgs::msg::Twist>("cmd_vel", 10, f);', "realtime"),
+    ],
+)
+def test_a_serial_line_that_only_reports_or_lights_is_no_control(
+    tmp_path: Path, name: str, body: str, wanted: str
+) -> None:
+    found = judged(tmp_path, cpp(f"{LINE} p = {body}"), name=name, depends=("sensor_msgs",)).assessment
+    assert class_of(found) == wanted
+    assert hardware(found) == {"serial"}
+
+
+CAMERA = """
+def generate_launch_description():
+    return LaunchDescription([Node(package="realsense2_camera", executable="realsense2_camera_node"),
+                              Node(package="car_bringup", executable="run")])
+"""
+
+
+@pytest.mark.parametrize(("name", "wanted"), [("car_bringup", "sensor_data"), ("car_params", "unknown")])
+def test_a_bringup_is_what_its_launch_files_start_whatever_helper_it_has(
+    tmp_path: Path, name: str, wanted: str
+) -> None:
+    package(tmp_path, name, {**cpp(""), "launch/a.launch.py": CAMERA})
+    (found,) = generate_profile(tmp_path).packages
+    assert class_of(found.assessment) == wanted
+    assert hardware(found.assessment) == ({"usb", "camera"} if wanted == "sensor_data" else set())
+
+
+CONTROL = """
+def generate_launch_description():
+    model = Command([FindExecutable(name="xacro"), " ", PathJoinSubstitution([FindPackageShare("bot"), "urdf", "b.xacro"])])
+    rates = PathJoinSubstitution([FindPackageShare("bot"), "config", "c.yaml"])
+    return LaunchDescription([Node(package="controller_manager", executable="ros2_control_node",
+                                   parameters=[{"robot_description": model}, rates])])
+"""
+MODEL = '<robot><ros2_control><hardware><plugin>{plugin}</plugin><param name="can">can0</param></hardware></ros2_control></robot>'
+
+
+@pytest.mark.parametrize(
+    ("plugin", "row", "wanted", "deadline"),
+    [("bus_hw/BusHW", "RT-A", {"can"}, 0.005), ("mock_components/GenericSystem", "RT-B", set(), 0.005)],
+)
+def test_the_control_node_opens_what_its_plugins_open_at_their_rate(
+    tmp_path: Path, plugin: str, row: str, wanted: set[str], deadline: float
+) -> None:
+    package(
+        tmp_path,
+        "bot",
+        {
+            "launch/b.launch.py": CONTROL,
+            "urdf/b.xacro": MODEL.format(plugin=plugin),
+            "config/c.yaml": "controller_manager:\n  ros__parameters:\n    update_rate: 200\n",
+        },
+        depends=("bus_hw",),
+    )
+    package(tmp_path, "bus_hw", {"src/hw.cpp": HARDWARE_PLUGIN.format(package="bus_hw", name="BusHW")})
+    (node,) = launched(tmp_path, "bot").nodes
+    assert hardware(node.assessment) == wanted
+    assert node.assessment.sub_class is not None
+    assert node.assessment.deadline_s is not None
+    assert (node.assessment.sub_class.value.value, node.assessment.deadline_s.value) == (row, deadline)
+
+
+def test_generated_launch_files_of_moveit_start_what_they_are_known_to_start(tmp_path: Path) -> None:
+    text = """
+        from moveit_configs_utils import MoveItConfigsBuilder
+        from moveit_configs_utils.launches import generate_demo_launch
+        def generate_launch_description():
+            config = MoveItConfigsBuilder("arm", package_name="arm_moveit_config").to_moveit_configs()
+            return generate_demo_launch(config)
+    """
+    package(tmp_path, "arm_moveit_config", {"launch/demo.launch.py": text})
+    found = launched(tmp_path, "arm_moveit_config")
+    assert "move_group" in {node.executable for node in found.nodes}
+    assert found.problems == ()
+    assert class_of(found.assessment) == "realtime"
+
+
+def test_a_dependency_that_the_code_does_not_use_is_no_device(tmp_path: Path) -> None:
+    unused = judged(tmp_path / "a", cpp(""), depends=("serial",)).assessment
+    assert hardware(unused) == set()
+    assert [one.value.type for one in unused.doubted] == ["serial"]
+    used = judged(tmp_path / "b", cpp("", head="#include <serial/serial.h>"), depends=("serial",)).assessment
+    assert hardware(used) == {"serial"}
+
+
+def test_samples_of_a_library_do_not_decide_what_it_is(tmp_path: Path) -> None:
+    sample = 'int main() { serial::Serial s; rclcpp::Node n("x"); n.create_publisher<geometry_msgs::msg::Twist>("cmd_vel", 1); }'
+    files = {
+        "CMakeLists.txt": "project(p)\nadd_library(l src/l.cpp)",
+        "src/l.cpp": "int f();",
+        "examples/a.cpp": sample,
+    }
+    found = judged(tmp_path, files, name="path_tools").assessment
+    assert hardware(found) == set()
+    assert class_of(found) == "best_effort"
+
+
+def test_a_program_that_renders_or_computes_with_opengl_needs_a_gpu(tmp_path: Path) -> None:
+    assert hardware(judged(tmp_path, cpp("glCreateShader(GL_VERTEX_SHADER);")).assessment) == {"gpu"}

@@ -118,8 +118,10 @@ def test_definitions_are_named_and_their_parts_counted() -> None:
     [
         "function(add_node name)\n  add_executable(${name} ${ARGN})\nendfunction()\nadd_node(lidar src/a.cpp)",
         'macro(add_node target src)\n  add_executable("${target}" "${src}")\nendmacro()\nADD_NODE(lidar src/a.cpp)',
-        "function(inner n)\n add_executable(${n} ${ARGV1})\nendfunction()\n"
-        "function(outer n)\n inner(${n} src/a.cpp)\nendfunction()\nouter(lidar)",
+        (
+            "function(inner n)\n add_executable(${n} ${ARGV1})\nendfunction()\n"
+            "function(outer n)\n inner(${n} src/a.cpp)\nendfunction()\nouter(lidar)"
+        ),
         "foreach(n lidar)\n  add_executable(${n} src/a.cpp)\nendforeach()",
         "set(all lidar)\nforeach(n IN LISTS all)\n  add_executable(${n} src/a.cpp)\nendforeach()",
         "add_executable(node src/a.cpp)\nset_target_properties(node PROPERTIES OUTPUT_NAME lidar)",
