@@ -94,7 +94,8 @@ def _after_hardware(found: Features) -> None:
     if publishes and not any(name.startswith("sub:") for name in found.found):
         found.add("shape:device_source", first)
     _after_line(found, first)
-    line = found.any("hardware:serial", "hardware:can") and not found.any("shape:device_report", "shape:signal_output")
+    told = ("shape:device_report", "shape:signal_output", "shape:discrete_io")
+    line = found.any("hardware:serial", "hardware:can") and not found.any(*told)
     if line and not found.any("pub:sensor", "sub:sensor", "pub:interpreted", "uses:display", "word:display"):
         found.add("shape:device_link", first)
     if (
@@ -109,12 +110,17 @@ def _after_line(features: Features, first: Fact) -> None:
     """A serial line that only reports what hangs on it, and one that only shows something to people, control nothing."""
     if "hardware:serial" not in features or features.any("sub:command", "pub:command", "sub:joy", "pub:joy", *_LOOPS):
         return
-    if features.any("word:io", "word2:io", "word:display") and not features.any("pub:sensor", "pub:state"):
+    streams = any(name.startswith(("sub:", "pub:")) and name not in _REPORTS for name in features.found)
+    if not streams and features.any("serve:action", "serve:service"):
+        features.add("shape:discrete_io", first)
+    elif features.any("word:io", "word2:io", "word:display") and not features.any("pub:sensor", "pub:state"):
         features.add("shape:signal_output", first)
     elif features.any("pub:state", "pub:pose") and not any(name.startswith("sub:") for name in features.found):
         features.add("shape:device_report", first)
 
 
+_REPORTS = frozenset({"pub:state", "pub:other", "pub:diagnostics"})
+"""What a device that works on request tells of itself."""
 _LOOPS = ("plugin:hardware", "plugin:controller", "hosts:hardware", "hosts:controller", "inherits:hardware")
 
 

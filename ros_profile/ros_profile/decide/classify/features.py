@@ -128,7 +128,9 @@ def _stream(endpoint: Endpoint, *, publishes_sensor: bool) -> Iterator[str]:
     measured = kind in roles.MEASURED_COMMAND_TYPES and (publishes_sensor or not named)
     if kind in roles.COMMAND_TYPES and not measured:
         yield "command"
-    elif named and not kind.startswith("std_msgs/msg/String"):
+    elif named and kind.startswith("std_msgs/msg/String"):
+        yield "command_name"
+    elif named:
         yield "command" if not kind or kind.startswith(("std_msgs/", "geometry_msgs/")) else "command_name"
     elif kind in roles.SENSOR_TYPES:
         yield "sensor"

@@ -34,7 +34,8 @@ def _argument(arguments: Arguments) -> LaunchArgument:
 
 def _node(arguments: Arguments, *, plugin: str = "", lifecycle: bool = False) -> StartedNode:
     given = v.as_list(_first(arguments, "parameters"))
-    values = [entry for one in given if isinstance(one, dict) for entry in v.flat(one)][:500]
+    mappings = [one.values if isinstance(one, v.RewrittenFile) else one for one in given]
+    values = [entry for one in mappings if isinstance(one, dict) for entry in v.flat(one)][:500]
     files = [v.as_text(one) for one in given if not isinstance(one, dict)]
     return StartedNode(
         package=_text(arguments, "package"),
@@ -129,6 +130,12 @@ def _unfollowed(message: str) -> Callable[[Arguments], v.Unfollowed]:
         return v.Unfollowed(message.format(name[:200]), arguments["line"])
 
     return make_action
+
+
+def _rewritten(arguments: Arguments) -> v.RewrittenFile:
+    """The values are handed to the node beside the file: where a name is in both, they count."""
+    values = arguments.get("param_rewrites")
+    return v.RewrittenFile(_text(arguments, "source_file", "0"), values if isinstance(values, dict) else {})
 
 
 def _typed(arguments: Arguments) -> Any:
@@ -245,8 +252,8 @@ CALLS: Final[dict[str, Callable[[Arguments], Any]]] = {
     "AnyLaunchDescriptionSource": _through("launch_file_path", "0"),
     "FrontendLaunchDescriptionSource": _through("launch_file_path", "0"),
     "ParameterFile": _through("param_file", "0"),
+    "RewrittenYaml": _rewritten,
     "ParameterValue": _typed,
-    "RewrittenYaml": _through("source_file", "0"),
     "ReplaceString": _through("source_file", "0"),
     "eval": lambda a: f"$(eval {_text(a, '0')})",
     "str": _through("0"),

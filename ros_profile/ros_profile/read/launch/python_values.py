@@ -57,6 +57,14 @@ class Remap:
     pair: tuple[str, str]
 
 
+@dataclass(frozen=True, slots=True)
+class RewrittenFile:
+    """A parameter file of which the launch file replaces values by name."""
+
+    file: str
+    values: dict[Any, Any]
+
+
 @dataclass(slots=True)
 class Environment:
     """A variable for every process that is started after it."""
@@ -108,6 +116,8 @@ def as_text(value: Any) -> str:
         return str(value) if isinstance(value, float) or value.bit_length() <= MAX_BITS else UNKNOWN_TEXT
     if isinstance(value, list | tuple):
         return _joined(value)
+    if isinstance(value, RewrittenFile):
+        return value.file
     return "" if value is None else UNKNOWN_TEXT
 
 

@@ -198,3 +198,22 @@ def test_samples_of_a_library_do_not_decide_what_it_is(tmp_path: Path) -> None:
 
 def test_a_program_that_renders_or_computes_with_opengl_needs_a_gpu(tmp_path: Path) -> None:
     assert hardware(judged(tmp_path, cpp("glCreateShader(GL_VERTEX_SHADER);")).assessment) == {"gpu"}
+
+
+@pytest.mark.parametrize(
+    ("name", "made", "wanted"),
+    [
+        ("valve_unit", 'rclcpp_action::create_server<my_msgs::action::Open>(n, "open", f, g, h);', "system_default"),
+        ("pump_unit", 'n->create_service<std_srvs::srv::SetBool>("pump", f);', "system_default"),
+        ("pump_unit", 'n->create_subscription<geometry_msgs::msg::Twist>("cmd_vel", 1, f);', "realtime"),
+    ],
+)
+def test_what_a_device_does_once_on_request_is_no_loop(tmp_path: Path, name: str, made: str, wanted: str) -> None:
+    found = judged(tmp_path, cpp(f"{LINE} s = {made}"), name=name).assessment
+    assert class_of(found) == wanted
+    assert hardware(found) == {"serial"}
+
+
+def test_commands_that_are_written_as_texts_are_commands(tmp_path: Path) -> None:
+    body = f'{LINE} s = n->create_subscription<std_msgs::msg::String>("motor_cmd", 1, f);'
+    assert class_of(judged(tmp_path, cpp(body)).assessment) == "realtime"

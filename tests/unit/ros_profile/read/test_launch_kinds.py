@@ -284,3 +284,12 @@ def test_a_container_in_a_namespace_holds_its_nodes(tmp_path: Path, file: str) -
     }[file]
     nodes = followed(tmp_path, text, file=file).nodes
     assert [node.container for node in nodes] == ["", "/cams/box", "/cams/box"]
+
+
+def test_values_that_a_launch_file_replaces_in_a_parameter_file_reach_the_node() -> None:
+    found = returned(
+        "LaunchDescription([Node(package='p', executable='e', parameters=[ParameterFile(RewrittenYaml("
+        "source_file='c.yaml', root_key='', param_rewrites={'autostart': True}), allow_substs=True)])])"
+    )
+    assert found.nodes[0].parameter_files == ("c.yaml",)
+    assert found.nodes[0].parameters == (("autostart", "true"),)
