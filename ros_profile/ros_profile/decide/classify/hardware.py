@@ -56,8 +56,9 @@ class _Case:
 def devices(unit: Unit) -> Devices:
     cases: dict[str, _Case] = {}
     name = () if _is_controller(unit) else (Fact(Kind.NAME, unit.package.name, "", unit.package.file),)
+    own = {file.rpartition("/")[2] for file in unit.files}
     for fact in (*name, *unit.facts):
-        if is_test(fact.file):
+        if is_test(fact.file) or (fact.kind is Kind.INCLUDE and fact.value and fact.subject.rpartition("/")[2] in own):
             continue
         for sign, weight in _matches(fact):
             for gives in sign.gives:

@@ -157,10 +157,11 @@ def _callback_type(c: Context, call: Call, kind: str) -> str:
     """From the callback's first parameter: the last argument that names a function of this file, or a lambda."""
     for argument in call.arguments[1:]:
         match = _CALLBACK.search(argument)
-        if match is None:
+        plain = argument.strip() if argument.strip() in c.callbacks else ""
+        if match is None and not plain:
             continue
-        name = match.group(1) or match.group(2)
-        if not name:
+        name = plain or (match and (match.group(1) or match.group(2)))
+        if match and not name:
             return ros_name(resolved(re.sub(r"\s+\w+$", "", match.group(3).split(",", 1)[0]), c.aliases), kind=kind)
         if name in c.callbacks:
             found = ros_name(resolved(c.callbacks[name], c.aliases), kind=kind)

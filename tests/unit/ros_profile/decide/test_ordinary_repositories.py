@@ -217,3 +217,22 @@ def test_what_a_device_does_once_on_request_is_no_loop(tmp_path: Path, name: str
 def test_commands_that_are_written_as_texts_are_commands(tmp_path: Path) -> None:
     body = f'{LINE} s = n->create_subscription<std_msgs::msg::String>("motor_cmd", 1, f);'
     assert class_of(judged(tmp_path, cpp(body)).assessment) == "realtime"
+
+
+BRIDGE = """
+    #include "usb.hpp"
+    void onDrive(const ackermann_msgs::AckermannDriveStamped::ConstPtr& msg);
+    int main() {{ ros::init(c, v, "bridge"); ros::NodeHandle n; {line}
+      p = n.advertise<sensor_msgs::Imu>("imu", 1); s = n.subscribe("drive", 1, onDrive); }}
+"""
+
+
+def test_a_bridge_to_a_microcontroller_takes_commands_by_a_plain_function(tmp_path: Path) -> None:
+    files = {
+        "CMakeLists.txt": "project(p)\nadd_executable(run src/a.cpp)\n",
+        "src/a.cpp": BRIDGE.format(line=LINE),
+        "include/usb.hpp": "int init(int speed);\n",
+    }
+    found = judged(tmp_path, files, name="microcontroller_bridge", ros=1).assessment
+    assert class_of(found) == "realtime"
+    assert hardware(found) == {"serial"}, "a header of its own is no library"
