@@ -21,7 +21,7 @@ MEASURED_COMMAND_TYPES = frozenset(
     {"geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Wrench", "geometry_msgs/msg/WrenchStamped"}
 )
 COMMAND_TOPIC = re.compile(
-    r"(?:^|[/_])(?:cmd|cmds|command|commands|setpoint|set_point|set_(?:position|velocity|speed|angle|effort|torque)|twist_mux|e_?stop|duty_cycle|throttle|steering)(?:[/_]|$|\d)"
+    r"(?:^|[/_])(?:cmd|cmds|command|commands|setpoint|set_point|set_(?:position|velocity|speed|angle|effort|torque)|twist_mux|e_?stop|duty_cycle|throttle|steering|ref|reference|desired)(?:[/_]|$|\d)"
 )
 MOTION_ACTIONS = re.compile(
     r"/action/(?:FollowPath|Spin|BackUp|DriveOnHeading|AssistedTeleop|FollowJointTrajectory|GripperCommand|DockRobot|UndockRobot|FollowObject|JointTrajectory|PointHead|SingleJointPosition)$"
@@ -166,7 +166,7 @@ WORDS: tuple[tuple[str, str], ...] = (
     ("teleop", "teleop joy joystick spacenav remote rc pad deadman keyboard gamepad operator estop e_stop emergency"),
     (
         "control",
-        "controller controllers control servo motor motors mux smoother behaviors recovery local_planner docking drive base hardware hw actuator gripper collision safety follower pursuit arm wheel wheels chassis pid balance thruster thrusters propulsion autopilot offboard steering manipulator joints",
+        "controller controllers control controls failsafe servo motor motors mux smoother behaviors recovery local_planner docking drive base hardware hw actuator gripper collision safety follower pursuit arm wheel wheels chassis pid balance thruster thrusters propulsion autopilot offboard steering manipulator joints",
     ),
     ("fieldbus", "can canopen canbus socketcan ethercat fieldbus modbus profinet"),
     (
@@ -187,6 +187,6 @@ WORDS: tuple[tuple[str, str], ...] = (
     ),
     ("coordination", "lifecycle manager server fleet adapter coordinator orchestrator scheduler dispatcher rmf"),
     ("network", "bridge api mqtt gateway websocket http client cloud zenoh llm gpt chat"),
-    ("io", "gpio relay io plc digital analog led leds light lights lamp lamps beacon neopixel buzzer siren"),
+    ("io", "gpio relay io plc digital analog led leds light lights lamp lamps neopixel buzzer siren"),
 )
 """Role → words of package and executable names; a phrase with an underscore must stand in the name as it is."""

@@ -115,7 +115,9 @@ def _after_line(features: Features, first: Fact) -> None:
         features.add("shape:discrete_io", first)
     elif features.any("word:io", "word2:io", "word:display") and not features.any("pub:sensor", "pub:state"):
         features.add("shape:signal_output", first)
-    elif features.any("pub:state", "pub:pose") and not any(name.startswith("sub:") for name in features.found):
+    elif features.any("pub:state", "pub:pose", "pub:other") and not any(
+        name.startswith("sub:") for name in features.found
+    ):
         features.add("shape:device_report", first)
 
 

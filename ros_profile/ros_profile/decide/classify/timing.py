@@ -98,7 +98,7 @@ def _realtime(found: Features, unit: Unit, fastest: float | None) -> SubClass:
     if found.any("shape:operator", "word:teleop") or ("pub:joy" in found):
         stops = re.search(r"(?:^|_)(?:e_?stop|emergency)(?:_|$)", unit.package.name)
         return SubClass.SAFETY if stops else SubClass.OPERATOR_INPUT
-    if re.search(r"(?:^|_)(?:e_?stop|emergency|safety|collision)(?:_|$)", f"{unit.package.name}_{unit.name}"):
+    if re.search(r"(?:^|_)(?:e_?stop|emergency|safety|failsafe|collision)(?:_|$)", f"{unit.package.name}_{unit.name}"):
         return SubClass.SAFETY
     loaded = found.any(
         "plugin:hardware",

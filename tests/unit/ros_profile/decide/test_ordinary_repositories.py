@@ -236,3 +236,25 @@ def test_a_bridge_to_a_microcontroller_takes_commands_by_a_plain_function(tmp_pa
     found = judged(tmp_path, files, name="microcontroller_bridge", ros=1).assessment
     assert class_of(found) == "realtime"
     assert hardware(found) == {"serial"}, "a header of its own is no library"
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "wanted"),
+    [
+        ("height", f'{LINE} p = n->create_publisher<my_msgs::msg::HeightData>("height", 1);', "sensor_data"),
+        ("beacon_positioning", f'{LINE} p = n->create_publisher<my_msgs::msg::Place>("place", 1);', "sensor_data"),
+        ("drone_controls", 's = n->create_service<my_msgs::srv::Move>("move", f);', "realtime"),
+        ("failsafe", 's = n->create_service<my_msgs::srv::Enable>("enable", f);', "realtime"),
+        ("percher", 'p = n->create_publisher<geometry_msgs::msg::TwistStamped>("in/ref_twist", 1);', "realtime"),
+    ],
+)
+def test_packages_with_messages_of_their_own_are_told_by_what_they_do(
+    tmp_path: Path, name: str, body: str, wanted: str
+) -> None:
+    assert class_of(judged(tmp_path, cpp(body), name=name).assessment) == wanted
+
+
+@pytest.mark.parametrize(("source", "wanted"), [("0", {"camera"}), ("'film.mp4'", set())])
+def test_a_video_source_that_is_a_number_is_a_camera(tmp_path: Path, source: str, wanted: set[str]) -> None:
+    text = f"#!/usr/bin/env python3\nimport cv2, rospy\nrospy.init_node('c')\nv = cv2.VideoCapture({source})\n"
+    assert hardware(judged(tmp_path, {"scripts/c.py": text}, ros=1).assessment) == wanted
