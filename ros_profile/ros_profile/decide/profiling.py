@@ -10,6 +10,7 @@ from ros_profile.decide.edges import Ends, edges, ends_of, file_parameters
 from ros_profile.decide.engines import Engine
 from ros_profile.decide.launching import Launched, closure
 from ros_profile.decide.places import abroad, placed
+from ros_profile.decide.transport import network_setting
 from ros_profile.decide.units import executable_unit, package_unit
 from ros_profile.decide.workspace import Index
 from ros_profile.model.conclusions import (
@@ -129,11 +130,13 @@ def _launch(package: Package, launch: LaunchFile, engine: Engine, index: Index) 
         end = ends_of(launched, unit, index)
         ends.append(end)
         name = _CONTROL_NODE_NAME if runs_control(launched) else end.full_name
-        started = _as_launched(launched, unit, tuple(file_parameters(launched, name, index)))
+        of_files = tuple(file_parameters(launched, name, index))
+        started = _as_launched(launched, unit, of_files)
         if runs_control(launched):
             started = with_control_hardware(started, launched, index)
         judged = placed(engine.classify(started), of=started.package.name, within=package.name)
-        nodes.append(_node(end, judged))
+        values = {p.name: p.default for p in of_files} | dict(launched.parameters)
+        nodes.append(replace(_node(end, judged), network=network_setting(values.items())))
     absent = dict.fromkeys(name.partition("/")[0] for name in found.outside)
     included = [engine.classify(Unit(Manifest(name=name, file=""), name, "launch")) for name in absent]
     outside = tuple(Problem(launch.file, f"includes {name}{NOT_HERE}") for name in found.outside)

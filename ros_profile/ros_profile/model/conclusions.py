@@ -153,6 +153,8 @@ class LaunchedNode:
     """Names of parameters whose value is a text, whatever it looks like."""
     environment: tuple[tuple[str, str], ...] = ()
     prefix: str = ""
+    network: str = ""
+    """The parameter by which a driver that may take a serial line goes over the network, `channel_type:=tcp`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import yaml
 
+from ros_profile.decide.transport import network_setting
 from ros_profile.model.conclusions import Assessment, Edge, Hardware, LaunchedNode, LaunchProfile, QosClass
 from ros_profile.model.endpoints import Qos
 from ros_profile.output.commands import absolute_files, complete_arguments, is_untold, ros1_words, ros2_words
@@ -39,10 +40,6 @@ _TYPE: Final = re.compile(r"[a-zA-Z]\w*/(?:(?:msg|srv|action)/)?[A-Z]\w*", re.AS
 _TOOLS: Final = frozenset({"rviz2", "rviz", "rqt_gui", "rqt_graph", "rqt_reconfigure"})
 _ENDING: Final = frozenset({"create", "spawn_entity.py", "spawn_model", "spawner.py", "unspawner", "unspawner.py"})
 """Programs that end when their work is done; what a RobotApp starts is started again and again."""
-_NETWORK: Final = re.compile(r"(?:tcp|udp|ethernet|eth|ip|network|socket|lan)(?:[_\W\d]|v\d|$)")
-_NETWORK_URL: Final = re.compile(r"(?:tcp|udp|socket|rtsp|https?)://")
-_NETWORK_SWITCH: Final = re.compile(r"(?:^|[._])(?:use|is|enable)_(?:tcp|udp|ethernet|network|socket)(?:_|$)")
-_CHANNEL: Final = re.compile(r"channel|comm|connection|transport|protocol|interface|link_type|device_type|port_type")
 _OPENED_ALONE: Final = frozenset({"video", "input"})
 """Types that one program opens for itself although a node may also just be asked whether it has one."""
 _VARIABLE: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,100}", re.ASCII)
@@ -172,16 +169,8 @@ def _opened(node: LaunchedNode) -> list[Hardware]:
 
 
 def _network(node: LaunchedNode) -> str:
-    """The parameter by which a driver that also takes a serial line goes over the network, such as `channel_type:=tcp`; "" without."""
-    channels = {value.lower() for key, value in node.parameters if _CHANNEL.search(key.lower())}
-    if "serial" in channels:
-        return ""
-    for key, value in node.parameters:
-        low = value.lower().strip("'\"")
-        chosen = _CHANNEL.search(key.lower()) and _NETWORK.match(low)
-        if chosen or _NETWORK_URL.match(low) or (_NETWORK_SWITCH.search(key.lower()) and low in ("true", "1")):
-            return f"{key}:={value}"
-    return ""
+    """The parameter of the launch file, or of a parameter file, by which a driver goes over the network; "" without."""
+    return node.network or network_setting(node.parameters)
 
 
 def needs(assessment: Assessment, hardware: Iterable[Hardware]) -> dict[str, Any]:

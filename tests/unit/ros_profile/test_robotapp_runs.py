@@ -107,6 +107,14 @@ def test_a_lidar_on_the_network_claims_no_serial_device(tmp_path: Path, paramete
     assert [one["type"] for one in components(tmp_path, files)["run"]["devices"]] == ["serial"]
 
 
+@pytest.mark.parametrize(("value", "devices"), [("tcp", []), ("serial", ["serial"])])
+def test_a_parameter_file_chooses_the_network_as_well(tmp_path: Path, value: str, devices: list[str]) -> None:
+    node = "<node pkg='up' exec='run'><param from='$(find-pkg-share up)/config/c.yaml'/></node>"
+    text = f"run:\n  ros__parameters:\n    channel_type: {value}\nother:\n  ros__parameters:\n    channel_type: udp\n"
+    files = driver(LIDAR) | {"config/c.yaml": text, "launch/a.launch.xml": f"<launch>{node}</launch>"}
+    assert [one["type"] for one in components(tmp_path, files)["run"].get("devices", [])] == devices
+
+
 def test_a_parameter_file_of_the_workspace_becomes_a_field_of_the_component(tmp_path: Path) -> None:
     text = "/**:\n  ros__parameters:\n    rate: 20.0  # Hz\n"
     node = "<node pkg='up' exec='run'><param from='$(find-pkg-share up)/config/c.yaml'/><param from='/etc/robot/d.yaml'/></node>"
