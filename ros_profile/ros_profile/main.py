@@ -230,8 +230,7 @@ def _chosen(profile: Profile, wanted: str | None) -> LaunchProfile:
     if launches:
         raise Failure(f"--format robotapp is made of one launch file; name it with --launch: {names}", 2)
     if fitting:
-        absent = "; ".join(one.message for one in fitting[0].problems if one.message.endswith(NOT_HERE))
-        why = f": it {absent[:500]}; put its source beside it" if absent else ""
+        why = _why_empty(fitting[0])
         raise Failure(
             f"{_name(fitting[0])} starts no node that belongs on a robot{why}{names and f'; others: {names}'}", 72
         )
@@ -239,6 +238,15 @@ def _chosen(profile: Profile, wanted: str | None) -> LaunchProfile:
         raise Failure(f"--launch {wanted}: there is no such launch file{_near(wanted, usable)}; there are: {names}", 72)
     found = f"none of {len(everything)} starts a node that belongs on a robot" if everything else "there is none"
     raise Failure(f"{profile.path}: --format robotapp is made of a launch file, and {found}", 72)
+
+
+def _why_empty(launch: LaunchProfile) -> str:
+    """Returns what of a launch file without nodes was not followed, or nothing."""
+    absent = "; ".join(one.message for one in launch.problems if one.message.endswith(NOT_HERE))
+    if absent:
+        return f": it {absent[:500]}; put its source beside it"
+    unread = "; ".join(one.message for one in launch.problems)
+    return f" as far as it can be followed: {unread[:500]}" if unread else ""
 
 
 def _name(launch: LaunchProfile) -> str:

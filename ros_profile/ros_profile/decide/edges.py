@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Final
 
@@ -10,7 +10,7 @@ from ros_profile.decide.launching import Launched, absolute
 from ros_profile.decide.substitution import resolve
 from ros_profile.decide.workspace import Index
 from ros_profile.model.conclusions import Edge, GraphName
-from ros_profile.model.endpoints import PARAMETER_MARK, Endpoint, Role
+from ros_profile.model.endpoints import PARAMETER_MARK, Endpoint, Parameter, Role
 from ros_profile.model.launch import UNKNOWN_TEXT
 from ros_profile.model.package import Unit
 
@@ -84,11 +84,11 @@ def _default_name(launched: Launched, unit: Unit | None, index: Index) -> str:
         names = {n for s in package.sources if s.file in unit.files for n in s.node_names if not n.startswith("$")}
         if len(names) == 1:
             return names.pop()
-        snake = _snake(launched.node.plugin) or launched.node.executable
+        snake = _snake(launched.plugin) or launched.executable
         if fitting := [name for name in names if snake in (name, _snake(name), f"{name}_node")]:
             return fitting[0]
-    plugin = launched.node.plugin.replace("::", "/").rpartition("/")[2]
-    return launched.node.executable.removesuffix(".py") or plugin
+    plugin = launched.plugin.replace("::", "/").rpartition("/")[2]
+    return launched.executable.removesuffix(".py") or plugin
 
 
 def _snake(plugin: str) -> str:
@@ -100,15 +100,21 @@ def _snake(plugin: str) -> str:
 def _parameters(launched: Launched, unit: Unit, full_name: str, index: Index) -> dict[str, str]:
     """Values by parameter: of the launch file, of parameter files, else the default of the code."""
     values = {p.name: p.default for p in unit.parameters if not p.node and p.default}
+    values.update({p.name: p.default for p in file_parameters(launched, full_name, index)})
+    values.update({name: value for name, value in launched.parameters if value})
+    return values
+
+
+def file_parameters(launched: Launched, full_name: str, index: Index) -> Iterator[Parameter]:
+    """Yields what the parameter files of a launched node give to it, with substitutions replaced and files named by package."""
     patterns = _Patterns(full_name)
     for file in dict.fromkeys(launched.parameter_files):
         package, _, path = file.partition("/")
         source = index.parameter_file(package, path)
         for parameter in source.parameters if source is not None else ():
             if parameter.default and patterns.mean(parameter.node):
-                values[parameter.name] = resolve(parameter.default, launched.values)
-    values.update({name: value for name, value in launched.parameters if value})
-    return values
+                value = resolve(parameter.default, launched.values)
+                yield replace(parameter, default=value, file=f"{package}/{parameter.file}")
 
 
 @dataclass(slots=True)

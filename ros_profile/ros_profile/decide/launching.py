@@ -1,7 +1,7 @@
 """What a launch file starts when every include is followed and every argument has its default."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ros_profile.decide.substitution import condition_value, located, resolve
@@ -32,7 +32,11 @@ class Launched:
     file: str
     """`package/path` of the launch file that starts it."""
     values: Mapping[str, str]
+    executable: str = ""
+    plugin: str = ""
     arguments: tuple[str, ...] = ()
+    environment: tuple[tuple[str, str], ...] = ()
+    prefix: str = ""
 
     @property
     def full_name(self) -> str:
@@ -55,6 +59,7 @@ class _Context:
     values: Mapping[str, str]
     namespace: str = "/"
     remaps: tuple[tuple[str, str], ...] = ()
+    environment: tuple[tuple[str, str], ...] = ()
     certain: bool = True
     chain: tuple[str, ...] = ()
 
@@ -63,7 +68,22 @@ def closure(index: Index, package: Package, launch: LaunchFile) -> Closure:
     """The nodes of a launch file and of everything it includes within the workspace."""
     found = Closure()
     _follow(index, package, launch, _Context({}), found)
+    found.nodes = _in_their_containers(found.nodes)
     return found
+
+
+def _in_their_containers(nodes: list[Launched]) -> list[Launched]:
+    """Nodes loaded into a container that is named without its namespace get its full name, where one container is called so."""
+    started: dict[str, set[str]] = {}
+    for node in nodes:
+        if not node.plugin:
+            started.setdefault(node.name, set()).add(node.full_name)
+    placed: list[Launched] = []
+    for node in nodes:
+        candidates = started.get(node.container.rpartition("/")[2], set())
+        is_certain = not node.container or node.container in candidates or len(candidates) != 1
+        placed.append(node if is_certain else replace(node, container=next(iter(candidates))))
+    return placed
 
 
 def _follow(index: Index, package: Package, launch: LaunchFile, context: _Context, found: Closure) -> None:
@@ -116,6 +136,7 @@ def _inner(
         values=passed if is_ros1 else {**values, **passed},
         namespace=absolute(resolve(include.namespace, values), context.namespace),
         remaps=(*context.remaps, *_resolved(include.remaps, values)),
+        environment=(*context.environment, *_resolved(include.environment, values)),
         certain=context.certain and certain,
         chain=(*context.chain, place),
     )
@@ -130,9 +151,11 @@ def _include(index: Index, package: Package, include: Include, context: _Context
     elif holder and holder != package.name and index.package(holder) is None:
         found.outside.append(f"{holder}/{path}")
     else:
-        reason = (
-            "its name is made while the launch file runs" if UNKNOWN_TEXT in target else "there is no such launch file"
-        )
+        reason = "there is no such launch file"
+        if UNKNOWN_TEXT in target:
+            reason = "its name is made while the launch file runs"
+        elif not holder:
+            reason = "it is named by an absolute path, which the source does not have"
         found.problems.append(
             Problem(context.chain[-1], f"an include is not followed, {reason}: {target[:200]}", include.line)
         )
@@ -164,6 +187,10 @@ def _launched(
         certain=certain,
         file=f"{package.name}/{node.file}",
         values=values,
+        executable=resolve(node.executable, values),
+        plugin=resolve(node.plugin, values),
+        environment=(*context.environment, *_resolved(node.environment, values)),
+        prefix=resolve(node.prefix, values),
         arguments=_command_line(node.arguments, values),
     )
 
@@ -176,7 +203,8 @@ def _command_line(arguments: tuple[str, ...], values: Mapping[str, str]) -> tupl
 
 
 def _parameter_file(file: str, values: Mapping[str, str], package: str) -> str:
-    return "/".join(located(resolve(file, values), package))
+    holder, path = located(resolve(file, values), package)
+    return f"{holder}/{path}" if holder else path
 
 
 def _argument_remaps(arguments: tuple[str, ...], values: Mapping[str, str]) -> tuple[tuple[str, str], ...]:

@@ -1,13 +1,16 @@
 """From packages to a profile: units are judged, launch files followed, edges matched."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from ros_profile.decide.classify import only_assets, runs_code
-from ros_profile.decide.edges import Ends, edges, ends_of
+from ros_profile.decide.control import runs_control, with_control_hardware
+from ros_profile.decide.edges import Ends, edges, ends_of, file_parameters
 from ros_profile.decide.engines import Engine
 from ros_profile.decide.launching import Launched, closure
 from ros_profile.decide.places import abroad, placed
+from ros_profile.decide.transport import network_setting
 from ros_profile.decide.units import executable_unit, package_unit
 from ros_profile.decide.workspace import Index
 from ros_profile.model.conclusions import (
@@ -27,6 +30,8 @@ from ros_profile.model.package import Executable, Manifest, Package, Unit
 from ros_profile.read.parameters import text_facts
 
 SURE = 0.8
+_CONTROL_NODE_NAME = "/controller_manager"
+"""What the control node of ros2_control calls itself, whatever its program is called."""
 
 
 def profile(
@@ -67,7 +72,8 @@ def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
     launches = tuple(_launch(package, launch, engine, index) for launch in package.launch_files)
     unit = package_unit(package)
     own = placed(engine.classify(unit), of=package.name, within=package.name)
-    only_launches = launches and not runs_code(unit)
+    own = _timed_by_its_programs(own, [executable.assessment for executable in executables])
+    only_launches = launches and (not runs_code(unit) or _BRINGUP.search(package.name))
     if only_launches and engine.follows_launch_files and not _is_no_program(unit, own):
         own = engine.aggregate([own, *(launch.assessment for launch in launches)])
     return PackageProfile(
@@ -79,6 +85,23 @@ def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
         launches=launches,
         problems=package.problems,
     )
+
+
+_BRINGUP = re.compile(r"(?:^|_)(?:bringup|bring_up|launch|launcher|startup)(?:_|$)")
+"""Packages that start a robot: a helper among their programs does not say what they are."""
+
+
+def _timed_by_its_programs(assessment: Assessment, programs: Sequence[Assessment]) -> Assessment:
+    """The package's times are those of its programs of the same class: timers and rates of others say nothing of them."""
+    qos = assessment.qos_class
+    same = [a for a in programs if a.qos_class and qos and a.qos_class.value is qos.value]
+    from_source = [a for a in same if a.deadline_s is not None and a.deadline_s.evidence]
+    timed = [a.deadline_s for a in from_source or same if a.deadline_s is not None]
+    if not timed:
+        return assessment
+    tightest = min(timed, key=lambda estimate: estimate.value)
+    lead = next(a for a in from_source or same if a.deadline_s is tightest)
+    return replace(assessment, sub_class=lead.sub_class, deadline_s=tightest, latency_budget_s=lead.latency_budget_s)
 
 
 def _is_no_program(unit: Unit, own: Assessment) -> bool:
@@ -103,12 +126,17 @@ def _launch(package: Package, launch: LaunchFile, engine: Engine, index: Index) 
     ends: list[Ends] = []
     nodes: list[LaunchedNode] = []
     for launched in found.nodes:
-        unit = index.unit(launched.package, launched.node.executable, launched.node.plugin)
+        unit = index.unit(launched.package, launched.executable, launched.plugin)
         end = ends_of(launched, unit, index)
         ends.append(end)
-        started = _as_launched(launched, unit)
+        name = _CONTROL_NODE_NAME if runs_control(launched) else end.full_name
+        of_files = tuple(file_parameters(launched, name, index))
+        started = _as_launched(launched, unit, of_files)
+        if runs_control(launched):
+            started = with_control_hardware(started, launched, index)
         judged = placed(engine.classify(started), of=started.package.name, within=package.name)
-        nodes.append(_node(end, judged))
+        values = {p.name: p.default for p in of_files} | dict(launched.parameters)
+        nodes.append(replace(_node(end, judged), network=network_setting(values.items())))
     absent = dict.fromkeys(name.partition("/")[0] for name in found.outside)
     included = [engine.classify(Unit(Manifest(name=name, file=""), name, "launch")) for name in absent]
     outside = tuple(Problem(launch.file, f"includes {name}{NOT_HERE}") for name in found.outside)
@@ -119,7 +147,17 @@ def _launch(package: Package, launch: LaunchFile, engine: Engine, index: Index) 
         edges=edges(ends),
         assessment=_of_all(nodes, included, engine),
         problems=(*launch.problems, *found.problems, *outside),
+        parameter_texts=tuple(_parameter_texts(nodes, index)),
     )
+
+
+def _parameter_texts(nodes: Iterable[LaunchedNode], index: Index) -> Iterator[tuple[str, str]]:
+    """Yields the parameter files of these nodes that ROS 2 reads as they stand in the workspace."""
+    for file in dict.fromkeys(file for node in nodes for file in node.parameter_files):
+        package, _, path = file.partition("/")
+        source = index.parameter_file(package, path)
+        if source is not None and source.text:
+            yield file, source.text
 
 
 def _of_all(nodes: Sequence[LaunchedNode], included: Sequence[Assessment], engine: Engine) -> Assessment:
@@ -133,8 +171,8 @@ def _node(end: Ends, assessment: Assessment) -> LaunchedNode:
     return LaunchedNode(
         full_name=end.full_name,
         package=launched.package,
-        executable=launched.node.executable,
-        plugin=launched.node.plugin,
+        executable=launched.executable,
+        plugin=launched.plugin,
         container=launched.container,
         assessment=assessment,
         graph=end.graph,
@@ -145,23 +183,35 @@ def _node(end: Ends, assessment: Assessment) -> LaunchedNode:
         namespace=launched.namespace,
         file=launched.file,
         line=launched.node.line,
-        arguments=() if launched.node.plugin else launched.arguments,
+        arguments=() if launched.plugin else launched.arguments,
+        text_parameters=launched.node.text_parameters,
+        environment=launched.environment,
+        prefix=launched.prefix,
     )
 
 
-def _as_launched(launched: Launched, unit: Unit | None) -> Unit:
+def _as_launched(launched: Launched, unit: Unit | None, of_files: tuple[Parameter, ...]) -> Unit:
     """The unit with what the launch file gives to it; by its name alone when its source is not there."""
     package, _, path = launched.file.partition("/")
     file, line = abroad(package, path), launched.node.line
     known = unit or Unit(
         package=Manifest(name=launched.package, file=""),
-        name=launched.node.plugin or launched.node.executable,
-        kind="component" if launched.node.plugin else "program",
+        name=launched.plugin or launched.executable,
+        kind="component" if launched.plugin else "program",
     )
-    given = tuple(Parameter(name, value, file, line) for name, value in launched.parameters)
+    stated = tuple(Parameter(name, value, file, line) for name, value in launched.parameters)
+    names = {parameter.name for parameter in stated}
+    rates = (p for p in of_files if p.name not in names)
+    given = (*stated, *(replace(p, file=_seen_from(package, p.file)) for p in rates))
     facts = tuple(fact for name, value in launched.parameters for fact in text_facts(value, file, line, name))
     facts += tuple(fact for text in launched.node.arguments for fact in text_facts(text, file, line))
     return replace(known, parameters=(*given, *_others(known, given)), facts=(*known.facts, *facts))
+
+
+def _seen_from(package: str, file: str) -> str:
+    """Returns `package/path` as it is shown in a profile of a package."""
+    holder, _, path = file.partition("/")
+    return path if holder == package else abroad(holder, path)
 
 
 def _others(unit: Unit, given: tuple[Parameter, ...]) -> Iterator[Parameter]:

@@ -9,7 +9,7 @@ from ros_profile.model.launch import NOT, UNKNOWN_TEXT
 MAX_TEXT: Final = 2000
 MAX_ROUNDS: Final = 20
 _INNERMOST: Final = re.compile(r"\$\(([^()$]*)\)")
-_FIND: Final = re.compile(r"\$\(find ([\w-]+)\)/?(.*)")
+_FIND: Final = re.compile(r"\$\(find(?:-pkg-share|-pkg-prefix)? ([\w-]+) *\)/?(.*)")
 _DIRNAME: Final = re.compile(r"\$\(dirname\)/?(.*)")
 _TRUE: Final = frozenset({"true", "1", "1.0", "yes", "on"})
 _FALSE: Final = frozenset({"false", "0", "0.0", "no", "off"})
@@ -35,12 +35,11 @@ def _one(body: str, values: Mapping[str, str], anonymous: str) -> str:
     if verb in ("var", "arg"):  # `$(var name )` has an empty default
         name, has_default, default = rest.lstrip().partition(" ")
         return values.get(name.strip("'\""), default if has_default else f"{_MARK}?)")
+    if verb in ("env", "optenv"):
+        return _environment(rest.lstrip(), is_optional=verb == "optenv")
     rest = rest.strip().strip("'\"")
     if verb in ("find", "find-pkg-share", "find-pkg-prefix"):
         return f"{_MARK}find {rest})"
-    if verb in ("env", "optenv"):
-        name, _, default = rest.partition(" ")
-        return default.strip().strip("'\"") if default or verb == "optenv" or not name else f"{_MARK}?)"
     if verb == "anon":
         return f"{rest}_{anonymous}"
     if verb == "dirname":
@@ -52,6 +51,12 @@ def _one(body: str, values: Mapping[str, str], anonymous: str) -> str:
         verdict = _verdict(verb, body.partition(" ")[2].strip())
         return f"{_MARK}?)" if verdict is None else str(verdict).lower()
     return f"{_MARK}?)"
+
+
+def _environment(rest: str, *, is_optional: bool) -> str:
+    """Returns the default of `X default`, which may be empty (`X `, `X ''`); a variable is not set where this runs."""
+    name, has_default, default = rest.partition(" ")
+    return default.strip().strip("'\"") if has_default or is_optional or not name else f"{_MARK}?)"
 
 
 def _verdict(verb: str, rest: str) -> bool | None:
@@ -120,9 +125,11 @@ def condition_value(condition: str, values: Mapping[str, str]) -> bool | None:
 
 
 def located(target: str, package: str) -> tuple[str, str]:
-    """(package, path within it) of `$(find pkg)/path`, `$(dirname)/path`, or a path in the same package."""
+    """(package, path within it) of `$(find pkg)/path`, `$(dirname)/path`, or a path in the same package; an absolute path is of none."""
     if match := _FIND.search(target):
         return match[1], match[2].removeprefix(f"share/{match[1]}/")
     if match := _DIRNAME.search(target):
         return package, match[1]
+    if target.startswith("/"):
+        return "", target
     return package, target.replace(UNKNOWN_TEXT, "").strip("/")

@@ -166,6 +166,10 @@ def _launch_facts(launch: LaunchFile, package: str, elsewhere: float) -> Iterato
     own = [node for node in launch.nodes if _is_own(node, package)]
     inside = [include for include in launch.includes if located(include.target, package)[0] == package]
     taken, given = _passed(own, inside), _passed(launch.nodes, launch.includes)
+    used = _passed(
+        [node for node in launch.nodes if _weight(node.conditions, defaults)],
+        [include for include in launch.includes if _weight(include.conditions, defaults)],
+    )
     for node in launch.nodes:
         if weight := _weight(node.conditions, defaults):
             started = node.plugin or f"{node.package}/{node.executable}"
@@ -178,6 +182,8 @@ def _launch_facts(launch: LaunchFile, package: str, elsewhere: float) -> Iterato
             yield Fact(Kind.STARTS, include.target, "include", launch.file, include.line, weight)
     for argument in launch.arguments:
         weight = elsewhere if argument.name in given and argument.name not in taken else 1.0
+        if argument.name in given - used:  # what takes it is not started by default
+            weight = 0.0
         for fact in text_facts(argument.default or "", launch.file, argument.line, argument.name):
             yield replace(fact, weight=weight)
 

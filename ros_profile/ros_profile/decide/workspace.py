@@ -47,7 +47,7 @@ class Index:
         return next(iter(exact or named), None)
 
     def executable(self, package: str, name: str, plugin: str) -> tuple[Package, Executable] | None:
-        """What a launch file starts; a script may be named with or without `.py`."""
+        """What a launch file starts; a script may be named with or without `.py`, and a component has a program as well."""
         if plugin:
             if plugin in self._plugins:
                 return self._plugins[plugin]
@@ -56,7 +56,8 @@ class Index:
         if holder is None:
             return None
         names = (name, f"{name}.py", name.removesuffix(".py"))
-        found = next((e for n in names for e in holder.executables if e.name == n and not e.plugin), None)
+        programs = [e for n in names for e in holder.executables if e.name == n]
+        found = next((e for e in programs if not e.plugin), next(iter(programs), None))
         return (holder, found) if found else None
 
     def _similar(self, package: str, plugin: str) -> tuple[Package, Executable] | None:

@@ -60,6 +60,7 @@ CPP_SYMBOLS: dict[str, Library] = {
     r"nvidia::isaac_ros::nitros\b|Nitros(?:Node|Image|TensorList|Publisher\w*|Subscriber\w*)\b": Library(
         "gpu", "nvidia"
     ),
+    r"gl(?:DispatchCompute|CreateShader|ShaderSource|CompileShader)\b": Library("gpu", weight=0.8),
     r"cl::(?:Context|CommandQueue)\b|clCreateContext\w*": Library("gpu"),
     # roles
     r"SCHED_(?:FIFO|RR|DEADLINE)\b|mlockall\b|configure_sched_fifo\b|lock_memory\b": Library("realtime"),
@@ -95,7 +96,7 @@ ROLE_SYMBOLS: tuple[tuple[re.Pattern[str], str], ...] = tuple(
             "realtime",
         ),
         (
-            r"^cv2?(?:::|\.)(?:imshow|namedWindow)|^cvNamedWindow|^Q(?:Application|Widget|MainWindow)\b|^rviz\w*::|^(?:python_qt_binding|PyQt\d|PySide\d|tkinter|matplotlib\.pyplot|pyqtgraph|qt_gui|rqt_gui_py|pydot|pygraphviz)\b|^(?:QtWidgets|rviz_common|rviz)/",
+            r"^cv2?(?:::|\.)(?:imshow|namedWindow)|^cvNamedWindow|^Q(?:Application|Widget|MainWindow)\b|^rviz\w*::|^(?:python_qt_binding|PyQt\d|PySide\d|tkinter|matplotlib\.pyplot|pyqtgraph|qt_gui|rqt_gui_py|pydot|pygraphviz|pyttsx3|gtts|playsound|luma)\b|^(?:QtWidgets|rviz_common|rviz)/",
             "display",
         ),
         (

@@ -21,7 +21,7 @@ MEASURED_COMMAND_TYPES = frozenset(
     {"geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Wrench", "geometry_msgs/msg/WrenchStamped"}
 )
 COMMAND_TOPIC = re.compile(
-    r"(?:^|[/_])(?:cmd|cmds|command|commands|setpoint|set_point|set_(?:position|velocity|speed|angle|effort|torque)|twist_mux|e_?stop|duty_cycle|throttle|steering)(?:[/_]|$|\d)"
+    r"(?:^|[/_])(?:cmd|cmds|command|commands|setpoint|set_point|set_(?:position|velocity|speed|angle|effort|torque)|twist_mux|e_?stop|duty_cycle|throttle|steering|ref|reference|desired)(?:[/_]|$|\d)"
 )
 MOTION_ACTIONS = re.compile(
     r"/action/(?:FollowPath|Spin|BackUp|DriveOnHeading|AssistedTeleop|FollowJointTrajectory|GripperCommand|DockRobot|UndockRobot|FollowObject|JointTrajectory|PointHead|SingleJointPosition)$"
@@ -151,19 +151,22 @@ DEPENDENCIES: tuple[tuple[re.Pattern[str], str], ...] = tuple(
 WORDS: tuple[tuple[str, str], ...] = (
     (
         "display",
-        "viz rviz rqt plot plotter viewer view gui dashboard visualization visualizer visualisation panel panels hmi web foxglove video_server",
+        "viz rviz rqt plot plotter viewer view gui dashboard visualization visualizer visualisation panel panels hmi web foxglove video_server tts speaker announcer oled lcd",
     ),
     (
         "tool",
         "description cli bag rosbag rosbag2 bags dataset record recorder logger logging calibration calibrate benchmark benchmarks install resources meshes tool tools utils test tests testing profiler urdf assets publisher_tool",
     ),
     ("monitor", "diagnostic diagnostics aggregator monitor monitors watchdog health stats statistics"),
-    ("simulation", "sim simulator simulation gazebo gz fake dummy mock loopback emulator webots stage world worlds"),
+    (
+        "simulation",
+        "sim simulator simulation simulated sil hil gazebo gz fake dummy mock loopback emulator webots stage world worlds",
+    ),
     ("interfaces", "msgs interfaces srvs messages"),
     ("teleop", "teleop joy joystick spacenav remote rc pad deadman keyboard gamepad operator estop e_stop emergency"),
     (
         "control",
-        "controller controllers control servo motor motors mux smoother behaviors recovery local_planner docking drive base hardware hw actuator gripper collision safety follower pursuit arm wheel wheels chassis pid balance thruster thrusters propulsion autopilot offboard steering manipulator joints",
+        "controller controllers control controls failsafe servo motor motors mux smoother behaviors recovery local_planner docking drive base hardware hw actuator gripper collision safety follower pursuit arm wheel wheels chassis pid balance thruster thrusters propulsion autopilot offboard steering manipulator joints",
     ),
     ("fieldbus", "can canopen canbus socketcan ethercat fieldbus modbus profinet"),
     (
@@ -184,6 +187,6 @@ WORDS: tuple[tuple[str, str], ...] = (
     ),
     ("coordination", "lifecycle manager server fleet adapter coordinator orchestrator scheduler dispatcher rmf"),
     ("network", "bridge api mqtt gateway websocket http client cloud zenoh llm gpt chat"),
-    ("io", "gpio relay io plc digital analog led leds"),
+    ("io", "gpio relay io plc digital analog led leds light lights lamp lamps neopixel buzzer siren"),
 )
 """Role → words of package and executable names; a phrase with an underscore must stand in the name as it is."""

@@ -149,6 +149,12 @@ class LaunchedNode:
     line: int = 0
     arguments: tuple[str, ...] = ()
     """Of its command line; `$(…)` in what cannot be told."""
+    text_parameters: tuple[str, ...] = ()
+    """Names of parameters whose value is a text, whatever it looks like."""
+    environment: tuple[tuple[str, str], ...] = ()
+    prefix: str = ""
+    network: str = ""
+    """The parameter by which a driver that may take a serial line goes over the network, `channel_type:=tcp`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +165,8 @@ class LaunchProfile:
     edges: tuple[Edge, ...]
     assessment: Assessment
     problems: tuple[Problem, ...] = ()
+    parameter_texts: tuple[tuple[str, str], ...] = ()
+    """The parameter files of its nodes that are in the workspace, as `package/path`, with their text."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,6 +55,8 @@ class Timer:
     parameter: str = ""
     parameter_is_rate: bool = False
     owner: str = ""
+    runs: str = ""
+    """Name of the function it calls; `publish` for a loop in which something is published."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,6 +43,11 @@ class StartedNode:
     lifecycle: bool = False
     file: str = ""
     line: int = 0
+    text_parameters: tuple[str, ...] = ()
+    """Names of parameters whose value is a text, whatever it looks like: `"1.0"` of Python, `type="str"` of XML."""
+    environment: tuple[tuple[str, str], ...] = ()
+    prefix: str = ""
+    """What stands before the program on its command line, such as `chrt -f 80`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +60,7 @@ class Include:
     remaps: tuple[tuple[str, str], ...] = ()
     conditions: tuple[str, ...] = ()
     line: int = 0
+    environment: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -62,6 +62,8 @@ class SourceFile:
     executables: tuple["Executable", ...] = ()
     """Executables a build file (CMakeLists.txt, setup.py, setup.cfg) declares."""
     problems: tuple[Problem, ...] = ()
+    text: str = ""
+    """Of a parameter file of ROS 2 that is small enough to be handed on: the file itself."""
 
 
 @dataclass(frozen=True, slots=True)

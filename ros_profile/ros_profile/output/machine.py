@@ -8,7 +8,7 @@ import yaml
 
 from ros_profile.model.conclusions import Assessment, PackageProfile, Placement, Profile
 from ros_profile.output.names import SCHEDULER_PREFIX
-from ros_profile.output.values import distinct, library, perhaps, policies, requirement
+from ros_profile.output.values import claimable, distinct, library, perhaps, policies, requirement, unclaimed
 
 _SNAKE: Final = {"qos_class": "qos_class", "latency_budget": "latency_budget", "deadline": "deadline"}
 
@@ -29,7 +29,7 @@ def from_json(data: bytes) -> Profile:
 def annotations(assessment: Assessment) -> dict[str, str]:
     """The annotations of a pod, JSON in each."""
     found: dict[str, Any] = {"policies": policies(assessment, _SNAKE)}
-    hardware = [requirement(one) for one in distinct(assessment.hardware)]
+    hardware = [requirement(one) for one in claimable(distinct(assessment.hardware))]
     if hardware:
         found["affinity"] = {"hardware_requirements": hardware}
     return {f"{SCHEDULER_PREFIX}{key}": json.dumps(value, sort_keys=True) for key, value in found.items() if value}
@@ -47,7 +47,7 @@ def scheduler_block(assessment: Assessment) -> dict[str, Any]:
     block: dict[str, Any] = {}
     if stated := policies(assessment, _SNAKE):
         block["policies"] = stated
-    hardware = [requirement(one) for one in distinct(assessment.hardware)]
+    hardware = [requirement(one) for one in claimable(distinct(assessment.hardware))]
     if hardware:
         block["affinity"] = {"hardware_requirements": hardware}
     return block
@@ -85,6 +85,7 @@ def _comments(package: PackageProfile) -> list[str]:
         for one in distinct(assessment.hardware)
         if library(one)
     ]
+    lines += [f"# {package.name}: {text}\n" for text in unclaimed(distinct(assessment.hardware))]
     if assessment.placement is not None and assessment.placement.value is not Placement.ANY:
         lines.append(f"# {package.name}: runs best on: {assessment.placement.value.value}\n")
     return lines

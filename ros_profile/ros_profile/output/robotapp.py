@@ -8,8 +8,10 @@ from typing import Any, Final
 
 import yaml
 
+from ros_profile.decide.transport import network_setting
 from ros_profile.model.conclusions import Assessment, Edge, Hardware, LaunchedNode, LaunchProfile, QosClass
 from ros_profile.model.endpoints import Qos
+from ros_profile.output.commands import absolute_files, complete_arguments, is_untold, ros1_words, ros2_words
 from ros_profile.output.hardware import EXCLUSIVE_TYPES, devices_and_requires
 from ros_profile.output.names import (
     API_VERSION,
@@ -18,19 +20,34 @@ from ros_profile.output.names import (
     MAX_EDGES,
     ROS1_DISTROS,
 )
-from ros_profile.output.values import TIERS, bits, distinct, duration, library, perhaps, policies, requirement
+from ros_profile.output.values import (
+    TIERS,
+    bits,
+    claimable,
+    distinct,
+    duration,
+    library,
+    perhaps,
+    policies,
+    requirement,
+    unclaimed,
+)
 
 IMAGE: Final = "example.invalid/give-me-an-image:tag"
-MAX_ARGUMENTS: Final = 50
 _CAMEL: Final = {"qos_class": "qosClass", "latency_budget": "latencyBudget", "deadline": "deadline"}
 _TOPIC: Final = re.compile(r"/[A-Za-z_]\w*(?:/[A-Za-z_]\w*)*", re.ASCII)
 _TYPE: Final = re.compile(r"[a-zA-Z]\w*/(?:(?:msg|srv|action)/)?[A-Z]\w*", re.ASCII)
 _TOOLS: Final = frozenset({"rviz2", "rviz", "rqt_gui", "rqt_graph", "rqt_reconfigure"})
 _ENDING: Final = frozenset({"create", "spawn_entity.py", "spawn_model", "spawner.py", "unspawner", "unspawner.py"})
 """Programs that end when their work is done; what a RobotApp starts is started again and again."""
-_NETWORKS: Final = frozenset({"tcp", "udp", "ethernet", "network"})
-_CHANNEL: Final = re.compile(r"channel|comm|connection|transport|protocol|interface")
-_SPAWNER: Final = ("controller_manager", "spawner")
+_OPENED_ALONE: Final = frozenset({"video", "input"})
+"""Types that one program opens for itself although a node may also just be asked whether it has one."""
+_VARIABLE: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,100}", re.ASCII)
+_OWN_VARIABLES: Final = frozenset({"ROS_DOMAIN_ID", "RMW_IMPLEMENTATION", "ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME"})
+"""What the operator sets, from spec.ros2 and spec.ros1."""
+MAX_INLINE_BYTES: Final = 180_000
+"""Of the parameter files in one app, which also travel in annotations of its pods."""
+MAX_FILES: Final = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +90,10 @@ def _label(name: str) -> str:
 def app(launch: LaunchProfile, *, name: str, distro: str) -> dict[str, Any]:
     """The RobotApp as plain data."""
     found = components(launch.nodes)
-    spec: dict[str, Any] = {
-        "ros": {"distro": distro},
-        "components": [_component(one, ros1=distro in ROS1_DISTROS) for one in found],
-    }
+    ros1, texts = distro in ROS1_DISTROS, dict(launch.parameter_texts)
+    files = _inline_files(found, texts, ros1=ros1)
+    bodies = [_component(one, taken, texts, ros1=ros1) for one, taken in zip(found, files, strict=True)]
+    spec: dict[str, Any] = {"ros": {"distro": distro}, "components": bodies}
     if drawn := _edges(launch.edges, found):
         spec["edges"] = drawn
     return {
@@ -87,16 +104,62 @@ def app(launch: LaunchProfile, *, name: str, distro: str) -> dict[str, Any]:
     }
 
 
+class _Dumper(yaml.SafeDumper):
+    """Writes scripts and parameter files as blocks of lines."""
+
+
+def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style="|" if "\n" in text else None)
+
+
+_Dumper.add_representer(str, _represent_text)
+
+
 def as_robotapp(launch: LaunchProfile, *, name: str, distro: str) -> str:
     """The RobotApp as YAML, with what was left out as comments."""
-    body = yaml.safe_dump(app(launch, name=name, distro=distro), sort_keys=False, allow_unicode=True, width=120)
-    return "".join(_comments(launch)) + body
+    body = yaml.dump(
+        app(launch, name=name, distro=distro), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120
+    )
+    return "".join(_comments(launch, distro)) + body
 
 
-def _component(component: Component, *, ros1: bool) -> dict[str, Any]:
-    found: dict[str, Any] = {"name": component.name, "image": IMAGE, "args": _arguments(component, ros1=ros1)}
-    hardware = dict.fromkeys(one for node in component.nodes for one in _opened(node))
-    return {**found, **needs(_lead(component).assessment, hardware)}
+def _component(component: Component, files: dict[str, int], texts: dict[str, str], *, ros1: bool) -> dict[str, Any]:
+    """`files`: position in the component's `parameters` by name of the parameter file."""
+    nodes = component.nodes
+    words = ros1_words(nodes) if ros1 else ros2_words(component.name, nodes, files)
+    body: dict[str, Any] = {"name": component.name, "image": IMAGE, "args": words}
+    if variables := _variables(component):
+        body["env"] = [{"name": key, "value": value} for key, value in variables.items()]
+    if files:
+        body["parameters"] = [{"inline": texts[file]} for file in files]
+    hardware = dict.fromkeys(one for node in nodes for one in _opened(node))
+    return {**body, **needs(_lead(component).assessment, hardware)}
+
+
+def _variables(component: Component) -> dict[str, str]:
+    """The environment that the launch file gives, without what the operator sets itself."""
+    pairs = (pair for node in component.nodes for pair in node.environment)
+    return {
+        key: value
+        for key, value in pairs
+        if key not in _OWN_VARIABLES and _VARIABLE.fullmatch(key) and "$" not in value
+    }
+
+
+def _inline_files(found: Iterable[Component], texts: dict[str, str], *, ros1: bool) -> list[dict[str, int]]:
+    """By component the parameter files that it takes over, as far as an app may hold them (one file again and again counts)."""
+    remaining = MAX_INLINE_BYTES
+    by_component: list[dict[str, int]] = []
+    for component in found:
+        files: dict[str, int] = {}
+        for file in dict.fromkeys(file for node in component.nodes for file in node.parameter_files):
+            size = len(texts.get(file, "").encode())
+            if ros1 or not size or size > remaining or "$(" in texts[file] or len(files) >= MAX_FILES:
+                continue
+            remaining -= size
+            files[file] = len(files)
+        by_component.append(files)
+    return by_component
 
 
 def _opened(node: LaunchedNode) -> list[Hardware]:
@@ -106,9 +169,8 @@ def _opened(node: LaunchedNode) -> list[Hardware]:
 
 
 def _network(node: LaunchedNode) -> str:
-    """The parameter by which a driver that also takes a serial line goes over the network, such as `channel_type:=tcp`; "" without."""
-    pairs = ((key, value) for key, value in node.parameters if value.lower() in _NETWORKS)
-    return next((f"{key}:={value}" for key, value in pairs if _CHANNEL.search(key)), "")
+    """The parameter of the launch file, or of a parameter file, by which a driver goes over the network; "" without."""
+    return node.network or network_setting(node.parameters)
 
 
 def needs(assessment: Assessment, hardware: Iterable[Hardware]) -> dict[str, Any]:
@@ -121,7 +183,19 @@ def needs(assessment: Assessment, hardware: Iterable[Hardware]) -> dict[str, Any
         found["qosClass"] = qos_class
     if stated:
         found["policies"] = stated
-    return {**found, **devices_and_requires(_stated(one) for one in hardware)}
+    return {**found, **_claims(hardware)}
+
+
+def _claims(hardware: Iterable[Hardware]) -> dict[str, list[dict[str, str]]]:
+    """Devices and requirements; a camera and an input device are claimed as well, because a program opens them for itself."""
+    kept = list(hardware)
+    usb_id = next((one.usb_id for one in kept if one.usb_id and one.type in ("camera", "usb")), "")
+    fields: dict[str, list[dict[str, str]]] = devices_and_requires(_stated(one) for one in claimable(kept))
+    opened = [one for one in fields.get("requires", ()) if one["type"] in _OPENED_ALONE]
+    others = [one for one in fields.get("requires", ()) if one not in opened]
+    identity = {"usbID": usb_id} if usb_id else {}
+    devices = [{"name": one["type"], **one, **identity} for one in opened] + fields.get("devices", [])
+    return {name: entries for name, entries in (("devices", devices), ("requires", others)) if entries}
 
 
 def _lead(component: Component) -> LaunchedNode:
@@ -138,63 +212,6 @@ def _stated(hardware: Hardware) -> dict[str, str]:
     """`requirement`, and of a device the USB id that a udev rule names."""
     usb = {"usbID": hardware.usb_id} if hardware.usb_id and hardware.type in EXCLUSIVE_TYPES else {}
     return requirement(hardware) | usb
-
-
-def _arguments(component: Component, *, ros1: bool) -> list[str]:
-    """How the process is started. Where a parameter file lies in the image is not known: comments name these files."""
-    plain = next((node for node in component.nodes if not node.plugin), None)
-    alone = component.nodes[0] if len(component.nodes) == 1 else None
-    if ros1:
-        node = plain or component.nodes[0]
-        words = (
-            ["rosrun", node.package, node.executable]
-            if plain
-            else ["rosrun", "nodelet", "nodelet", "standalone", node.plugin]
-        )
-        return (
-            words
-            + _own_arguments(node, node.arguments)
-            + [f"{key}:={value}" for _, key, value in _options(node, "__name", "_")]
-        )
-    if plain is None and alone is not None:
-        return ["ros2", "component", "standalone", alone.package, alone.plugin, *_flags(alone)]
-    if plain is None:
-        return ["ros2", "run", "rclcpp_components", "component_container"]
-    more = _flags(plain)
-    own = _own_arguments(plain, _with_flag(plain))
-    return ["ros2", "run", plain.package, plain.executable, *own, *(["--ros-args", *more] if more else [])]
-
-
-def _with_flag(node: LaunchedNode) -> list[str]:
-    """The arguments; a spawner stays until it is stopped. Without the flag it ends, and its pod would crash and crash."""
-    own = list(node.arguments)
-    spawns = (node.package, node.executable) == _SPAWNER and any(own)
-    return [*own, "--unload-on-kill"] if spawns and "--unload-on-kill" not in own else own
-
-
-def _own_arguments(node: LaunchedNode, arguments: Iterable[str]) -> list[str]:
-    """All of them or none: half a command line may mean something else. A comment has what cannot be told."""
-    return [] if _is_untold(node) else [text for text in arguments if text]
-
-
-def _is_untold(node: LaunchedNode) -> bool:
-    return len(node.arguments) > MAX_ARGUMENTS or any("$" in text or len(text) > 1000 for text in node.arguments)
-
-
-def _flags(node: LaunchedNode) -> list[str]:
-    return [word for flag, key, value in _options(node, "__node") for word in (flag, f"{key}:={value}")]
-
-
-def _options(node: LaunchedNode, name_key: str, prefix: str = "") -> list[tuple[str, str, str]]:
-    """(flag of ROS 2, key, value) of the node's name, namespace, remaps and parameters; what is not known is left out."""
-    name = node.full_name.rpartition("/")[2]
-    found = [("-r", name_key, name)] if name != node.executable else []
-    if node.namespace not in ("", "/"):
-        found.append(("-r", "__ns", node.namespace))
-    stated = set(node.arguments)
-    found += [("-r", *pair) for pair in node.remaps if all(pair) and ":=".join(pair) not in stated]
-    found += [("-p", f"{prefix}{key}", value) for key, value in node.parameters if value and len(value) < 200]
-    return [one for one in found if "$" not in one[1] + one[2] and "\n" not in one[2]][:50]
 
 
 def _edges(edges: Iterable[Edge], found: list[Component]) -> list[dict[str, Any]]:
@@ -257,44 +274,15 @@ def _consistent(drawn: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return drawn
 
 
-def _comments(launch: LaunchProfile) -> list[str]:
+def _comments(launch: LaunchProfile, distro: str) -> list[str]:
     lines = [
         f"# Inferred from {launch.package}/{launch.file}. Give every component its image; check runsOn and devices.\n"
     ]
     found = components(launch.nodes)
     lines += _doubts(found)
-    for component in found:
-        if len(component.nodes) > 1 and any(node.plugin for node in component.nodes):
-            plugins = ", ".join(node.plugin for node in component.nodes if node.plugin)
-            lines.append(f"# {component.name} is one process; load into it: {plugins[:500]}\n")
-        lines += [
-            f"# {component.name}: perhaps {perhaps(one)}: left out\n"
-            for node in component.nodes
-            for one in node.assessment.doubted
-        ]
-        lines += [
-            f"# {component.name}: {requirement(one)['type']} is opened through {library(one)}\n"
-            for node in component.nodes
-            for one in _opened(node)
-            if library(one)
-        ]
-        lines += [
-            f"# {component.name}: no serial device, because of {network}\n"
-            for node in component.nodes
-            if (network := _network(node)) and len(_opened(node)) < len(distinct(node.assessment.hardware))
-        ]
-        lines += [
-            f"# {component.name}: is started with arguments that the launch file works out; add them to args: "
-            f"{' '.join(_with_flag(node))[:300]}\n"
-            for node in component.nodes
-            if _is_untold(node)
-        ]
-        lines += [f"# {component.name}: {text}\n" for node in component.nodes for text in _worked_out(node)]
-        lines += [
-            f"# {component.name}: parameters of {_file_name(f)}\n"
-            for node in component.nodes
-            for f in node.parameter_files
-        ]
+    taken = _inline_files(found, dict(launch.parameter_texts), ros1=distro in ROS1_DISTROS)
+    for component, files in zip(found, taken, strict=True):
+        lines += [f"# {component.name}: {text}\n" for text in _component_comments(component, files, distro)]
     lines += [
         f"# {node.executable} of {node.package} ends by itself and is left out: a RobotApp would start it again and again\n"
         for node in launch.nodes
@@ -302,6 +290,37 @@ def _comments(launch: LaunchProfile) -> list[str]:
     ]
     lines += [f"# {problem.file}: {problem.message[:300]}\n" for problem in launch.problems]
     return [line.replace("\r", " ") for line in dict.fromkeys(" ".join(line.split()) + "\n" for line in lines)]
+
+
+def _component_comments(component: Component, files: Iterable[str], distro: str) -> Iterator[str]:
+    """What of a component the reader has to decide about or to add."""
+    nodes, taken = component.nodes, frozenset(files)
+    yield from (f"perhaps {perhaps(one)}: left out" for node in nodes for one in node.assessment.doubted)
+    for node in nodes:
+        opened = _opened(node)
+        asked = claimable(opened)
+        yield from (f"{requirement(one)['type']} is opened through {library(one)}" for one in asked if library(one))
+        yield from unclaimed(opened)
+        if (network := _network(node)) and len(opened) < len(distinct(node.assessment.hardware)):
+            yield f"no serial device, because of {network}"
+        if is_untold(node):
+            words = " ".join(complete_arguments(node))[:300]
+            yield f"is started with arguments that the launch file works out; add them to args: {words}"
+        yield from _worked_out(node)
+        yield from _started_otherwise(node, ros1=distro in ROS1_DISTROS)
+        passed = taken.union(absolute_files(node))
+        yield from (f"parameters of {_file_name(file)}" for file in node.parameter_files if file not in passed)
+
+
+def _started_otherwise(node: LaunchedNode, *, ros1: bool) -> Iterator[str]:
+    """What of the way a node is started is not in its command line and variables."""
+    if node.prefix and (ros1 or node.plugin or "$" in node.prefix):
+        yield f"is started with {node.prefix[:100]} before its program, which is left out"
+    for key, value in node.environment:
+        if key in _OWN_VARIABLES:
+            yield f"variable {key}={value[:100]} is left out, because the operator sets it; write spec.ros{1 if ros1 else 2}"
+        elif "$" in value or not _VARIABLE.fullmatch(key):
+            yield f"variable {key[:100]} is worked out by the launch file; write it under env"
 
 
 def _doubts(found: Iterable[Component]) -> Iterator[str]:

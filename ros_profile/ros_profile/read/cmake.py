@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ros_profile.model.facts import Fact, Kind
@@ -10,6 +10,10 @@ from ros_profile.model.package import Executable, SourceFile
 from ros_profile.read.text import decode
 
 MAX_COMMANDS: Final = 5000
+MAX_CALLS: Final = 8
+"""How deep functions call each other."""
+MAX_ROUNDS: Final = 100
+_BLOCKS: Final = frozenset({"function", "macro", "foreach"})
 MAX_VALUES: Final = 2000
 """Values a variable may grow to: `set(A ${A} ${A})` doubles with each line."""
 _COMMENT = re.compile(r"#\[(?P<mark>=*)\[.*?\](?P=mark)\]|#[^\n]*", re.DOTALL)
@@ -30,6 +34,14 @@ class Command:
     line: int
 
 
+@dataclass(frozen=True, slots=True)
+class _Function:
+    """A function or macro of the file: the names of its arguments, and what it does."""
+
+    arguments: tuple[str, ...]
+    body: tuple[Command, ...]
+
+
 @dataclass(slots=True)
 class _State:
     """What was set so far in one file."""
@@ -40,6 +52,9 @@ class _State:
     conditions: list[str] = field(default_factory=list)
     facts: list[Fact] = field(default_factory=list)
     executables: list[Executable] = field(default_factory=list)
+    functions: dict[str, "_Function"] = field(default_factory=dict)
+    commands: int = 0
+    """How many were read, those of functions and loops each time they run."""
 
     def add(self, subject: str, values: list[str], line: int, *, weight: float = 1.0) -> None:
         weight = min(weight, 0.5) if self.conditions else weight
@@ -48,17 +63,79 @@ class _State:
 
 def read_cmake(data: bytes, file: str) -> SourceFile:
     state = _State(file)
-    for command in _commands(decode(data)):
-        name = command.name
-        if name == "if":
+    _run(state, list(_commands(decode(data))), depth=0)
+    return SourceFile(file, "cmake", tuple(state.facts), executables=tuple(state.executables))
+
+
+def _run(state: _State, commands: list[Command], *, depth: int) -> None:
+    """Reads commands in their order; functions, macros and loops as often as they are called."""
+    index = 0
+    while index < len(commands) and state.commands < MAX_COMMANDS:
+        command, name = commands[index], commands[index].name
+        index += 1
+        state.commands += 1
+        if name in _BLOCKS:
+            body = _block(commands, index, name)
+            index += len(body) + 1
+            _begin_block(state, command, body, depth=depth)
+        elif name == "if":
             state.conditions.append(" ".join(command.words))
         elif name in {"else", "elseif"} and state.conditions:
             state.conditions[-1] = "else"
         elif name == "endif" and state.conditions:
             state.conditions.pop()
         elif not any(_TESTING.search(condition) for condition in state.conditions):
-            _read(state, name, _expanded(command.words, state.variables), command.line)
-    return SourceFile(file, "cmake", tuple(state.facts), executables=tuple(state.executables))
+            words = _expanded(command.words, state.variables)
+            if name in state.functions:
+                _call(state, name, words, depth=depth)
+            else:
+                _read(state, name, words, command.line)
+
+
+def _block(commands: list[Command], start: int, name: str) -> list[Command]:
+    """Returns what stands between a command that begins a block and the one that ends it."""
+    level = 1
+    for index in range(start, len(commands)):
+        level += (commands[index].name == name) - (commands[index].name == f"end{name}")
+        if level == 0:
+            return commands[start:index]
+    return commands[start:]
+
+
+def _begin_block(state: _State, command: Command, body: list[Command], *, depth: int) -> None:
+    if command.name in {"function", "macro"}:
+        if command.words:
+            state.functions[command.words[0].lower()] = _Function(command.words[1:], tuple(body))
+        return
+    words = _expanded(command.words, state.variables)
+    if not words or depth >= MAX_CALLS:
+        return
+    variable, values = words[0], [word for word in words[1:] if word not in {"IN", "ITEMS"}]
+    if "LISTS" in values:
+        values = [v for name in values[values.index("LISTS") + 1 :] for v in state.variables.get(name, [])]
+    for value in values[:MAX_ROUNDS]:
+        state.variables[variable] = [value]
+        _run(state, body, depth=depth + 1)
+
+
+def _call(state: _State, name: str, words: list[str], *, depth: int) -> None:
+    """Reads the body of a function with its arguments in place; what it sets stays, which is more than CMake keeps."""
+    if depth >= MAX_CALLS:
+        return
+    function = state.functions[name]
+    rest = words[len(function.arguments) :]
+    given = dict(zip(function.arguments, ([word] for word in words), strict=False))
+    given |= {"ARGN": rest, "ARGV": words} | {f"ARGV{index}": [word] for index, word in enumerate(words[:20])}
+    outer = {key: state.variables.get(key) for key in given}
+    state.variables.update(given)
+    conditions, state.conditions = state.conditions, list(state.conditions)
+    _run(state, list(function.body), depth=depth + 1)
+    state.conditions = conditions
+    for key, value in outer.items():
+        if value is None:
+            state.variables.pop(key, None)
+        else:
+            state.variables[key] = value
 
 
 def _commands(text: str) -> Iterator[Command]:
@@ -145,6 +222,9 @@ def _target(state: _State, name: str, first: str, rest: list[str], line: int) ->
     elif name == "rclcpp_components_register_nodes":
         for plugin in rest:
             _component(state, plugin.rsplit("::", 1)[-1], plugin, first, line)
+    elif name == "set_target_properties" and "OUTPUT_NAME" in rest[:-1]:
+        called = rest[rest.index("OUTPUT_NAME") + 1]
+        state.executables = [replace(e, name=called) if e.name == first else e for e in state.executables]
     elif name == "install" and first in {"PROGRAMS", "FILES"}:
         _programs(state, rest, line, only_scripts=first == "FILES")
     elif name == "catkin_install_python" and rest:

@@ -51,18 +51,40 @@ def reader_of(file: str, head: bytes = b"") -> Reader | None:
     return _BY_SUFFIX.get(suffix)
 
 
+_BEFORE_ROOT: Final = ((b"<!--", b"-->"), (b"<?", b"?>"), (b"<!", b">"))
+
 LaunchReader = Callable[[bytes, str], LaunchFile]
 
 
 def launch_reader_of(file: str, data: bytes) -> LaunchReader | None:
-    """The reader for a launch file, known by its name and by what stands in it."""
+    """The reader for a launch file, known by what stands in it: launch files are included under any name."""
     name = file.lower()
     if name.endswith(".py"):
         return read_launch_python if b"def generate_launch_description" in data else None
     if name.endswith(".launch"):
         return read_launch_xml
-    if name.endswith(".xml") and ("launch" in name) and b"<launch" in data[:20_000]:
+    if name.endswith(".xml") and _first_tag(data[:20_000]) == b"launch":
         return read_launch_xml
-    if name.endswith((".yaml", ".yml")) and "launch" in name and data.lstrip()[:2000].find(b"launch:") >= 0:
+    if name.endswith((".yaml", ".yml")) and _is_list_of_actions(data[:20_000]):
         return read_launch_yaml
     return None
+
+
+def _first_tag(data: bytes) -> bytes:
+    """Returns the name of the root element, without what XML allows before it."""
+    start = data.find(b"<")
+    while start >= 0:
+        end = next((mark for begin, mark in _BEFORE_ROOT if data.startswith(begin, start)), None)
+        if end is None:
+            words = data[start + 1 : start + 100].replace(b">", b" ").replace(b"/", b" ").split(maxsplit=1)
+            return words[0] if words else b""
+        closed = data.find(end, start)
+        start = data.find(b"<", closed + len(end)) if closed >= 0 else -1
+    return b""
+
+
+def _is_list_of_actions(data: bytes) -> bool:
+    """Returns whether a YAML file has a list under the key `launch`."""
+    lines = [line for line in data.splitlines() if line.strip() and not line.lstrip().startswith(b"#")]
+    after = (lines[index + 1] for index, line in enumerate(lines[:-1]) if line.split() == [b"launch:"])
+    return any(line.lstrip().startswith(b"-") for line in after)

@@ -8,8 +8,11 @@ from ros_profile.model.endpoints import Parameter
 from ros_profile.model.facts import Fact, Kind
 from ros_profile.model.package import SourceFile
 from ros_profile.read import yaml_text
+from ros_profile.read.text import decode
 
 MAX_PARAMETERS: Final = 2000
+MAX_HANDED_ON: Final = 60_000
+"""Bytes of a parameter file that a RobotApp takes over as it stands."""
 DEVICE_PATH: Final = re.compile(
     r"/dev/(?:tty(?:USB|ACM|S|AMA|THS|O|mxc)?[\w*-]*|video\w*|input/\w+|serial/[\w/.:-]+|i2c-\w+|spidev[\w.]*|gpiochip\w*|hidraw\w*|bus/usb[\w/]*|[a-z][\w-]{1,40})"
     r"|\bs?v?can\d{1,2}\b"
@@ -30,7 +33,8 @@ def read_parameters(data: bytes, file: str) -> SourceFile:
     facts = [
         fact for parameter in found for fact in text_facts(parameter.default, file, parameter.line, parameter.name)
     ]
-    return SourceFile(file, "parameters", tuple(facts), parameters=tuple(found), problems=problems)
+    text = decode(data) if any(parameter.node for parameter in found) and len(data) <= MAX_HANDED_ON else ""
+    return SourceFile(file, "parameters", tuple(facts), parameters=tuple(found), problems=problems, text=text)
 
 
 def text_facts(text: str, file: str, line: int, name: str = "") -> Iterator[Fact]:

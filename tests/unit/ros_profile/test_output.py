@@ -108,7 +108,7 @@ def test_a_node_is_asked_for_what_its_agent_reports_and_for_no_word_of_a_library
     launch = LaunchProfile("base_driver", "a.launch", (node("/cam", shown),), (), shown)
     written = as_robotapp(launch, name="x", distro="jazzy")
     assert "# cam: video is opened through realsense v4l2" in written
-    assert yaml.safe_load(written)["spec"]["components"][0]["requires"] == [{"type": "video"}]
+    assert yaml.safe_load(written)["spec"]["components"][0]["devices"] == [{"name": "video", "type": "video"}]
 
 
 def started(text: str, root: Path) -> dict[str, list[str]]:
@@ -307,8 +307,8 @@ def test_a_container_is_one_component_with_the_most_demanding_class_and_all_devi
     made = app(launch, name="x", distro="jazzy")["spec"]["components"]
     assert [one["name"] for one in made] == ["box", "c"]
     assert (made[0]["qosClass"], made[0]["runsOn"], made[0]["devices"][0]["type"]) == ("realtime", ["Robot"], "serial")
+    assert all(f"plugin='{plugin}'" in made[0]["args"][2] for plugin in ("p::A", "p::B"))
     comments = [line for line in as_robotapp(launch, name="x", distro="jazzy").splitlines() if line.startswith("#")]
-    assert any("p::A, p::B" in line for line in comments)
     assert any("perhaps can (0.30)" in line for line in comments)
 
 

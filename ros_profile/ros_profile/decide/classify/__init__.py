@@ -1,6 +1,7 @@
 """Classification: `classify` judges a unit, `aggregate` joins the judgements of what runs together. Pure."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
@@ -13,12 +14,15 @@ from ros_profile.model.conclusions import Assessment, Estimate, Hardware, Placem
 from ros_profile.model.facts import Fact, Kind
 from ros_profile.model.package import Unit
 
+_SAMPLE = re.compile(r"(?:^|/)(?:examples?|samples?)/")
+_CODE = (".cpp", ".cc", ".cxx", ".c", ".cu", ".hpp", ".h", ".py")
 CERTAIN_ENOUGH = 0.42
 """What a launch file starts counts for its class from this confidence on."""
 
 
 def classify(unit: Unit, *, curated: bool, libraries: Mapping[str, Devices] | None = None) -> Assessment:
     """`libraries`: devices that packages of the same workspace open, by package, for nodes that link these as libraries."""
+    unit = _without_samples(unit)
     found = features(unit)
     opened = {} if only_assets(unit) else linked_devices(devices(unit), unit, libraries or {})
     if curated:
@@ -51,6 +55,21 @@ def classify(unit: Unit, *, curated: bool, libraries: Mapping[str, Devices] | No
     )
 
 
+def _without_samples(unit: Unit) -> Unit:
+    """Returns a package without its samples of how a library is used, where it has other code."""
+    code = [file for file in unit.files if file.endswith(_CODE) and not _SAMPLE.search(file)]
+    if unit.kind != "package" or not code:
+        return unit
+    return replace(
+        unit,
+        facts=tuple(fact for fact in unit.facts if not _SAMPLE.search(fact.file)),
+        endpoints=tuple(endpoint for endpoint in unit.endpoints if not _SAMPLE.search(endpoint.file)),
+        timers=tuple(timer for timer in unit.timers if not _SAMPLE.search(timer.file)),
+        parameters=tuple(parameter for parameter in unit.parameters if not _SAMPLE.search(parameter.file)),
+        files=tuple(file for file in unit.files if not _SAMPLE.search(file)),
+    )
+
+
 def only_assets(unit: Unit) -> bool:
     """Models, views and worlds by the package's name, and no code: a device that a model names is opened by a driver."""
     named = name_roles(unit.package.name)[:1]
@@ -74,7 +93,9 @@ def _after_hardware(found: Features) -> None:
     publishes = found.any("pub:other", "pub:state", "pub:sensor")
     if publishes and not any(name.startswith("sub:") for name in found.found):
         found.add("shape:device_source", first)
-    line = found.any("hardware:serial", "hardware:can")
+    _after_line(found, first)
+    told = ("shape:device_report", "shape:signal_output", "shape:discrete_io")
+    line = found.any("hardware:serial", "hardware:can") and not found.any(*told)
     if line and not found.any("pub:sensor", "sub:sensor", "pub:interpreted", "uses:display", "word:display"):
         found.add("shape:device_link", first)
     if (
@@ -83,6 +104,26 @@ def _after_hardware(found: Features) -> None:
         and not found.any("pub:sensor", "sub:command")
     ):
         found.add("shape:discrete_io", first)
+
+
+def _after_line(features: Features, first: Fact) -> None:
+    """A serial line that only reports what hangs on it, and one that only shows something to people, control nothing."""
+    if "hardware:serial" not in features or features.any("sub:command", "pub:command", "sub:joy", "pub:joy", *_LOOPS):
+        return
+    streams = any(name.startswith(("sub:", "pub:")) and name not in _REPORTS for name in features.found)
+    if not streams and features.any("serve:action", "serve:service"):
+        features.add("shape:discrete_io", first)
+    elif features.any("word:io", "word2:io", "word:display") and not features.any("pub:sensor", "pub:state"):
+        features.add("shape:signal_output", first)
+    elif features.any("pub:state", "pub:pose", "pub:other") and not any(
+        name.startswith("sub:") for name in features.found
+    ):
+        features.add("shape:device_report", first)
+
+
+_REPORTS = frozenset({"pub:state", "pub:other", "pub:diagnostics"})
+"""What a device that works on request tells of itself."""
+_LOOPS = ("plugin:hardware", "plugin:controller", "hosts:hardware", "hosts:controller", "inherits:hardware")
 
 
 def _has_lifecycle(unit: Unit) -> bool:

@@ -50,7 +50,7 @@ def features(unit: Unit) -> Features:
     found = Features()
     facts = [fact for fact in unit.facts if not is_test(fact.file)]
     endpoints = [e for e in unit.endpoints if not is_test(e.file)]
-    _from_bases(found, facts)
+    _from_bases(found, facts, unit.package.name)
     _from_endpoints(found, endpoints)
     _from_libraries(found, facts)
     _from_words(found, unit)
@@ -77,7 +77,15 @@ def _role(table: Iterable[tuple[re.Pattern[str], str]], text: str) -> str:
     return next((role for pattern, role in table if pattern.search(text)), "")
 
 
-def _from_bases(found: Features, facts: list[Fact]) -> None:
+_DRIVING = frozenset({"hardware", "controller"})
+
+
+def _is_simulated(plugin: str, package: str) -> bool:
+    """Returns whether a plug-in stands in for a device: by the words of its own name, or of its package's."""
+    return any("simulation" in name_roles(name) for name in (plugin.replace("/", "::").rpartition("::")[2], package))
+
+
+def _from_bases(found: Features, facts: list[Fact], package: str) -> None:
     """Plug-ins by their base class, classes by what they inherit, and hosts by what they load."""
     registered = {fact.value for fact in facts if fact.kind is Kind.PLUGIN_BASE}
     reporting = {f.value for f in facts if f.kind is Kind.INHERITS and roles.REPORTING_CONTROLLER.search(f.subject)}
@@ -86,10 +94,14 @@ def _from_bases(found: Features, facts: list[Fact]) -> None:
             broadcaster = role == "controller" and (
                 "roadcaster" in fact.value or fact.value.rpartition("::")[2] in reporting
             )
+            if role in _DRIVING and _is_simulated(fact.value, package):
+                found.add("plugin:simulated", fact)
+                continue
             found.add("plugin:broadcaster" if broadcaster else f"plugin:{role}", fact)
         elif fact.kind is Kind.INHERITS and fact.value not in registered:
             if role := _of_base(fact.subject):
-                found.add(f"inherits:{role}", fact)
+                stands_in = role in _DRIVING and _is_simulated(fact.value, package)
+                found.add("plugin:simulated" if stands_in else f"inherits:{role}", fact)
         elif fact.subject == "pluginlib::ClassLoader" and (role := _of_base(fact.value)):
             found.add(f"hosts:{role}", fact)
 
@@ -116,7 +128,9 @@ def _stream(endpoint: Endpoint, *, publishes_sensor: bool) -> Iterator[str]:
     measured = kind in roles.MEASURED_COMMAND_TYPES and (publishes_sensor or not named)
     if kind in roles.COMMAND_TYPES and not measured:
         yield "command"
-    elif named and not kind.startswith("std_msgs/msg/String"):
+    elif named and kind.startswith("std_msgs/msg/String"):
+        yield "command_name"
+    elif named:
         yield "command" if not kind or kind.startswith(("std_msgs/", "geometry_msgs/")) else "command_name"
     elif kind in roles.SENSOR_TYPES:
         yield "sensor"

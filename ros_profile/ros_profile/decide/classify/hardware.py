@@ -18,6 +18,8 @@ THRESHOLD = 0.5
 """Hardware of this probability is required of a node; what is less probable is doubted."""
 SHOWN = 0.25
 """Hardware that is less probable is not even doubted."""
+UNUSED = 0.6
+"""How much a dependency counts that nothing in the code shows."""
 LINKED = 0.85
 """How much of a library's own certainty passes to what includes its headers."""
 _TABLES = {
@@ -54,8 +56,9 @@ class _Case:
 def devices(unit: Unit) -> Devices:
     cases: dict[str, _Case] = {}
     name = () if _is_controller(unit) else (Fact(Kind.NAME, unit.package.name, "", unit.package.file),)
+    own = {file.rpartition("/")[2] for file in unit.files}
     for fact in (*name, *unit.facts):
-        if is_test(fact.file):
+        if is_test(fact.file) or (fact.kind is Kind.INCLUDE and fact.value and fact.subject.rpartition("/")[2] in own):
             continue
         for sign, weight in _matches(fact):
             for gives in sign.gives:
@@ -64,6 +67,10 @@ def devices(unit: Unit) -> Devices:
                 case.facts.append(fact)
                 case.model = case.model or sign.model
                 case.interface = case.interface or sign.interface
+    if unit.languages & {"cpp", "python"}:
+        for case in cases.values():
+            if case.weights.keys() == {Kind.DEPENDENCY}:  # the code is here and uses nothing of it
+                case.weights[Kind.DEPENDENCY] *= UNUSED
     identity = _usb_id(unit.facts)
     return {kind: _estimate(kind, case, identity) for kind, case in sorted(cases.items())}
 

@@ -65,6 +65,8 @@ _SHAPES = {
     "viewer": "opens windows and is named like a display",
     "device_link": "connects a serial line or field bus, and no sensor",
     "device_source": "only reports what its device gives",
+    "device_report": "only reports what hangs on its serial line",
+    "signal_output": "shows something to people over its serial line",
     "discrete_io": "switches pins on request",
     "no_code": "has no code",
     "no_node": "has no node",

@@ -3,10 +3,11 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from ros_profile.decide.classify.features import Features, is_test
 from ros_profile.model.conclusions import Estimate, QosClass, SubClass
-from ros_profile.model.endpoints import Parameter
+from ros_profile.model.endpoints import Parameter, Timer
 from ros_profile.model.facts import Fact, Kind
 from ros_profile.model.package import Unit
 
@@ -55,11 +56,21 @@ WORDS = {
 _RATE = re.compile(r"(?:^|[._/])(?:\w*_)?(?:frequency|freq|rate|hz|fps|framerate|frame_rate)$", re.IGNORECASE)
 _PERIOD = re.compile(r"(?:^|[._/])(?:\w*_)?(?:period|interval)(?:_s|_sec)?$", re.IGNORECASE)
 _OTHER_RATE = re.compile(
-    r"baud|bit|sample|transform|tf|diag|map_update|learning|retry|log|warn|expected|min_|max_|timeout|decay|reconnect",
+    r"baud|bit|sample|transform|tf|diag|map_update|learning|retry|log|warn|expected|min_|max_|timeout|decay|reconnect|save|stat(?:us|istics)|heart_?beat|watchdog|check|monitor_|discover",
     re.IGNORECASE,
+)
+_HOUSEKEEPING: Final = re.compile(
+    r"diag|watch_?dog|heart_?beat|reconnect|retry|(?:^|_)(?:log|print|save|init|start|connect|wait)|health|alive|time_?out|param|event|window|gui|stat(?:us|istics)|monitor|check|discover|clean",
+    re.IGNORECASE,
+)
+"""Functions whose timers say nothing of how often the node works."""
+_WORK: Final = re.compile(
+    r"pub|send|read|write|update|control|loop|step|tick|capture|grab|cycle|cmd|run", re.IGNORECASE
 )
 _STALE = re.compile(r"(?:cmd|command|velocity|watchdog|heartbeat|source|stop_pub\w*)\w*_?timeout", re.IGNORECASE)
 SHORTEST_S, LONGEST_S = 0.0005, 2.0
+LONGEST_WITHOUT_A_NAME_S = 0.5
+"""Slower loops and lambdas that publish nothing wait for something, or try again."""
 _PARTS = {1.0: "", 1 / 3: "a third of ", 1 / 2: "half of ", 1 / 4: "a quarter of "}
 
 
@@ -87,7 +98,7 @@ def _realtime(found: Features, unit: Unit, fastest: float | None) -> SubClass:
     if found.any("shape:operator", "word:teleop") or ("pub:joy" in found):
         stops = re.search(r"(?:^|_)(?:e_?stop|emergency)(?:_|$)", unit.package.name)
         return SubClass.SAFETY if stops else SubClass.OPERATOR_INPUT
-    if re.search(r"(?:^|_)(?:e_?stop|emergency|safety|collision)(?:_|$)", f"{unit.package.name}_{unit.name}"):
+    if re.search(r"(?:^|_)(?:e_?stop|emergency|safety|failsafe|collision)(?:_|$)", f"{unit.package.name}_{unit.name}"):
         return SubClass.SAFETY
     loaded = found.any(
         "plugin:hardware",
@@ -113,6 +124,8 @@ def _sensor(found: Features) -> SubClass:
         return SubClass.CAMERA if images else SubClass.LIDAR
     if any(kind.endswith(("/Image", "/CompressedImage", "/CameraInfo", "/DisparityImage")) for kind in carried):
         return SubClass.CAMERA
+    if not carried and "hardware:camera" in found:
+        return SubClass.CAMERA
     if any(kind.endswith(("/Imu", "/MagneticField")) for kind in carried) or "pub:state" in found:
         return SubClass.INERTIAL
     return SubClass.LIDAR
@@ -121,14 +134,11 @@ def _sensor(found: Features) -> SubClass:
 def period_of(unit: Unit) -> Estimate[float] | None:
     """Seconds: the shortest literal period of a timer, else of a parameter that gives one, else of a rate parameter."""
     defaults = {p.name: p for p in reversed(unit.parameters) if not is_test(p.file)}
-    literal = [
-        (t.period_s, Fact(Kind.PERIOD, f"{t.period_s:g}", "timer", t.file, t.line))
-        for t in unit.timers
-        if not is_test(t.file)
-    ]
+    timers = _working_timers([timer for timer in unit.timers if not is_test(timer.file)])
+    literal = [(t.period_s, Fact(Kind.PERIOD, f"{t.period_s:g}", "timer", t.file, t.line)) for t in timers]
     by_timer = [
         found
-        for timer in unit.timers
+        for timer in timers
         if timer.parameter in defaults and (found := _of(defaults[timer.parameter], is_rate=timer.parameter_is_rate))
     ]
     named = list(_named(unit))
@@ -138,6 +148,17 @@ def period_of(unit: Unit) -> Estimate[float] | None:
             seconds, fact = min(usable, key=lambda pair: pair[0])
             return Estimate(seconds, confidence, (fact,), f"the period {_shown(seconds)} ({fact.value})")
     return None
+
+
+def _working_timers(timers: list[Timer]) -> list[Timer]:
+    """Returns the timers by which a node works: those that publish, read or control, else all but those that keep house."""
+    related = [
+        timer
+        for timer in timers
+        if (timer.runs or timer.period_s <= LONGEST_WITHOUT_A_NAME_S)
+        and (not _HOUSEKEEPING.search(timer.runs) or re.match("_?(?:pub|send)", timer.runs))
+    ]
+    return [timer for timer in related if _WORK.search(timer.runs)] or related
 
 
 def _of(parameter: Parameter, *, is_rate: bool) -> tuple[float, Fact] | None:
@@ -165,15 +186,20 @@ def _named(unit: Unit) -> Iterator[tuple[float, Fact]]:
 
 
 def deadline(unit: Unit, row: SubClass, period: Estimate[float] | None) -> Estimate[float] | None:
-    """The period within the bounds of the sub-class; the smallest stale-command timeout where there is no period."""
+    """The period, and no less than the sub-class takes; the smallest stale-command timeout where there is no period.
+
+    A deadline below the node's own period would be missed by every message, so a long period stands as it is.
+    """
     bounds = ROWS[row].deadline_s
     if bounds is None:
         return None
-    period = period or _stale(unit)
-    if period is None:
+    if period is not None:
+        return _bounded(period.value, (bounds[0], LONGEST_S), period, row, period.reason)
+    stale = _stale(unit)
+    if stale is None:
         default = min(max(ROWS[row].period_s, bounds[0]), bounds[1])
         return Estimate(default, 0.4, (), f"usual for {row.value}, {WORDS[row]}")
-    return _bounded(period.value, bounds, period, row, period.reason)
+    return _bounded(stale.value, bounds, stale, row, stale.reason)
 
 
 def _stale(unit: Unit) -> Estimate[float] | None:

@@ -9,6 +9,7 @@ WEIGHTS: dict[str, tuple[float, float, float, float]] = {
     "plugin:controller": (4.0, 0.0, 0.0, 0.0),
     "plugin:broadcaster": (-2.5, 4.0, 0.0, 0.0),
     "plugin:hardware": (4.0, 0.0, 0.0, 0.0),
+    "plugin:simulated": (0.0, 0.0, 0.0, 3.0),
     "plugin:motion": (4.0, 0.0, 0.0, 0.0),
     "plugin:planner": (0.0, 0.0, 3.0, 0.0),
     "plugin:layer": (0.0, 2.5, 0.0, 0.0),
@@ -130,6 +131,8 @@ WEIGHTS: dict[str, tuple[float, float, float, float]] = {
     "hardware:gpio": (0.0, 0.4, 0.6, -0.5),
     "shape:device_source": (0.0, 1.2, 0.0, 0.0),
     "shape:device_link": (1.5, 0.0, 0.0, 0.0),
+    "shape:device_report": (0.0, 1.2, 0.0, 0.0),
+    "shape:signal_output": (-0.7, 0.0, 1.8, 0.0),
     "shape:discrete_io": (0.0, 0.0, 1.3, 0.0),
     # the table of well-known packages
     "curated:realtime": (4.0, 0.0, 0.0, 0.0),

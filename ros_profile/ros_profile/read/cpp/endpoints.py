@@ -157,16 +157,22 @@ def _callback_type(c: Context, call: Call, kind: str) -> str:
     """From the callback's first parameter: the last argument that names a function of this file, or a lambda."""
     for argument in call.arguments[1:]:
         match = _CALLBACK.search(argument)
-        if match is None:
+        plain = argument.strip() if argument.strip() in c.callbacks else ""
+        if match is None and not plain:
             continue
-        name = match.group(1) or match.group(2)
-        if not name:
+        name = plain or (match and (match.group(1) or match.group(2)))
+        if match and not name:
             return ros_name(resolved(re.sub(r"\s+\w+$", "", match.group(3).split(",", 1)[0]), c.aliases), kind=kind)
         if name in c.callbacks:
             found = ros_name(resolved(c.callbacks[name], c.aliases), kind=kind)
             return re.sub(r"/srv/(\w+)(?:::)?Request$", r"/srv/\1", found)
         return f"&{name}"
     return f".{call.receiver}" if call.receiver else ""
+
+
+_LOOP_CHARACTERS = 2000
+"""After the declaration of a rate, in which the loop that sleeps by it stands."""
+_BOUND = re.compile(r"&(?:\w+::)*(\w+)")
 
 
 def timers(c: Context) -> list[Timer]:
@@ -186,8 +192,18 @@ def timers(c: Context) -> list[Timer]:
             expression = _substituted(expression, c.tree.near(call.place))
             span = read(expression, c.variables)
         line = c.tree.source.line(call.place)
-        found.append(Timer(c.file, line, span.seconds, span.parameter, span.is_rate, call.owner))
+        runs = _function_run(call, arguments[1:], c)
+        found.append(Timer(c.file, line, span.seconds, span.parameter, span.is_rate, call.owner, runs))
     return found
+
+
+def _function_run(call: Call, arguments: list[str], c: Context) -> str:
+    """Returns the name of the function that a timer calls; of a loop or a lambda, whether it publishes."""
+    for argument in arguments:
+        if bound := _BOUND.search(argument):
+            return bound[1]
+    code = " ".join(arguments) if arguments else c.tree.source.code[call.place : call.place + _LOOP_CHARACTERS]
+    return "publish" if "publish(" in code else ""
 
 
 def _substituted(expression: str, code: str) -> str:

@@ -1,6 +1,7 @@
 """Python launch files by `ast`: their statements are followed, nothing is imported or run."""
 
 import ast
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, TypeVar
@@ -21,6 +22,8 @@ _UNCHANGED: Final = frozenset(
     {"perform", "items", "strip", "lower", "as_posix", "resolve", "copy", "describe", "values", "absolute"}
 )
 _DESCRIPTION: Final = "LaunchDescription"
+_NODE_CLASS: Final = re.compile(r"^[A-Z]\w*[a-z]Node$")
+"""Names of classes that are derived from Node, such as CloudNode."""
 
 
 T = TypeVar("T")
@@ -45,7 +48,10 @@ class _Evaluator:
 
     file: str
     functions: dict[str, ast.FunctionDef] = field(default_factory=dict)
+    classes: dict[str, ast.ClassDef] = field(default_factory=dict)
+    """Classes of the file, for those that derive from one of the launch library."""
     module: dict[str, Any] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
     steps: int = 0
     depth: int = 0
 
@@ -60,6 +66,8 @@ class _Evaluator:
             value = self.value(node.value, frame)
             for target in node.targets:
                 self._assign(target, value, frame)
+        elif isinstance(node, ast.ClassDef):
+            self.classes[node.name] = node
         elif isinstance(node, ast.AnnAssign) and node.value is not None:
             self._assign(node.target, self.value(node.value, frame), frame)
         elif isinstance(node, ast.AugAssign):
@@ -121,7 +129,7 @@ class _Evaluator:
             found = self._value(node, frame)
         finally:
             self.depth -= 1
-        return found[: v.MAX_TEXT] if isinstance(found, str) else found
+        return found[: v.MAX_TEXT] if isinstance(found, str) and len(found) > v.MAX_TEXT else found
 
     def _counted(self, value: T) -> T:
         """The value, whose size counts as steps: values that hold one another twice grow without end."""
@@ -190,7 +198,7 @@ class _Evaluator:
         found: list[Any] = []
         for item in items:
             if isinstance(item, ast.Starred):
-                found += self._counted(v.as_list(self.value(item.value, frame)))
+                found += self._counted(v.as_actions(self.value(item.value, frame)))
             else:
                 found.append(self.value(item, frame))
         return self._counted(found)
@@ -217,10 +225,9 @@ class _Evaluator:
 
     @staticmethod
     def _add(left: Any, right: Any) -> Any:
-        if isinstance(left, list) and isinstance(right, list) and len(left) + len(right) < MAX_NODES:
-            return [*left, *right]
-        if isinstance(left, list):
-            return left
+        if isinstance(left, list) or isinstance(right, list):
+            joined = [*v.as_actions(left), *v.as_actions(right)]
+            return joined if len(joined) < MAX_NODES else left
         if isinstance(left, str) or isinstance(right, str):
             return v.as_text([left, right])
         return v.UNKNOWN
@@ -231,11 +238,17 @@ class _Evaluator:
             return holder.get(key, v.UNKNOWN)
         if isinstance(holder, list) and isinstance(key, int) and -len(holder) <= key < len(holder):
             return holder[key]
+        if dotted(node.value).endswith("os.environ") and isinstance(key, str):
+            return v.Text(f"$(env {key})")
         return v.UNKNOWN
 
     def _comparison(self, node: ast.Compare, frame: _Frame) -> Any:
         left, right = self.value(node.left, frame), self.value(node.comparators[0], frame)
-        if left is v.UNKNOWN or right is v.UNKNOWN or not isinstance(node.ops[0], ast.Eq | ast.NotEq):
+        if (
+            isinstance(left, v.Unknown)
+            or isinstance(right, v.Unknown)
+            or not isinstance(node.ops[0], ast.Eq | ast.NotEq)
+        ):
             return v.UNKNOWN
         if isinstance(left, str) and isinstance(right, str) and "$(" in left + right:
             return f"$({'equals' if isinstance(node.ops[0], ast.Eq) else 'notequals'} {left} | {right})"
@@ -253,21 +266,25 @@ class _Evaluator:
 
     def _call(self, node: ast.Call, frame: _Frame) -> Any:
         name = node.func.attr if isinstance(node.func, ast.Attribute) else dotted(node.func)
-        if isinstance(node.func, ast.Attribute) and name not in CALLS and name != _DESCRIPTION:
+        if name == "get" and dotted(node.func).endswith("os.environ.get"):
+            name = "getenv"
+        if isinstance(node.func, ast.Attribute) and name not in CALLS and not self._is_class(name):
             return self._method(node, node.func, frame)
         if name == "join" and isinstance(node.func, ast.Attribute) and not dotted(node.func.value).endswith("path"):
             return v.UNKNOWN
         if name == "OpaqueFunction":
             return self._opaque(node, frame)
         arguments = self._arguments(node, frame)
-        if name == _DESCRIPTION:
-            return v.Description(v.as_list(arguments.get("0", arguments.get("initial_entities"))))
         if name in self.functions and dotted(node.func) == name:
             return self._apply(self.functions[name], arguments, frame)
+        if name not in CALLS and self._is_class(name):
+            name = self._base_of(name, node.lineno)
+        if name == _DESCRIPTION:
+            return v.Description(v.as_actions(arguments.get("0", arguments.get("initial_entities"))))
         if name.startswith("LaunchConfig"):  # a class of somebody's own, such as one that gives it as a boolean
             name = name if name in CALLS else "LaunchConfiguration"
         if name not in CALLS:
-            return v.UNKNOWN
+            return v.Unknown(dotted(node.func), node.lineno)
         return _conditioned(CALLS[name](arguments), frame.conditions)
 
     def _arguments(self, node: ast.Call, frame: _Frame) -> dict[str, Any]:
@@ -276,7 +293,9 @@ class _Evaluator:
             found[str(index)] = argument
         for keyword in node.keywords:
             value = self.value(keyword.value, frame)
-            if keyword.arg is None:
+            if keyword.arg == "value_type":
+                found[keyword.arg] = dotted(keyword.value)
+            elif keyword.arg is None:
                 found.update(value if isinstance(value, dict) else {})
             else:
                 found[keyword.arg] = value
@@ -287,6 +306,11 @@ class _Evaluator:
         arguments = [self.value(argument, frame) for argument in node.args]
         if function.attr in ("add_action", "add_entity", "append") and arguments:
             target = holder.actions if isinstance(holder, v.Description) else holder
+            if isinstance(holder, v.Unknown) and holder.call:
+                message = (
+                    f"what is added to {holder.call}(…) is not followed: it is no description of the launch library"
+                )
+                self.problems.append(Problem(self.file, message, node.lineno))
             self._counted(arguments[0])
             if isinstance(target, list) and len(target) < MAX_NODES:
                 target.append(
@@ -296,14 +320,14 @@ class _Evaluator:
         if function.attr == "perform_substitution" and arguments:
             return arguments[0]
         if function.attr == "extend" and isinstance(holder, list) and arguments:
-            holder += self._counted(v.as_list(arguments[0]))
+            holder += self._counted(v.as_actions(arguments[0]))
         elif function.attr == "update" and isinstance(holder, dict) and arguments and isinstance(arguments[0], dict):
             holder.update(self._counted(arguments[0]))
         elif function.attr == "get" and isinstance(holder, dict) and arguments:
             return holder.get(arguments[0] if isinstance(arguments[0], str) else "", v.UNKNOWN)
         elif function.attr in _UNCHANGED:
             return holder
-        return v.UNKNOWN
+        return v.Unknown(dotted(function), node.lineno)
 
     def _opaque(self, node: ast.Call, frame: _Frame) -> Any:
         """What the function returns; its context argument is not known."""
@@ -311,12 +335,36 @@ class _Evaluator:
             (dotted(k.value) for k in node.keywords if k.arg == "function"), dotted(node.args[0]) if node.args else ""
         )
         if name not in self.functions:
-            return v.UNKNOWN
-        given = next((k.value for k in node.keywords if k.arg == "args"), None)
-        more = v.as_list(self.value(given, frame)) if given is not None else []
-        arguments = {str(index): value for index, value in enumerate([v.UNKNOWN, *more])}
+            return v.Unknown(name or "OpaqueFunction", node.lineno)
+        given = {k.arg: self.value(k.value, frame) for k in node.keywords if k.arg in ("args", "kwargs")}
+        arguments = {str(index): value for index, value in enumerate([v.UNKNOWN, *v.as_list(given.get("args"))])}
+        named = given.get("kwargs")
+        arguments.update(named if isinstance(named, dict) else {})
         returned = self._apply(self.functions[name], arguments, frame)
-        return _conditioned(v.Group(v.as_list(returned), scoped=False), frame.conditions)
+        return _conditioned(v.Group(v.as_actions(returned), scoped=False), frame.conditions)
+
+    def _is_class(self, name: str) -> bool:
+        """Returns whether a call makes a description or a node, be its class the launch library's or one derived from it."""
+        return name.endswith(_DESCRIPTION) or name in self.classes or bool(_NODE_CLASS.search(name))
+
+    def _base_of(self, name: str, line: int) -> str:
+        """Returns the class of the launch library that a class stands for, and notes what its own code may change."""
+        own, base = self.classes.get(name), name
+        for _ in range(MAX_DEPTH):
+            if base not in self.classes or not self.classes[base].bases:
+                break
+            base = dotted(self.classes[base].bases[0]).rpartition(".")[2]
+        changed = own is not None and any(isinstance(one, ast.FunctionDef) for one in own.body)
+        if base in CALLS or base == _DESCRIPTION:
+            known = base
+        elif base in self.classes:
+            return base
+        else:
+            known, changed = _DESCRIPTION if base.endswith(_DESCRIPTION) else "Node", True
+        if changed and name != _DESCRIPTION:
+            message = f"{name} is read as a {known}; what its own code adds or changes is not followed"
+            self.problems.append(Problem(self.file, message, line))
+        return known
 
     def _apply(self, function: ast.FunctionDef, arguments: dict[str, Any], frame: _Frame) -> Any:
         """A local function's result; of several returns the actions of all."""
@@ -340,7 +388,7 @@ def _either(test: str, first: Any, second: Any) -> Any:
     """A value that depends on a test: as a text where both are texts, else the first one that is known."""
     if isinstance(first, str) and isinstance(second, str) and first != second and "|" not in first + second:
         return f"$(if {test} | {first} | {second})"
-    return second if first is v.UNKNOWN or first is None else first
+    return second if isinstance(first, v.Unknown) or first is None else first
 
 
 def _conditioned(value: Any, conditions: tuple[str, ...]) -> Any:
@@ -355,7 +403,7 @@ def read_launch_python(data: bytes, file: str) -> LaunchFile:
     module, problems = parse(data, file)
     if module is None:
         return LaunchFile(file, "python", problems=problems)
-    evaluator, reading = _Evaluator(file), Flattened()
+    evaluator, reading = _Evaluator(file), Flattened(file)
     frame = _Frame(evaluator.module)
     try:
         evaluator.run(module.body, frame)
@@ -363,10 +411,11 @@ def read_launch_python(data: bytes, file: str) -> LaunchFile:
         if function is not None:
             returned = _Frame({})
             evaluator.run(function.body, returned)
-            found = [one for one in returned.returned if isinstance(one, v.Description)]
-            reading.actions([action for one in found for action in one.actions], Scope())
+            for value in returned.returned:
+                reading.actions(value.actions if isinstance(value, v.Description) else v.as_actions(value), Scope())
     except (_BudgetError, RecursionError):
         problems = (*problems, Problem(file, "is larger than is followed; what it starts is not known completely"))
+    problems = (*problems, *dict.fromkeys((*evaluator.problems, *reading.problems)))
     return LaunchFile(
         file, "python", tuple(reading.arguments), tuple(reading.nodes), tuple(reading.includes), problems=problems
     )

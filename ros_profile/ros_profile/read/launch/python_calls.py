@@ -34,7 +34,8 @@ def _argument(arguments: Arguments) -> LaunchArgument:
 
 def _node(arguments: Arguments, *, plugin: str = "", lifecycle: bool = False) -> StartedNode:
     given = v.as_list(_first(arguments, "parameters"))
-    values = [pair for one in given if isinstance(one, dict) for pair in v.flat(one)]
+    mappings = [one.values if isinstance(one, v.RewrittenFile) else one for one in given]
+    values = [entry for one in mappings if isinstance(one, dict) for entry in v.flat(one)][:500]
     files = [v.as_text(one) for one in given if not isinstance(one, dict)]
     return StartedNode(
         package=_text(arguments, "package"),
@@ -43,7 +44,10 @@ def _node(arguments: Arguments, *, plugin: str = "", lifecycle: bool = False) ->
         name=_text(arguments, "name", "node_name"),
         namespace=_text(arguments, "namespace", "node_namespace"),
         remaps=v.pairs(_first(arguments, "remappings")),
-        parameters=tuple(values[:500]),
+        parameters=tuple((name, value) for name, value, _ in values),
+        text_parameters=tuple(name for name, _, is_text in values if is_text),
+        environment=(*v.pairs(arguments.get("env")), *v.pairs(arguments.get("additional_env"))),
+        prefix=_text(arguments, "prefix"),
         parameter_files=tuple(file for file in files if file)[:50],
         arguments=tuple(v.as_text(one) for one in v.as_list(_first(arguments, "arguments", "ros_arguments")))[:50],
         conditions=_conditions(arguments),
@@ -79,7 +83,7 @@ def _include(arguments: Arguments) -> Include:
 
 
 def _group(arguments: Arguments) -> v.Group:
-    actions = v.as_list(_first(arguments, "actions", "0"))
+    actions = v.as_actions(_first(arguments, "actions", "0"))
     return v.Group(actions, _conditions(arguments), scoped=_first(arguments, "scoped") is not False)
 
 
@@ -107,9 +111,36 @@ def _path(arguments: Arguments) -> str:
 
 
 def _environment(arguments: Arguments) -> str:
+    """A substitution: the launch system reads its result as YAML where it is the value of a parameter."""
     default = _first(arguments, "default_value", "1", "default")
     shown = "" if default is None else f" {v.as_text(default)}"
     return f"$(env {_text(arguments, 'name', '0', 'key')}{shown})"
+
+
+def _process(arguments: Arguments) -> v.Unfollowed:
+    words = " ".join(v.as_text(one) for one in v.as_list(_first(arguments, "cmd", "0")))
+    return v.Unfollowed(f"a process that is no node gets no component: {words[:200]}", arguments["line"])
+
+
+def _unfollowed(message: str) -> Callable[[Arguments], v.Unfollowed]:
+    """`message` with `{}` for the name that the action is given."""
+
+    def make_action(arguments: Arguments) -> v.Unfollowed:
+        name = _text(arguments, "name", "filename", "0")
+        return v.Unfollowed(message.format(name[:200]), arguments["line"])
+
+    return make_action
+
+
+def _rewritten(arguments: Arguments) -> v.RewrittenFile:
+    """The values are handed to the node beside the file: where a name is in both, they count."""
+    values = arguments.get("param_rewrites")
+    return v.RewrittenFile(_text(arguments, "source_file", "0"), values if isinstance(values, dict) else {})
+
+
+def _typed(arguments: Arguments) -> Any:
+    value = _first(arguments, "value", "0")
+    return v.Text(v.as_text(value)) if arguments.get("value_type") == "str" else value
 
 
 def _configuration(arguments: Arguments) -> str:
@@ -138,7 +169,32 @@ def _through(*keys: str) -> Callable[[Arguments], Any]:
     return lambda arguments: _first(arguments, *keys)
 
 
+def _started(*programs: str) -> Callable[[Arguments], v.Description]:
+    """A function of a library that returns a description of these nodes, each `package/executable`."""
+
+    def make_description(arguments: Arguments) -> v.Description:
+        place = {key: arguments[key] for key in ("line", "file")}
+        pairs = (program.split("/") for program in programs)
+        return v.Description([_node({"package": package, "executable": name, **place}) for package, name in pairs])
+
+    return make_description
+
+
+_MOVE_GROUP, _STATES = "moveit_ros_move_group/move_group", "robot_state_publisher/robot_state_publisher"
+_MOVEIT: Final = {
+    "generate_demo_launch": _started(_MOVE_GROUP, _STATES, "rviz2/rviz2", "controller_manager/ros2_control_node"),
+    "generate_move_group_launch": _started(_MOVE_GROUP),
+    "generate_rsp_launch": _started(_STATES),
+    "generate_moveit_rviz_launch": _started("rviz2/rviz2"),
+    "generate_spawn_controllers_launch": _started("controller_manager/spawner"),
+    "generate_static_virtual_joint_tfs_launch": _started("tf2_ros/static_transform_publisher"),
+    "generate_setup_assistant_launch": _started(),
+    "generate_warehouse_db_launch": _started(),
+}
+"""What the generated launch files of MoveIt configurations return, by function of moveit_configs_utils."""
+
 CALLS: Final[dict[str, Callable[[Arguments], Any]]] = {
+    **_MOVEIT,
     "LaunchConfiguration": _configuration,
     "DeclareLaunchArgument": _argument,
     "SetLaunchConfiguration": lambda a: LaunchArgument(_text(a, "name", "0"), _text(a, "value", "1"), a["line"]),
@@ -169,7 +225,18 @@ CALLS: Final[dict[str, Callable[[Arguments], Any]]] = {
     "get_package_share_path": lambda a: f"$(find {_text(a, 'package_name', '0')})",
     "TextSubstitution": lambda a: _text(a, "text", "0"),
     "EnvironmentVariable": _environment,
-    "getenv": _environment,
+    "getenv": lambda a: v.Text(_environment(a)),
+    "SetEnvironmentVariable": lambda a: v.Environment((_text(a, "name", "0"), _text(a, "value", "1")), _conditions(a)),
+    "AppendEnvironmentVariable": _unfollowed("what is appended to the variable {} is not followed; write it under env"),
+    "UnsetEnvironmentVariable": _unfollowed("that the variable {} is taken away is not followed"),
+    "SetParameter": _unfollowed("parameter {} is set for all nodes, which is not followed; write it for each"),
+    "SetParametersFromFile": _unfollowed(
+        "parameters of {} are set for all nodes, which is not followed; write them for each"
+    ),
+    "SetUseSimTime": _unfollowed("use_sim_time is set for all nodes, which is not followed; write it for each"),
+    "ExecuteProcess": _process,
+    "ExecuteLocal": _process,
+    **dict.fromkeys(("LogInfo", "Shutdown", "EmitEvent", "UnregisterEventHandler"), lambda _: v.Group([])),
     "ThisLaunchFileDir": lambda _: "$(dirname)",
     "PythonExpression": lambda a: f"$(eval {_text(a, 'expression', '0')})",
     "NotSubstitution": _words("not"),
@@ -185,8 +252,8 @@ CALLS: Final[dict[str, Callable[[Arguments], Any]]] = {
     "AnyLaunchDescriptionSource": _through("launch_file_path", "0"),
     "FrontendLaunchDescriptionSource": _through("launch_file_path", "0"),
     "ParameterFile": _through("param_file", "0"),
-    "ParameterValue": _through("value", "0"),
-    "RewrittenYaml": _through("source_file", "0"),
+    "RewrittenYaml": _rewritten,
+    "ParameterValue": _typed,
     "ReplaceString": _through("source_file", "0"),
     "eval": lambda a: f"$(eval {_text(a, '0')})",
     "str": _through("0"),

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from ros_profile.model import yaml_words
 from ros_profile.model.launch import UNKNOWN_TEXT, Include, LaunchArgument, StartedNode
 from ros_profile.read.python.syntax import MAX_BITS
 
@@ -11,14 +12,24 @@ MAX_TEXT: Final = 2000
 """Of one value; nothing that names a node, a file or a topic is longer."""
 
 
+@dataclass(frozen=True, slots=True)
 class Unknown:
-    """What cannot be told without running the file."""
+    """What cannot be told without running the file. `call`: the call it would come from."""
+
+    call: str = ""
+    line: int = 0
 
     def __repr__(self) -> str:
         return "UNKNOWN"
 
 
 UNKNOWN: Final = Unknown()
+
+
+class Text(str):
+    """A text that stays one, whatever it looks like: what `os.getenv` returns, a value of type `str`."""
+
+    __slots__ = ()
 
 
 @dataclass(slots=True)
@@ -46,6 +57,30 @@ class Remap:
     pair: tuple[str, str]
 
 
+@dataclass(frozen=True, slots=True)
+class RewrittenFile:
+    """A parameter file of which the launch file replaces values by name."""
+
+    file: str
+    values: dict[Any, Any]
+
+
+@dataclass(slots=True)
+class Environment:
+    """A variable for every process that is started after it."""
+
+    pair: tuple[str, str]
+    conditions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Unfollowed:
+    """An action whose effect is not followed, with the words that tell so."""
+
+    message: str
+    line: int
+
+
 @dataclass(slots=True)
 class Description:
     actions: list[Any] = field(default_factory=list)
@@ -68,7 +103,7 @@ class Builder:
     text: str = ""
 
 
-Action = StartedNode | Include | LaunchArgument | Group | Push | Remap | Container
+Action = StartedNode | Include | LaunchArgument | Group | Push | Remap | Container | Environment | Unfollowed | Unknown
 
 
 def as_text(value: Any) -> str:
@@ -81,6 +116,8 @@ def as_text(value: Any) -> str:
         return str(value) if isinstance(value, float) or value.bit_length() <= MAX_BITS else UNKNOWN_TEXT
     if isinstance(value, list | tuple):
         return _joined(value)
+    if isinstance(value, RewrittenFile):
+        return value.file
     return "" if value is None else UNKNOWN_TEXT
 
 
@@ -116,7 +153,12 @@ def weight(value: Any, most: int) -> int:
 def as_list(value: Any) -> list[Any]:
     if isinstance(value, list | tuple):
         return list(value)
-    return [] if value is None or value is UNKNOWN else [value]
+    return [] if value is None or isinstance(value, Unknown) else [value]
+
+
+def as_actions(value: Any) -> list[Any]:
+    """The actions of a value; a call that cannot be told stays in, so that it is named as not followed."""
+    return [value] if isinstance(value, Unknown) else as_list(value)
 
 
 def pairs(value: Any) -> tuple[tuple[str, str], ...]:
@@ -129,9 +171,9 @@ def pairs(value: Any) -> tuple[tuple[str, str], ...]:
     return tuple((as_text(key), as_text(one)) for key, one in items)
 
 
-def flat(value: dict[Any, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Parameters of a nested mapping by dotted name."""
-    found: list[tuple[str, str]] = []
+def flat(value: dict[Any, Any], prefix: str = "") -> list[tuple[str, str, bool]]:
+    """Parameters of a nested mapping: dotted name, value, and whether the value is a text whatever it looks like."""
+    found: list[tuple[str, str, bool]] = []
     for key, one in value.items():
         name = f"{prefix}{as_text(key)}"
         if isinstance(one, dict):
@@ -141,7 +183,13 @@ def flat(value: dict[Any, Any], prefix: str = "") -> list[tuple[str, str]]:
             and all(isinstance(item, str | int | float) for item in one)
             and "$(" not in as_text(one)
         ):
-            found.append((name, "[" + ", ".join(as_text(item) for item in one) + "]"))
+            items = (yaml_words.quote_text(item) if isinstance(item, str) else as_text(item) for item in one)
+            found.append((name, "[" + ", ".join(items) + "]", False))
         else:
-            found.append((name, as_text(one)))
+            found.append((name, as_text(one), _is_text(one)))
     return found
+
+
+def _is_text(value: Any) -> bool:
+    """A text of Python is handed on as a text; one with substitutions is read as YAML once these are replaced."""
+    return isinstance(value, Text) or (isinstance(value, str) and "$(" not in value)

@@ -12,10 +12,11 @@ class Scope:
     namespace: str = ""
     remaps: tuple[tuple[str, str], ...] = ()
     conditions: tuple[str, ...] = ()
+    environment: tuple[tuple[str, str], ...] = ()
 
     def inner(self, *conditions: str) -> "Scope":
         """A scope of its own that begins as this one."""
-        return Scope(self.namespace, self.remaps, (*self.conditions, *conditions))
+        return Scope(self.namespace, self.remaps, (*self.conditions, *conditions), self.environment)
 
 
 def join(outer: str, inner: str) -> str:

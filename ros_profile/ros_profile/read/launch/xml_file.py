@@ -10,6 +10,16 @@ from ros_profile.read import xml_text, yaml_text
 from ros_profile.read.launch.scope import MAX_NODES, Scope, join
 
 _NODELET_VERBS: Final = ("load", "standalone", "manager")
+UNFOLLOWED: Final = {
+    "machine": ": write runsOn where it matters on which computer a node runs",
+    "unset_env": "",
+    "append_env": ": write the variable under env",
+    "set_parameter": ": write the parameter for each node",
+    "set_parameters_from_file": ": write the parameters for each node",
+    "set_use_sim_time": ": write use_sim_time for each node",
+    "reset": "",
+}
+"""Tags that change what is started and are not followed, with what to do about it."""
 
 
 @dataclass(slots=True)
@@ -19,6 +29,7 @@ class _Reading:
     nodes: list[StartedNode] = field(default_factory=list)
     includes: list[Include] = field(default_factory=list)
     parameters: list[tuple[str, str]] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
 
     def children(self, parent: Any, scope: Scope) -> None:
         """Everything of one level; `<remap>` and `<push_ros_namespace>` change what follows them."""
@@ -36,6 +47,8 @@ class _Reading:
             elif tag == "group":
                 inner.namespace = join(scope.namespace, xml_text.attribute(element, "ns"))
                 self.children(element, inner)
+            elif tag == "timer":
+                self.children(element, inner)
             elif tag in ("node", "executable", "lifecycle_node"):
                 self._node(element, inner, lifecycle=tag == "lifecycle_node")
             elif tag in ("node_container", "load_composable_node"):
@@ -46,6 +59,13 @@ class _Reading:
                 self.parameters += _parameters([element])
             elif tag == "let":
                 self.arguments.append(_argument(element))
+            elif tag in ("set_env", "env"):
+                scope.environment = (*scope.environment, _pair(element, "name", "value"))
+            elif tag in UNFOLLOWED:
+                self._add_problem(element, f"<{tag}> is not followed{UNFOLLOWED[tag]}")
+
+    def _add_problem(self, element: Any, message: str) -> None:
+        self.problems.append(Problem(self.file, message, xml_text.line_of(element)))
 
     def _argument(self, element: Any, scope: Scope) -> None:
         argument = _argument(element)
@@ -54,8 +74,14 @@ class _Reading:
         self.arguments.append(argument)
 
     def _node(self, element: Any, scope: Scope, *, lifecycle: bool) -> None:
+        if element.get("cmd") is not None:
+            command = xml_text.attribute(element, "cmd")
+            self._add_problem(element, f"a process that is no node gets no component: {command[:200]}")
+            return
+        if machine := xml_text.attribute(element, "machine"):
+            self._add_problem(element, f"machine {machine[:100]} is not followed; write runsOn where it matters")
         arguments = xml_text.attribute(element, "args").split()
-        executable = xml_text.attribute(element, "exec", "type", "cmd")
+        executable = xml_text.attribute(element, "exec", "type")
         package = xml_text.attribute(element, "pkg")
         plugin = container = ""
         if package == "nodelet" and executable == "nodelet" and arguments[:1] and arguments[0] in _NODELET_VERBS:
@@ -72,7 +98,10 @@ class _Reading:
                 namespace=join(scope.namespace, xml_text.attribute(element, "namespace", "ns")),
                 remaps=(*scope.remaps, *_remaps(element)),
                 parameters=tuple(_parameters(element)),
+                text_parameters=tuple(_text_parameters(element)),
                 parameter_files=tuple(_parameter_files(element)),
+                environment=(*scope.environment, *_variables(element)),
+                prefix=xml_text.attribute(element, "launch-prefix"),
                 arguments=tuple(arguments[:50]),
                 container=container,
                 conditions=scope.conditions,
@@ -87,6 +116,7 @@ class _Reading:
         if tag == "node_container":
             self._node(element, scope, lifecycle=False)
         namespace = join(scope.namespace, xml_text.attribute(element, "namespace") if tag == "node_container" else "")
+        name = join(namespace, name) if tag == "node_container" else name
         for child in element:
             if xml_text.tag_of(child) != "composable_node":
                 continue
@@ -100,6 +130,7 @@ class _Reading:
                     namespace=join(scope.namespace, own) if own else namespace,
                     remaps=(*scope.remaps, *_remaps(child)),
                     parameters=tuple(_parameters(child)),
+                    text_parameters=tuple(_text_parameters(child)),
                     parameter_files=tuple(_parameter_files(child)),
                     container=name,
                     conditions=(*scope.conditions, *_conditions(child)),
@@ -118,6 +149,7 @@ class _Reading:
                 remaps=scope.remaps,
                 conditions=scope.conditions,
                 line=xml_text.line_of(element),
+                environment=(*scope.environment, *_variables(element)),
             )
         )
 
@@ -138,6 +170,7 @@ def read_launch_xml(data: bytes, file: str) -> LaunchFile:
         nodes=tuple(reading.nodes),
         includes=tuple(reading.includes),
         parameters=tuple(reading.parameters),
+        problems=tuple(reading.problems),
     )
 
 
@@ -177,6 +210,21 @@ def _parameters(elements: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
             yield f"{prefix}{name}", str(element.text).strip()[:1000]
         elif tag == "rosparam" and element.text and element.get("command", "load") == "load":
             yield from _inline(str(element.text))
+
+
+def _text_parameters(elements: Any, prefix: str = "") -> Iterator[str]:
+    """Yields the names of parameters that are stated to be texts."""
+    for element in elements:
+        if xml_text.tag_of(element) == "param" and (name := xml_text.attribute(element, "name")):
+            yield from _text_parameters(element, f"{prefix}{name}.")
+            if xml_text.attribute(element, "type") in ("str", "string"):
+                yield f"{prefix}{name}"
+
+
+def _variables(element: Any) -> Iterator[tuple[str, str]]:
+    for child in element:
+        if xml_text.tag_of(child) == "env":
+            yield _pair(child, "name", "value")
 
 
 def _inline(text: str) -> Iterator[tuple[str, str]]:

@@ -7,6 +7,7 @@ from ros_profile.model.facts import Problem
 from ros_profile.model.launch import NOT, Include, LaunchArgument, LaunchFile, StartedNode
 from ros_profile.read import yaml_text
 from ros_profile.read.launch.scope import MAX_NODES, Scope, join
+from ros_profile.read.launch.xml_file import UNFOLLOWED
 from ros_profile.read.yaml_text import Node
 
 
@@ -16,6 +17,7 @@ class _Reading:
     arguments: list[LaunchArgument] = field(default_factory=list)
     nodes: list[StartedNode] = field(default_factory=list)
     includes: list[Include] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
 
     def actions(self, listed: Iterable[Node], scope: Scope) -> None:
         for action in listed:
@@ -31,14 +33,25 @@ class _Reading:
             scope.namespace = join(scope.namespace, _text(body, "namespace"))
         elif key in ("set_remap", "remap"):
             scope.remaps = (*scope.remaps, (_text(body, "from"), _text(body, "to")))
+        elif key in ("set_env", "env"):
+            scope.environment = (*scope.environment, (_text(body, "name"), _text(body, "value")))
         elif key == "group":
             self.actions(body.elements() or _children(body), inner)
+        elif key == "timer":
+            self.actions(_listed(body, "children"), inner)
         elif key == "include":
             pairs = tuple((_text(one, "name"), _text(one, "value")) for one in _listed(body, "arg", "let"))
             self.includes.append(
-                Include(_text(body, "file"), pairs, scope.namespace, scope.remaps, inner.conditions, line)
+                Include(
+                    _text(body, "file"), pairs, scope.namespace, scope.remaps, inner.conditions, line, scope.environment
+                )
             )
-        elif key in ("node", "lifecycle_node", "executable", "node_container", "load_composable_node"):
+        elif key == "executable":
+            message = f"a process that is no node gets no component: {_text(body, 'cmd')[:200]}"
+            self.problems.append(Problem(self.file, message, line))
+        elif key in UNFOLLOWED:
+            self.problems.append(Problem(self.file, f"{key} is not followed{UNFOLLOWED[key]}", line))
+        elif key in ("node", "lifecycle_node", "node_container", "load_composable_node"):
             self._node(key, line, body, inner)
 
     def _node(self, key: str, line: int, body: Node, scope: Scope) -> None:
@@ -46,7 +59,7 @@ class _Reading:
         namespace = join(scope.namespace, _text(body, "namespace"))
         if key != "load_composable_node":
             self._add(body, line, scope, namespace=namespace, container="", lifecycle=key == "lifecycle_node")
-        container = _text(body, "target") or name
+        container = join(namespace, name) if key == "node_container" else _text(body, "target")
         for child in _listed(body, "composable_node"):
             own = join(scope.namespace, _text(child, "namespace")) if child.get("namespace") else namespace
             inner = scope.inner(*_conditions(child))
@@ -65,7 +78,13 @@ class _Reading:
                 name=_text(body, "name"),
                 namespace=namespace,
                 remaps=(*scope.remaps, *((_text(one, "from"), _text(one, "to")) for one in _listed(body, "remap"))),
-                parameters=tuple(_parameters(_listed(body, "param"))),
+                parameters=tuple((name, value.text) for name, value in _parameters(_listed(body, "param"))),
+                text_parameters=tuple(name for name, value in _parameters(_listed(body, "param")) if value.quoted),
+                environment=(
+                    *scope.environment,
+                    *((_text(one, "name"), _text(one, "value")) for one in _listed(body, "env")),
+                ),
+                prefix=_text(body, "launch-prefix"),
                 parameter_files=tuple(one.text for p in _listed(body, "param") if (one := p.get("from"))),
                 arguments=tuple(_text(body, "args").split()[:50]),
                 container=container,
@@ -86,7 +105,12 @@ def read_launch_yaml(data: bytes, file: str) -> LaunchFile:
     reading = _Reading(file)
     reading.actions(actions.elements(), Scope())
     return LaunchFile(
-        file, "yaml", tuple(reading.arguments), tuple(reading.nodes), tuple(reading.includes), problems=problems
+        file,
+        "yaml",
+        tuple(reading.arguments),
+        tuple(reading.nodes),
+        tuple(reading.includes),
+        problems=(*problems, *reading.problems),
     )
 
 
@@ -118,10 +142,10 @@ def _children(body: Node) -> list[Node]:
     ]
 
 
-def _parameters(listed: Iterable[Node], prefix: str = "") -> Iterator[tuple[str, str]]:
+def _parameters(listed: Iterable[Node], prefix: str = "") -> Iterator[tuple[str, Node]]:
     for one in listed:
         name, value = _text(one, "name"), one.get("value")
         if name and value is not None:
-            yield f"{prefix}{name}", value.text
+            yield f"{prefix}{name}", value
         elif name and one.get("param"):
             yield from _parameters(_listed(one, "param"), f"{prefix}{name}.")

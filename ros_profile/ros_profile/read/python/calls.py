@@ -139,6 +139,8 @@ def _timer(node: ast.Call, method: str, full: str, scope: Scope, file: str) -> I
     if method == "Rate" and "." in full and not full.startswith(("rospy", "rclpy")):
         return
     is_rate = method in ("create_rate", "Rate")
+    called = _argument(node, 1, "callback")
+    runs = "rate" if is_rate else dotted(called).rpartition(".")[2] if called is not None else ""
     argument = _argument(node, 0, "frequency" if is_rate else "timer_period_sec")
     inverse = False
     if isinstance(argument, ast.BinOp) and isinstance(argument.op, ast.Div) and scope.number(argument) is None:
@@ -146,11 +148,13 @@ def _timer(node: ast.Call, method: str, full: str, scope: Scope, file: str) -> I
     text = scope.text(argument)
     if text.startswith(PARAMETER_MARK):
         name = text.removeprefix(PARAMETER_MARK)
-        yield Timer(file, node.lineno, parameter=name, parameter_is_rate=is_rate != inverse, owner=scope.owner)
+        yield Timer(
+            file, node.lineno, parameter=name, parameter_is_rate=is_rate != inverse, owner=scope.owner, runs=runs
+        )
         return
     value = scope.number(argument)
     if value is not None and value > 0:
-        yield Timer(file, node.lineno, 1 / value if is_rate != inverse else value, owner=scope.owner)
+        yield Timer(file, node.lineno, 1 / value if is_rate != inverse else value, owner=scope.owner, runs=runs)
 
 
 def _parameters(node: ast.Call, method: str, scope: Scope, file: str) -> Iterator[Parameter]:

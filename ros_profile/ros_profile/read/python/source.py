@@ -127,6 +127,9 @@ def _symbols(node: ast.Call, scope: Scope, file: str) -> Iterator[Fact]:
         return
     first = name.partition(".")[0]
     full = scope.names.full(name)
+    number = node.args[0] if node.args else None
+    if full == "cv2.VideoCapture" and isinstance(number, ast.Constant) and type(number.value) is int:
+        yield Fact(Kind.DEVICE_PATH, f"/dev/video{number.value}"[:20], "", file, node.lineno)
     if full in _OS or (
         first in scope.names.imports and full.lstrip(".").partition(".")[0] not in _QUIET and full[0] != "."
     ):

@@ -41,13 +41,37 @@ def test_probabilities_of_any_features_sum_to_one(names: list[str]) -> None:
 
 
 @given(st.sampled_from(sorted(ROWS)), st.floats(min_value=0.0005, max_value=2.0))
-def test_times_keep_to_the_bounds_of_their_row(row: SubClass, period_s: float) -> None:
-    timed = unit(timers=(Timer("src/a.cpp", 1, period_s),))
+def test_a_deadline_is_never_below_the_period_and_a_budget_keeps_to_its_row(row: SubClass, period_s: float) -> None:
+    timed = unit(timers=(Timer("src/a.cpp", 1, period_s, runs="publish"),))
     period = period_of(timed)
-    pairs = ((deadline(timed, row, period), ROWS[row].deadline_s), (budget(row, period), ROWS[row].budget_s))
-    for estimate, bounds in pairs:
-        assert (estimate is None) == (bounds is None)
-        assert estimate is None or bounds is None or bounds[0] - 1e-6 <= estimate.value <= bounds[1] + 1e-6
+    limits = ROWS[row]
+    longest, allowed = deadline(timed, row, period), budget(row, period)
+    assert (longest is None, allowed is None) == (limits.deadline_s is None, limits.budget_s is None)
+    if longest is not None and limits.deadline_s is not None:
+        assert longest.value == pytest.approx(max(period_s, limits.deadline_s[0]), abs=1e-6)
+    if allowed is not None and limits.budget_s is not None:
+        assert limits.budget_s[0] - 1e-6 <= allowed.value <= limits.budget_s[1] + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("timers", "wanted"),
+    [
+        ((("publish_scan", 0.1), ("check_connection", 0.01)), 0.1),
+        ((("reconnect", 1.0),), None),
+        ((("on_timer", 0.1), ("diagnostics_update", 0.02)), 0.1),
+        ((("publish_status", 0.5),), 0.5),
+        ((("", 0.2),), 0.2),
+        ((("", 1.0),), None),
+        ((("publish", 1.0),), 1.0),
+        ((("read_frame", 0.05), ("", 0.001)), 0.05),
+    ],
+)
+def test_a_period_is_that_of_the_timer_by_which_a_node_works(
+    timers: tuple[tuple[str, float], ...], wanted: float | None
+) -> None:
+    listed = tuple(Timer("src/a.cpp", 1, period_s, runs=name) for name, period_s in timers)
+    found = period_of(unit(timers=listed))
+    assert (found.value if found else None) == wanted
 
 
 def test_a_reason_tells_the_period_and_the_bound_that_moved_the_value() -> None:

@@ -309,3 +309,28 @@ def test_a_dummy_is_a_simulation_and_a_converter_of_streams_is_no_tool(tmp_path:
 def test_a_camera_on_the_firewire_library_is_a_camera(tmp_path: Path) -> None:
     found = judged(tmp_path, cpp("", head="#include <dc1394/dc1394.h>"))
     assert hardware(found.assessment) == {"camera"}
+
+
+def test_a_deadline_is_the_nodes_own_period_also_when_it_is_slower_than_is_usual(tmp_path: Path) -> None:
+    found = judged(
+        tmp_path,
+        cpp(
+            'n->declare_parameter<double>("update_rate", 20.0); p = n->create_publisher<sensor_msgs::msg::Imu>("i", 1);'
+        ),
+    )
+    for assessment in (found.assessment, found.executables[0].assessment):
+        assert assessment.deadline_s is not None
+        assert assessment.deadline_s.value == 0.05
+        assert assessment.deadline_s.reason == "the period 50 ms (parameter update_rate)"
+
+
+def test_the_times_of_a_package_are_those_of_its_programs_of_the_same_class(tmp_path: Path) -> None:
+    files = {
+        "CMakeLists.txt": "project(p)\nadd_executable(imu src/a.cpp)\nadd_executable(tool src/b.cpp)\n",
+        "src/a.cpp": 'int main() { rclcpp::Node n("a"); t = create_wall_timer(50ms, std::bind(&A::publish, a)); '
+        'p = n->create_publisher<sensor_msgs::msg::Imu>("i", 1); }',
+        "src/b.cpp": 'int main() { rclcpp::Node n("b"); t = create_wall_timer(1ms, std::bind(&B::draw, b)); cv::imshow("a", b); }',
+    }
+    found = judged(tmp_path, files).assessment
+    assert found.deadline_s is not None
+    assert found.deadline_s.value == 0.05

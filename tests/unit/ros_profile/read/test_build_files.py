@@ -2,6 +2,8 @@
 
 from textwrap import dedent
 
+import pytest
+
 from ros_profile.model.facts import Kind
 from ros_profile.model.package import SourceFile
 from ros_profile.read.cmake import read_cmake
@@ -109,3 +111,32 @@ def test_definitions_are_named_and_their_parts_counted() -> None:
     bad = read_interface(b"int32 a\n", "srv/Add.srv")
     assert [(f.subject, f.value) for f in good.facts] == [("msg/Speed", "std_msgs/Header")]
     assert "1 parts" in bad.problems[0].message
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "function(add_node name)\n  add_executable(${name} ${ARGN})\nendfunction()\nadd_node(lidar src/a.cpp)",
+        'macro(add_node target src)\n  add_executable("${target}" "${src}")\nendmacro()\nADD_NODE(lidar src/a.cpp)',
+        (
+            "function(inner n)\n add_executable(${n} ${ARGV1})\nendfunction()\n"
+            "function(outer n)\n inner(${n} src/a.cpp)\nendfunction()\nouter(lidar)"
+        ),
+        "foreach(n lidar)\n  add_executable(${n} src/a.cpp)\nendforeach()",
+        "set(all lidar)\nforeach(n IN LISTS all)\n  add_executable(${n} src/a.cpp)\nendforeach()",
+        "add_executable(node src/a.cpp)\nset_target_properties(node PROPERTIES OUTPUT_NAME lidar)",
+        "add_executable(node src/a.cpp)\nset_target_properties(node PROPERTIES PREFIX x OUTPUT_NAME lidar)",
+    ],
+)
+def test_programs_are_called_as_functions_loops_and_properties_make_them(text: str) -> None:
+    found = read_cmake(f"project(p)\n{text}\n".encode(), "CMakeLists.txt").executables
+    assert [(one.name, one.files) for one in found] == [("lidar", ("src/a.cpp",))]
+
+
+def test_a_function_that_is_not_called_makes_nothing_and_one_that_calls_itself_ends() -> None:
+    unused = "function(add_node name)\n  add_executable(${name} src/a.cpp)\nendfunction()\n"
+    assert read_cmake(unused.encode(), "CMakeLists.txt").executables == ()
+    endless = "function(f n)\n f(${n})\n f(${n})\n add_executable(a a.cpp)\nendfunction()\nf(x)\n" * 3
+    assert len(read_cmake(endless.encode(), "CMakeLists.txt").executables) < 5000
+    loops = "foreach(a 1 2 3 4 5 6 7 8 9)\n" * 9 + "add_executable(a a.cpp)\n" + "endforeach()\n" * 9
+    assert len(read_cmake(loops.encode(), "CMakeLists.txt").executables) < 5000

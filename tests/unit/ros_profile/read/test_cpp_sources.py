@@ -207,3 +207,18 @@ def test_devices_and_libraries_are_facts() -> None:
 )
 def test_any_bytes_are_answered(data: bytes) -> None:
     assert read_cpp(data, "a.cpp").language == "cpp"
+
+
+@pytest.mark.parametrize(
+    ("code", "runs"),
+    [
+        ("t = create_wall_timer(1s, std::bind(&Driver::check_connection, this));", "check_connection"),
+        ("t = nh.createTimer(ros::Duration(0.1), &Driver::onTimer, this);", "onTimer"),
+        ("t = create_wall_timer(1s, [this]() { pub_->publish(m); });", "publish"),
+        ("t = create_wall_timer(1s, [this]() { RCLCPP_WARN(l, w); });", ""),
+        ("rclcpp::Rate r(10); while (ok()) { pub->publish(m); r.sleep(); }", "publish"),
+        ("rclcpp::Rate r(10); while (!ready) { r.sleep(); }", ""),
+    ],
+)
+def test_a_timer_tells_what_it_runs(code: str, runs: str) -> None:
+    assert [timer.runs for timer in cpp(f"void Driver::f() {{ {code} }}").timers] == [runs]
