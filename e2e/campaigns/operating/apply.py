@@ -55,7 +55,7 @@ def misfits() -> list[Misfit]:
         Misfit(plain_app("ros2-in-ros1", ros={"distro": "noetic"}, ros2={}), "spec.ros2", ("noetic",)),
         Misfit(plain_app("ros1-in-ros2", ros={"distro": "jazzy"}, ros1={}), "spec.ros1", ("jazzy",)),
         Misfit(_torn(), "spec.components[2].separateFrom", ("act", "sense", "colocateWith", "remove")),
-        Misfit(plain_app("robotless", robots={"nodeSelector": nowhere}), "spec.robots.nodeSelector", ("no robot matches", "robots that admit namespace")),
+        Misfit(plain_app("robotless", robots={"nodeSelector": nowhere}), "spec.robots.nodeSelector", ("no robot that admits namespace", "robots that admit namespace")),
         Misfit(plain_app("masterless", placement={"masterNode": "atlantis"}), "spec.placement.masterNode", ("atlantis", "kubectl get nodes")),
         Misfit(
             plain_app("isolated", ros2={"discovery": {"mode": "Localhost"}}, edges=[edge]),

@@ -34,7 +34,7 @@ def make_app(name: str, components: Sequence[Json]) -> Json:
 
 def make_text_app(name: str) -> Json:
     """Eight parameter files of 60 kB."""
-    files = [{"inline": "a: " + "x" * 60_000}]
+    files = [{"inline": f"/**: {{ros__parameters: {{a: {'x' * 60_000}}}}}"}]
     return make_app(name, [{"name": f"c{n}", "image": "x", "command": ["x"], "parameters": files} for n in range(8)])
 
 

@@ -1,30 +1,31 @@
 """Who reaches the ports of our pods: by default nobody but the node itself and, with a monitor, the Prometheus that is found."""
 
 import json
+from typing import Any
 
 import pytest
 from tests.live.chart.chart import Chart, named
 
 pytestmark = pytest.mark.live
 
-PROMETHEUS = {
-    "apiVersion": "apiextensions.k8s.io/v1",
-    "kind": "CustomResourceDefinition",
-    "metadata": {"name": "prometheuses.monitoring.coreos.com"},
-    "spec": {
-        "group": "monitoring.coreos.com",
-        "scope": "Namespaced",
-        "names": {"kind": "Prometheus", "plural": "prometheuses", "singular": "prometheus"},
-        "versions": [
-            {
-                "name": "v1",
-                "served": True,
-                "storage": True,
-                "schema": {"openAPIV3Schema": {"type": "object", "x-kubernetes-preserve-unknown-fields": True}},
-            }
-        ],
-    },
-}
+KINDS = {"prometheuses": "Prometheus", "podmonitors": "PodMonitor"}
+
+
+def make_kind(plural: str, kind: str) -> dict[str, Any]:
+    """Returns the definition of a kind of the Prometheus operator, without its schema."""
+    schema = {"openAPIV3Schema": {"type": "object", "x-kubernetes-preserve-unknown-fields": True}}
+    return {
+        "apiVersion": "apiextensions.k8s.io/v1",
+        "kind": "CustomResourceDefinition",
+        "metadata": {"name": f"{plural}.monitoring.coreos.com"},
+        "spec": {
+            "group": "monitoring.coreos.com",
+            "scope": "Namespaced",
+            "names": {"kind": kind, "plural": plural, "singular": kind.lower()},
+            "versions": [{"name": "v1", "served": True, "storage": True, "schema": schema}],
+        },
+    }
+
 
 CLUSTER = ("--dry-run=server", "--api-versions=monitoring.coreos.com/v1/Prometheus")
 """As an installation has it: objects can be looked up, kinds are known."""
@@ -55,8 +56,10 @@ def test_switched_off_there_is_no_policy(chart: Chart) -> None:
 def test_with_a_monitor_the_prometheus_of_the_cluster_is_found(chart: Chart) -> None:
     plane = chart.plane
     plane.kubectl("create", "namespace", "watchers")
-    plane.kubectl("apply", "-f", "-", stdin=json.dumps(PROMETHEUS))
-    plane.kubectl("wait", "--for=condition=Established", "crd/prometheuses.monitoring.coreos.com", "--timeout=60s")
+    names = [f"crd/{plural}.monitoring.coreos.com" for plural in KINDS]
+    for plural, kind in KINDS.items():
+        plane.kubectl("apply", "-f", "-", stdin=json.dumps(make_kind(plural, kind)))
+    plane.kubectl("wait", "--for=condition=Established", *names, "--timeout=60s")
     body = {"apiVersion": "monitoring.coreos.com/v1", "kind": "Prometheus", "metadata": {"name": "main"}}
     plane.kubectl("create", "-n", "watchers", "-f", "-", stdin=json.dumps(body))
     try:
@@ -67,5 +70,5 @@ def test_with_a_monitor_the_prometheus_of_the_cluster_is_found(chart: Chart) -> 
         spec = named(chart.render({}, *CLUSTER), "NetworkPolicy", "robotapp")["spec"]
         assert spec.get("ingress") == [], "without a monitor nobody scrapes"
     finally:
-        plane.kubectl("delete", "crd", "prometheuses.monitoring.coreos.com")
+        plane.kubectl("delete", *names)
         plane.kubectl("delete", "namespace", "watchers", "--wait=false")

@@ -30,7 +30,7 @@ def press(console: Console, path: str, action: str) -> None:
         pages.append(console.get(path)[1])
         return bool(find_button(pages[-1], action))
 
-    assert wait_until(has_button, timeout_s=30), f"no button for {action}"
+    assert wait_until(has_button, timeout_s=30, poll_s=0.3), f"no button for {action}"
     assert console.post(find_button(pages[-1], action), {"csrf": read_csrf(pages[-1])})[0] == 303
 
 

@@ -32,7 +32,7 @@ def test_a_tenant_sees_its_apps_and_is_told_what_it_may_not_read(
     def is_shown() -> bool:
         return f'href="/apps/{namespace}/minimal"' in console.get("/")[1]
 
-    assert wait_until(is_shown, timeout_s=30), "the operator's instance is shown as a chip"
+    assert wait_until(is_shown, timeout_s=30, poll_s=0.3), "the operator's instance is shown as a chip"
     status, page = console.get("/")
     assert status == 200
     assert f"system:serviceaccount:{namespace}:view" in page
@@ -58,7 +58,7 @@ def test_who_may_read_the_cluster_sees_robots_nodes_and_round_trips(
         installed_plane.kubectl(*binding, f"--serviceaccount={namespace}:view")
     try:
         assert console.sign_in(token) == 303
-        assert wait_until(lambda: "2 ms" in console.get("/")[1], timeout_s=30)
+        assert wait_until(lambda: "2 ms" in console.get("/")[1], timeout_s=30, poll_s=0.3)
         _, page = console.get("/")
         assert f'id="robot-{ROBOT}"' in page
         assert "Not shown" not in page

@@ -10,7 +10,7 @@ COUNT = 12
 
 def files(number: int) -> list[dict[str, object]]:
     """Components with a parameter file of 60 kB each."""
-    inline = [{"inline": "a: " + "x" * 60_000}]
+    inline = [{"inline": f"/**: {{ros__parameters: {{a: {'x' * 60_000}}}}}"}]
     return [part(f"c{index}", command=["x"], parameters=inline) for index in range(number)]
 
 
