@@ -33,9 +33,9 @@ def make_app(name: str, components: Sequence[Json]) -> Json:
 
 
 def make_text_app(name: str) -> Json:
-    """Eight parameter files of 60 kB."""
-    files = [{"inline": f"/**: {{ros__parameters: {{a: {'x' * 60_000}}}}}"}]
-    return make_app(name, [{"name": f"c{n}", "image": "x", "command": ["x"], "parameters": files} for n in range(8)])
+    """Sixteen variables of 30 kB, two in each component."""
+    variables = [{"name": variable, "value": "x" * 30_000} for variable in ("A", "B")]
+    return make_app(name, [{"name": f"c{n}", "image": "x", "env": variables} for n in range(8)])
 
 
 def make_parts_app(name: str) -> Json:

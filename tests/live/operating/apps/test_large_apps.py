@@ -8,10 +8,10 @@ MIB = 1 << 20
 COUNT = 12
 
 
-def files(number: int) -> list[dict[str, object]]:
-    """Components with a parameter file of 60 kB each."""
-    inline = [{"inline": f"/**: {{ros__parameters: {{a: {'x' * 60_000}}}}}"}]
-    return [part(f"c{index}", command=["x"], parameters=inline) for index in range(number)]
+def texts(number: int) -> list[dict[str, object]]:
+    """Components with two variables of 30 kB each."""
+    variables = [{"name": name, "value": "x" * 30_000} for name in ("A", "B")]
+    return [part(f"c{index}", env=variables) for index in range(number)]
 
 
 def devices(number: int) -> list[dict[str, object]]:
@@ -27,10 +27,10 @@ def test_suspended_apps_of_the_largest_size_take_little_of_the_operators_memory(
     tenant.wait("usual", "Accepted", "True")
     before = tree_rss_bytes(operator.pid)
     for index in range(COUNT):
-        tenant.apply(f"files-{index}", *files(8), suspend=True)
+        tenant.apply(f"texts-{index}", *texts(8), suspend=True)
         tenant.apply(f"devices-{index}", *devices(36), suspend=True)
     for index in range(COUNT):
-        tenant.wait(f"files-{index}", "Accepted", "True")
+        tenant.wait(f"texts-{index}", "Accepted", "True")
         tenant.wait(f"devices-{index}", "Accepted", "True")
     grown = (tree_rss_bytes(operator.pid) - before) / MIB
     assert grown < 2 * COUNT + 32, "a mebibyte for each, and what was decoded last"
@@ -38,12 +38,12 @@ def test_suspended_apps_of_the_largest_size_take_little_of_the_operators_memory(
 
 
 def test_a_larger_app_is_not_accepted_and_says_what_counts(operator: Process, tenant: Tenant) -> None:
-    tenant.apply("large", *files(10))
+    tenant.apply("large", *texts(10))
     message = tenant.wait("large", "Accepted", "False", reason="TooLarge")["message"]
     assert "at most 512 KiB are allowed: its text 58" in message
     assert "10 components 40 KiB" in message
     assert tenant.deployments() == []
-    tenant.edit("large", components=files(2))
+    tenant.edit("large", components=texts(2))
     tenant.wait("large", "Accepted", "True")
     eventually(tenant.deployments, what=tenant.children)
     assert operator.running
