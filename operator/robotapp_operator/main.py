@@ -9,13 +9,14 @@ import random
 import signal
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterable
 from datetime import UTC, datetime
 from typing import Any, Final
 
 from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE
 from robotapp_claims.protocol.repair import make_lost_claims
 from robotapp_claims.protocol.sweeper import Sweeper
+from robotapp_claims.rules.objects import Claim
 from robotapp_client import ApiClient, Endpoint, LoginError, load
 from robotapp_client.api.resources import ROBOTAPPS
 from robotapp_client.serving.access import Gatekeeper
@@ -65,17 +66,21 @@ class Stop(asyncio.Event):
     """Set when the process is to end; `failed` when that is because a part of it died.
 
     `restored`: because the API server went back to an older state, so that everything this process knows is in doubt.
+    `known` are the claims that stood before: the cache forgets them while the process ends, since it lists again.
     """
 
     failed = False
     restored = False
+    known: tuple[Claim, ...] = ()
 
     def fail(self) -> None:
         self.failed = True
         self.set()
 
-    def restore(self) -> None:
-        self.restored = True
+    def restore(self, known: Iterable[Claim]) -> None:
+        """Ends the process to start it again. Only the first notice is kept: caches of later ones may have listed again."""
+        if not self.restored:
+            self.restored, self.known = True, tuple(known)
         self.set()
 
 
@@ -114,7 +119,7 @@ class Operator:
             namespaces=settings.namespaces,
             request_sweep=self.sweeper.sweep_soon,
             clock=time.monotonic,
-            on_restored=stop.restore,
+            on_restored=lambda: stop.restore(self.cache.all_claims()),
         )
         self.app_watch = AppWatch(
             client,
@@ -239,7 +244,7 @@ async def run(settings: Settings, endpoint: Endpoint) -> int:
             elif not stop.is_set():
                 await operator.work(stop)
         if stop.restored:
-            await make_lost_claims(client, operator.cache.all_claims())
+            await make_lost_claims(client, stop.known)
             return RESTORED
     return 1 if stop.failed else 0
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from robotapp_api.model.names import SCHEDULER_MANAGER, EventReason
 from robotapp_claims.protocol.repair import make_lost_claims
 from robotapp_claims.protocol.sweeper import PENDING_S, Sweeper
+from robotapp_claims.rules.objects import Claim
 from robotapp_client.api.client import ApiClient, Json
 from robotapp_client.api.times import utc_now
 from robotapp_client.tools.event_recorder import reference
@@ -89,7 +90,9 @@ class Scheduler:
         self._source = source or NoSource()
         self._options = options
         self._stop = asyncio.Event()
-        self._lost = self._restored = False
+        self._lost = False
+        self._known: tuple[Claim, ...] | None = None
+        """The claims that stood before the API server went back to an older state; None while it has not."""
         self._leading = asyncio.Event()
         self.port = 0
         """Where we serve, once `run` has opened it."""
@@ -209,8 +212,12 @@ class Scheduler:
         self._stop.set()
 
     def _start_again(self) -> None:
-        """The API server went back to an older state: whatever the caches and the queue hold may never have happened."""
-        self._restored = True
+        """The API server went back to an older state: whatever the caches and the queue hold may never have happened.
+
+        The claims are kept at the first notice, since the cache forgets the lost ones as soon as it has listed again.
+        """
+        if self._known is None:
+            self._known = tuple(self.domains.held())
         self.stop()
 
     async def run(self) -> int:
@@ -241,8 +248,8 @@ class Scheduler:
             memory_tuning.released()
             await self.planner.close()
             supervisor.close()
-        if self._restored:
-            await make_lost_claims(self._client, self.domains.held())
+        if self._known is not None:
+            await make_lost_claims(self._client, self._known)
             return RESTORED
         return 1 if self._lost else 0
 

@@ -8,9 +8,11 @@ from dataclasses import replace
 from typing import Any
 
 import aiohttp
+import msgspec
 import pytest
 from prometheus_client.exposition import generate_latest
 from tests.support.apiserver import FakeApiServer, Key
+from tests.support.claims.objects import app_holder, domain_claim
 from tests.support.clients import client_for, until
 
 from robotapp_api.model.names import Annotation, Label
@@ -28,6 +30,7 @@ from robotapp_client.api.resources import (
     ROBOTCLAIMS,
     Resource,
 )
+from robotapp_client.tools.restart import RESTORED
 from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.flags import Options, parse
 from robotapp_scheduler.plugins.registry import catalogue
@@ -286,3 +289,34 @@ async def test_a_leader_gives_its_lease_back_when_it_is_stopped() -> None:
         assert await asyncio.wait_for(asyncio.shield(found.task), 60) == 0
         lease = await found.client.get(LEASES, "robotapp-scheduler", namespace=namespace)
         assert not lease["spec"].get("holderIdentity")
+
+
+KEPT, LOST = domain_claim(5), domain_claim(6, app_holder("lost"))
+"""The snapshot from which etcd is restored has the first one only."""
+
+
+async def see_restore(found: RunningScheduler, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Etcd goes back to a snapshot with one of the claims. The scheduler ends no sooner than its cache has forgotten the other."""
+    store, held = found.server.store, found.scheduler.domains.held
+    store.put(ROBOTCLAIMS, msgspec.to_builtins(KEPT))
+    snapshot = store.snapshot()
+    store.version += 1000  # more than the sweep writes before a watch is opened again
+    store.put(ROBOTCLAIMS, msgspec.to_builtins(LOST))
+    staleness = found.scheduler.feed.staleness
+    await until(lambda: len(held()) == 2 and staleness().get(ROBOTCLAIMS.plural) == 0, what="both claims are watched")
+
+    async def drain(_timeout_s: float) -> None:
+        await until(lambda: len(held()) == 1, what="the cache forgets")
+
+    monkeypatch.setattr(found.scheduler.loop, "drain", drain)
+    store.restore(snapshot)
+    found.server.break_watches()
+
+
+async def test_a_claim_that_a_restore_lost_is_made_again_although_the_cache_has_forgotten_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with world(kinds=ALL_KINDS) as found:
+        await see_restore(found, monkeypatch)
+        assert await asyncio.wait_for(asyncio.shield(found.task), 60) == RESTORED
+        assert found.server.store.find(ROBOTCLAIMS, LOST.name) is not None
