@@ -67,14 +67,20 @@ class Stop(asyncio.Event):
 
     `restored`: because the API server went back to an older state, so that everything this process knows is in doubt.
     `known` are the claims that stood before: the cache forgets them while the process ends, since it lists again.
+    `terminated`: because somebody asked for it by a signal; it must not start again then.
     """
 
     failed = False
     restored = False
+    terminated = False
     known: tuple[Claim, ...] = ()
 
     def fail(self) -> None:
         self.failed = True
+        self.set()
+
+    def terminate(self) -> None:
+        self.terminated = True
         self.set()
 
     def restore(self, known: Iterable[Claim]) -> None:
@@ -230,10 +236,11 @@ def _now() -> datetime:
 async def run(settings: Settings, endpoint: Endpoint) -> int:
     """Serve until SIGTERM, SIGINT or the loss of the Lease.
 
-    The exit status: 1 when a part of the process died, RESTORED when it has to start again because etcd was restored.
+    The exit status: 1 when a part of the process died, RESTORED when it has to start again because etcd was restored
+    and no signal asks it to end.
     """
     stop = Stop()
-    _on_signals(stop.set)
+    _on_signals(stop.terminate)
     agent = f"{OPERATOR_MANAGER}/{__version__}"
     async with ApiClient(endpoint, user_agent=agent, field_manager=OPERATOR_MANAGER) as client:
         operator = Operator(settings, client, stop)
@@ -245,7 +252,8 @@ async def run(settings: Settings, endpoint: Endpoint) -> int:
                 await operator.work(stop)
         if stop.restored:
             await make_lost_claims(client, stop.known)
-            return RESTORED
+            if not stop.terminated:
+                return RESTORED
     return 1 if stop.failed else 0
 
 

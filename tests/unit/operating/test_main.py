@@ -2,7 +2,10 @@
 
 import asyncio
 import json
+import os
+import signal
 import socket
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -50,7 +53,9 @@ KEPT, LOST = domain_claim(5), domain_claim(6, app_holder("lost"))
 """The snapshot from which etcd is restored has the first one only."""
 
 
-async def run_over_a_restore(monkeypatch: pytest.MonkeyPatch, server: FakeApiServer) -> int:
+async def run_over_a_restore(
+    monkeypatch: pytest.MonkeyPatch, server: FakeApiServer, *, at_end: Callable[[], None] = lambda: None
+) -> int:
     """The exit status of an operator that knew both claims when etcd went back to a snapshot.
 
     It ends no sooner than its cache has listed again and forgotten the lost one.
@@ -66,6 +71,7 @@ async def run_over_a_restore(monkeypatch: pytest.MonkeyPatch, server: FakeApiSer
         server.break_watches()
         await stop.wait()
         await until(lambda: len(list(operator.cache.all_claims())) == 1, what="the cache forgets")
+        at_end()
 
     monkeypatch.setattr(Operator, "work", work)
     async with asyncio.timeout(60):
@@ -77,4 +83,13 @@ async def test_a_claim_that_a_restore_lost_is_made_again_although_the_cache_has_
 ) -> None:
     async with FakeApiServer() as server:
         assert await run_over_a_restore(monkeypatch, server) == RESTORED
+        assert server.store.find(ROBOTCLAIMS, LOST.name) is not None
+
+
+async def test_an_operator_that_was_told_to_end_does_not_start_again_after_a_restore(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with FakeApiServer() as server:
+        status = await run_over_a_restore(monkeypatch, server, at_end=lambda: os.kill(os.getpid(), signal.SIGTERM))
+        assert status == 0
         assert server.store.find(ROBOTCLAIMS, LOST.name) is not None

@@ -90,7 +90,7 @@ class Scheduler:
         self._source = source or NoSource()
         self._options = options
         self._stop = asyncio.Event()
-        self._lost = False
+        self._lost = self._terminated = False
         self._known: tuple[Claim, ...] | None = None
         """The claims that stood before the API server went back to an older state; None while it has not."""
         self._leading = asyncio.Event()
@@ -208,7 +208,8 @@ class Scheduler:
         )
 
     def stop(self) -> None:
-        """Finish what is in flight, give the lease back, end."""
+        """Finish what is in flight, give the lease back, end; also when etcd was restored before or is meanwhile."""
+        self._terminated = True
         self._stop.set()
 
     def _start_again(self) -> None:
@@ -218,7 +219,7 @@ class Scheduler:
         """
         if self._known is None:
             self._known = tuple(self.domains.held())
-        self.stop()
+        self._stop.set()
 
     async def run(self) -> int:
         """Run until stopped. The exit status: 0 after a clean stop, 1 when leadership was lost, RESTORED to start again."""
@@ -250,7 +251,8 @@ class Scheduler:
             supervisor.close()
         if self._known is not None:
             await make_lost_claims(self._client, self._known)
-            return RESTORED
+            if not self._terminated:
+                return RESTORED
         return 1 if self._lost else 0
 
     async def _first(self, work: asyncio.Task[None], stop: asyncio.Event) -> None:

@@ -320,3 +320,14 @@ async def test_a_claim_that_a_restore_lost_is_made_again_although_the_cache_has_
         await see_restore(found, monkeypatch)
         assert await asyncio.wait_for(asyncio.shield(found.task), 60) == RESTORED
         assert found.server.store.find(ROBOTCLAIMS, LOST.name) is not None
+
+
+async def test_a_scheduler_that_was_told_to_end_does_not_start_again_after_a_restore(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with world(kinds=ALL_KINDS) as found:
+        await see_restore(found, monkeypatch)
+        await until(found.scheduler._stop.is_set, what="the restore is noticed")
+        found.scheduler.stop()
+        assert await asyncio.wait_for(asyncio.shield(found.task), 60) == 0
+        assert found.server.store.find(ROBOTCLAIMS, LOST.name) is not None
