@@ -7,7 +7,7 @@ around writes, where order and errors matter.
 import asyncio
 import json
 from collections import defaultdict, deque
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from types import TracebackType
@@ -132,11 +132,11 @@ def _head(status: int, headers: dict[str, str]) -> bytes:
 class ScriptedServer:
     """Plays `script` in order, one item per request whatever the connection, then `otherwise`: silence if not given.
 
-    `newest`: version of the server. With it lists of one object, by which mirrors learn that version, are no part of the script.
+    `newest`: version of the server, or the versions it has one after the other, the last one for ever. With it lists of one object, by which mirrors learn that version, are no part of the script.
     """
 
-    def __init__(self, *script: Play, otherwise: Play | None = None, newest: int | None = None) -> None:
-        self.newest = newest
+    def __init__(self, *script: Play, otherwise: Play | None = None, newest: int | Sequence[int] | None = None) -> None:
+        self.newest = [newest] if isinstance(newest, int) else list(newest or ())
         self.version_queries: list[dict[str, str]] = []
         self.script = list(script)
         self.otherwise = otherwise or silence()
@@ -166,9 +166,9 @@ class ScriptedServer:
         try:
             while not writer.is_closing():
                 seen = await self._read(reader)
-                if self.newest is not None and seen.query.get("limit") == "1":
+                if self.newest and seen.query.get("limit") == "1":
                     self.version_queries.append(seen.query)
-                    await listing(self.newest)(writer)
+                    await listing(self.newest.pop(0) if len(self.newest) > 1 else self.newest[0])(writer)
                     continue
                 self.seen.append(seen)
                 play = self.script.pop(0) if self.script else self.otherwise

@@ -4,8 +4,9 @@ The promise: once `synced`, `store` runs through states the server had, and ever
 through `on_change`, also for objects that vanished while we could not watch. The first list is reported page by page.
 
 Versions count up for ever, unless etcd is restored from a snapshot: then a watch from the version we know is answered with
-silence until the new history has passed it. So each time a watch is opened again, the server's version is read first. If it
-is lower than ours, everything is listed again, and an object whose content differs is reported as deleted and added.
+silence until the new history has passed it, or, if versions were raised at the restore, with 410. So each time a watch is
+opened again, the server's version is read first. If it is of another history, lower than ours or higher by leaps, and stays so,
+everything is listed again, and an object whose content differs is reported as deleted and added.
 """
 
 import asyncio
@@ -61,6 +62,11 @@ MOST_DELAY_S: Final = 5.0
 """Longest pause between two attempts without a Retry-After: how long after the server is back we may still be blind."""
 RESUMES: Final = 3
 """After so many fruitless attempts to resume, list again: perhaps no server has that version any more."""
+BUMP: Final = 10**8
+"""Who restores etcd raises its versions by more than this (`--bump-revision`); writes take a day at a thousand per second."""
+HISTORY_READS: Final = 3
+"""So often the server must be of another history before it is believed: one member of several may lag for a moment."""
+HISTORY_PAUSE_S: Final = 0.5
 
 
 class _ListVersion(msgspec.Struct, rename="camel"):
@@ -76,9 +82,12 @@ class _Listed(msgspec.Struct):
 _read_version: Final = msgspec.json.Decoder(_Listed).decode
 
 
-def is_older(one: str, other: str) -> bool:
-    """Whether the server was at version `one` before `other`. Versions that are no numbers cannot be compared."""
-    return one.isdecimal() and other.isdecimal() and int(one) < int(other)
+def is_other_history(newest: str, known: str) -> bool:
+    """Whether a server at version `newest` cannot have got there from version `known` by writes.
+
+    Versions that are no numbers cannot be compared.
+    """
+    return newest.isdecimal() and known.isdecimal() and not 0 <= int(newest) - int(known) < BUMP
 
 
 class Change(msgspec.Struct, frozen=True, gc=False):
@@ -135,7 +144,8 @@ class Reflector(Generic[T]):
     ) -> None:
         """`fixed_keys` is for `WatchDecoder`. `kept` returns what `store`, and `old` of later changes, have of an object: all of it
         unless given. `new` of a change is always whole. `on_problem` gets each error that ends an attempt, and None when a list
-        or watch is answered again; it must not raise. `on_restored` is called when the server has gone back to an older state.
+        or watch is answered again; it must not raise. `on_restored` is called when the server has gone back to an older state,
+        while `store` still has what was known before.
         """
         self._client = client
         self._resource = resource
@@ -164,6 +174,8 @@ class Reflector(Generic[T]):
         self.store: Mapping[str, T] = MappingProxyType(self._objects)
         self.synced = asyncio.Event()
         self.resource_version = ""
+        self._left_version = ""
+        """The version that was given up to list again; another history is noticed before that, too."""
         self.stats = ReflectorStats()
 
     def __repr__(self) -> str:
@@ -201,7 +213,7 @@ class Reflector(Generic[T]):
         least_s = 0.0
         at_once = False
         try:
-            if self.resource_version:
+            if self.resource_version or self._left_version:
                 await self._check_history()
             if not self.resource_version and not self._streaming:
                 await self._list()
@@ -240,25 +252,36 @@ class Reflector(Generic[T]):
     def _list_again(self, why: str, error: ClientError | None = None) -> None:
         if self.resource_version:
             log.info("%s: %s, listing again", self, why, extra={"fields": describe(error) if error else {}})
+            self._left_version = self.resource_version
         self.resource_version = ""
 
     async def _check_history(self) -> None:
-        """Reads the server's version, and makes the next attempt list again if it is lower than the one to resume from."""
+        """Makes the next list one of another history if the server, asked more than once, is not where we were."""
+        known = self.resource_version or self._left_version
+        newest = await self._read_newest()
+        for _ in range(HISTORY_READS - 1):
+            if is_other_history(newest, known):
+                await self._client.sleep(HISTORY_PAUSE_S)
+                newest = await self._read_newest()
+        self._left_version = ""
+        if not is_other_history(newest, known):
+            return
+        self.stats.restores += 1
+        self._restored = True
+        log.warning("%s: the server has another history, at version %s, listing everything again", self, newest)
+        self.resource_version = ""
+        if self._on_restored is not None:
+            self._on_restored()
+
+    async def _read_newest(self) -> str:
+        """Returns the version at which the server is."""
         # With the selectors: a right to list may be that of one name.
         path = with_query(self._resource.path(self._namespace), {"limit": "1"} | self._selectors)
         answer = await self._client.request("GET", path)
         try:
-            newest = _read_version(answer.body).metadata.resource_version
+            return _read_version(answer.body).metadata.resource_version
         except msgspec.DecodeError as error:
             raise Unreachable(f"the version of a list cannot be read: {error}", maybe_applied=False) from error
-        if not is_older(newest, self.resource_version):
-            return
-        self.stats.restores += 1
-        self._restored = True
-        log.warning("%s: the server is back at version %s, listing everything again", self, newest)
-        self.resource_version = ""
-        if self._on_restored is not None:
-            self._on_restored()
 
     async def _list(self) -> None:
         """At the start every page is taken as it comes, and its objects are freed if the caller does not keep them; later ones all at once."""

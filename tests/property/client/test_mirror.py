@@ -135,14 +135,22 @@ def test_the_mirror_equals_the_server_after_any_story(
 
 @pytest.mark.parametrize("streaming", [False, True], ids=["list+watch", "streaming list"])
 @settings(max_examples=count_examples(40), deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(before=st.lists(changes, max_size=8), lost=st.lists(changes, min_size=1, max_size=8), after=st.lists(changes))
+@given(
+    before=st.lists(changes, max_size=8),
+    lost=st.lists(changes, min_size=1, max_size=8),
+    after=st.lists(changes),
+    bump=st.sampled_from([0, 10**9]),
+)
 def test_a_mirror_equals_a_server_that_went_back_to_an_older_state(
-    before: list[tuple[str, str]], lost: list[tuple[str, str]], after: list[tuple[str, str]], streaming: bool
+    before: list[tuple[str, str]], lost: list[tuple[str, str]], after: list[tuple[str, str]], bump: int, streaming: bool
 ) -> None:
     """What was made since is dropped, what was deleted since is back, and content decides where versions are equal."""
 
+    async def pause(seconds: float) -> None:
+        await asyncio.sleep(seconds / 100)
+
     async def play() -> None:
-        async with FakeApiServer(bookmark_s=0.02) as api, client_for(api.endpoint) as client:
+        async with FakeApiServer(bookmark_s=0.02) as api, client_for(api.endpoint, sleep=pause) as client:
             replay = Replay()
             backoff = Backoff(base_s=0.001, cap_s=0.004)
             restored: list[None] = []
@@ -171,7 +179,7 @@ def test_a_mirror_equals_a_server_that_went_back_to_an_older_state(
                 act(api, 100 + number, verb, name)
             api.store.create(Key("/configmaps", "default", "last"), configmap("last"))
             await until(lambda: mirrored() == content(), what="all that will be lost was seen")
-            api.store.restore(snapshot)
+            api.store.restore(snapshot, bump=bump)
             api.break_watches()
             await until(lambda: mirrored() == content() and api.watching > 0, what="the older state")
             for number, (verb, name) in enumerate(after):

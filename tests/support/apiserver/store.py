@@ -93,9 +93,12 @@ class Store:
         """What a backup of etcd holds."""
         return Snapshot(self.version, {key: clone(obj) for key, obj in self.objects.items()}, dict(self.owned))
 
-    def restore(self, snapshot: "Snapshot") -> None:
-        """Goes back to `snapshot`, its version included, as etcd does; uids that were given since are not given again."""
-        self.version = self.floor = snapshot.version
+    def restore(self, snapshot: "Snapshot", *, bump: int = 0) -> None:
+        """Goes back to `snapshot`, its version included, as etcd does; uids that were given since are not given again.
+
+        With `bump` the version is that much higher and what was before is compacted: `--bump-revision --mark-compacted`.
+        """
+        self.version = self.floor = snapshot.version + bump
         self.objects = {key: clone(obj) for key, obj in snapshot.objects.items()}
         self.owned = dict(snapshot.owned)
         self.history.clear()

@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -42,7 +42,7 @@ async def mirror(
     as_type: Any = dict,
     on_change: Callable[[Change], None] | None = None,
     clock: Callable[[], float] = time.monotonic,
-    newest: int = 1_000_000,
+    newest: int | Sequence[int] = 1_000_000,
     **settings: Any,
 ) -> AsyncIterator[Mirror]:
     changes: list[Change] = []

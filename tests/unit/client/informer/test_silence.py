@@ -4,8 +4,10 @@ from typing import Any
 
 import pytest
 from tests.support.clients import until
-from tests.support.scripted import bookmark, event, hang_up, item, listing, refusal, watch
+from tests.support.scripted import Play, bookmark, error_event, event, hang_up, item, listing, refusal, watch
 from tests.unit.client.mirrors import mirror
+
+BUMPED = 1_000_000_010
 
 
 async def test_after_silence_beyond_the_bookmarks_the_watch_is_opened_anew_at_once(
@@ -44,6 +46,42 @@ async def test_a_server_that_went_back_is_listed_again_before_a_watch_waits_for_
     assert [query.get("resourceVersion") for query in seen.queries] == [None, "9", None, "10"]
     assert seen.told == ["ADDED default/a", "ADDED default/made-since", "DELETED default/made-since"]
     assert seen.reflector.stats.restores == 1
+
+
+@pytest.mark.parametrize("ended", [watch(), watch(error_event(410, "Expired"))], ids=["end", "410"])
+async def test_a_server_whose_versions_leapt_forward_was_restored_and_is_reported_before_anything_is_dropped(
+    ended: Play,
+) -> None:
+    """`--bump-revision` raises versions beyond all that were given, `--mark-compacted` makes every watch fail."""
+    known: list[list[str]] = []
+    script = [listing(9, item("a", 3), item("made-since", 8)), ended, listing(BUMPED, item("a", 3)), watch(then="hang")]
+    async with mirror(*script, newest=BUMPED, on_restored=lambda: known.append(list(seen.reflector.store))) as seen:
+        await seen.asked(4)
+        assert list(seen.reflector.store) == ["default/a"]
+    assert known == [["default/a", "default/made-since"]]
+    assert seen.reflector.stats.restores == 1
+
+
+async def test_a_list_after_410_in_the_same_history_is_no_restore() -> None:
+    script = [listing(9), watch(error_event(410, "Expired")), listing(5000), watch(then="hang")]
+    async with mirror(*script, newest=5000) as seen:
+        await seen.asked(4)
+    assert (seen.reflector.stats.gone, seen.reflector.stats.restores) == (1, 0)
+
+
+@pytest.mark.parametrize("versions", [(8, 9), (8, 8, 9)])
+async def test_a_server_that_lags_for_a_moment_was_not_restored(versions: tuple[int, ...]) -> None:
+    async with mirror(listing(9), watch(), watch(then="hang"), newest=versions) as seen:
+        await seen.asked(3)
+    assert (seen.reflector.stats.lists, seen.reflector.stats.restores) == (1, 0)
+    assert seen.paused[-len(versions) + 1 :] == [0.5] * (len(versions) - 1)
+
+
+async def test_another_history_is_believed_after_three_answers() -> None:
+    async with mirror(listing(9), watch(), listing(8), watch(then="hang"), newest=8) as seen:
+        await seen.asked(4)
+        assert len(seen.server.version_queries) == 3
+    assert seen.paused[-2:] == [0.5, 0.5]
 
 
 async def test_after_a_restore_equal_versions_are_compared_by_content() -> None:
