@@ -27,7 +27,8 @@ TOOLS: Final[Mapping[str, str]] = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a tool (`simulate`, `export`, `bench-plugin`) or, without such a verb, the scheduler.
 
-    0 after a clean stop, 1 when leadership was lost, 2 when flags or configuration cannot be used.
+    0 after a clean stop, 1 when leadership was lost, 2 when flags or configuration cannot be used, 75 when etcd seems to have been
+    restored twice within a minute.
     """
     given = sys.argv[1:] if argv is None else argv
     status = run_tool(given)
