@@ -23,20 +23,20 @@ def start_again(clock: Callable[[], float] = time.monotonic) -> int:
     Returns the exit status to end with instead if it did so less than `LEAST_PAUSE_S` ago.
     """
     now_s = clock()
-    if now_s - _last_time(os.environ) < LEAST_PAUSE_S:
-        log.error(
-            "the API server went back to an older state again, less than %d s after the last time: this process ends with "
-            "status %d, so that whoever runs it starts it later; do all API servers answer from the same etcd?",
-            LEAST_PAUSE_S,
-            RESTORED,
-        )
-        return RESTORED
+    if now_s - _last_time(os.environ) >= LEAST_PAUSE_S:
+        _replace_process(now_s)
+    log.error(
+        "the API server went back to an older state again, less than %d s after the last time: this process ends with "
+        "status %d, so that whoever runs it starts it later; do all API servers answer from the same etcd?",
+        LEAST_PAUSE_S,
+        RESTORED,
+    )
+    return RESTORED
+
+
+def _replace_process(now_s: float) -> NoReturn:
     log.warning("the API server went back to an older state: this process starts again and reads everything anew")
     os.environ[STARTED_AGAIN] = repr(now_s)
-    _replace_process()
-
-
-def _replace_process() -> NoReturn:
     sys.stdout.flush()
     sys.stderr.flush()
     os.execv(sys.executable, sys.orig_argv)  # noqa: S606 - our own command line
