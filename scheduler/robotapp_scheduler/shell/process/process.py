@@ -6,7 +6,7 @@ import logging
 import os
 import signal
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -176,7 +176,7 @@ class Scheduler:
         self.evictor = Evictor(
             self.core, client, self.events, self.metrics, clock=CLOCK, permitted=self._may_act, notify=self._notify_loop
         )
-        claims = ClaimReserver(client, known_claims=self.domains.held)
+        claims = ClaimReserver(client, known_claims=self._taken_claims)
         handle = Handle(
             pods=Binder(client, permitted=self._may_act),
             domains=DomainChecks(claims.check_domains, self.metrics, clock=CLOCK),
@@ -220,6 +220,12 @@ class Scheduler:
         if self._known is None:
             self._known = tuple(self.domains.held())
         self._stop.set()
+
+    def _taken_claims(self) -> Collection[Claim]:
+        """Claims whose ids no pod may get: those in the cache, and those that a restored etcd has lost until they are made again."""
+        if self._known is None:
+            return self.domains.held()
+        return {claim.name: claim for claim in (*self._known, *self.domains.held())}.values()
 
     async def run(self) -> int:
         """Run until stopped. The exit status: 0 after a clean stop, 1 when leadership was lost, RESTORED to start again."""

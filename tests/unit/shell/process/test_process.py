@@ -307,6 +307,7 @@ async def see_restore(found: RunningScheduler, monkeypatch: pytest.MonkeyPatch) 
 
     async def drain(_timeout_s: float) -> None:
         await until(lambda: len(held()) == 1, what="the cache forgets")
+        assert LOST.name in {taken.name for taken in found.scheduler._taken_claims()}
 
     monkeypatch.setattr(found.scheduler.loop, "drain", drain)
     store.restore(snapshot)
