@@ -47,7 +47,7 @@ class Health:
         self._gate = gate
         self._port: Port | None = None
 
-    async def start(self, port: int, tls: ssl.SSLContext) -> None:
+    async def start(self, port: int, tls: Callable[[], ssl.SSLContext]) -> None:
         """Raises `PortError` when the port cannot be opened."""
         app = web.Application()
         app.add_routes(

@@ -275,7 +275,7 @@ async def _port(operator: Operator, stop: Stop) -> AsyncIterator[None]:
             gate=Gatekeeper(asking),
         )
         tls = await loaded(TlsPort(settings.tls_cert_file, settings.tls_private_key_file))
-        await health.start(settings.health_port, tls.context)
+        await health.start(settings.health_port, tls.current)
         following = _supervised(tls.run(operator.client), stop)
         try:
             yield

@@ -13,7 +13,7 @@ from robotapp_claims.rules import domain as rules
 from robotapp_claims.rules.domain import DomainOutcome, DomainPlan, DomainRequest
 from robotapp_claims.rules.identity import Found, claim_name, same_holder, same_tuple
 from robotapp_claims.rules.objects import Claim, Pool
-from robotapp_claims.rules.pools import refuse_overlap
+from robotapp_claims.rules.pools import held_through_others, refuse_overlap
 from robotapp_client.api.resources import ROBOTCLAIMS
 
 LIST_AFTER_CONFLICTS: Final = 3
@@ -34,7 +34,7 @@ async def create_domain(
 ) -> DomainOutcome:
     """A new claim, within the quota. Of one process only one at a time counts and creates, or all would count too few.
 
-    pools: all there are, which may list ids of this one. known_claims: from a cache. What others hold there is not tried; when that is every candidate, the server is not
+    pools: all there are, which may list ids of this one, or have given some that are claimed still. known_claims: from a cache. What others hold there is not tried; when that is every candidate, the server is not
     called at all, so that apps that wait for a full pool cost it nothing. The caller tries again when a claim is gone.
     node: where the pod that it is for is about to be bound.
     """
@@ -44,11 +44,11 @@ async def create_domain(
         return refusal
     namespace = request.holder.namespace
     if rules.quota_of(pool, namespace) is None:
-        return await _try_free(client, request, pool, plan, known_claims, node=node)
+        return await _try_free(client, request, pool, plan, known_claims, pools=pools, node=node)
     async with turn(request.pool, namespace):
         mine = [c for c in await pool_claims(client, request) if c.holder.namespace == namespace]
         refusal = rules.over_quota(request, pool, held=len(mine))
-        return refusal or await _try_free(client, request, pool, plan, known_claims, node=node)
+        return refusal or await _try_free(client, request, pool, plan, known_claims, pools=pools, node=node)
 
 
 def turn(pool: str, namespace: str) -> asyncio.Lock:
@@ -104,23 +104,34 @@ async def _try_free(
     plan: DomainPlan,
     known_claims: Callable[[], Iterable[Claim]],
     *,
+    pools: Collection[Pool],
     node: str,
 ) -> DomainOutcome:
-    """Leave out what others are known to hold. For a request of one id by its number the holder is read from the API server."""
-    if request.requested_id is not None:
-        return await _try_candidates(client, request, pool, plan.candidates, node=node)
-    others = _of_others(request, known_claims())
-    taken = _ids(others)
-    candidates = tuple(number for number in plan.candidates if number not in taken)
-    if plan.candidates and not candidates:
-        return _exhausted(request, pool, others)
-    return await _try_candidates(client, request, pool, candidates, node=node)
+    """Leave out what others hold. For a request of one id by its number the holder is read from the API server.
+
+    Claims of other pools are read from it in any case: they have other names, so no create would meet them.
+    """
+    candidates = plan.candidates
+    if request.requested_id is None:
+        others = _of_others(request, known_claims())
+        taken = _ids(others)
+        candidates = tuple(number for number in plan.candidates if number not in taken)
+        if plan.candidates and not candidates:
+            return _exhausted(request, pool, others)
+    elsewhere = held_through_others(request, pool, pools, await _claims_of_other_pools(client, request))
+    if request.requested_id in elsewhere:
+        return rules.taken(request, elsewhere[request.requested_id].holder)
+    free = tuple(number for number in candidates if number not in elsewhere)
+    return await _try_candidates(client, request, pool, free, node=node, elsewhere=len(candidates) - len(free))
 
 
 async def _try_candidates(
-    client: Api, request: DomainRequest, pool: Pool, candidates: tuple[int, ...], *, node: str
+    client: Api, request: DomainRequest, pool: Pool, candidates: tuple[int, ...], *, node: str, elsewhere: int
 ) -> DomainOutcome:
-    """The candidates in their order. Only a create decides; the LIST merely spares tries that would fail."""
+    """The candidates in their order. Only a create decides; the LIST merely spares tries that would fail.
+
+    elsewhere: how many were left out, because they are held through other pools.
+    """
     taken: set[int] = set()
     conflicts = 0
     for number in candidates:
@@ -141,10 +152,18 @@ async def _try_candidates(
             if rules.held_ids(claims, request, pool.spec.scope):
                 raise Refused  # another operator took one for this instance meanwhile
             taken = _ids(claim for claim in claims if _same_place(claim, request))
-    return _exhausted(request, pool, [c for c in await pool_claims(client, request) if _same_place(c, request)])
+    claims = [claim for claim in await pool_claims(client, request) if _same_place(claim, request)]
+    return _exhausted(request, pool, claims, elsewhere=elsewhere)
 
 
-def _exhausted(request: DomainRequest, pool: Pool, claims: Sequence[Claim], *, taking: int = 0) -> DomainOutcome:
+async def _claims_of_other_pools(client: Api, request: DomainRequest) -> list[Claim]:
+    selector = f"spec.domain.pool!=,spec.domain.pool!={request.pool}"
+    return (await client.list(ROBOTCLAIMS, field_selector=selector, as_type=Claim)).items
+
+
+def _exhausted(
+    request: DomainRequest, pool: Pool, claims: Sequence[Claim], *, taking: int = 0, elsewhere: int = 0
+) -> DomainOutcome:
     """taking: ids that are being taken at this moment."""
     return rules.exhausted(
         request,
@@ -152,6 +171,7 @@ def _exhausted(request: DomainRequest, pool: Pool, claims: Sequence[Claim], *, t
         claimed=len(claims) + taking,
         resting=sum(c.draining for c in claims),
         parked=sum(c.parked for c in claims),
+        elsewhere=elsewhere,
     )
 
 

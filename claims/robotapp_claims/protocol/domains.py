@@ -12,6 +12,7 @@ from robotapp_claims.rules import domain as rules
 from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, Step
 from robotapp_claims.rules.identity import same_holder
 from robotapp_claims.rules.objects import App, Claim, Deployment, Holder, Pool
+from robotapp_claims.rules.pools import refuse_overlap
 from robotapp_claims.rules.release import claims_domain
 from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of, waiting_text
 from robotapp_claims.rules.usage import deployment_ids, usage_of
@@ -118,7 +119,10 @@ async def _ensure_once(
         return await _without_id(client, request, rules.pool_not_found(request), deployments)
     if request.isolation == "Discovery":
         named = {number for deployment in deployments for number in deployment_ids(deployment)}
-        outcome = rules.shared_id(pool, uses=shared_uses, named=named, uid=holder.uid, instance=holder.instance)
+        overlap = refuse_overlap(replace(request, requested_id=None), pool, pools.values())
+        outcome = rules.shared_id(
+            pool, uses=shared_uses, named=named, uid=holder.uid, instance=holder.instance, overlap=overlap
+        )
         if outcome.id is None:
             return await _without_id(client, request, outcome, deployments)
         return _without(outcome, deployments, held=(outcome.id,))

@@ -218,10 +218,16 @@ def pool_not_found(request: DomainRequest) -> DomainOutcome:
     return DomainOutcome(Reason.POOL_NOT_FOUND, f"there is no DomainPool {request.pool}: create it{choose}")
 
 
-def exhausted(request: DomainRequest, pool: Pool, *, claimed: int, resting: int, parked: int = 0) -> DomainOutcome:
-    """To a bare pod without what changes from moment to moment: each attempt would be another event and another condition."""
+def exhausted(
+    request: DomainRequest, pool: Pool, *, claimed: int, resting: int, parked: int = 0, elsewhere: int = 0
+) -> DomainOutcome:
+    """To a bare pod without what changes from moment to moment: each attempt would be another event and another condition.
+
+    elsewhere: ids of the pool that others hold through other pools of its network.
+    """
     rest = f", {resting} of them resting up to {pool.spec.quarantine_seconds} s after use" if resting else ""
     rest += f", {parked} of them parked for robots out of sight" if parked else ""
+    rest += f", {elsewhere} more are held through other pools of its network" if elsewhere else ""
     rest = rest if request.holder.is_app else ""
     total = len(pool_ids(pool))
     another = ", or use another pool (spec.ros2.pool)" if request.holder.is_app else ""
@@ -267,14 +273,25 @@ def over_quota(request: DomainRequest, pool: Pool, *, held: int) -> DomainOutcom
     return DomainOutcome(Reason.QUOTA_EXCEEDED, text)
 
 
-def shared_id(pool: Pool, *, uses: Mapping[int, int], named: Collection[int], uid: str, instance: str) -> DomainOutcome:
+def shared_id(
+    pool: Pool,
+    *,
+    uses: Mapping[int, int],
+    named: Collection[int],
+    uid: str,
+    instance: str,
+    overlap: DomainOutcome | None = None,
+) -> DomainOutcome:
     """Isolation Discovery: no claim; stay on the shared id in use, else take the one with the fewest users.
 
     An id that became reserved while it is in use stays with the apps that use it: to move them would restart their pods.
+    overlap: why the pool gives no id anew.
     """
     every = id_order(parse_ids(pool.spec.shared_ids), uid, instance)
     stay = next((number for number in every if number in named), None)
     ids = [number for number in every if number not in pool.spec.reserved]
+    if stay is None and overlap is not None:
+        return overlap
     if stay is None and not ids:
         return DomainOutcome(
             Reason.DOMAIN_EXHAUSTED,

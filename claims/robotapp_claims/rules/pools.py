@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from robotapp_api.model.names import Reason
 from robotapp_api.values.quantities.ranges import format_ids, parse_ids
 from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, pool_ids
+from robotapp_claims.rules.identity import same_holder
 from robotapp_claims.rules.objects import Claim, Pool
 
 
@@ -108,6 +109,26 @@ def refuse_overlap(request: DomainRequest, pool: Pool, pools: Collection[Pool]) 
         f"domain {request.requested_id} is given by DomainPool {giver.metadata.name} of the same network: "
         f"choose that pool (spec.ros2.pool), or another id",
     )
+
+
+def held_through_others(
+    request: DomainRequest, pool: Pool, pools: Iterable[Pool], claims: Iterable[Claim]
+) -> dict[int, Claim]:
+    """Returns what others hold in this network through other pools, by id: a pool that was narrowed or deleted left its claims.
+
+    A pool that is gone does not say of which network it was, so its claims count in each. What the requester holds itself is
+    left out: it moves from pool to pool.
+    """
+    networks = {other.metadata.name: other.spec.network for other in pools}
+    network = pool.spec.network
+    return {
+        domain.id: claim
+        for claim in claims
+        if (domain := claim.spec.domain) is not None
+        and domain.pool != pool.metadata.name
+        and networks.get(domain.pool, network) == network
+        and not same_holder(claim.holder, request.holder)
+    }
 
 
 def pool_that_gives(number: int, pools: Collection[Pool]) -> Pool:

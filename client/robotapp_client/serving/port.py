@@ -42,14 +42,23 @@ class Port:
 
 
 async def open_port(
-    app: web.Application, *, host: str | None, port: int, tls: ssl.SSLContext | None, limits: Limits | None = None
+    app: web.Application,
+    *,
+    host: str | None,
+    port: int,
+    tls: Callable[[], ssl.SSLContext] | None,
+    limits: Limits | None = None,
 ) -> Port:
     """Serves the application; port 0 takes a free one, host None every address. Raises `PortError`."""
     return await serve_listener(app, await listen(host, port), tls=tls, limits=limits)
 
 
 async def serve_listener(
-    app: web.Application, listener: socket.socket, *, tls: ssl.SSLContext | None, limits: Limits | None = None
+    app: web.Application,
+    listener: socket.socket,
+    *,
+    tls: Callable[[], ssl.SSLContext] | None,
+    limits: Limits | None = None,
 ) -> Port:
     """Serves the application on a socket of `listen`, which another process may have opened."""
     limits = limits or Limits()

@@ -146,14 +146,14 @@ class GuardedProtocol(asyncio.Protocol):
 
 
 class Server:
-    """Accepts connections from `start` to `close`; `speak` makes the protocol of each."""
+    """Accepts connections from `start` to `close`; `speak` makes the protocol of each, `tls` says the context it begins with."""
 
     def __init__(
         self,
         speak: Callable[[Connection], asyncio.Protocol],
         limits: Limits,
         *,
-        tls: ssl.SSLContext | None = None,
+        tls: Callable[[], ssl.SSLContext] | None = None,
     ) -> None:
         self._speak = speak
         self._limits = limits
@@ -249,7 +249,7 @@ class Server:
             await self._loop.connect_accepted_socket(
                 lambda: GuardedProtocol(self, connection, self._speak(connection)),
                 sock,
-                ssl=self._tls,
+                ssl=self._tls() if self._tls is not None else None,
                 ssl_handshake_timeout=timeout_s,
                 ssl_shutdown_timeout=timeout_s,
             )

@@ -17,7 +17,7 @@ from typing import Final
 from robotapp_client.api.client import ApiClient
 from robotapp_client.api.resources import CONFIGMAPS
 from robotapp_client.transport.credentials import load_pair
-from robotapp_client.transport.errors import ClientError, LoginError
+from robotapp_client.transport.errors import ClientError, LoginError, NotFound
 
 log = logging.getLogger(__name__)
 
@@ -30,33 +30,39 @@ CLIENT_CA: Final = "client-ca-file"
 
 
 class TlsPort:
-    """The server's context: `load` before the port opens, `run` keeps certificate and authorities up to date."""
+    """The server's context: `load` before the port opens, `run` keeps certificate and authorities up to date.
+
+    `load` changes the context in place, `trust` replaces it: who serves with `trust` asks `current` for each connection.
+    """
 
     def __init__(
         self, certificate: Path | None = None, key: Path | None = None, *, names: tuple[str, ...] = ()
     ) -> None:
-        self.context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        self.context.minimum_version = ssl.TLSVersion.TLSv1_2
-        self.context.options |= ssl.OP_NO_RENEGOTIATION  # a handshake costs us ten times what it costs a stranger
+        self.context = _make_context()
         self._certificate = certificate
         self._key = key
         self._names = names or ("localhost", socket.gethostname())
-        self._loaded: tuple[bytes, bytes] | None = None
+        self._pair: tuple[bytes, bytes] | None = None
         self._authorities = ""
 
     def __repr__(self) -> str:
         return f"<TlsPort {self._certificate or 'self-signed'}>"
 
+    def current(self) -> ssl.SSLContext:
+        """Returns the context for a connection that begins now."""
+        return self.context
+
     def load(self) -> None:
         """Take the certificate. Raises `LoginError` naming the files when they cannot be used."""
         if self._certificate is None or self._key is None:
-            load_pair(self.context, *self_signed(self._names))
+            self._pair = self_signed(self._names)
+            load_pair(self.context, *self._pair)
             return
         try:
             pair = (self._certificate.read_bytes(), self._key.read_bytes())
         except OSError as error:
             raise LoginError(f"cannot read {error.filename}: {error.strerror}") from error
-        if pair == self._loaded:
+        if pair == self._pair:
             return
         try:
             load_pair(
@@ -65,43 +71,62 @@ class TlsPort:
             load_pair(self.context, *pair)
         except LoginError as error:
             raise LoginError(f"{self._certificate}, {self._key}: {error}") from error
-        self._loaded = pair
+        self._pair = pair
 
     def trust(self, authorities: str) -> None:
-        """Accept client certificates signed by these PEM authorities; without one a client may come with a token.
+        """Accept client certificates signed by these PEM authorities and by no others; without one a client may come with a token.
 
-        Authorities that were trusted once stay so until the process ends: OpenSSL cannot take one back.
+        OpenSSL cannot take an authority out of a context, so each change makes a new one. Sessions of the old one are not resumed.
         """
-        if not authorities or authorities == self._authorities:
+        if authorities == self._authorities:
             return
+        context = _make_context()
         try:
-            self.context.load_verify_locations(cadata=authorities)
-        except ssl.SSLError as error:
-            log.warning("client certificates are not accepted: %s holds no usable authority: %s", CLIENT_CA, error)
+            if authorities:
+                context.load_verify_locations(cadata=authorities)
+                context.verify_mode = ssl.CERT_OPTIONAL
+        except (ssl.SSLError, TypeError, ValueError) as error:  # no text of ASCII characters is a TypeError
+            log.warning("the authorities of client certificates stay: %s holds no usable one: %s", CLIENT_CA, error)
             return
-        self._authorities = authorities
-        self.context.verify_mode = ssl.CERT_OPTIONAL
+        if self._pair is not None:
+            load_pair(context, *self._pair)
+        self.context, self._authorities = context, authorities
 
     async def run(self, client: ApiClient) -> None:
         """Follow the files and the API server's authorities until cancelled."""
         while True:
-            try:
-                if self._certificate is not None:
-                    self.load()
-                self.trust(await client_authorities(client))
-            except LoginError as error:
-                log.warning("the certificate in use stays: %s", error)
+            await self.refresh(client)
             await client.sleep(POLL_S)
 
+    async def refresh(self, client: ApiClient) -> None:
+        """Take what files and API server have now. What cannot be used or read stays, each for itself."""
+        try:
+            if self._certificate is not None:
+                self.load()
+        except LoginError as error:
+            log.warning("the certificate in use stays: %s", error)
+        authorities = await client_authorities(client)
+        if authorities is not None:
+            self.trust(authorities)
 
-async def client_authorities(client: ApiClient) -> str:
-    """PEM text of the authorities of client certificates; empty when there is none, or we may not read it."""
+
+def _make_context() -> ssl.SSLContext:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    context.options |= ssl.OP_NO_RENEGOTIATION  # a handshake costs us ten times what it costs a stranger
+    return context
+
+
+async def client_authorities(client: ApiClient) -> str | None:
+    """Returns the PEM text of the authorities of client certificates: empty when there is none, None when it cannot be read."""
     namespace, name = AUTHENTICATION
     try:
         found = await client.get(CONFIGMAPS, name, namespace=namespace)
-    except ClientError as error:
-        log.debug("client certificates are not accepted yet: %s", error)
+    except NotFound:
         return ""
+    except ClientError as error:
+        log.debug("the authorities of client certificates stay as they are: %s", error)
+        return None
     data: Mapping[str, str] = found.get("data") or {}
     return data.get(CLIENT_CA, "")
 

@@ -1,14 +1,17 @@
 {{/*
-What a component may have whose writer may create no pods: the allow-list files/free-fields.yaml, level by level. Everything
-else names an identity, or is lent with one: an account, a Secret, a token, a certificate, a priority.
-Variables of a ValidatingAdmissionPolicy; argument: root, components (the expression of the components' list). `lent` is the
-sentence about the first thing beyond the lists, '' if there is none.
+What components and helpers (discovery servers, router, master) may have whose writer may create no pods: the allow-list
+files/free-fields.yaml, level by level. Everything else names an identity, or is lent with one: an account, a Secret, a token,
+a certificate, a priority.
+Variables of a ValidatingAdmissionPolicy; argument: root, spec (the expression of the spec, {} where there is none). `lent` is
+the sentence about the first thing beyond the lists, '' if there is none.
 */}}
 {{- define "robotapp.lendingVariables" -}}
 {{- $pod := "c.?template.?spec" -}}
 {{- $free := .root.Files.Get "files/free-fields.yaml" | fromYaml -}}
+- name: spec
+  expression: {{ .spec | quote }}
 - name: components
-  expression: {{ .components | quote }}
+  expression: variables.spec.?components.orValue([])
 - name: accounts
   expression: "variables.components.filter(c, !({{ $pod }}.?serviceAccountName.orValue('') in ['', 'default']))"
 - name: priorities
@@ -42,6 +45,17 @@ sentence about the first thing beyond the lists, '' if there is none.
   expression: >-
     variables.components.filter(c, c.?securityContext.?windowsOptions.hasValue() || {{ $pod }}.?securityContext.?windowsOptions.hasValue()
     || {{ $pod }}.?initContainers.orValue([]).exists(i, i.?securityContext.?windowsOptions.hasValue()))
+- name: helpers
+  expression: >-
+    variables.spec.?ros2.?discovery.optMap(h, {{ include "robotapp.beyond" (list $free "h" "discovery") }}).orValue(false)
+    || variables.spec.?ros1.optMap(h, {{ include "robotapp.beyond" (list $free "h" "ros1") }}).orValue(false)
+    || [variables.spec.?ros2.?discovery, variables.spec.?ros1].exists(h,
+    h.?template.optMap(t, {{ include "robotapp.beyond" (list $free "t" "template") }}).orValue(false)
+    || h.?template.?spec.optMap(s, {{ include "robotapp.beyond" (list $free "s" "helperPod") }}).orValue(false)
+    || !(h.?template.?spec.?serviceAccountName.orValue('') in ['', 'default'])
+    || size(h.?template.?spec.?imagePullSecrets.orValue([])) > 0
+    || !(h.?template.?spec.?priorityClassName.orValue('') in [''{{ range .root.Values.policies.priorityClasses }}, {{ squote . }}{{ end }}])
+    || h.?template.?spec.?securityContext.?windowsOptions.hasValue() || h.?securityContext.?windowsOptions.hasValue())
 - name: lent
   expression: >-
     size(variables.accounts) > 0
@@ -54,6 +68,7 @@ sentence about the first thing beyond the lists, '' if there is none.
     : size(variables.pulls) > 0 ? 'component ' + variables.pulls[0].name + ' names a Secret (imagePullSecrets)'
     : size(variables.contexts) > 0 ? 'component ' + variables.contexts[0].name + ' sets windowsOptions, which name an identity'
     : size(variables.others) > 0 ? 'component ' + variables.others[0].name + ' has a field that is not free for every writer'
+    : variables.helpers ? 'ros2.discovery or ros1 names a ServiceAccount, a Secret, a PriorityClass or an identity, or has a field that is not free'
     : ''
 {{- end -}}
 

@@ -87,7 +87,7 @@ async def run(settings: Settings) -> None:
             stack.callback(following.cancel)
         simulator = Simulator(simulation_config, share=partial(measure_share, read_limit(), os.getppid()))
         endpoints = Endpoints(gate=gate, scheduler=remote, simulator=simulator)
-        port = await serve_listener(application(remote, endpoints), listener, tls=tls.context, limits=LIMITS)
+        port = await serve_listener(application(remote, endpoints), listener, tls=tls.current, limits=LIMITS)
         stack.push_async_callback(port.close)
         await talking
 

@@ -8,6 +8,8 @@ from tests.live.attacks.table.lending import FREE_FIELDS, LEVELS, PLAIN, fields_
 
 LOOKED_AT = {"serviceAccountName", "imagePullSecrets", "priorityClassName"}
 """Fields whose values the policy looks at: an empty one lends nothing."""
+HELPERS = ("ros1", "ros2.discovery")
+"""Where the spec describes pods of the operator's own: a master, discovery servers."""
 
 
 def test_every_level_of_the_charts_lists_is_one_of_the_crd() -> None:
@@ -26,7 +28,7 @@ def test_every_object_below_which_something_is_lent_has_a_level() -> None:
     windows = {f"{parent}.securityContext" for parent in ("components", LEVELS["podSpec"], LEVELS["initContainers"])}
     helpers = {
         f"{helper}{place}"
-        for helper in ("ros1", "ros2.discovery")
+        for helper in HELPERS
         for place in (".securityContext", ".template.spec", ".template.spec.securityContext")
     }
     init = {f"{LEVELS['initContainers']}.env.valueFrom", f"{LEVELS['initContainers']}.envFrom"}
@@ -34,7 +36,15 @@ def test_every_object_below_which_something_is_lent_has_a_level() -> None:
         "components",
         "components.template",
         LEVELS["initContainers"],
+        *HELPERS,
     }
+
+
+@pytest.mark.parametrize("helper", HELPERS)
+def test_templates_of_helpers_have_the_fields_of_the_levels_they_are_looked_at_by(helper: str) -> None:
+    """Discovery servers and master have one list for their pods, and the list of components for their templates."""
+    assert fields_at(f"{helper}.template") == set(FREE_FIELDS["template"])
+    assert fields_at(f"{helper}.template.spec") == set(FREE_FIELDS["helperPod"])
 
 
 def test_no_plain_name_is_kept_that_the_crd_no_longer_has() -> None:

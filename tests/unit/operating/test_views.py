@@ -454,7 +454,7 @@ async def test_health_is_told_to_everybody_and_metrics_to_who_may_get_them(unuse
         metrics=lambda: b"m 1\n",
         gate=Door(),
     )
-    await health.start(unused_tcp_port, (await loaded(TlsPort())).context)
+    await health.start(unused_tcp_port, (await loaded(TlsPort())).current)
     try:
         assert (await page(unused_tcp_port, "/healthz"))[0] == 200
         assert (await page(unused_tcp_port, "/readyz"))[0] == 503

@@ -433,6 +433,19 @@ def _planted(key: str, text: str, **pod: Any) -> Attack:
     return _revision(key, text, {"data": templated(**pod)})
 
 
+def _planted_helper(key: str, text: str, fields: Json) -> Attack:
+    """A past spec with these fields beside its components."""
+    plain = _helper(nodeSelector={"zone": "a"}, serviceAccountName="default")
+    good = app()["spec"] | {"ros1": plain, "ros2": {"discovery": plain}}
+    changes = {"data": {"spec": good | fields}}
+    return Attack(key, text, "editor", kinds.REVISION, _PAST_SPEC | {"data": {"spec": good}}, changes, Stop.REVISION)
+
+
+def _helper(**pod: Any) -> Json:
+    """A helper of the operator's own whose pod has these fields."""
+    return {"template": {"spec": pod}}
+
+
 REVISIONS: Final = (
     _revision("revision-stateful", "a template for a StatefulSet's pods", {"metadata.ownerReferences": [_STATEFUL]}),
     _revision("revision-orphan", "one that nobody owns, for a StatefulSet to adopt", {"metadata.ownerReferences": []}),
@@ -451,6 +464,21 @@ REVISIONS: Final = (
         volumes=[{"name": "v", "projected": {"sources": [_TOKEN]}}],
     ),
     _planted("revision-unknown", "a past spec with a field of a later version", identity="deployer"),
+    _planted_helper(
+        "revision-account-helper",
+        "a past spec whose discovery servers have an account",
+        {"ros2": {"discovery": _helper(serviceAccountName="deployer")}},
+    ),
+    _planted_helper(
+        "revision-secret-helper",
+        "a past spec whose master reads a Secret, as a later version might",
+        {"ros1": _helper(volumes=[{"name": "v", "secret": {"secretName": "deploy-key"}}])},
+    ),
+    _planted_helper(
+        "revision-unknown-helper",
+        "a past spec whose discovery servers have a field of a later version",
+        {"ros2": {"discovery": {"envFrom": [{"secretRef": {"name": "deploy-key"}}]}}},
+    ),
 )
 
 ESCALATIONS: Final = (*REFERENCES, *FIELDS, *RIGHTS, *REVISIONS)

@@ -253,6 +253,9 @@ LEVELS: Final = {
     "parameters": "components.parameters",
     "volumes": "components.template.spec.volumes",
     "sources": "components.template.spec.volumes.projected.sources",
+    "discovery": "ros2.discovery",
+    "ros1": "ros1",
+    "helperPod": "ros2.discovery.template.spec",
 }
 """Level of the chart's lists → where its fields stand in the spec."""
 

@@ -23,7 +23,7 @@ def application() -> web.Application:
 
 
 async def test_port_zero_takes_a_free_one_and_serves_over_tls() -> None:
-    served = await open_port(application(), host="127.0.0.1", port=0, tls=(await loaded(TlsPort())).context)
+    served = await open_port(application(), host="127.0.0.1", port=0, tls=(await loaded(TlsPort())).current)
     try:
         unverified = ssl._create_unverified_context()  # noqa: S323 - the certificate was made a moment ago
         async with ClientSession() as http, http.get(f"https://127.0.0.1:{served.number}/", ssl=unverified) as answer:

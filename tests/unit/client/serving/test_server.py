@@ -5,7 +5,7 @@ import socket
 import ssl
 import subprocess
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import pytest
@@ -62,7 +62,7 @@ class Site:
 
 
 @asynccontextmanager
-async def served(limits: Limits, *, tls: ssl.SSLContext | None = None) -> AsyncIterator[Site]:
+async def served(limits: Limits, *, tls: Callable[[], ssl.SSLContext] | None = None) -> AsyncIterator[Site]:
     listener = await listen("127.0.0.1", 0)
     server = Server(Echo, limits, tls=tls)
     server.start(listener)
@@ -141,7 +141,7 @@ async def test_silence_after_an_answer_ends_the_connection_and_a_half_request_is
 
 @pytest.mark.parametrize("text", [b"", bytes.fromhex("16030102000100"), b"GET / HTTP/1.1\r\n\r\n"])
 async def test_a_handshake_that_is_not_completed_ends_the_connection(text: bytes) -> None:
-    tls = (await loaded(TlsPort())).context
+    tls = (await loaded(TlsPort())).current
     async with served(Limits(handshake_s=0.2), tls=tls) as site:
         peer = await site.dial()
         peer[1].write(text)
@@ -151,7 +151,7 @@ async def test_a_handshake_that_is_not_completed_ends_the_connection(text: bytes
 
 
 async def test_connections_in_their_handshake_count_and_go_like_others() -> None:
-    tls = (await loaded(TlsPort())).context
+    tls = (await loaded(TlsPort())).current
     async with served(Limits(connections=3, **OFTEN), tls=tls) as site:
         crowd = [await site.dial() for _ in range(30)]
         await until(lambda: site.server.connections == 3)

@@ -12,8 +12,9 @@ from aiohttp import web
 from tests.support.scripted import ScriptedClient
 
 from robotapp_client.serving.pages import caller
+from robotapp_client.serving.port import open_port
 from robotapp_client.serving.tls import TlsPort, client_authorities
-from robotapp_client.transport.errors import Forbidden, LoginError
+from robotapp_client.transport.errors import Forbidden, LoginError, NotFound
 from robotapp_testbed.control_plane.authority import Authority
 
 
@@ -27,11 +28,9 @@ async def served(port: TlsPort) -> AsyncIterator[str]:
 
     app = web.Application()
     app.router.add_get("/", who)
-    runner = web.AppRunner(app, shutdown_timeout=0.1)
-    await runner.setup()
-    await web.TCPSite(runner, "127.0.0.1", 0, ssl_context=port.context).start()
-    yield f"https://localhost:{runner.addresses[0][1]}/"
-    await runner.cleanup()
+    opened = await open_port(app, host="127.0.0.1", port=0, tls=port.current)
+    yield f"https://localhost:{opened.number}/"
+    await opened.close()
 
 
 async def get(url: str, context: ssl.SSLContext, **headers: str) -> str:
@@ -67,7 +66,9 @@ async def test_a_given_certificate_is_served_and_exchanged_when_its_files_change
     async with served(port) as url:
         assert await get(url, trusting(old.pem), Authorization="Bearer t") == "t"
         new.server(tmp_path, "localhost")
+        context = port.context
         port.load()
+        assert port.context is context, "the console serves with one context"
         assert await get(url, trusting(new.pem), Authorization="Bearer t") == "t"
 
 
@@ -113,6 +114,36 @@ async def test_a_client_certificate_of_somebody_else_is_refused(tmp_path: Path) 
             await get(url, eve)
 
 
+async def test_who_has_a_certificate_of_an_authority_that_was_taken_out_is_a_stranger(tmp_path: Path) -> None:
+    old, new = Authority("old"), Authority("new")
+    port = TlsPort()
+    port.load()
+    port.trust(old.pem + new.pem)
+    amy, bob = believing(), believing()
+    amy.load_cert_chain(*old.user(tmp_path / "amy", "amy", "tenants"))
+    bob.load_cert_chain(*new.user(tmp_path / "bob", "bob", "tenants"))
+    async with served(port) as url:
+        assert await get(url, amy) == "amy tenants,system:authenticated"
+        port.trust(new.pem)
+        assert await get(url, bob) == "bob tenants,system:authenticated"
+        with pytest.raises(aiohttp.ClientError):
+            await get(url, amy)
+        port.trust("")
+        assert await get(url, bob, Authorization="Bearer t") == "t", "nobody's certificate is asked for"
+
+
+async def test_a_certificate_that_cannot_be_used_does_not_keep_an_authority_trusted(tmp_path: Path) -> None:
+    certificate, key = Authority().server(tmp_path, "localhost")
+    port = TlsPort(certificate, key)
+    port.load()
+    port.trust(Authority().pem)
+    key.write_text("no key")
+    await port.refresh(ScriptedClient().script("get", Forbidden("no", status=403)))
+    assert port.context.verify_mode is ssl.CERT_OPTIONAL, "what cannot be read stays"
+    await port.refresh(ScriptedClient().script("get", {"data": {}}))
+    assert port.context.verify_mode is ssl.CERT_NONE
+
+
 async def test_a_serving_certificate_is_no_client_certificate(tmp_path: Path) -> None:
     authority = Authority()
     port = TlsPort()
@@ -125,8 +156,8 @@ async def test_a_serving_certificate_is_no_client_certificate(tmp_path: Path) ->
             await get(url, server)
 
 
-@pytest.mark.parametrize("text", ["", "no certificate"])
-async def test_authorities_that_cannot_be_used_leave_client_certificates_unasked(text: str) -> None:
+@pytest.mark.parametrize("text", ["", "no certificate", "kein gültiges", 7])
+async def test_authorities_that_cannot_be_used_leave_client_certificates_unasked(text: Any) -> None:
     port = TlsPort()
     port.trust(text)
     assert port.context.verify_mode is ssl.CERT_NONE
@@ -138,10 +169,11 @@ async def test_authorities_that_cannot_be_used_leave_client_certificates_unasked
         ({"data": {"client-ca-file": "PEM"}}, "PEM"),
         ({"data": None}, ""),
         ({}, ""),
-        (Forbidden("no", status=403), ""),
+        (NotFound("none", status=404), ""),
+        (Forbidden("no", status=403), None),
     ],
 )
-async def test_the_authorities_are_those_the_api_server_publishes(answer: Any, text: str) -> None:
+async def test_the_authorities_are_those_the_api_server_publishes(answer: Any, text: str | None) -> None:
     client = ScriptedClient().script("get", answer)
     assert await client_authorities(client) == text
     assert client.calls[0][1].endswith("/kube-system/configmaps/extension-apiserver-authentication")
