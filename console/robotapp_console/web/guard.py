@@ -1,6 +1,7 @@
 """Checks every request: the right Host, a known caller, not too often, and writes only from our own pages."""
 
 import logging
+import re
 from collections.abc import Awaitable, Callable
 from typing import Final
 from urllib.parse import urlencode
@@ -72,13 +73,29 @@ async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
 
 LOGIN_COOKIE: Final = "robotapp-console-login"
 """What the CSRF token of the login form belongs to, before there is a session."""
+_NONCE: Final = re.compile(r"[A-Za-z0-9_-]{24}")
+
+
+def read_nonce(request: web.Request) -> str:
+    """Returns the name that a login form gave this browser, empty for what no form gives."""
+    nonce = request.cookies.get(LOGIN_COOKIE, "")
+    return nonce if _NONCE.fullmatch(nonce) else ""
+
+
+def name_login(nonce: str) -> str:
+    """Returns what the CSRF token of a login form is made for: it can be no session, whatever a browser sends as its nonce."""
+    return f"login\n{nonce}"
 
 
 async def _find_write_problem(console: Console, request: web.Request, caller: Caller | None) -> str:
     """Returns why a write is refused, empty when it is not."""
     if problem := security.find_origin_problem(request):
         return problem
-    session = caller.session if caller and request.path != "/login" else request.cookies.get(LOGIN_COOKIE, "")
+    if caller and request.path != "/login":
+        session = caller.session
+    else:
+        nonce = read_nonce(request)
+        session = name_login(nonce) if nonce else ""
     fields = await request.post()
     given = fields.get("csrf", "")
     if not session or not isinstance(given, str) or not console.seal.is_signed(session, given):

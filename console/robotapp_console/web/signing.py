@@ -10,7 +10,7 @@ from robotapp_api.values.naming import DNS_LABEL
 from robotapp_client import ClientError, Unauthorized
 from robotapp_console.web import security
 from robotapp_console.web.console import CALLER, CONSOLE, Console
-from robotapp_console.web.guard import LOGIN_COOKIE
+from robotapp_console.web.guard import LOGIN_COOKIE, name_login, read_nonce
 from robotapp_console.web.sessions import LONGEST_S, hash_token
 
 log = logging.getLogger(__name__)
@@ -31,8 +31,9 @@ async def show_login(request: web.Request) -> web.Response:
 def _answer_form(
     console: Console, request: web.Request, *, target: str, problem: str = "", home: str = "", status: int = 200
 ) -> web.Response:
-    nonce = request.cookies.get(LOGIN_COOKIE) or console.make_nonce()
-    context = {"title": "Sign in", "csrf": console.seal.sign(nonce), "next": target, "problem": problem, "home": home}
+    nonce = read_nonce(request) or console.make_nonce()
+    csrf = console.seal.sign(name_login(nonce))
+    context = {"title": "Sign in", "csrf": csrf, "next": target, "problem": problem, "home": home}
     answer = web.Response(
         status=status, text=console.render(request, "login.html", context | {"caller": None}), content_type="text/html"
     )

@@ -148,6 +148,17 @@ async def test_the_login_form_needs_its_token_as_well() -> None:
         assert (await browser.post("/login", {"token": ADMIN, "csrf": stolen})).status == 403
 
 
+@pytest.mark.parametrize("nonce", ["ANYTHING-I-LIKE", "n" * 24, "n" * 25, "\udcff" * 24])
+async def test_the_login_form_signs_no_session_that_a_browser_makes_up(nonce: str) -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        browser.cookies["robotapp-console-login"] = nonce
+        form = await browser.get("/login")
+        assert form.status == 200
+        assert not stage.console.seal.is_signed(nonce.encode("utf-8", "replace").decode(), form.field("csrf"))
+        assert (await browser.post("/login", {"token": ADMIN, "csrf": form.field("csrf")})).status == 303
+
+
 async def test_one_session_cannot_use_the_csrf_token_of_another() -> None:
     async with staged() as stage:
         one, other = stage.browser(), stage.browser()
