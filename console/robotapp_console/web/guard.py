@@ -8,6 +8,7 @@ from urllib.parse import urlencode
 
 from aiohttp import web
 
+from robotapp_client import ClientError, Unauthorized
 from robotapp_console.cluster.informer_sets import TooManyUsersError
 from robotapp_console.web import security
 from robotapp_console.web.console import CALLER, CONSOLE, Console
@@ -62,6 +63,8 @@ async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
         answer.headers["Retry-After"] = str(int(wait_s) + 1)
         return answer
     if caller is not None:
+        if not await _is_known(console, caller):
+            return refuse_credentials(request)
         request[CALLER] = caller
     if request.method not in security.SAFE_METHODS and (refusal := await _find_write_problem(console, request, caller)):
         log.warning("refused %s %r: %s", request.method, request.path, refusal)
@@ -87,6 +90,21 @@ def name_login(nonce: str) -> str:
     return f"login\n{nonce}"
 
 
+async def _is_known(console: Console, caller: Caller) -> bool:
+    """Returns whether the API server may know the caller's token: one that a stranger made up holds no place of a user."""
+    if console.has_met(caller):
+        return True
+    informers = await console.informers.get(caller.key, caller.endpoint)
+    try:
+        await informers.fetch_user()
+    except Unauthorized:
+        await console.informers.drop(caller.key)
+        return False
+    except ClientError as error:  # the pages say so, too
+        log.warning("the API server cannot say whether a token is valid: %s", error)
+    return True
+
+
 async def _find_write_problem(console: Console, request: web.Request, caller: Caller | None) -> str:
     """Returns why a write is refused, empty when it is not."""
     if problem := security.find_origin_problem(request):
@@ -101,6 +119,13 @@ async def _find_write_problem(console: Console, request: web.Request, caller: Ca
     if not session or not isinstance(given, str) or not console.seal.is_signed(session, given):
         return "the form is too old or not of this console (CSRF token); load the page again"
     return ""
+
+
+def refuse_credentials(request: web.Request) -> web.Response:
+    """Returns the answer to who comes with credentials that were made elsewhere, and that the API server does not accept."""
+    text = "Sign in again where the credentials come from, then load this page again."
+    title = "The API server does not accept the credentials"
+    return request.app[CONSOLE].answer_message(request, 401, title, text)
 
 
 def ask_to_sign_in(request: web.Request) -> web.Response:

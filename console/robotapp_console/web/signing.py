@@ -10,7 +10,7 @@ from robotapp_api.values.naming import DNS_LABEL
 from robotapp_client import ClientError, Unauthorized
 from robotapp_console.web import security
 from robotapp_console.web.console import CALLER, CONSOLE, Console
-from robotapp_console.web.guard import LOGIN_COOKIE, name_login, read_nonce
+from robotapp_console.web.guard import LOGIN_COOKIE, name_login, read_nonce, refuse_credentials
 from robotapp_console.web.sessions import LONGEST_S, hash_token
 
 log = logging.getLogger(__name__)
@@ -103,8 +103,7 @@ def answer_expired(request: web.Request) -> web.Response:
     """The answer to a caller whose token the API server does not accept any more."""
     console = request.app[CONSOLE]
     if console.door is not None or not request[CALLER].may_sign_out:
-        text = "Sign in again where the credentials come from, then load this page again."
-        return console.answer_message(request, 401, "The API server does not accept the credentials", text)
+        return refuse_credentials(request)
     answer = web.Response(status=303, headers={"Location": "/login"})
     _delete_cookie(console, answer)
     return answer

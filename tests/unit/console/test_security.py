@@ -5,6 +5,7 @@ import logging
 import pytest
 from tests.unit.console.guarded_api import ADMIN, TENANT, staged
 
+from robotapp_console.cluster import informer_sets
 from robotapp_console.web.security import clean_next
 from robotapp_console.web.sessions import LONGEST_S, Seal, hash_token
 
@@ -231,6 +232,18 @@ async def test_guessing_tokens_is_slow() -> None:
         statuses = [(await browser.post("/login", {"token": f"guess-{i}", "csrf": csrf})).status for i in range(60)]
         assert statuses.count(401) < 40
         assert set(statuses) == {401, 429}
+
+
+async def test_tokens_that_a_stranger_makes_up_take_no_place_of_a_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(informer_sets, "MOST_SETS", 2)
+    async with staged(token_header="X-Token") as stage:
+        for number in range(5):
+            for path in ("/", "/scheduler", "/login"):
+                refused = await stage.browser().get(path, **{"X-Token": f"made-up-{number}"})
+                assert refused.status == 401
+                assert "does not accept the credentials" in refused.text
+        assert len(stage.console.informers) == 0
+        assert (await stage.browser().get("/", **{"X-Token": ADMIN})).status == 200
 
 
 def test_a_cookie_that_was_changed_or_made_elsewhere_is_no_session() -> None:

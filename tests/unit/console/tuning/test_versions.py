@@ -66,7 +66,9 @@ def test_one_entry_that_nobody_can_read_hides_no_other(value: str) -> None:
     assert [version.text for version in read_versions({**data, "version-000003": value})] == ["a", "b"]
 
 
-@pytest.mark.parametrize("number", ["99999999999", "999999999999", "9" * 200, "0000000007", "\u0660\u0660\u0660\u0660\u0660\u0667"])
+@pytest.mark.parametrize(
+    "number", ["99999999999", "999999999999", "9" * 200, "0000000007", "\u0660\u0660\u0660\u0660\u0660\u0667"]
+)
 def test_after_a_number_that_somebody_else_chose_the_next_version_is_still_read(number: str) -> None:
     foreign = {f"version-{number}": json.dumps({"at": AT, "by": "eve", "text": "eve's"})}
     versions = read_versions({version.key: version.encode() for version in record("a", "b")} | foreign)
