@@ -96,6 +96,7 @@ async def _serve_cluster(settings: Settings) -> None:
         _find_api_server(settings),
         Seal(_read_cookie_key(settings.cookie_key)),
         token_header=settings.token_header,
+        behind_proxy=settings.plain_http,
         hosts=frozenset(settings.hosts),
         informers=InformerSets(idle_s=IDLE_S),
         config_place=find_config_place(settings),

@@ -56,7 +56,7 @@ async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
     wait_s = (
         console.callers.wait_s(caller.key)
         if caller and console.has_met(caller)
-        else console.strangers.wait_s(request.remote)
+        else console.strangers.wait_s(console.find_address(request))
     )
     if wait_s:
         answer = console.answer_message(request, 429, "Too many requests", "Wait a moment, then load the page again.")

@@ -63,7 +63,7 @@ async def sign_in(request: web.Request) -> web.Response:
         session, cookie = console.seal.open_session(token, user=user, home=home)
     except Unauthorized:
         await console.informers.drop(key)
-        log.warning("sign-in from %s refused: the API server does not know the token", request.remote)
+        log.warning("sign-in from %s refused: the API server does not know the token", console.find_address(request))
         problem = "The API server does not know this token, or it has expired."
         return _answer_form(console, request, target=target, problem=problem, home=home, status=401)
     except ClientError as error:
@@ -73,7 +73,7 @@ async def sign_in(request: web.Request) -> web.Response:
     except ValueError as error:
         problem = f"This token cannot be used here: {error}. Put an OIDC proxy in front of the console instead."
         return _answer_form(console, request, target=target, problem=problem, home=home, status=422)
-    log.info("%s signed in from %s", user or "a user without a name", request.remote)
+    log.info("%s signed in from %s", user or "a user without a name", console.find_address(request))
     answer = web.Response(status=303, headers={"Location": target})
     answer.set_cookie(
         console.cookie,

@@ -234,6 +234,24 @@ async def test_guessing_tokens_is_slow() -> None:
         assert set(statuses) == {401, 429}
 
 
+async def test_behind_an_ingress_one_stranger_keeps_nobody_else_from_signing_in() -> None:
+    async with staged(behind_proxy=True) as stage:
+        stranger, other = stage.browser(), stage.browser()
+        forged = [f"203.0.113.{number}, 198.51.100.7" for number in range(60)]
+        statuses = [(await stranger.get("/login", **{"X-Forwarded-For": hops})).status for hops in forged]
+        assert set(statuses) == {200, 429}
+        assert (await other.get("/login", **{"X-Forwarded-For": "198.51.100.7, 203.0.113.1"})).status == 200
+        assert (await other.get("/login", **{"X-Forwarded-For": "nonsense"})).status == 200
+
+
+async def test_who_reaches_the_console_itself_has_the_address_of_his_connection() -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        forged = [f"203.0.113.{number}" for number in range(60)]
+        statuses = [(await browser.get("/login", **{"X-Forwarded-For": hop})).status for hop in forged]
+        assert set(statuses) == {200, 429}
+
+
 async def test_tokens_that_a_stranger_makes_up_take_no_place_of_a_user(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(informer_sets, "MOST_SETS", 2)
     async with staged(token_header="X-Token") as stage:
