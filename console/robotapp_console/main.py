@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
 
-from aiohttp import web
-
 from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_api.values.arguments import is_name
 from robotapp_client import ApiClient, ClientError, Endpoint, LoginError, load
 from robotapp_client.serving import logs
+from robotapp_client.serving.port import Port
 from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_client.tools.scheduler_tunnel import open_tunnel
 from robotapp_client.transport.kubeconfig import default_kubeconfigs, follow_authority
@@ -30,7 +29,7 @@ from robotapp_console.cluster.informer_sets import IDLE_S, InformerSets
 from robotapp_console.cluster.scheduler_port import SchedulerPort
 from robotapp_console.settings import TRUSTED_ROOT, Settings, parse
 from robotapp_console.web.console import LOCAL, Console
-from robotapp_console.web.server import start_app
+from robotapp_console.web.server import serve
 from robotapp_console.web.sessions import LocalDoor, Seal
 
 log = logging.getLogger(__name__)
@@ -81,13 +80,12 @@ async def _serve_local(settings: Settings) -> None:
         listener.close()
         await console.informers.close()
         raise LoginError(f"the API server {api.server} cannot be used: {error}") from error
-    runner = await start_app(console)
-    await web.SockSite(runner, listener).start()
+    served = await serve(console, listener)
     print(f"The console of {api.server}, as {console.local_user or 'you'}. Ctrl-C ends it.", flush=True)  # noqa: T201
     print_address("Open, once:")
     if settings.browser:
         await asyncio.to_thread(webbrowser.open, f"http://{LOOPBACK}:{port}{door.path}")
-    await _wait_for_end(runner)
+    await _wait_for_end(served)
 
 
 async def _serve_cluster(settings: Settings) -> None:
@@ -104,11 +102,10 @@ async def _serve_cluster(settings: Settings) -> None:
     )
     tls = None if settings.plain_http else await loaded(TlsPort(settings.certificate, settings.key))
     listener = _open_port(settings.listen, settings.port)
-    runner = await start_app(console)
-    await web.SockSite(runner, listener, ssl_context=tls.context if tls else None).start()
-    log.info("serving on %s port %d, API server %s", settings.listen, listener.getsockname()[1], console.api.server)
+    served = await serve(console, listener, tls=tls.context if tls else None)
+    log.info("serving on %s port %d, API server %s", settings.listen, served.number, console.api.server)
     certificate_task = asyncio.create_task(_follow_certificate(tls)) if tls and settings.certificate else None
-    await _wait_for_end(runner)
+    await _wait_for_end(served)
     if certificate_task is not None:
         certificate_task.cancel()
 
@@ -173,14 +170,14 @@ def _open_port(host: str, port: int) -> socket.socket:
         raise LoginError(f"{host} port {port}: {error.strerror or error}; --port names another one") from error
 
 
-async def _wait_for_end(runner: web.AppRunner) -> None:
+async def _wait_for_end(served: Port) -> None:
     ending = asyncio.Event()
     loop = asyncio.get_running_loop()
     for name in (signal.SIGINT, signal.SIGTERM):
         with contextlib.suppress(NotImplementedError):  # Windows
             loop.add_signal_handler(name, ending.set)
     await ending.wait()
-    await runner.cleanup()
+    await served.close()
 
 
 async def _follow_certificate(tls: TlsPort) -> None:

@@ -1,5 +1,6 @@
 """Checks every request: the right Host, a known caller, not too often, and writes only from our own pages."""
 
+import asyncio
 import logging
 import re
 from collections.abc import Awaitable, Callable
@@ -16,6 +17,8 @@ from robotapp_console.web.sessions import Caller
 
 log = logging.getLogger(__name__)
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+_BODY_S: Final = 10.0
+"""How long a form may take to arrive."""
 _OPEN_PATHS: Final = frozenset({"/login", "/open"})
 """Paths without a session, besides static files and the health check."""
 
@@ -114,7 +117,11 @@ async def _find_write_problem(console: Console, request: web.Request, caller: Ca
     else:
         nonce = read_nonce(request)
         session = name_login(nonce) if nonce else ""
-    fields = await request.post()
+    try:
+        async with asyncio.timeout(_BODY_S):
+            fields = await request.post()
+    except TimeoutError:
+        raise web.HTTPRequestTimeout from None
     given = fields.get("csrf", "")
     if not session or not isinstance(given, str) or not console.seal.is_signed(session, given):
         return "the form is too old or not of this console (CSRF token); load the page again"

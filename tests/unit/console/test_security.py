@@ -1,12 +1,18 @@
 """What must hold for every request: sessions, Host, Origin, CSRF tokens, headers, limits, and where tokens never stand."""
 
+import asyncio
 import logging
+from dataclasses import replace
+from urllib.parse import urlsplit
 
 import pytest
-from tests.unit.console.guarded_api import ADMIN, TENANT, staged
+from tests.unit.console.guarded_api import ADMIN, NODES, TENANT, staged
+from tests.unit.console.objects import node
 
 from robotapp_console.cluster import informer_sets
+from robotapp_console.web import guard
 from robotapp_console.web.security import clean_next
+from robotapp_console.web.server import LIMITS
 from robotapp_console.web.sessions import LONGEST_S, Seal, hash_token
 
 PATHS = (
@@ -262,6 +268,48 @@ async def test_tokens_that_a_stranger_makes_up_take_no_place_of_a_user(monkeypat
                 assert "does not accept the credentials" in refused.text
         assert len(stage.console.informers) == 0
         assert (await stage.browser().get("/", **{"X-Token": ADMIN})).status == 200
+
+
+async def test_half_a_request_of_a_stranger_ends_and_an_open_page_goes_on() -> None:
+    async with staged(limits=replace(LIMITS, head_s=0.2, idle_s=0.2)) as stage:
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        address = urlsplit(stage.base)
+        async with stage.http.get(f"{stage.base}/stream", headers={"Cookie": browser.cookie_header}) as stream:
+            await stream.content.readline()
+            reader, writer = await asyncio.open_connection(address.hostname, address.port)
+            writer.write(b"GET / HTTP/1.1\r\nHost: x\r\nX:")
+            async with asyncio.timeout(20):
+                assert await reader.read() == b""
+            writer.close()
+            stage.api.put(NODES, node("amr-07", robot="amr-07"))
+            async with asyncio.timeout(20):
+                while b"amr-07" not in (line := await stream.content.readline()):
+                    assert line, "the open page was ended"
+
+
+async def test_more_connections_than_the_console_takes_end_the_one_that_waits_longest() -> None:
+    async with staged(limits=replace(LIMITS, connections=3)) as stage:
+        address = urlsplit(stage.base)
+        peers = [await asyncio.open_connection(address.hostname, address.port) for _ in range(4)]
+        async with asyncio.timeout(20):
+            assert await peers[0][0].read() == b""
+        assert (await stage.browser().get("/healthz")).status == 200
+        for _, writer in peers:
+            writer.close()
+
+
+async def test_a_form_that_does_not_arrive_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "_BODY_S", 0.1)
+    async with staged() as stage:
+        address = urlsplit(stage.base)
+        reader, writer = await asyncio.open_connection(address.hostname, address.port)
+        head = f"POST /login HTTP/1.1\r\nHost: {address.netloc}\r\nOrigin: {stage.base}\r\nContent-Length: 2000\r\n"
+        writer.write(f"{head}Content-Type: application/x-www-form-urlencoded\r\n\r\na=".encode())
+        async with asyncio.timeout(20):
+            assert b" 408 " in await reader.readline()
+            await reader.read()
+        writer.close()
 
 
 def test_a_cookie_that_was_changed_or_made_elsewhere_is_no_session() -> None:
