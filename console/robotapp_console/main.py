@@ -9,7 +9,6 @@ import signal
 import socket
 import ssl
 import sys
-import webbrowser
 from collections.abc import AsyncIterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -27,6 +26,7 @@ from robotapp_client.transport.kubeconfig import default_kubeconfigs, follow_aut
 from robotapp_console.cluster.config_store import Place
 from robotapp_console.cluster.informer_sets import IDLE_S, InformerSets
 from robotapp_console.cluster.scheduler_port import SchedulerPort
+from robotapp_console.opening import OpeningPage
 from robotapp_console.settings import TRUSTED_ROOT, Settings, parse
 from robotapp_console.web.console import LOCAL, Console
 from robotapp_console.web.server import serve
@@ -73,7 +73,13 @@ async def _serve_local(settings: Settings) -> None:
     def print_address(words: str) -> None:
         print(f"{words} http://{LOOPBACK}:{port}{door.path}", flush=True)  # noqa: T201 - what was asked for
 
-    console.on_opened = lambda: print_address("For another browser, once:")
+    page = OpeningPage()
+
+    def print_next() -> None:
+        page.remove()
+        print_address("For another browser, once:")
+
+    console.on_opened = print_next
     try:
         console.local_user = await (await console.informers.get(LOCAL, api)).fetch_user()
     except ClientError as error:
@@ -83,9 +89,12 @@ async def _serve_local(settings: Settings) -> None:
     served = await serve(console, listener)
     print(f"The console of {api.server}, as {console.local_user or 'you'}. Ctrl-C ends it.", flush=True)  # noqa: T201
     print_address("Open, once:")
-    if settings.browser:
-        await asyncio.to_thread(webbrowser.open, f"http://{LOOPBACK}:{port}{door.path}")
-    await _wait_for_end(served)
+    try:
+        if settings.browser:
+            await page.show(f"http://{LOOPBACK}:{port}{door.path}")
+        await _wait_for_end(served)
+    finally:
+        page.remove()
 
 
 async def _serve_cluster(settings: Settings) -> None:
