@@ -88,7 +88,7 @@ async def sign_in(request: web.Request) -> web.Response:
 
 
 async def sign_out(request: web.Request) -> web.Response:
-    """Ends the session: its cookie is worthless from now on, and so is a copy of it."""
+    """Ends the session: its cookie is worthless from now on, and so is a copy of it, in this process (`Seal.end_session`)."""
     console = request.app[CONSOLE]
     session = console.session_of(request)
     if session is not None:
