@@ -9,28 +9,27 @@ import signal
 import socket
 import ssl
 import sys
-import webbrowser
 from collections.abc import AsyncIterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
 
-from aiohttp import web
-
 from robotapp_api.model.names import SYSTEM_NAMESPACE
 from robotapp_api.values.arguments import is_name
 from robotapp_client import ApiClient, ClientError, Endpoint, LoginError, load
 from robotapp_client.serving import logs
+from robotapp_client.serving.port import Port
 from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_client.tools.scheduler_tunnel import open_tunnel
 from robotapp_client.transport.kubeconfig import default_kubeconfigs, follow_authority
 from robotapp_console.cluster.config_store import Place
 from robotapp_console.cluster.informer_sets import IDLE_S, InformerSets
 from robotapp_console.cluster.scheduler_port import SchedulerPort
+from robotapp_console.opening import OpeningPage
 from robotapp_console.settings import TRUSTED_ROOT, Settings, parse
 from robotapp_console.web.console import LOCAL, Console
-from robotapp_console.web.server import start_app
+from robotapp_console.web.server import serve
 from robotapp_console.web.sessions import LocalDoor, Seal
 
 log = logging.getLogger(__name__)
@@ -74,20 +73,28 @@ async def _serve_local(settings: Settings) -> None:
     def print_address(words: str) -> None:
         print(f"{words} http://{LOOPBACK}:{port}{door.path}", flush=True)  # noqa: T201 - what was asked for
 
-    console.on_opened = lambda: print_address("For another browser, once:")
+    page = OpeningPage()
+
+    def print_next() -> None:
+        page.remove()
+        print_address("For another browser, once:")
+
+    console.on_opened = print_next
     try:
         console.local_user = await (await console.informers.get(LOCAL, api)).fetch_user()
     except ClientError as error:
         listener.close()
         await console.informers.close()
         raise LoginError(f"the API server {api.server} cannot be used: {error}") from error
-    runner = await start_app(console)
-    await web.SockSite(runner, listener).start()
+    served = await serve(console, listener)
     print(f"The console of {api.server}, as {console.local_user or 'you'}. Ctrl-C ends it.", flush=True)  # noqa: T201
     print_address("Open, once:")
-    if settings.browser:
-        await asyncio.to_thread(webbrowser.open, f"http://{LOOPBACK}:{port}{door.path}")
-    await _wait_for_end(runner)
+    try:
+        if settings.browser:
+            await page.show(f"http://{LOOPBACK}:{port}{door.path}")
+        await _wait_for_end(served)
+    finally:
+        page.remove()
 
 
 async def _serve_cluster(settings: Settings) -> None:
@@ -96,6 +103,7 @@ async def _serve_cluster(settings: Settings) -> None:
         _find_api_server(settings),
         Seal(_read_cookie_key(settings.cookie_key)),
         token_header=settings.token_header,
+        behind_proxy=settings.plain_http,
         hosts=frozenset(settings.hosts),
         informers=InformerSets(idle_s=IDLE_S),
         config_place=find_config_place(settings),
@@ -103,11 +111,10 @@ async def _serve_cluster(settings: Settings) -> None:
     )
     tls = None if settings.plain_http else await loaded(TlsPort(settings.certificate, settings.key))
     listener = _open_port(settings.listen, settings.port)
-    runner = await start_app(console)
-    await web.SockSite(runner, listener, ssl_context=tls.context if tls else None).start()
-    log.info("serving on %s port %d, API server %s", settings.listen, listener.getsockname()[1], console.api.server)
+    served = await serve(console, listener, tls=tls.context if tls else None)
+    log.info("serving on %s port %d, API server %s", settings.listen, served.number, console.api.server)
     certificate_task = asyncio.create_task(_follow_certificate(tls)) if tls and settings.certificate else None
-    await _wait_for_end(runner)
+    await _wait_for_end(served)
     if certificate_task is not None:
         certificate_task.cancel()
 
@@ -172,14 +179,14 @@ def _open_port(host: str, port: int) -> socket.socket:
         raise LoginError(f"{host} port {port}: {error.strerror or error}; --port names another one") from error
 
 
-async def _wait_for_end(runner: web.AppRunner) -> None:
+async def _wait_for_end(served: Port) -> None:
     ending = asyncio.Event()
     loop = asyncio.get_running_loop()
     for name in (signal.SIGINT, signal.SIGTERM):
         with contextlib.suppress(NotImplementedError):  # Windows
             loop.add_signal_handler(name, ending.set)
     await ending.wait()
-    await runner.cleanup()
+    await served.close()
 
 
 async def _follow_certificate(tls: TlsPort) -> None:

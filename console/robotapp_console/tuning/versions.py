@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 KEPT: Final = 20
@@ -11,7 +11,8 @@ KEPT_BYTES: Final = 900_000
 """A ConfigMap takes a mebibyte."""
 UNKNOWN_AUTHOR: Final = "unknown (not by the console)"
 NAMELESS_AUTHOR: Final = "a user whose name the API server does not give"
-_KEY: Final = re.compile(r"version-(\d{6,12})")
+MOST_NUMBER: Final = 99_999_999_999
+_KEY: Final = re.compile(r"version-([0-9]{6,11})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +39,18 @@ def read_versions(data: Mapping[str, str]) -> tuple[Version, ...]:
 
 
 def plan_addition(versions: Sequence[Version], text: str, *, at: str, by: str) -> dict[str, str | None]:
-    """Returns the change of the ConfigMap's data: the new version, and None for those that are kept no longer."""
+    """Returns the change of the ConfigMap's data: the new version, and None for those that are kept no longer.
+
+    Somebody else may have written the greatest number, which has no next one; then all are numbered anew.
+    """
+    changes: dict[str, str | None] = {}
+    if versions and versions[-1].number >= MOST_NUMBER:
+        changes |= dict.fromkeys(version.key for version in versions)
+        versions = [replace(version, number=number) for number, version in enumerate(versions, start=1)]
+        changes |= {version.key: version.encode() for version in versions}
     number = versions[-1].number + 1 if versions else 1
     added = Version(number, at, by, text)
-    changes: dict[str, str | None] = {added.key: added.encode()}
+    changes[added.key] = added.encode()
     free_bytes, free_count = KEPT_BYTES - _measure(added), KEPT - 1
     for version in reversed(versions):
         free_bytes, free_count = free_bytes - _measure(version), free_count - 1
@@ -74,6 +83,9 @@ def _read_version(key: str, value: str) -> Version | None:
         return None
     try:
         content: Any = json.loads(value)
-        return Version(int(match[1]), str(content["at"]), str(content["by"]), str(content["text"]))
-    except (ValueError, KeyError, TypeError):
+        at, by, text = (str(content[name]) for name in ("at", "by", "text"))
+        f"{at}{by}{text}".encode()  # half a character could be neither shown nor written again
+    except (ValueError, KeyError, TypeError, RecursionError):
         return None
+    version = Version(int(match[1]), at, by, text)
+    return version if version.key == key else None

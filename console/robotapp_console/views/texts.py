@@ -40,13 +40,9 @@ class Moment(NamedTuple):
 
 def describe_moment(timestamp: str, now_s: float) -> Moment | None:
     """Returns the time of the API server in words, None for an empty or unreadable one."""
-    try:
-        when = datetime.fromisoformat(timestamp)
-    except ValueError:
+    utc = _parse_moment(timestamp)
+    if utc is None:
         return None
-    if when.tzinfo is None:
-        when = when.replace(tzinfo=UTC)
-    utc = when.astimezone(UTC)
     return Moment(
         utc.strftime("%Y-%m-%dT%H:%M:%SZ"),
         f"{describe_seconds(now_s - utc.timestamp())} ago",
@@ -65,11 +61,17 @@ def describe_seconds(seconds: float) -> str:
 
 def parse_timestamp(timestamp: str) -> float | None:
     """Returns the seconds since 1970 of a time of the API server, None for what is none."""
+    utc = _parse_moment(timestamp)
+    return None if utc is None else utc.timestamp()
+
+
+def _parse_moment(timestamp: str) -> datetime | None:
+    """Returns the time in UTC, None for what is none: in a zone of its own, a day of the year 1 may be before all days."""
     try:
         when = datetime.fromisoformat(timestamp)
-    except ValueError:
+        return when.astimezone(UTC) if when.tzinfo else when.replace(tzinfo=UTC)
+    except (ValueError, OverflowError):
         return None
-    return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
 
 
 def parse_milliseconds(duration: str | None) -> float | None:

@@ -1,6 +1,7 @@
 """The parts that all handlers share: the API server, sessions, informers, templates, and who makes a request."""
 
 import asyncio
+import contextlib
 import secrets
 import time
 from collections.abc import Callable, Mapping
@@ -11,6 +12,7 @@ from aiohttp import web
 
 from robotapp_api.values.quantities.buckets import Buckets
 from robotapp_client import Endpoint
+from robotapp_client.serving.server import read_network
 from robotapp_client.transport.credentials import Credentials
 from robotapp_console.cluster.config_store import Place
 from robotapp_console.cluster.informer_sets import InformerSets
@@ -36,6 +38,8 @@ class Console:
     local_user: str = ""
     """How the API server names the user of the local console."""
     token_header: str = ""
+    behind_proxy: bool = False
+    """An ingress has TLS: it makes all connections, and says by X-Forwarded-For for whom."""
     hosts: frozenset[str] = frozenset()
     cookie: str = "__Host-robotapp-console"
     informers: InformerSets = field(default_factory=InformerSets)
@@ -100,6 +104,14 @@ class Console:
             signed_in.ends_s,
             may_sign_out=True,
         )
+
+    def find_address(self, request: web.Request) -> str:
+        """Returns the address that makes the request; behind a proxy the one that the proxy itself added, which is the last."""
+        if self.behind_proxy:
+            hop = ",".join(request.headers.getall("X-Forwarded-For", [])).rpartition(",")[2].strip()
+            with contextlib.suppress(ValueError):
+                return read_network((hop,))
+        return request.remote or ""
 
     def has_met(self, caller: Caller) -> bool:
         """Returns whether the caller's token was accepted before: a proxy hands over whatever it is given."""

@@ -1,12 +1,15 @@
 """Checks every request: the right Host, a known caller, not too often, and writes only from our own pages."""
 
+import asyncio
 import logging
+import re
 from collections.abc import Awaitable, Callable
 from typing import Final
 from urllib.parse import urlencode
 
 from aiohttp import web
 
+from robotapp_client import ClientError, Unauthorized
 from robotapp_console.cluster.informer_sets import TooManyUsersError
 from robotapp_console.web import security
 from robotapp_console.web.console import CALLER, CONSOLE, Console
@@ -14,6 +17,8 @@ from robotapp_console.web.sessions import Caller
 
 log = logging.getLogger(__name__)
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+_BODY_S: Final = 10.0
+"""How long a form may take to arrive."""
 _OPEN_PATHS: Final = frozenset({"/login", "/open"})
 """Paths without a session, besides static files and the health check."""
 
@@ -54,13 +59,15 @@ async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
     wait_s = (
         console.callers.wait_s(caller.key)
         if caller and console.has_met(caller)
-        else console.strangers.wait_s(request.remote)
+        else console.strangers.wait_s(console.find_address(request))
     )
     if wait_s:
         answer = console.answer_message(request, 429, "Too many requests", "Wait a moment, then load the page again.")
         answer.headers["Retry-After"] = str(int(wait_s) + 1)
         return answer
     if caller is not None:
+        if not await _is_known(console, caller):
+            return refuse_credentials(request)
         request[CALLER] = caller
     if request.method not in security.SAFE_METHODS and (refusal := await _find_write_problem(console, request, caller)):
         log.warning("refused %s %r: %s", request.method, request.path, refusal)
@@ -72,18 +79,60 @@ async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
 
 LOGIN_COOKIE: Final = "robotapp-console-login"
 """What the CSRF token of the login form belongs to, before there is a session."""
+_NONCE: Final = re.compile(r"[A-Za-z0-9_-]{24}")
+
+
+def read_nonce(request: web.Request) -> str:
+    """Returns the name that a login form gave this browser, empty for what no form gives."""
+    nonce = request.cookies.get(LOGIN_COOKIE, "")
+    return nonce if _NONCE.fullmatch(nonce) else ""
+
+
+def name_login(nonce: str) -> str:
+    """Returns what the CSRF token of a login form is made for: it can be no session, whatever a browser sends as its nonce."""
+    return f"login\n{nonce}"
+
+
+async def _is_known(console: Console, caller: Caller) -> bool:
+    """Returns whether the API server may know the caller's token: one that a stranger made up holds no place of a user."""
+    if console.has_met(caller):
+        return True
+    informers = await console.informers.get(caller.key, caller.endpoint)
+    try:
+        await informers.fetch_user()
+    except Unauthorized:
+        await console.informers.drop(caller.key)
+        return False
+    except ClientError as error:  # the pages say so, too
+        log.warning("the API server cannot say whether a token is valid: %s", error)
+    return True
 
 
 async def _find_write_problem(console: Console, request: web.Request, caller: Caller | None) -> str:
     """Returns why a write is refused, empty when it is not."""
     if problem := security.find_origin_problem(request):
         return problem
-    session = caller.session if caller and request.path != "/login" else request.cookies.get(LOGIN_COOKIE, "")
-    fields = await request.post()
+    if caller and request.path != "/login":
+        session = caller.session
+    else:
+        nonce = read_nonce(request)
+        session = name_login(nonce) if nonce else ""
+    try:
+        async with asyncio.timeout(_BODY_S):
+            fields = await request.post()
+    except TimeoutError:
+        raise web.HTTPRequestTimeout from None
     given = fields.get("csrf", "")
     if not session or not isinstance(given, str) or not console.seal.is_signed(session, given):
         return "the form is too old or not of this console (CSRF token); load the page again"
     return ""
+
+
+def refuse_credentials(request: web.Request) -> web.Response:
+    """Returns the answer to who comes with credentials that were made elsewhere, and that the API server does not accept."""
+    text = "Sign in again where the credentials come from, then load this page again."
+    title = "The API server does not accept the credentials"
+    return request.app[CONSOLE].answer_message(request, 401, title, text)
 
 
 def ask_to_sign_in(request: web.Request) -> web.Response:

@@ -3,12 +3,15 @@
 import asyncio
 import contextlib
 import logging
+import socket
+import ssl
 import time
 from collections.abc import AsyncIterator
 from typing import Final
 
 from aiohttp import web
 
+from robotapp_client.serving.port import Limits, Port, serve_listener
 from robotapp_console.cluster.informer_set import InformerSet
 from robotapp_console.web import security, tuner
 from robotapp_console.web.actions import drop_notice, read_notice
@@ -18,7 +21,7 @@ from robotapp_console.web.console import CALLER, CONSOLE, Console
 from robotapp_console.web.guard import Handler, answer_errors, guard
 from robotapp_console.web.reasons import show_reasons
 from robotapp_console.web.screens import AppScreen, FleetScreen, NodesScreen, Screen, Shown
-from robotapp_console.web.sessions import Caller
+from robotapp_console.web.sessions import LONGEST_S, Caller
 from robotapp_console.web.signing import answer_expired, open_local, show_login, sign_in, sign_out
 
 log = logging.getLogger(__name__)
@@ -28,7 +31,8 @@ MOST_STREAMS: Final = 30
 """Open pages of one user."""
 GATHER_S: Final = 0.05
 """Changes come in groups: the first one waits this long for the others."""
-_STOPPING_S: Final = 3.0
+LIMITS: Final = Limits(connections=512, answer_s=LONGEST_S, idle_s=75.0, new_per_s=100.0, new_at_once=200)
+"""Open pages are answers that go on until the session ends; behind an ingress all users have one address."""
 BEAT_S: Final = 15.0
 """Period of the comments that keep a quiet stream alive, and find out that the browser is gone."""
 
@@ -66,17 +70,11 @@ def make_app(console: Console) -> web.Application:
     return app
 
 
-async def start_app(console: Console) -> web.AppRunner:
-    """Returns the running application, to which the caller adds ports and which it cleans up. A handler ends with its connection."""
-    runner = web.AppRunner(
-        make_app(console),
-        access_log=None,
-        handle_signals=False,
-        handler_cancellation=True,
-        shutdown_timeout=_STOPPING_S,
-    )
-    await runner.setup()
-    return runner
+async def serve(
+    console: Console, listener: socket.socket, *, tls: ssl.SSLContext | None = None, limits: Limits = LIMITS
+) -> Port:
+    """Serves the console on this socket until the port is closed. A handler ends with its connection."""
+    return await serve_listener(make_app(console), listener, tls=tls, limits=limits)
 
 
 async def _answer_health(request: web.Request) -> web.Response:

@@ -75,7 +75,11 @@ class Seal:
         return session if session.ends_s > time.time() and session.id not in self._ended else None
 
     def end_session(self, session: Session) -> None:
-        """Makes the session's cookie worthless, also a copy of it."""
+        """Makes the session's cookie worthless, also a copy of it.
+
+        This process alone knows that: with a secret from a file, a copy is good in another replica and after a restart, until the
+        session would have ended.
+        """
         now_s = time.time()
         self._ended = {key: until_s for key, until_s in self._ended.items() if until_s > now_s}
         self._ended[session.id] = session.ends_s

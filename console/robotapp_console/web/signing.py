@@ -10,7 +10,7 @@ from robotapp_api.values.naming import DNS_LABEL
 from robotapp_client import ClientError, Unauthorized
 from robotapp_console.web import security
 from robotapp_console.web.console import CALLER, CONSOLE, Console
-from robotapp_console.web.guard import LOGIN_COOKIE
+from robotapp_console.web.guard import LOGIN_COOKIE, name_login, read_nonce, refuse_credentials
 from robotapp_console.web.sessions import LONGEST_S, hash_token
 
 log = logging.getLogger(__name__)
@@ -31,8 +31,9 @@ async def show_login(request: web.Request) -> web.Response:
 def _answer_form(
     console: Console, request: web.Request, *, target: str, problem: str = "", home: str = "", status: int = 200
 ) -> web.Response:
-    nonce = request.cookies.get(LOGIN_COOKIE) or console.make_nonce()
-    context = {"title": "Sign in", "csrf": console.seal.sign(nonce), "next": target, "problem": problem, "home": home}
+    nonce = read_nonce(request) or console.make_nonce()
+    csrf = console.seal.sign(name_login(nonce))
+    context = {"title": "Sign in", "csrf": csrf, "next": target, "problem": problem, "home": home}
     answer = web.Response(
         status=status, text=console.render(request, "login.html", context | {"caller": None}), content_type="text/html"
     )
@@ -62,7 +63,7 @@ async def sign_in(request: web.Request) -> web.Response:
         session, cookie = console.seal.open_session(token, user=user, home=home)
     except Unauthorized:
         await console.informers.drop(key)
-        log.warning("sign-in from %s refused: the API server does not know the token", request.remote)
+        log.warning("sign-in from %s refused: the API server does not know the token", console.find_address(request))
         problem = "The API server does not know this token, or it has expired."
         return _answer_form(console, request, target=target, problem=problem, home=home, status=401)
     except ClientError as error:
@@ -72,7 +73,7 @@ async def sign_in(request: web.Request) -> web.Response:
     except ValueError as error:
         problem = f"This token cannot be used here: {error}. Put an OIDC proxy in front of the console instead."
         return _answer_form(console, request, target=target, problem=problem, home=home, status=422)
-    log.info("%s signed in from %s", user or "a user without a name", request.remote)
+    log.info("%s signed in from %s", user or "a user without a name", console.find_address(request))
     answer = web.Response(status=303, headers={"Location": target})
     answer.set_cookie(
         console.cookie,
@@ -87,7 +88,7 @@ async def sign_in(request: web.Request) -> web.Response:
 
 
 async def sign_out(request: web.Request) -> web.Response:
-    """Ends the session: its cookie is worthless from now on, and so is a copy of it."""
+    """Ends the session: its cookie is worthless from now on, and so is a copy of it, in this process (`Seal.end_session`)."""
     console = request.app[CONSOLE]
     session = console.session_of(request)
     if session is not None:
@@ -102,8 +103,7 @@ def answer_expired(request: web.Request) -> web.Response:
     """The answer to a caller whose token the API server does not accept any more."""
     console = request.app[CONSOLE]
     if console.door is not None or not request[CALLER].may_sign_out:
-        text = "Sign in again where the credentials come from, then load this page again."
-        return console.answer_message(request, 401, "The API server does not accept the credentials", text)
+        return refuse_credentials(request)
     answer = web.Response(status=303, headers={"Location": "/login"})
     _delete_cookie(console, answer)
     return answer

@@ -9,15 +9,16 @@ from typing import Any
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 import msgspec
-from aiohttp import ClientResponse, ClientSession, DummyCookieJar, web
+from aiohttp import ClientResponse, ClientSession, DummyCookieJar
 from tests.support.apiserver import FakeApiServer, Key, Refused, verbs
 from tests.support.apiserver.wire import TypedConnection
 from tests.unit.console.objects import Object
 
 from robotapp_client import Endpoint
+from robotapp_client.serving.port import Limits, listen
 from robotapp_console.cluster.informer_sets import InformerSets
 from robotapp_console.web.console import Console
-from robotapp_console.web.server import start_app
+from robotapp_console.web.server import LIMITS, serve
 from robotapp_console.web.sessions import LocalDoor, Seal
 
 ADMIN, TENANT, VIEWER = "admin-token-0123456789", "tenant-token-0123456789", "viewer-token-0123456789"
@@ -163,10 +164,12 @@ class Stage:
 
 
 @asynccontextmanager
-async def staged(*, local: bool = False, idle_s: float = 60.0, **settings: Any) -> AsyncIterator[Stage]:
+async def staged(
+    *, local: bool = False, idle_s: float = 60.0, limits: Limits = LIMITS, **settings: Any
+) -> AsyncIterator[Stage]:
     """A console on a free port. In the cluster's mode unless `local`."""
     async with GuardedApi() as api:
-        runner = None
+        port = None
         try:
             endpoint = Endpoint(api.endpoint.server)
             console = Console(endpoint, Seal(b"k" * 32), informers=InformerSets(idle_s=idle_s), **settings)
@@ -174,13 +177,11 @@ async def staged(*, local: bool = False, idle_s: float = 60.0, **settings: Any) 
                 console.door = LocalDoor()
                 console.api = console.endpoint_for(ADMIN)
                 console.cookie = "robotapp-console-0"
-            runner = await start_app(console)
-            await web.TCPSite(runner, "127.0.0.1", 0).start()
-            port = runner.addresses[0][1]
+            port = await serve(console, await listen("127.0.0.1", 0), limits=limits)
             if local:
-                console.hosts = frozenset({f"127.0.0.1:{port}", f"localhost:{port}"})
+                console.hosts = frozenset({f"127.0.0.1:{port.number}", f"localhost:{port.number}"})
             async with ClientSession(cookie_jar=DummyCookieJar()) as http:
-                yield Stage(api, console, http, f"http://127.0.0.1:{port}")
+                yield Stage(api, console, http, f"http://127.0.0.1:{port.number}")
         finally:
-            if runner is not None:
-                await runner.cleanup()
+            if port is not None:
+                await port.close()

@@ -30,7 +30,7 @@ from robotapp_console.views.links import zones_of
 from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
 from robotapp_console.views.objects import AppPod, AppPodStatus, Condition, Event, Meta
 from robotapp_console.views.pairs import build_pairs
-from robotapp_console.views.texts import MOST_CHARACTERS, clean, kubectl
+from robotapp_console.views.texts import MOST_CHARACTERS, clean, describe_moment, kubectl, parse_timestamp
 from robotapp_console.web.rendering import Pages, StaticFiles
 
 PAGES = Pages(StaticFiles())
@@ -263,3 +263,17 @@ def test_clean_text_is_short_and_has_no_control_characters(text: str) -> None:
 def test_a_name_in_a_command_stays_one_word(name: str) -> None:
     words = shlex.split(kubectl("robotapp", "info", name))
     assert words == ["kubectl", "robotapp", "info", clean(name)]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "now", "0001-01-01T00:00:00+23:59", "9999-12-31T23:59:59-23:59", "2026-13-01T00:00:00Z"]
+)
+def test_a_time_that_is_none_is_not_shown(text: str) -> None:
+    assert describe_moment(text, 0.0) is None
+    assert parse_timestamp(text) is None
+
+
+def test_a_time_without_a_zone_is_one_of_the_api_server() -> None:
+    moment = describe_moment("1970-01-01T00:01:00", 180.0)
+    assert moment == ("1970-01-01T00:01:00Z", "2m ago", "1970-01-01 00:01:00 UTC")
+    assert parse_timestamp("1970-01-01T01:01:00+01:00") == 60.0

@@ -12,9 +12,11 @@ from pathlib import Path
 import pytest
 import yaml
 from aiohttp import ClientSession, DummyCookieJar
+from tests.support.clients import until
 from tests.unit.console.guarded_api import ADMIN, GuardedApi
 
 from robotapp_client import LoginError
+from robotapp_console import opening
 from robotapp_console.main import find_config_place, main, open_scheduler
 from robotapp_console.settings import DEFAULT_PORT, parse
 
@@ -73,19 +75,78 @@ def test_tokens_go_to_a_scheduler_that_proves_its_name_or_is_on_this_machine() -
         open_scheduler(parse(["--scheduler-url=https://x.example", "--scheduler-ca=/nowhere"]), None)
 
 
+def write_kubeconfig(folder: Path, server: str) -> Path:
+    """Writes one for ADMIN and returns its path."""
+    kubeconfig = folder / "config"
+    content = {
+        "current-context": "test",
+        "contexts": [{"name": "test", "context": {"cluster": "test", "user": "me"}}],
+        "clusters": [{"name": "test", "cluster": {"server": server}}],
+        "users": [{"name": "me", "user": {"token": ADMIN}}],
+    }
+    kubeconfig.write_text(yaml.safe_dump(content))
+    return kubeconfig
+
+
+def read_page(home: Path) -> str:
+    """Returns the text of the only page in this home, which its user alone may read."""
+    (page,) = home.glob("*/open.html")
+    assert (page.stat().st_mode & 0o777, page.parent.stat().st_mode & 0o777) == (0o600, 0o700)
+    return page.read_text()
+
+
+def list_files(home: Path) -> list[Path]:
+    """Returns what is in this home."""
+    return list(home.iterdir())
+
+
+async def test_the_browser_gets_the_one_time_address_from_a_file_of_the_user_alone(tmp_path: Path) -> None:
+    home = tmp_path / "home"
+    home.mkdir()
+    browser = tmp_path / "browser.py"
+    browser.write_text("import pathlib, sys\npathlib.Path(sys.argv[1]).write_text(sys.argv[2])\n")
+    started = tmp_path / "started"
+    environment = os.environ | {"HOME": str(home), "BROWSER": f"{sys.executable} {browser} {started} %s"}
+    async with GuardedApi() as api:
+        kubeconfig = write_kubeconfig(tmp_path, api.endpoint.server)
+        command = [sys.executable, "-m", "robotapp_console", "--local", f"--kubeconfig={kubeconfig}"]
+        process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE, env=environment)
+        assert process.stdout is not None
+        try:
+            async with asyncio.timeout(30):
+                printed = (await process.stdout.readline() + await process.stdout.readline()).decode()
+                await until(lambda: started.exists() and started.read_text() != "", what="browser")
+                assert started.read_text().startswith(f"file://{home}/")
+                address = re.search(r'content="0; url=(http://127\.0\.0\.1:\d+/open\?pass=[\w-]+)"', read_page(home))
+                assert address is not None
+                assert address[1] in printed
+                async with (
+                    ClientSession(cookie_jar=DummyCookieJar()) as http,
+                    http.get(address[1], allow_redirects=False) as answer,
+                ):
+                    assert answer.status == 303
+                assert not list_files(home)
+                process.send_signal(signal.SIGINT)
+                assert await process.wait() == 0
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process.pid, signal.SIGKILL)
+
+
+async def test_a_browser_that_never_comes_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr(opening.webbrowser, "open", lambda _: False)
+    page = opening.OpeningPage()
+    await page.show("http://127.0.0.1:1/open?pass=a&b")
+    assert "pass=a&amp;b" in read_page(tmp_path)
+    page.remove()
+    page.remove()
+    assert not list_files(tmp_path)
+
+
 async def test_the_local_console_prints_its_address_serves_and_ends_with_ctrl_c(tmp_path: Path) -> None:
     async with GuardedApi() as api:
-        kubeconfig = tmp_path / "config"
-        kubeconfig.write_text(
-            yaml.safe_dump(
-                {
-                    "current-context": "test",
-                    "contexts": [{"name": "test", "context": {"cluster": "test", "user": "me"}}],
-                    "clusters": [{"name": "test", "cluster": {"server": api.endpoint.server}}],
-                    "users": [{"name": "me", "user": {"token": ADMIN}}],
-                }
-            )
-        )
+        kubeconfig = write_kubeconfig(tmp_path, api.endpoint.server)
         command = [sys.executable, "-m", "robotapp_console", "--local", "--no-browser", f"--kubeconfig={kubeconfig}"]
         process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
         assert process.stdout is not None

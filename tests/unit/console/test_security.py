@@ -1,11 +1,18 @@
 """What must hold for every request: sessions, Host, Origin, CSRF tokens, headers, limits, and where tokens never stand."""
 
+import asyncio
 import logging
+from dataclasses import replace
+from urllib.parse import urlsplit
 
 import pytest
-from tests.unit.console.guarded_api import ADMIN, TENANT, staged
+from tests.unit.console.guarded_api import ADMIN, NODES, TENANT, staged
+from tests.unit.console.objects import node
 
+from robotapp_console.cluster import informer_sets
+from robotapp_console.web import guard
 from robotapp_console.web.security import clean_next
+from robotapp_console.web.server import LIMITS
 from robotapp_console.web.sessions import LONGEST_S, Seal, hash_token
 
 PATHS = (
@@ -148,6 +155,17 @@ async def test_the_login_form_needs_its_token_as_well() -> None:
         assert (await browser.post("/login", {"token": ADMIN, "csrf": stolen})).status == 403
 
 
+@pytest.mark.parametrize("nonce", ["ANYTHING-I-LIKE", "n" * 24, "n" * 25, "\udcff" * 24])
+async def test_the_login_form_signs_no_session_that_a_browser_makes_up(nonce: str) -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        browser.cookies["robotapp-console-login"] = nonce
+        form = await browser.get("/login")
+        assert form.status == 200
+        assert not stage.console.seal.is_signed(nonce.encode("utf-8", "replace").decode(), form.field("csrf"))
+        assert (await browser.post("/login", {"token": ADMIN, "csrf": form.field("csrf")})).status == 303
+
+
 async def test_one_session_cannot_use_the_csrf_token_of_another() -> None:
     async with staged() as stage:
         one, other = stage.browser(), stage.browser()
@@ -220,6 +238,78 @@ async def test_guessing_tokens_is_slow() -> None:
         statuses = [(await browser.post("/login", {"token": f"guess-{i}", "csrf": csrf})).status for i in range(60)]
         assert statuses.count(401) < 40
         assert set(statuses) == {401, 429}
+
+
+async def test_behind_an_ingress_one_stranger_keeps_nobody_else_from_signing_in() -> None:
+    async with staged(behind_proxy=True) as stage:
+        stranger, other = stage.browser(), stage.browser()
+        forged = [f"203.0.113.{number}, 198.51.100.7" for number in range(60)]
+        statuses = [(await stranger.get("/login", **{"X-Forwarded-For": hops})).status for hops in forged]
+        assert set(statuses) == {200, 429}
+        assert (await other.get("/login", **{"X-Forwarded-For": "198.51.100.7, 203.0.113.1"})).status == 200
+        assert (await other.get("/login", **{"X-Forwarded-For": "nonsense"})).status == 200
+
+
+async def test_who_reaches_the_console_itself_has_the_address_of_his_connection() -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        forged = [f"203.0.113.{number}" for number in range(60)]
+        statuses = [(await browser.get("/login", **{"X-Forwarded-For": hop})).status for hop in forged]
+        assert set(statuses) == {200, 429}
+
+
+async def test_tokens_that_a_stranger_makes_up_take_no_place_of_a_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(informer_sets, "MOST_SETS", 2)
+    async with staged(token_header="X-Token") as stage:
+        for number in range(5):
+            for path in ("/", "/scheduler", "/login"):
+                refused = await stage.browser().get(path, **{"X-Token": f"made-up-{number}"})
+                assert refused.status == 401
+                assert "does not accept the credentials" in refused.text
+        assert len(stage.console.informers) == 0
+        assert (await stage.browser().get("/", **{"X-Token": ADMIN})).status == 200
+
+
+async def test_half_a_request_of_a_stranger_ends_and_an_open_page_goes_on() -> None:
+    async with staged(limits=replace(LIMITS, head_s=0.2, idle_s=0.2)) as stage:
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        address = urlsplit(stage.base)
+        async with stage.http.get(f"{stage.base}/stream", headers={"Cookie": browser.cookie_header}) as stream:
+            await stream.content.readline()
+            reader, writer = await asyncio.open_connection(address.hostname, address.port)
+            writer.write(b"GET / HTTP/1.1\r\nHost: x\r\nX:")
+            async with asyncio.timeout(20):
+                assert await reader.read() == b""
+            writer.close()
+            stage.api.put(NODES, node("amr-07", robot="amr-07"))
+            async with asyncio.timeout(20):
+                while b"amr-07" not in (line := await stream.content.readline()):
+                    assert line, "the open page was ended"
+
+
+async def test_more_connections_than_the_console_takes_end_the_one_that_waits_longest() -> None:
+    async with staged(limits=replace(LIMITS, connections=3)) as stage:
+        address = urlsplit(stage.base)
+        peers = [await asyncio.open_connection(address.hostname, address.port) for _ in range(4)]
+        async with asyncio.timeout(20):
+            assert await peers[0][0].read() == b""
+        assert (await stage.browser().get("/healthz")).status == 200
+        for _, writer in peers:
+            writer.close()
+
+
+async def test_a_form_that_does_not_arrive_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "_BODY_S", 0.1)
+    async with staged() as stage:
+        address = urlsplit(stage.base)
+        reader, writer = await asyncio.open_connection(address.hostname, address.port)
+        head = f"POST /login HTTP/1.1\r\nHost: {address.netloc}\r\nOrigin: {stage.base}\r\nContent-Length: 2000\r\n"
+        writer.write(f"{head}Content-Type: application/x-www-form-urlencoded\r\n\r\na=".encode())
+        async with asyncio.timeout(20):
+            assert b" 408 " in await reader.readline()
+            await reader.read()
+        writer.close()
 
 
 def test_a_cookie_that_was_changed_or_made_elsewhere_is_no_session() -> None:

@@ -1,11 +1,15 @@
 """The history of a configuration: what is kept, and what undo brings back."""
 
+import json
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robotapp_console.tuning.versions import (
     KEPT,
     KEPT_BYTES,
+    MOST_NUMBER,
     Version,
     find_previous,
     is_recorded,
@@ -46,6 +50,37 @@ def test_long_texts_are_kept_as_long_as_they_fit_into_a_config_map() -> None:
 def test_what_is_no_version_is_left_out(data: dict[str, str]) -> None:
     assert read_versions(data) == ()
     assert read_versions({**data, "version-000003": '{"at": 1}', "version-000004": "[]"}) == ()
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        "[" * 100_000,
+        '{"at": "", "by": "", "text": "\\ud800"}',
+        '{"at": "\\udfff", "by": "", "text": ""}',
+        f'{{"at": {"9" * 5000}, "by": "", "text": ""}}',
+    ],
+)
+def test_one_entry_that_nobody_can_read_hides_no_other(value: str) -> None:
+    data = {version.key: version.encode() for version in record("a", "b")}
+    assert [version.text for version in read_versions({**data, "version-000003": value})] == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    "number", ["99999999999", "999999999999", "9" * 200, "0000000007", "\u0660\u0660\u0660\u0660\u0660\u0667"]
+)
+def test_after_a_number_that_somebody_else_chose_the_next_version_is_still_read(number: str) -> None:
+    foreign = {f"version-{number}": json.dumps({"at": AT, "by": "eve", "text": "eve's"})}
+    versions = read_versions({version.key: version.encode() for version in record("a", "b")} | foreign)
+    data = {version.key: version.encode() for version in versions}
+    for key, value in plan_addition(versions, "c", at=AT, by="ann").items():
+        data.pop(key, None)
+        if value is not None:
+            data[key] = value
+    after = read_versions(data)
+    assert (after[-1].text, after[-1].by) == ("c", "ann")
+    assert [version.text for version in after if version.by == "ann"] == ["a", "b", "c"]
+    assert all(version.number < MOST_NUMBER for version in after)
 
 
 @given(st.lists(st.text(max_size=200), max_size=30))
