@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import re
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -25,6 +26,7 @@ log = logging.getLogger(__name__)
 PATH: Final = "/scheduler"
 MOST_REPLAYED: Final = 500
 USUAL_REPLAYED: Final = 200
+_COUNT: Final = re.compile("[0-9]{1,3}")
 CHANGED: Final = (
     "Somebody else changed the configuration since you loaded it. Nothing was written. The marked lines below are the "
     "difference between yours and theirs now."
@@ -170,7 +172,7 @@ async def _replay(
     request: web.Request, desk: Desk, stored: StoredConfig, draft: Draft, fields: Mapping[str, str]
 ) -> web.StreamResponse:
     count = fields.get("replay", "")
-    if not (count.isascii() and count.isdecimal() and 1 <= int(count[:6]) <= MOST_REPLAYED):
+    if not (_COUNT.fullmatch(count) and 1 <= int(count) <= MOST_REPLAYED):
         message = Message(f"From 1 to {MOST_REPLAYED} placements can be judged.", is_error=True)
         return await _answer_page(request, desk, stored, draft, message=message, status=422)
     if draft.problems or draft.document is None:
