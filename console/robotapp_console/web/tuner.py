@@ -90,7 +90,7 @@ async def change_scheduler(request: web.Request) -> web.StreamResponse:
             return await _undo(request, desk, config, fields)
         draft, message = await _read_draft(desk, config, fields, action)
         if "HX-Request" in request.headers:
-            return _answer_outcome(request, desk, config, draft)
+            return await _answer_outcome(request, desk, config, draft)
         if action == "apply":
             return await _apply(request, desk, config, draft, fields)
         if action == "replay":
@@ -204,15 +204,16 @@ async def _answer_page(
         "replayed": result.asked if result else USUAL_REPLAYED,
         "most_replayed": MOST_REPLAYED,
     }
-    page = desk.console.render(request, "scheduler.html", context, now_s=time.time())
+    async with desk.informers.turn:
+        page = desk.console.render(request, "scheduler.html", context, now_s=time.time())
     return web.Response(status=status, text=page, content_type="text/html")
 
 
-def _answer_outcome(request: web.Request, desk: Desk, stored: StoredConfig, draft: Draft) -> web.Response:
+async def _answer_outcome(request: web.Request, desk: Desk, stored: StoredConfig, draft: Draft) -> web.Response:
     """Returns what follows from the fields: the text with its changed lines, and every mistake."""
-    page = desk.console.render(
-        request, "scheduler_outcome.html", _build_context(desk, stored, draft), now_s=time.time()
-    )
+    context = _build_context(desk, stored, draft)
+    async with desk.informers.turn:
+        page = desk.console.render(request, "scheduler_outcome.html", context, now_s=time.time())
     return web.Response(text=page, content_type="text/html")
 
 
