@@ -33,8 +33,14 @@ SHOWN_S: Final = 1.0
 TICK_S: Final = 10.0
 """Period of what happens without an event: agents fall silent, a half minute of the history ends."""
 SHARE: Final = 10.0
-"""A model that takes a millisecond to build is built at most every ten, so that changes without end take a tenth of a core at most."""
+"""Models that together take a millisecond to build are built at most every ten, so that a user's changes without end take a tenth of a core at most."""
 LEAST_PAUSE_S: Final = 0.25
+IN_USE_S: Final = 60.0
+"""So long a model that nobody asks for counts among those that share the tenth of a core."""
+MOST_DEBT_S: Final = 10.0
+"""Models of addresses that were not open before are built at once until the tenth of a core is so long ahead of its time."""
+MOST_WAITING: Final = 16
+"""Requests of one user that wait for such a model."""
 EVENTS_KEPT_S: Final = 5.0
 MANAGER: Final = "robotapp-console"
 """Owner of what users write through the console."""
@@ -50,19 +56,15 @@ class _Built(Generic[M]):
     version: int
     built_s: float
     cost_s: float
+    used_s: float
     snapshot: Snapshot
     model: M
-
-    @property
-    def due_s(self) -> float:
-        """Returns from when it may be built anew."""
-        return self.built_s + max(LEAST_PAUSE_S, SHARE * self.cost_s)
 
 
 class InformerSet:
     """One user's view of the cluster. `signed_out` becomes true when the API server does not accept the token any more."""
 
-    def __init__(self, endpoint: Endpoint) -> None:
+    def __init__(self, endpoint: Endpoint, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.client = ApiClient(endpoint, user_agent=MANAGER, field_manager=MANAGER, max_connections=8, timeout_s=10.0)
         self.rights = Rights(self.client)
         self.version = 0
@@ -78,7 +80,12 @@ class InformerSet:
         self._round_trips = RoundTrips()
         self._links = NodeLinks(self._round_trips)
         self._history = LinkHistory()
+        self._clock = clock
         self._models: dict[tuple[str, ...], _Built[Any]] = {}
+        self._paid_s = clock()
+        """When what the first building of models took will be a tenth of the time."""
+        self._room = asyncio.Lock()
+        self._waiting = 0
         self._events: dict[str, tuple[float, list[Event]]] = {}
 
     def __repr__(self) -> str:
@@ -174,23 +181,52 @@ class InformerSet:
     ) -> tuple[Snapshot, M]:
         """Returns what `build` makes of a snapshot. All pages share it, and it is built no more often than it is cheap."""
         key = (*key, namespace, home)
-        started_s = time.monotonic()
+        started_s = self._clock()
         entry = cast("_Built[M] | None", self._models.get(key))
-        if entry is not None and (entry.version == self.version or started_s < entry.due_s):
-            return entry.snapshot, entry.model
+        if entry is not None:
+            entry.used_s = started_s
+            if entry.version == self.version or started_s < self._find_due(entry):
+                return entry.snapshot, entry.model
         version = self.version
         snapshot = self.take_snapshot(namespace, home)
         model = build(snapshot)
-        ended_s = time.monotonic()
-        if len(self._models) >= _MOST_MODELS:
-            self._models.pop(next(iter(self._models)))
-        self._models[key] = _Built(version, ended_s, ended_s - started_s, snapshot, model)
+        ended_s = self._clock()
+        if entry is None:
+            self._paid_s = max(self._paid_s, ended_s) + SHARE * (ended_s - started_s)
+            if len(self._models) >= _MOST_MODELS:
+                self._models.pop(next(iter(self._models)))
+        self._models[key] = _Built(version, ended_s, ended_s - started_s, ended_s, snapshot, model)
         return snapshot, model
+
+    def _find_due(self, entry: _Built[Any]) -> float:
+        """Returns from when a model may be built anew: all that are in use share a tenth of a core."""
+        now_s = self._clock()
+        cost_s = sum(built.cost_s for built in self._models.values() if now_s - built.used_s < IN_USE_S)
+        return entry.built_s + max(LEAST_PAUSE_S, SHARE * cost_s)
+
+    async def wait_for_room(self, key: tuple[str, ...], *, namespace: str, home: str) -> bool:
+        """Waits until this model may be built if it never was. Returns False at once when too many requests wait already."""
+        if (*key, namespace, home) in self._models:
+            return True
+        if self._waiting >= MOST_WAITING:
+            return False
+        self._waiting += 1
+        try:
+            async with self._room:
+                while (excess_s := self._debt_s - MOST_DEBT_S) > 0:
+                    await asyncio.sleep(excess_s)
+        finally:
+            self._waiting -= 1
+        return True
+
+    @property
+    def _debt_s(self) -> float:
+        return self._paid_s - self._clock()
 
     def pause_s(self, key: tuple[str, ...], *, namespace: str, home: str) -> float:
         """Returns in how many seconds this model may be built anew."""
         entry = self._models.get((*key, namespace, home))
-        return 0.0 if entry is None else max(0.0, entry.due_s - time.monotonic())
+        return 0.0 if entry is None else max(0.0, self._find_due(entry) - self._clock())
 
     def is_behind(self, key: tuple[str, ...], *, namespace: str, home: str) -> bool:
         """Returns whether this model was built before the latest change: whoever shows it must do so once more."""
@@ -216,7 +252,8 @@ class InformerSet:
             result = await write()
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(wake.wait(), SHOWN_S)
-        self._models.clear()
+        if self._debt_s <= MOST_DEBT_S:
+            self._models.clear()
         return result
 
     async def list_events(self, namespace: str, uid: str) -> list[Event]:

@@ -71,6 +71,7 @@ class FleetScreen:
 
     async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> Shown:
         namespace = self.namespace(request)
+        await _wait_for_room(informers, self.key(request), namespace, caller.home)
         snapshot, fleet = informers.build_model(self.key(request), build_fleet, namespace=namespace, home=caller.home)
         query = read_fleet_query(request.query)
         page = take_fleet_page(fleet, query)
@@ -105,7 +106,7 @@ class NodesScreen:
         snapshot, nodes = informers.build_model(self.key(request), build_nodes, namespace="", home=caller.home)
         query = read_nodes_query(request.query)
         page = take_nodes_page(nodes, query)
-        pairs = self._find_pairs(query, caller, informers)
+        pairs = await self._find_pairs(query, caller, informers)
         may_shut_down = await informers.rights.is_surely_granted(SHUT_DOWN)
         context = {
             "nodes": nodes,
@@ -121,13 +122,15 @@ class NodesScreen:
         fingerprint = (page, nodes.matrix, nodes.refusals, snapshot.stale, pairs, may_shut_down)
         return Shown("Nodes", context, fingerprint, snapshot)
 
-    def _find_pairs(self, query: Query, caller: Caller, informers: InformerSet) -> ZonePairs | None:
+    async def _find_pairs(self, query: Query, caller: Caller, informers: InformerSet) -> ZonePairs | None:
         """Returns the pairs of nodes of the cell that was chosen in the matrix."""
         near, far = query.filter_value(NEAR), query.filter_value(FAR)
         if not (near and far):
             return None
+        key = ("nodes", "pairs", near, far)
+        await _wait_for_room(informers, key, "", caller.home)
         _, pairs = informers.build_model(
-            ("nodes", "pairs", near, far),
+            key,
             lambda snapshot: build_pairs(snapshot, zones_of(snapshot.nodes), near, far),
             namespace="",
             home=caller.home,
@@ -150,6 +153,7 @@ class AppScreen:
     async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> Shown:
         namespace = self.namespace(request)
         _, _, name, robot = self.key(request)
+        await _wait_for_room(informers, self.key(request), namespace, caller.home)
         snapshot, app = informers.build_model(
             self.key(request),
             lambda snapshot: build_app(snapshot, namespace, name, robot),
@@ -176,6 +180,12 @@ class AppScreen:
         }
         on_robot = f" on {clean(robot, 63)}" if robot else ""
         return Shown(title + on_robot, context, (app, actions, timeline, events, refusal, snapshot.stale), snapshot)
+
+
+async def _wait_for_room(informers: InformerSet, key: tuple[str, ...], namespace: str, home: str) -> None:
+    """Waits until the model may be built. Raises HTTPTooManyRequests for a user who opens many addresses at once."""
+    if not await informers.wait_for_room(key, namespace=namespace, home=home):
+        raise web.HTTPTooManyRequests(headers={"Retry-After": "10"})
 
 
 async def _read_events(informers: InformerSet, namespace: str, uid: str) -> tuple[tuple[EventRow, ...], str]:

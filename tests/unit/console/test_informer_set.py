@@ -1,0 +1,108 @@
+"""What one user's informer set costs: how often models are built, what is read of events, which feeds are kept."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import pytest
+
+from robotapp_client import Endpoint
+from robotapp_console.cluster.informer_set import IN_USE_S, MOST_DEBT_S, MOST_WAITING, SHARE, InformerSet
+from robotapp_console.views.snapshot import Snapshot
+
+
+@dataclass
+class Builder:
+    """Builds models that take `cost_s` of a clock that only it and the test move."""
+
+    cost_s: float = 0.1
+    now_s: float = 1000.0
+    spent_s: float = 0.0
+    built: list[str] = field(default_factory=list)
+
+    def read_clock(self) -> float:
+        return self.now_s
+
+    def build(self, name: str) -> Callable[[Snapshot], str]:
+        def build_one(snapshot: Snapshot) -> str:
+            del snapshot
+            self.now_s += self.cost_s
+            self.spent_s += self.cost_s
+            self.built.append(name)
+            return name
+
+        return build_one
+
+
+def make_informers(builder: Builder) -> InformerSet:
+    return InformerSet(Endpoint("http://127.0.0.1:1"), clock=builder.read_clock)
+
+
+def show(informers: InformerSet, builder: Builder, name: str) -> None:
+    informers.build_model(("fleet",), builder.build(name), namespace=name, home="")
+
+
+@pytest.mark.parametrize("pages", [1, 3, 30])
+def test_changes_without_end_take_a_tenth_of_a_core_however_many_pages_are_open(pages: int) -> None:
+    builder = Builder()
+    informers = make_informers(builder)
+    names = [f"n{number}" for number in range(pages)]
+    for name in names:
+        show(informers, builder, name)
+    begun_s, builder.spent_s = builder.now_s, 0.0
+    builder.built.clear()
+    while builder.now_s - begun_s < 200.0:
+        informers.version += 1
+        for name in names:
+            show(informers, builder, name)
+        builder.now_s += 0.05
+    assert 0.05 < builder.spent_s / (builder.now_s - begun_s) <= 1.1 / SHARE
+    assert set(builder.built) == set(names), "no page waits for ever"
+
+
+def test_a_page_that_nobody_looks_at_any_more_slows_no_other() -> None:
+    builder = Builder()
+    informers = make_informers(builder)
+    for name in ("a", "b"):
+        show(informers, builder, name)
+    informers.version += 1
+    assert informers.pause_s(("fleet",), namespace="b", home="") == pytest.approx(2 * SHARE * builder.cost_s)
+    builder.now_s += IN_USE_S
+    show(informers, builder, "b")
+    assert informers.pause_s(("fleet",), namespace="b", home="") == pytest.approx(SHARE * builder.cost_s)
+
+
+async def test_new_addresses_are_built_at_once_until_they_took_their_share_and_then_wait(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    builder = Builder()
+    informers = make_informers(builder)
+
+    async def sleep(seconds: float) -> None:
+        builder.now_s += seconds
+
+    monkeypatch.setattr(asyncio, "sleep", sleep)
+    begun_s = builder.now_s
+    for number in range(200):
+        assert await informers.wait_for_room(("fleet",), namespace=f"n{number}", home="")
+        show(informers, builder, f"n{number}")
+    elapsed_s = builder.now_s - begun_s
+    assert builder.spent_s <= (elapsed_s + MOST_DEBT_S) / SHARE + 2 * builder.cost_s
+
+
+async def test_only_so_many_new_addresses_wait_and_known_ones_never_do() -> None:
+    builder = Builder(cost_s=MOST_DEBT_S)
+    informers = make_informers(builder)
+    show(informers, builder, "known")
+    waiting = [
+        asyncio.create_task(informers.wait_for_room(("fleet",), namespace=f"n{number}", home=""))
+        for number in range(MOST_WAITING)
+    ]
+    await asyncio.sleep(0)
+    assert not await informers.wait_for_room(("fleet",), namespace="another", home="")
+    assert await informers.wait_for_room(("fleet",), namespace="known", home="")
+    for task in waiting:
+        task.cancel()
+    await asyncio.gather(*waiting, return_exceptions=True)
+    builder.now_s += SHARE * MOST_DEBT_S
+    assert await informers.wait_for_room(("fleet",), namespace="another", home="")
