@@ -64,7 +64,13 @@ class _Built(Generic[M]):
 class InformerSet:
     """One user's view of the cluster. `signed_out` becomes true when the API server does not accept the token any more."""
 
-    def __init__(self, endpoint: Endpoint, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
         self.client = ApiClient(endpoint, user_agent=MANAGER, field_manager=MANAGER, max_connections=8, timeout_s=10.0)
         self.rights = Rights(self.client)
         self.version = 0
@@ -80,7 +86,7 @@ class InformerSet:
         self._round_trips = RoundTrips()
         self._links = NodeLinks(self._round_trips)
         self._history = LinkHistory()
-        self._clock = clock
+        self._clock, self._sleep = clock, sleep
         self._models: dict[tuple[str, ...], _Built[Any]] = {}
         self._paid_s = clock()
         """When what the first building of models took will be a tenth of the time."""
@@ -213,8 +219,7 @@ class InformerSet:
         self._waiting += 1
         try:
             async with self._room:
-                while (excess_s := self._debt_s - MOST_DEBT_S) > 0:
-                    await asyncio.sleep(excess_s)
+                await self._sleep(max(0.0, self._debt_s - MOST_DEBT_S))
         finally:
             self._waiting -= 1
         return True

@@ -185,7 +185,7 @@ class AppScreen:
 async def _wait_for_room(informers: InformerSet, key: tuple[str, ...], namespace: str, home: str) -> None:
     """Waits until the model may be built. Raises HTTPTooManyRequests for a user who opens many addresses at once."""
     if not await informers.wait_for_room(key, namespace=namespace, home=home):
-        raise web.HTTPTooManyRequests(headers={"Retry-After": "10"})
+        raise web.HTTPTooManyRequests
 
 
 async def _read_events(informers: InformerSet, namespace: str, uid: str) -> tuple[tuple[EventRow, ...], str]:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import pytest
+from tests.support.clients import FakeTime
 
 from robotapp_client import Endpoint
 from robotapp_console.cluster.informer_set import IN_USE_S, MOST_DEBT_S, MOST_WAITING, SHARE, InformerSet
@@ -13,20 +14,17 @@ from robotapp_console.views.snapshot import Snapshot
 
 @dataclass
 class Builder:
-    """Builds models that take `cost_s` of a clock that only it and the test move."""
+    """Builds models that take `cost_s` of the fake time."""
 
     cost_s: float = 0.1
-    now_s: float = 1000.0
+    time: FakeTime = field(default_factory=FakeTime)
     spent_s: float = 0.0
     built: list[str] = field(default_factory=list)
-
-    def read_clock(self) -> float:
-        return self.now_s
 
     def build(self, name: str) -> Callable[[Snapshot], str]:
         def build_one(snapshot: Snapshot) -> str:
             del snapshot
-            self.now_s += self.cost_s
+            self.time.now_s += self.cost_s
             self.spent_s += self.cost_s
             self.built.append(name)
             return name
@@ -35,7 +33,7 @@ class Builder:
 
 
 def make_informers(builder: Builder) -> InformerSet:
-    return InformerSet(Endpoint("http://127.0.0.1:1"), clock=builder.read_clock)
+    return InformerSet(Endpoint("http://127.0.0.1:1"), clock=builder.time.clock, sleep=builder.time.sleep)
 
 
 def show(informers: InformerSet, builder: Builder, name: str) -> None:
@@ -49,14 +47,14 @@ def test_changes_without_end_take_a_tenth_of_a_core_however_many_pages_are_open(
     names = [f"n{number}" for number in range(pages)]
     for name in names:
         show(informers, builder, name)
-    begun_s, builder.spent_s = builder.now_s, 0.0
+    begun_s, builder.spent_s = builder.time.now_s, 0.0
     builder.built.clear()
-    while builder.now_s - begun_s < 200.0:
+    while builder.time.now_s - begun_s < 200.0:
         informers.version += 1
         for name in names:
             show(informers, builder, name)
-        builder.now_s += 0.05
-    assert 0.05 < builder.spent_s / (builder.now_s - begun_s) <= 1.1 / SHARE
+        builder.time.now_s += 0.05
+    assert 0.05 < builder.spent_s / (builder.time.now_s - begun_s) <= 1.1 / SHARE
     assert set(builder.built) == set(names), "no page waits for ever"
 
 
@@ -67,32 +65,31 @@ def test_a_page_that_nobody_looks_at_any_more_slows_no_other() -> None:
         show(informers, builder, name)
     informers.version += 1
     assert informers.pause_s(("fleet",), namespace="b", home="") == pytest.approx(2 * SHARE * builder.cost_s)
-    builder.now_s += IN_USE_S
+    builder.time.now_s += IN_USE_S
     show(informers, builder, "b")
     assert informers.pause_s(("fleet",), namespace="b", home="") == pytest.approx(SHARE * builder.cost_s)
 
 
-async def test_new_addresses_are_built_at_once_until_they_took_their_share_and_then_wait(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_new_addresses_are_built_at_once_until_they_took_their_share_and_then_wait() -> None:
     builder = Builder()
     informers = make_informers(builder)
 
-    async def sleep(seconds: float) -> None:
-        builder.now_s += seconds
-
-    monkeypatch.setattr(asyncio, "sleep", sleep)
-    begun_s = builder.now_s
+    begun_s = builder.time.now_s
     for number in range(200):
         assert await informers.wait_for_room(("fleet",), namespace=f"n{number}", home="")
         show(informers, builder, f"n{number}")
-    elapsed_s = builder.now_s - begun_s
+    elapsed_s = builder.time.now_s - begun_s
     assert builder.spent_s <= (elapsed_s + MOST_DEBT_S) / SHARE + 2 * builder.cost_s
 
 
 async def test_only_so_many_new_addresses_wait_and_known_ones_never_do() -> None:
-    builder = Builder(cost_s=MOST_DEBT_S)
-    informers = make_informers(builder)
+    builder, ended = Builder(cost_s=MOST_DEBT_S), asyncio.Event()
+
+    async def wait_for_the_end(seconds: float) -> None:
+        builder.time.now_s += seconds
+        await ended.wait()
+
+    informers = InformerSet(Endpoint("http://127.0.0.1:1"), clock=builder.time.clock, sleep=wait_for_the_end)
     show(informers, builder, "known")
     waiting = [
         asyncio.create_task(informers.wait_for_room(("fleet",), namespace=f"n{number}", home=""))
@@ -101,8 +98,6 @@ async def test_only_so_many_new_addresses_wait_and_known_ones_never_do() -> None
     await asyncio.sleep(0)
     assert not await informers.wait_for_room(("fleet",), namespace="another", home="")
     assert await informers.wait_for_room(("fleet",), namespace="known", home="")
-    for task in waiting:
-        task.cancel()
-    await asyncio.gather(*waiting, return_exceptions=True)
-    builder.now_s += SHARE * MOST_DEBT_S
+    ended.set()
+    assert all(await asyncio.gather(*waiting))
     assert await informers.wait_for_room(("fleet",), namespace="another", home="")

@@ -271,7 +271,7 @@ def count_columns(text: str) -> int:
 def draw_topic(topic: str, name: str = "a") -> tuple[str, str]:
     """Returns the words that are drawn for an edge of this topic and for the component it begins at."""
     row = EdgeRow(topic, name, "", "18 ms", "20 ms", "measured", verdict="met")
-    picture = draw_picture("t", [Node(name, "", "idle", "")], [row], lane_of=lambda node: 0)
+    picture = draw_picture("t", [Node(name, "", "idle", "")], [row], lane_of=len)
     (drawn,) = picture.edges
     return drawn.topic, next(part.title for part in picture.parts if part.title)
 
