@@ -11,11 +11,11 @@ from functools import partial
 from typing import Any, Final, Generic, TypeVar, cast
 
 from robotapp_api.values.placement.round_trips import RoundTrips
-from robotapp_client import ApiClient, ApiError, Change, Endpoint
+from robotapp_client import ApiClient, ApiError, Change, ClientError, Endpoint, Unauthorized
 from robotapp_client.api.resources import EVENTS, Resource
 from robotapp_console.cluster.feed import Feed
 from robotapp_console.cluster.kinds import NODE_KIND, TELEMETRY, Kind
-from robotapp_console.cluster.rights import Rights
+from robotapp_console.cluster.rights import Right, Rights
 from robotapp_console.views.fleet import measure_links
 from robotapp_console.views.history import LinkHistory
 from robotapp_console.views.links import NodeLinks
@@ -32,6 +32,8 @@ SHOWN_S: Final = 1.0
 """So long the answer to a write waits for the watch."""
 TICK_S: Final = 10.0
 """Period of what happens without an event: agents fall silent, a half minute of the history ends."""
+REVIEW_S: Final = 10.0
+"""Period of asking whether the token is still valid, and with it for each right that is older than rights are kept."""
 SHARE: Final = 10.0
 """Models that together take a millisecond to build are built at most every ten, so that a user's changes without end take a tenth of a core at most."""
 LEAST_PAUSE_S: Final = 0.25
@@ -99,7 +101,7 @@ class InformerSet:
 
     async def open(self) -> None:
         await self.client.__aenter__()
-        self._tasks.append(asyncio.create_task(self._tick_forever()))
+        self._tasks += [asyncio.create_task(self._tick_forever()), asyncio.create_task(self._review_forever())]
 
     async def close(self) -> None:
         """Ends every watch and connection."""
@@ -262,13 +264,17 @@ class InformerSet:
         return result
 
     async def list_events(self, namespace: str, uid: str) -> list[Event]:
-        """Returns the events about an object, read again after a few seconds. Raises ApiError when they may not be read."""
+        """Returns the events about an object, read again after a few seconds. Raises ApiError when they may not be read; Unauthorized signs out."""
         entry = self._events.get(uid)
         if entry is not None and time.monotonic() - entry[0] < EVENTS_KEPT_S:
             return entry[1]
-        listing = await self.client.list(
-            EVENTS, namespace=namespace, field_selector=f"regarding.uid={uid}", as_type=Event
-        )
+        try:
+            listing = await self.client.list(
+                EVENTS, namespace=namespace, field_selector=f"regarding.uid={uid}", as_type=Event
+            )
+        except Unauthorized:
+            self._sign_out()
+            raise
         if len(self._events) >= _MOST_MODELS:
             self._events.pop(next(iter(self._events)))
         self._events[uid] = (time.monotonic(), listing.items)
@@ -278,6 +284,9 @@ class InformerSet:
         """Returns the user name that the API server gives the token. Raises Unauthorized for one that is not valid."""
         try:
             review = await self.client.create(SELF_REVIEWS, {})
+        except Unauthorized:
+            self._sign_out()
+            raise
         except ApiError as error:
             if error.status in (
                 403,
@@ -301,6 +310,28 @@ class InformerSet:
             )
             if peers:
                 self._links.forget((change.key, *peers))
+
+    async def _review_forever(self) -> None:
+        """Notices what a watch does not tell: it goes on for minutes after its token has ended or its right was taken."""
+        doubted_feeds = frozenset[Feed]()
+        while not self.signed_out:
+            await asyncio.sleep(REVIEW_S)
+            if not self._feeds:
+                continue
+            with contextlib.suppress(ClientError):
+                await self.fetch_user()
+                doubted_feeds = await self._review_rights(doubted_feeds)
+
+    async def _review_rights(self, doubted_feeds: frozenset[Feed]) -> frozenset[Feed]:
+        """Refuses the feeds whose right is gone for the second time, and returns those for which it is the first: a server that starts refuses for a moment what it allows."""
+        lost_feeds = set[Feed]()
+        for feed in [feed for feed in self._feeds.values() if not feed.refusal]:
+            right = Right("list", feed.kind.resource, feed.namespace)
+            if not await self.rights.is_granted(right, fresh=feed in doubted_feeds):
+                lost_feeds.add(feed)
+                if feed in doubted_feeds:
+                    feed.refuse(f"no right any more to {right.words}")
+        return frozenset(lost_feeds - doubted_feeds)
 
     def _sign_out(self) -> None:
         self.signed_out = True

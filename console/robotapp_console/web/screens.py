@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 from aiohttp import web
 
 from robotapp_api.values.naming import DNS_LABEL
-from robotapp_client import ClientError
+from robotapp_client import ClientError, Unauthorized
 from robotapp_console.cluster.informer_set import InformerSet
 from robotapp_console.cluster.kinds import APP_KINDS, FLEET_KINDS, NODES_KINDS, Kind
 from robotapp_console.views.app.page import EventRow, build_app, build_events, suggest_apps
@@ -21,6 +21,8 @@ from robotapp_console.views.snapshot import Snapshot
 from robotapp_console.views.texts import clean
 from robotapp_console.web.app_actions import SHUT_DOWN, find_allowed
 from robotapp_console.web.sessions import Caller
+
+EXPIRED: Final = "The API server does not accept your credentials any more. Load the page again."
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +169,10 @@ class AppScreen:
             links = {"links": suggest_apps(snapshot)}
             return Shown(title, links, missing, snapshot, missing)
         stored = snapshot.apps[f"{namespace}/{name}"]
-        events, refusal = await _read_events(informers, namespace, stored.metadata.uid)
+        try:
+            events, refusal = await _read_events(informers, namespace, stored.metadata.uid)
+        except Unauthorized:
+            return Shown(title, {"links": {}}, EXPIRED, snapshot, EXPIRED)
         actions = await find_allowed(informers, namespace, name)
         timeline = build_timeline(app.instances, events)
         context: dict[str, Any] = {
@@ -189,8 +194,10 @@ async def _wait_for_room(informers: InformerSet, key: tuple[str, ...], namespace
 
 
 async def _read_events(informers: InformerSet, namespace: str, uid: str) -> tuple[tuple[EventRow, ...], str]:
-    """Returns the rows, or none and why they cannot be shown."""
+    """Returns the rows, or none and why they cannot be shown. Raises Unauthorized."""
     try:
         return build_events(await informers.list_events(namespace, uid)), ""
+    except Unauthorized:
+        raise
     except ClientError as error:
         return (), clean(str(error))
