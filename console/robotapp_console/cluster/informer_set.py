@@ -43,6 +43,10 @@ MOST_DEBT_S: Final = 10.0
 """Models of addresses that were not open before are built at once until the tenth of a core is so long ahead of its time."""
 MOST_WAITING: Final = 16
 """Requests of one user that wait for such a model."""
+MOST_SCOPES: Final = 48
+"""Namespaces that are followed one by one: those of all streams that a user may have, and of some pages besides."""
+SCOPE_IDLE_S: Final = 300.0
+"""So long a namespace is followed that no page shows."""
 EVENTS_KEPT_S: Final = 5.0
 MANAGER: Final = "robotapp-console"
 """Owner of what users write through the console."""
@@ -83,7 +87,10 @@ class InformerSet:
         """Held while a page is rendered: of many requests of one user each waits for its turn, and other users come between."""
         self.last_used_s = time.monotonic()
         self._feeds: dict[tuple[str, str], Feed] = {}
-        self._tasks: list[asyncio.Task[None]] = []
+        self._scopes: dict[str, float] = {}
+        """When each namespace that is followed by itself was used last, the longest unused one first."""
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._feed_tasks: dict[tuple[str, str], asyncio.Task[None]] = {}
         self._listeners: set[asyncio.Event] = set()
         self._round_trips = RoundTrips()
         self._links = NodeLinks(self._round_trips)
@@ -101,13 +108,14 @@ class InformerSet:
 
     async def open(self) -> None:
         await self.client.__aenter__()
-        self._tasks += [asyncio.create_task(self._tick_forever()), asyncio.create_task(self._review_forever())]
+        self._tasks |= {asyncio.create_task(self._tick_forever()), asyncio.create_task(self._review_forever())}
 
     async def close(self) -> None:
         """Ends every watch and connection."""
-        for task in self._tasks:
+        tasks = tuple(self._tasks)
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
         self._wake_listeners()
         await self.client.__aexit__(None, None, None)
 
@@ -118,7 +126,33 @@ class InformerSet:
         await self._settle([self._follow(kind, "") for kind in page_kinds])
         if namespace:
             refused_kinds = [kind for kind in page_kinds if self._is_narrowed(kind)]
+            if refused_kinds:
+                self._open_scope(namespace)
             await self._settle([self._follow(kind, namespace) for kind in refused_kinds])
+
+    def _open_scope(self, namespace: str) -> None:
+        """Notes that a namespace is followed by itself, and ends the one that was not used for longest where they are too many."""
+        self._scopes.setdefault(namespace, 0.0)
+        self._touch_scope(namespace)
+        if len(self._scopes) > MOST_SCOPES:
+            self._end_scope(next(iter(self._scopes)))
+
+    def _touch_scope(self, namespace: str) -> None:
+        """Notes that a page shows a namespace, if it is followed by itself."""
+        if namespace in self._scopes:
+            del self._scopes[namespace]
+            self._scopes[namespace] = self._clock()
+
+    def _end_scope(self, namespace: str) -> None:
+        del self._scopes[namespace]
+        for key in [key for key in self._feeds if key[1] == namespace]:
+            del self._feeds[key]
+            self._feed_tasks.pop(key).cancel()
+
+    def _end_idle_scopes(self) -> None:
+        now_s = self._clock()
+        for namespace in [name for name, used_s in self._scopes.items() if now_s - used_s > SCOPE_IDLE_S]:
+            self._end_scope(namespace)
 
     def _follow(self, kind: Kind, namespace: str) -> Feed:
         key = (kind.plural, namespace)
@@ -132,9 +166,10 @@ class InformerSet:
                 signed_out=self._sign_out,
                 on_change=self._take_telemetry if kind is TELEMETRY else None,
             )
-            feed_task = asyncio.create_task(feed.run())
+            feed_task = self._feed_tasks[key] = asyncio.create_task(feed.run())
             feed_task.add_done_callback(partial(_log_end, feed))
-            self._tasks.append(feed_task)
+            feed_task.add_done_callback(self._tasks.discard)
+            self._tasks.add(feed_task)
         return feed
 
     async def _settle(self, feeds: list[Feed]) -> None:
@@ -188,6 +223,7 @@ class InformerSet:
         self, key: tuple[str, ...], build: Callable[[Snapshot], M], *, namespace: str, home: str
     ) -> tuple[Snapshot, M]:
         """Returns what `build` makes of a snapshot. All pages share it, and it is built no more often than it is cheap."""
+        self._touch_scope(namespace or home)
         key = (*key, namespace, home)
         started_s = self._clock()
         entry = cast("_Built[M] | None", self._models.get(key))
@@ -231,7 +267,8 @@ class InformerSet:
         return self._paid_s - self._clock()
 
     def pause_s(self, key: tuple[str, ...], *, namespace: str, home: str) -> float:
-        """Returns in how many seconds this model may be built anew."""
+        """Returns in how many seconds this model may be built anew, for who shows it then."""
+        self._touch_scope(namespace or home)
         entry = self._models.get((*key, namespace, home))
         return 0.0 if entry is None else max(0.0, self._find_due(entry) - self._clock())
 
@@ -352,6 +389,7 @@ class InformerSet:
             if self._feeds.keys() >= {(TELEMETRY.plural, ""), (NODE_KIND.plural, "")}:
                 snapshot = self.take_snapshot("", "")
                 self._history.record(measure_links(snapshot), snapshot.now_s)
+            self._end_idle_scopes()
             if self._listeners:
                 self._note_change()
             await asyncio.sleep(TICK_S)

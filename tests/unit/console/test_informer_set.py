@@ -1,14 +1,26 @@
 """What one user's informer set costs: how often models are built, what is read of events, which feeds are kept."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
 import pytest
-from tests.support.clients import FakeTime
+from tests.support.clients import FakeTime, until
+from tests.unit.console.guarded_api import VIEWER, GuardedApi
 
 from robotapp_client import Endpoint
-from robotapp_console.cluster.informer_set import IN_USE_S, MOST_DEBT_S, MOST_WAITING, SHARE, InformerSet
+from robotapp_client.transport.credentials import Credentials
+from robotapp_console.cluster.informer_set import (
+    IN_USE_S,
+    MOST_DEBT_S,
+    MOST_SCOPES,
+    MOST_WAITING,
+    SCOPE_IDLE_S,
+    SHARE,
+    InformerSet,
+)
+from robotapp_console.cluster.kinds import APPS
 from robotapp_console.views.snapshot import Snapshot
 
 
@@ -101,3 +113,52 @@ async def test_only_so_many_new_addresses_wait_and_known_ones_never_do() -> None
     ended.set()
     assert all(await asyncio.gather(*waiting))
     assert await informers.wait_for_room(("fleet",), namespace="another", home="")
+
+
+def list_scopes(informers: InformerSet) -> set[str]:
+    return {namespace for _, namespace in informers._feeds if namespace}
+
+
+@asynccontextmanager
+async def opened(time: FakeTime) -> AsyncIterator[tuple[GuardedApi, InformerSet]]:
+    """Gives the set of a user who may read namespaces one by one, and none of them together."""
+    async with GuardedApi() as api:
+        endpoint = Endpoint(api.endpoint.server, credentials=Credentials.fixed(VIEWER))
+        informers = InformerSet(endpoint, clock=time.clock)
+        await informers.open()
+        try:
+            yield api, informers
+        finally:
+            await informers.close()
+
+
+async def test_of_many_namespaces_those_that_pages_show_are_followed_and_the_watches_of_the_others_end() -> None:
+    async with opened(FakeTime()) as (api, informers):
+        await informers.use((APPS,), "team-a")
+        await until(lambda: api.watching == 1, what="the watch of team-a")
+        for number in range(MOST_SCOPES + 5):
+            show(informers, Builder(), "team-a")
+            await informers.use((APPS,), f"n{number}")
+        assert len(list_scopes(informers)) == MOST_SCOPES
+        assert "team-a" in list_scopes(informers)
+        assert api.watching == 1
+        for number in range(MOST_SCOPES):
+            await informers.use((APPS,), f"m{number}")
+        assert "team-a" not in list_scopes(informers)
+        await until(lambda: api.watching == 0, what="the watch has ended")
+        await until(lambda: len(informers._tasks) == 2 + 1 + MOST_SCOPES, what="tasks of ended feeds are forgotten")
+        await informers.use((APPS,), "team-a")
+        await until(lambda: api.watching == 1, what="it is followed again")
+
+
+async def test_a_namespace_that_no_page_shows_any_more_is_not_followed_for_ever() -> None:
+    time = FakeTime()
+    async with opened(time) as (api, informers):
+        for name in ("team-a", "team-b"):
+            await informers.use((APPS,), name)
+        time.now_s += SCOPE_IDLE_S
+        show(informers, Builder(), "team-b")
+        time.now_s += 1.0
+        informers._end_idle_scopes()
+        assert list_scopes(informers) == {"team-b"}
+        await until(lambda: api.watching == 0, what="the watch of team-a has ended")
