@@ -12,14 +12,15 @@ from typing import Any, Final, Generic, TypeVar, cast
 
 from robotapp_api.values.placement.round_trips import RoundTrips
 from robotapp_client import ApiClient, ApiError, Change, ClientError, Endpoint, Unauthorized
-from robotapp_client.api.resources import EVENTS, Resource
+from robotapp_client.api.resources import Resource
+from robotapp_console.cluster.event_reader import EventReader, NewestEvents
 from robotapp_console.cluster.feed import Feed
 from robotapp_console.cluster.kinds import NODE_KIND, TELEMETRY, Kind
 from robotapp_console.cluster.rights import Right, Rights
 from robotapp_console.views.fleet import measure_links
 from robotapp_console.views.history import LinkHistory
 from robotapp_console.views.links import NodeLinks
-from robotapp_console.views.objects import Event, Telemetry
+from robotapp_console.views.objects import Telemetry
 from robotapp_console.views.snapshot import Refusal, Snapshot, Stale
 from robotapp_console.views.texts import clean, parse_timestamp
 
@@ -47,7 +48,6 @@ MOST_SCOPES: Final = 48
 """Namespaces that are followed one by one: those of all streams that a user may have, and of some pages besides."""
 SCOPE_IDLE_S: Final = 300.0
 """So long a namespace is followed that no page shows."""
-EVENTS_KEPT_S: Final = 5.0
 MANAGER: Final = "robotapp-console"
 """Owner of what users write through the console."""
 SELF_REVIEWS: Final = Resource(
@@ -101,7 +101,7 @@ class InformerSet:
         """When what the first building of models took will be a tenth of the time."""
         self._room = asyncio.Lock()
         self._waiting = 0
-        self._events: dict[str, tuple[float, list[Event]]] = {}
+        self._events = EventReader(self.client, clock=clock)
 
     def __repr__(self) -> str:
         return f"<InformerSet {len(self._feeds)} feeds, {self.streams} streams>"
@@ -300,22 +300,13 @@ class InformerSet:
             self._models.clear()
         return result
 
-    async def list_events(self, namespace: str, uid: str) -> list[Event]:
-        """Returns the events about an object, read again after a few seconds. Raises ApiError when they may not be read; Unauthorized signs out."""
-        entry = self._events.get(uid)
-        if entry is not None and time.monotonic() - entry[0] < EVENTS_KEPT_S:
-            return entry[1]
+    async def list_events(self, namespace: str, uid: str) -> NewestEvents:
+        """Returns the newest events about an object. Raises ApiError when they may not be read; Unauthorized signs out."""
         try:
-            listing = await self.client.list(
-                EVENTS, namespace=namespace, field_selector=f"regarding.uid={uid}", as_type=Event
-            )
+            return await self._events.read(namespace, uid)
         except Unauthorized:
             self._sign_out()
             raise
-        if len(self._events) >= _MOST_MODELS:
-            self._events.pop(next(iter(self._events)))
-        self._events[uid] = (time.monotonic(), listing.items)
-        return listing.items
 
     async def fetch_user(self) -> str:
         """Returns the user name that the API server gives the token. Raises Unauthorized for one that is not valid."""

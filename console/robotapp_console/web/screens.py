@@ -170,7 +170,7 @@ class AppScreen:
             return Shown(title, links, missing, snapshot, missing)
         stored = snapshot.apps[f"{namespace}/{name}"]
         try:
-            events, refusal = await _read_events(informers, namespace, stored.metadata.uid)
+            events, refusal, are_events_whole = await _read_events(informers, namespace, stored.metadata.uid)
         except Unauthorized:
             return Shown(title, {"links": {}}, EXPIRED, snapshot, EXPIRED)
         actions = await find_allowed(informers, namespace, name)
@@ -181,6 +181,7 @@ class AppScreen:
             "allowed": actions,
             "events": events,
             "events_refusal": refusal,
+            "are_events_whole": are_events_whole,
             "stale": snapshot.stale,
         }
         on_robot = f" on {clean(robot, 63)}" if robot else ""
@@ -193,11 +194,12 @@ async def _wait_for_room(informers: InformerSet, key: tuple[str, ...], namespace
         raise web.HTTPTooManyRequests
 
 
-async def _read_events(informers: InformerSet, namespace: str, uid: str) -> tuple[tuple[EventRow, ...], str]:
-    """Returns the rows, or none and why they cannot be shown. Raises Unauthorized."""
+async def _read_events(informers: InformerSet, namespace: str, uid: str) -> tuple[tuple[EventRow, ...], str, bool]:
+    """Returns the rows, or none and why they cannot be shown, and whether all events were read. Raises Unauthorized."""
     try:
-        return build_events(await informers.list_events(namespace, uid)), ""
+        answer = await informers.list_events(namespace, uid)
     except Unauthorized:
         raise
     except ClientError as error:
-        return (), clean(str(error))
+        return (), clean(str(error)), True
+    return build_events(answer.events), "", answer.is_whole

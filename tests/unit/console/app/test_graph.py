@@ -326,6 +326,7 @@ def render(view: AppView) -> str:
         "app": view,
         "events": (),
         "events_refusal": "",
+        "are_events_whole": True,
         "allowed": frozenset(),
         "timeline": (),
         "stale": (),
