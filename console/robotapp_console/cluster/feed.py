@@ -69,6 +69,13 @@ class Feed:
             await asyncio.sleep(REFUSED_RETRY_S)
             self._refused.clear()
 
+    def refuse(self, why: str) -> None:
+        """Forgets the objects and ends the watch, which the API server lets go on although the right to it is gone."""
+        self.refusal, self.is_absent = why, False
+        self._note_contact()
+        self._refused.set()
+        self._changed()
+
     def _make_reflector(self) -> Reflector[Any]:
         return Reflector(
             self._client,

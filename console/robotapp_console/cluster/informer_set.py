@@ -11,15 +11,16 @@ from functools import partial
 from typing import Any, Final, Generic, TypeVar, cast
 
 from robotapp_api.values.placement.round_trips import RoundTrips
-from robotapp_client import ApiClient, ApiError, Change, Endpoint
-from robotapp_client.api.resources import EVENTS, Resource
+from robotapp_client import ApiClient, ApiError, Change, ClientError, Endpoint, Unauthorized
+from robotapp_client.api.resources import Resource
+from robotapp_console.cluster.event_reader import EventReader, NewestEvents
 from robotapp_console.cluster.feed import Feed
 from robotapp_console.cluster.kinds import NODE_KIND, TELEMETRY, Kind
-from robotapp_console.cluster.rights import Rights
+from robotapp_console.cluster.rights import Right, Rights
 from robotapp_console.views.fleet import measure_links
 from robotapp_console.views.history import LinkHistory
 from robotapp_console.views.links import NodeLinks
-from robotapp_console.views.objects import Event, Telemetry
+from robotapp_console.views.objects import Telemetry
 from robotapp_console.views.snapshot import Refusal, Snapshot, Stale
 from robotapp_console.views.texts import clean, parse_timestamp
 
@@ -32,10 +33,21 @@ SHOWN_S: Final = 1.0
 """So long the answer to a write waits for the watch."""
 TICK_S: Final = 10.0
 """Period of what happens without an event: agents fall silent, a half minute of the history ends."""
+REVIEW_S: Final = 10.0
+"""Period of asking whether the token is still valid, and with it for each right that is older than rights are kept."""
 SHARE: Final = 10.0
-"""A model that takes a millisecond to build is built at most every ten, so that changes without end take a tenth of a core at most."""
+"""Models that together take a millisecond to build are built at most every ten, so that a user's changes without end take a tenth of a core at most."""
 LEAST_PAUSE_S: Final = 0.25
-EVENTS_KEPT_S: Final = 5.0
+IN_USE_S: Final = 60.0
+"""So long a model that nobody asks for counts among those that share the tenth of a core."""
+MOST_DEBT_S: Final = 10.0
+"""Models of addresses that were not open before are built at once until the tenth of a core is so long ahead of its time."""
+MOST_WAITING: Final = 16
+"""Requests of one user that wait for such a model."""
+MOST_SCOPES: Final = 48
+"""Namespaces that are followed one by one: those of all streams that a user may have, and of some pages besides."""
+SCOPE_IDLE_S: Final = 300.0
+"""So long a namespace is followed that no page shows."""
 MANAGER: Final = "robotapp-console"
 """Owner of what users write through the console."""
 SELF_REVIEWS: Final = Resource(
@@ -50,19 +62,21 @@ class _Built(Generic[M]):
     version: int
     built_s: float
     cost_s: float
+    used_s: float
     snapshot: Snapshot
     model: M
-
-    @property
-    def due_s(self) -> float:
-        """Returns from when it may be built anew."""
-        return self.built_s + max(LEAST_PAUSE_S, SHARE * self.cost_s)
 
 
 class InformerSet:
     """One user's view of the cluster. `signed_out` becomes true when the API server does not accept the token any more."""
 
-    def __init__(self, endpoint: Endpoint) -> None:
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
         self.client = ApiClient(endpoint, user_agent=MANAGER, field_manager=MANAGER, max_connections=8, timeout_s=10.0)
         self.rights = Rights(self.client)
         self.version = 0
@@ -73,26 +87,35 @@ class InformerSet:
         """Held while a page is rendered: of many requests of one user each waits for its turn, and other users come between."""
         self.last_used_s = time.monotonic()
         self._feeds: dict[tuple[str, str], Feed] = {}
-        self._tasks: list[asyncio.Task[None]] = []
+        self._scopes: dict[str, float] = {}
+        """When each namespace that is followed by itself was used last, the longest unused one first."""
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._feed_tasks: dict[tuple[str, str], asyncio.Task[None]] = {}
         self._listeners: set[asyncio.Event] = set()
         self._round_trips = RoundTrips()
         self._links = NodeLinks(self._round_trips)
         self._history = LinkHistory()
+        self._clock, self._sleep = clock, sleep
         self._models: dict[tuple[str, ...], _Built[Any]] = {}
-        self._events: dict[str, tuple[float, list[Event]]] = {}
+        self._paid_s = clock()
+        """When what the first building of models took will be a tenth of the time."""
+        self._room = asyncio.Lock()
+        self._waiting = 0
+        self._events = EventReader(self.client, clock=clock)
 
     def __repr__(self) -> str:
         return f"<InformerSet {len(self._feeds)} feeds, {self.streams} streams>"
 
     async def open(self) -> None:
         await self.client.__aenter__()
-        self._tasks.append(asyncio.create_task(self._tick_forever()))
+        self._tasks |= {asyncio.create_task(self._tick_forever()), asyncio.create_task(self._review_forever())}
 
     async def close(self) -> None:
         """Ends every watch and connection."""
-        for task in self._tasks:
+        tasks = tuple(self._tasks)
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
         self._wake_listeners()
         await self.client.__aexit__(None, None, None)
 
@@ -103,7 +126,33 @@ class InformerSet:
         await self._settle([self._follow(kind, "") for kind in page_kinds])
         if namespace:
             refused_kinds = [kind for kind in page_kinds if self._is_narrowed(kind)]
+            if refused_kinds:
+                self._open_scope(namespace)
             await self._settle([self._follow(kind, namespace) for kind in refused_kinds])
+
+    def _open_scope(self, namespace: str) -> None:
+        """Notes that a namespace is followed by itself, and ends the one that was not used for longest where they are too many."""
+        self._scopes.setdefault(namespace, 0.0)
+        self._touch_scope(namespace)
+        if len(self._scopes) > MOST_SCOPES:
+            self._end_scope(next(iter(self._scopes)))
+
+    def _touch_scope(self, namespace: str) -> None:
+        """Notes that a page shows a namespace, if it is followed by itself."""
+        if namespace in self._scopes:
+            del self._scopes[namespace]
+            self._scopes[namespace] = self._clock()
+
+    def _end_scope(self, namespace: str) -> None:
+        del self._scopes[namespace]
+        for key in [key for key in self._feeds if key[1] == namespace]:
+            del self._feeds[key]
+            self._feed_tasks.pop(key).cancel()
+
+    def _end_idle_scopes(self) -> None:
+        now_s = self._clock()
+        for namespace in [name for name, used_s in self._scopes.items() if now_s - used_s > SCOPE_IDLE_S]:
+            self._end_scope(namespace)
 
     def _follow(self, kind: Kind, namespace: str) -> Feed:
         key = (kind.plural, namespace)
@@ -117,9 +166,10 @@ class InformerSet:
                 signed_out=self._sign_out,
                 on_change=self._take_telemetry if kind is TELEMETRY else None,
             )
-            feed_task = asyncio.create_task(feed.run())
+            feed_task = self._feed_tasks[key] = asyncio.create_task(feed.run())
             feed_task.add_done_callback(partial(_log_end, feed))
-            self._tasks.append(feed_task)
+            feed_task.add_done_callback(self._tasks.discard)
+            self._tasks.add(feed_task)
         return feed
 
     async def _settle(self, feeds: list[Feed]) -> None:
@@ -173,24 +223,54 @@ class InformerSet:
         self, key: tuple[str, ...], build: Callable[[Snapshot], M], *, namespace: str, home: str
     ) -> tuple[Snapshot, M]:
         """Returns what `build` makes of a snapshot. All pages share it, and it is built no more often than it is cheap."""
+        self._touch_scope(namespace or home)
         key = (*key, namespace, home)
-        started_s = time.monotonic()
+        started_s = self._clock()
         entry = cast("_Built[M] | None", self._models.get(key))
-        if entry is not None and (entry.version == self.version or started_s < entry.due_s):
-            return entry.snapshot, entry.model
+        if entry is not None:
+            entry.used_s = started_s
+            if entry.version == self.version or started_s < self._find_due(entry):
+                return entry.snapshot, entry.model
         version = self.version
         snapshot = self.take_snapshot(namespace, home)
         model = build(snapshot)
-        ended_s = time.monotonic()
-        if len(self._models) >= _MOST_MODELS:
-            self._models.pop(next(iter(self._models)))
-        self._models[key] = _Built(version, ended_s, ended_s - started_s, snapshot, model)
+        ended_s = self._clock()
+        if entry is None:
+            self._paid_s = max(self._paid_s, ended_s) + SHARE * (ended_s - started_s)
+            if len(self._models) >= _MOST_MODELS:
+                self._models.pop(next(iter(self._models)))
+        self._models[key] = _Built(version, ended_s, ended_s - started_s, ended_s, snapshot, model)
         return snapshot, model
 
+    def _find_due(self, entry: _Built[Any]) -> float:
+        """Returns from when a model may be built anew: all that are in use share a tenth of a core."""
+        now_s = self._clock()
+        cost_s = sum(built.cost_s for built in self._models.values() if now_s - built.used_s < IN_USE_S)
+        return entry.built_s + max(LEAST_PAUSE_S, SHARE * cost_s)
+
+    async def wait_for_room(self, key: tuple[str, ...], *, namespace: str, home: str) -> bool:
+        """Waits until this model may be built if it never was. Returns False at once when too many requests wait already."""
+        if (*key, namespace, home) in self._models:
+            return True
+        if self._waiting >= MOST_WAITING:
+            return False
+        self._waiting += 1
+        try:
+            async with self._room:
+                await self._sleep(max(0.0, self._debt_s - MOST_DEBT_S))
+        finally:
+            self._waiting -= 1
+        return True
+
+    @property
+    def _debt_s(self) -> float:
+        return self._paid_s - self._clock()
+
     def pause_s(self, key: tuple[str, ...], *, namespace: str, home: str) -> float:
-        """Returns in how many seconds this model may be built anew."""
+        """Returns in how many seconds this model may be built anew, for who shows it then."""
+        self._touch_scope(namespace or home)
         entry = self._models.get((*key, namespace, home))
-        return 0.0 if entry is None else max(0.0, entry.due_s - time.monotonic())
+        return 0.0 if entry is None else max(0.0, self._find_due(entry) - self._clock())
 
     def is_behind(self, key: tuple[str, ...], *, namespace: str, home: str) -> bool:
         """Returns whether this model was built before the latest change: whoever shows it must do so once more."""
@@ -216,26 +296,25 @@ class InformerSet:
             result = await write()
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(wake.wait(), SHOWN_S)
-        self._models.clear()
+        if self._debt_s <= MOST_DEBT_S:
+            self._models.clear()
         return result
 
-    async def list_events(self, namespace: str, uid: str) -> list[Event]:
-        """Returns the events about an object, read again after a few seconds. Raises ApiError when they may not be read."""
-        entry = self._events.get(uid)
-        if entry is not None and time.monotonic() - entry[0] < EVENTS_KEPT_S:
-            return entry[1]
-        listing = await self.client.list(
-            EVENTS, namespace=namespace, field_selector=f"regarding.uid={uid}", as_type=Event
-        )
-        if len(self._events) >= _MOST_MODELS:
-            self._events.pop(next(iter(self._events)))
-        self._events[uid] = (time.monotonic(), listing.items)
-        return listing.items
+    async def list_events(self, namespace: str, uid: str) -> NewestEvents:
+        """Returns the newest events about an object. Raises ApiError when they may not be read; Unauthorized signs out."""
+        try:
+            return await self._events.read(namespace, uid)
+        except Unauthorized:
+            self._sign_out()
+            raise
 
     async def fetch_user(self) -> str:
         """Returns the user name that the API server gives the token. Raises Unauthorized for one that is not valid."""
         try:
             review = await self.client.create(SELF_REVIEWS, {})
+        except Unauthorized:
+            self._sign_out()
+            raise
         except ApiError as error:
             if error.status in (
                 403,
@@ -260,6 +339,28 @@ class InformerSet:
             if peers:
                 self._links.forget((change.key, *peers))
 
+    async def _review_forever(self) -> None:
+        """Notices what a watch does not tell: it goes on for minutes after its token has ended or its right was taken."""
+        doubted_feeds = frozenset[Feed]()
+        while not self.signed_out:
+            await asyncio.sleep(REVIEW_S)
+            if not self._feeds:
+                continue
+            with contextlib.suppress(ClientError):
+                await self.fetch_user()
+                doubted_feeds = await self._review_rights(doubted_feeds)
+
+    async def _review_rights(self, doubted_feeds: frozenset[Feed]) -> frozenset[Feed]:
+        """Refuses the feeds whose right is gone for the second time, and returns those for which it is the first: a server that starts refuses for a moment what it allows."""
+        lost_feeds = set[Feed]()
+        for feed in [feed for feed in self._feeds.values() if not feed.refusal]:
+            right = Right("list", feed.kind.resource, feed.namespace)
+            if not await self.rights.is_granted(right, fresh=feed in doubted_feeds):
+                lost_feeds.add(feed)
+                if feed in doubted_feeds:
+                    feed.refuse(f"no right any more to {right.words}")
+        return frozenset(lost_feeds - doubted_feeds)
+
     def _sign_out(self) -> None:
         self.signed_out = True
         self._wake_listeners()
@@ -279,6 +380,7 @@ class InformerSet:
             if self._feeds.keys() >= {(TELEMETRY.plural, ""), (NODE_KIND.plural, "")}:
                 snapshot = self.take_snapshot("", "")
                 self._history.record(measure_links(snapshot), snapshot.now_s)
+            self._end_idle_scopes()
             if self._listeners:
                 self._note_change()
             await asyncio.sleep(TICK_S)

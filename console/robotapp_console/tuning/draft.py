@@ -1,7 +1,7 @@
 """A configuration that somebody edits: its fields, its text with changed lines marked, and what is wrong with it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
@@ -15,6 +15,8 @@ from robotapp_scheduler.config.load import ConfigError
 
 MOST_TEXT: Final = 48 * 1024
 """Characters. A longer configuration is shown, and edited elsewhere."""
+MOST_LINES: Final = 3000
+"""Lines of a configuration that is edited, and of a comparison that is shown."""
 MOST_PROFILES: Final = 10
 MOST_ENTRIES: Final = 300
 """Names of plugins in all lists."""
@@ -45,14 +47,16 @@ class Draft:
     problems: tuple[Problem, ...] = ()
     warnings: tuple[str, ...] = ()
     lines: tuple[Line, ...] = ()
+    """At most MOST_LINES."""
+    changes: int = 0
+    """Lines that differ from the configuration in the ConfigMap, also those that are not shown."""
+    hidden: int = 0
+    """Lines that are not shown."""
+    is_compared: bool = True
+    """False for a text that is too long to be compared with the ConfigMap."""
     document: Document | None = None
     entered: Mapping[str, str] = field(default_factory=dict)
     """Texts of fields that cannot be read, by id."""
-
-    @property
-    def changes(self) -> int:
-        """Returns how many lines differ from the configuration in the ConfigMap."""
-        return count_changes(self.lines)
 
     @cached_property
     def problems_by_field(self) -> dict[str, list[str]]:
@@ -64,13 +68,13 @@ class Draft:
 
     @property
     def may_be_applied(self) -> bool:
-        return not self.problems and bool(self.changes)
+        return not self.problems and (bool(self.changes) or not self.is_compared)
 
 
 def read_stored(text: str) -> Stored:
     """Returns the ConfigMap's text with its document, or why it has none."""
-    if len(text) > MOST_TEXT:
-        return Stored(text, None, f"it has {len(text)} characters, and at most {MOST_TEXT} are edited here")
+    if problem := _find_excess(text):
+        return Stored(text, None, problem)
     try:
         document = read_document(text)
     except ConfigError as error:
@@ -82,6 +86,14 @@ def read_stored(text: str) -> Stored:
     return Stored(text, document)
 
 
+def _find_excess(text: str) -> str:
+    """Returns why a text is too long to be read; empty when it is not."""
+    if len(text) > MOST_TEXT:
+        return f"it has {len(text)} characters, and at most {MOST_TEXT} are edited here"
+    lines = len(text.splitlines())
+    return f"it has {lines} lines, and at most {MOST_LINES} are edited here" if lines > MOST_LINES else ""
+
+
 def make_draft(stored: Stored, base: str, fields: Mapping[str, str] | None, *, running: str = "") -> Draft:
     """Returns the draft that the filled-in `fields` of the text `base` mean; None: the text as it is.
 
@@ -89,8 +101,7 @@ def make_draft(stored: Stored, base: str, fields: Mapping[str, str] | None, *, r
     """
     base_text = read_stored(base)
     if base_text.document is None:
-        lines = _clean_lines(mark_lines(stored.text, base))
-        return Draft(base, base, problems=_name_problems(base_text), lines=lines)
+        return _add_comparison(Draft(base, base, problems=_name_problems(base_text)), stored.text, base)
     document, field_problems = base_text.document, dict[str, str]()
     if fields is not None:
         document, field_problems = apply_form(base_text.document, fields)
@@ -98,17 +109,16 @@ def make_draft(stored: Stored, base: str, fields: Mapping[str, str] | None, *, r
     text = stored.text if is_stored else base if document == base_text.document else write_yaml(document)
     verdict = check(document)
     problems = (*(Problem(why, name) for name, why in field_problems.items()), *verdict.problems)
-    lines = mark_lines(stored.canonical, stored.canonical if is_stored else write_yaml(document))
-    return Draft(
+    draft = Draft(
         base=text,
         text=text,
         form=build_form(document),
         problems=tuple(Problem(clean(problem.text), problem.field) for problem in problems),
         warnings=tuple(clean(warning) for warning in (*verdict.warnings, *_find_restarts(running, document))),
-        lines=_clean_lines(lines),
         document=document,
         entered={name: (fields or {}).get(name, "") for name in field_problems},
     )
+    return _add_comparison(draft, stored.canonical, stored.canonical if is_stored else write_yaml(document))
 
 
 def _name_problems(text: Stored) -> tuple[Problem, ...]:
@@ -128,5 +138,13 @@ def _find_restarts(running: str, document: Document) -> list[str]:
     ]
 
 
-def _clean_lines(lines: tuple[Line, ...]) -> tuple[Line, ...]:
-    return tuple(Line(clean(line.text, _LONGEST_LINE), line.mark) for line in lines)
+def _add_comparison(draft: Draft, before: str, after: str) -> Draft:
+    """Returns the draft with the lines of `after`, as far as they are shown, and how many of them all differ."""
+    if before == after:
+        lines = tuple(Line(text) for text in after.splitlines())
+    elif _find_excess(before) or _find_excess(after):
+        return replace(draft, is_compared=False)
+    else:
+        lines = mark_lines(before, after)
+    shown_lines = tuple(Line(clean(line.text, _LONGEST_LINE), line.mark) for line in lines[:MOST_LINES])
+    return replace(draft, lines=shown_lines, changes=count_changes(lines), hidden=len(lines) - len(shown_lines))

@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 from aiohttp import web
 
 from robotapp_api.values.naming import DNS_LABEL
-from robotapp_client import ClientError
+from robotapp_client import ClientError, Unauthorized
 from robotapp_console.cluster.informer_set import InformerSet
 from robotapp_console.cluster.kinds import APP_KINDS, FLEET_KINDS, NODES_KINDS, Kind
 from robotapp_console.views.app.page import EventRow, build_app, build_events, suggest_apps
@@ -21,6 +21,8 @@ from robotapp_console.views.snapshot import Snapshot
 from robotapp_console.views.texts import clean
 from robotapp_console.web.app_actions import SHUT_DOWN, find_allowed
 from robotapp_console.web.sessions import Caller
+
+EXPIRED: Final = "The API server does not accept your credentials any more. Load the page again."
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,7 @@ class FleetScreen:
 
     async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> Shown:
         namespace = self.namespace(request)
+        await _wait_for_room(informers, self.key(request), namespace, caller.home)
         snapshot, fleet = informers.build_model(self.key(request), build_fleet, namespace=namespace, home=caller.home)
         query = read_fleet_query(request.query)
         page = take_fleet_page(fleet, query)
@@ -105,7 +108,7 @@ class NodesScreen:
         snapshot, nodes = informers.build_model(self.key(request), build_nodes, namespace="", home=caller.home)
         query = read_nodes_query(request.query)
         page = take_nodes_page(nodes, query)
-        pairs = self._find_pairs(query, caller, informers)
+        pairs = await self._find_pairs(query, caller, informers)
         may_shut_down = await informers.rights.is_surely_granted(SHUT_DOWN)
         context = {
             "nodes": nodes,
@@ -121,13 +124,15 @@ class NodesScreen:
         fingerprint = (page, nodes.matrix, nodes.refusals, snapshot.stale, pairs, may_shut_down)
         return Shown("Nodes", context, fingerprint, snapshot)
 
-    def _find_pairs(self, query: Query, caller: Caller, informers: InformerSet) -> ZonePairs | None:
+    async def _find_pairs(self, query: Query, caller: Caller, informers: InformerSet) -> ZonePairs | None:
         """Returns the pairs of nodes of the cell that was chosen in the matrix."""
         near, far = query.filter_value(NEAR), query.filter_value(FAR)
         if not (near and far):
             return None
+        key = ("nodes", "pairs", near, far)
+        await _wait_for_room(informers, key, "", caller.home)
         _, pairs = informers.build_model(
-            ("nodes", "pairs", near, far),
+            key,
             lambda snapshot: build_pairs(snapshot, zones_of(snapshot.nodes), near, far),
             namespace="",
             home=caller.home,
@@ -150,6 +155,7 @@ class AppScreen:
     async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> Shown:
         namespace = self.namespace(request)
         _, _, name, robot = self.key(request)
+        await _wait_for_room(informers, self.key(request), namespace, caller.home)
         snapshot, app = informers.build_model(
             self.key(request),
             lambda snapshot: build_app(snapshot, namespace, name, robot),
@@ -163,7 +169,10 @@ class AppScreen:
             links = {"links": suggest_apps(snapshot)}
             return Shown(title, links, missing, snapshot, missing)
         stored = snapshot.apps[f"{namespace}/{name}"]
-        events, refusal = await _read_events(informers, namespace, stored.metadata.uid)
+        try:
+            events, refusal, are_events_whole = await _read_events(informers, namespace, stored.metadata.uid)
+        except Unauthorized:
+            return Shown(title, {"links": {}}, EXPIRED, snapshot, EXPIRED)
         actions = await find_allowed(informers, namespace, name)
         timeline = build_timeline(app.instances, events)
         context: dict[str, Any] = {
@@ -172,15 +181,25 @@ class AppScreen:
             "allowed": actions,
             "events": events,
             "events_refusal": refusal,
+            "are_events_whole": are_events_whole,
             "stale": snapshot.stale,
         }
         on_robot = f" on {clean(robot, 63)}" if robot else ""
         return Shown(title + on_robot, context, (app, actions, timeline, events, refusal, snapshot.stale), snapshot)
 
 
-async def _read_events(informers: InformerSet, namespace: str, uid: str) -> tuple[tuple[EventRow, ...], str]:
-    """Returns the rows, or none and why they cannot be shown."""
+async def _wait_for_room(informers: InformerSet, key: tuple[str, ...], namespace: str, home: str) -> None:
+    """Waits until the model may be built. Raises HTTPTooManyRequests for a user who opens many addresses at once."""
+    if not await informers.wait_for_room(key, namespace=namespace, home=home):
+        raise web.HTTPTooManyRequests
+
+
+async def _read_events(informers: InformerSet, namespace: str, uid: str) -> tuple[tuple[EventRow, ...], str, bool]:
+    """Returns the rows, or none and why they cannot be shown, and whether all events were read. Raises Unauthorized."""
     try:
-        return build_events(await informers.list_events(namespace, uid)), ""
+        answer = await informers.list_events(namespace, uid)
+    except Unauthorized:
+        raise
     except ClientError as error:
-        return (), clean(str(error))
+        return (), clean(str(error)), True
+    return build_events(answer.events), "", answer.is_whole

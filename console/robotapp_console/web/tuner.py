@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import re
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -25,6 +26,7 @@ log = logging.getLogger(__name__)
 PATH: Final = "/scheduler"
 MOST_REPLAYED: Final = 500
 USUAL_REPLAYED: Final = 200
+_COUNT: Final = re.compile("[0-9]{1,3}")
 CHANGED: Final = (
     "Somebody else changed the configuration since you loaded it. Nothing was written. The marked lines below are the "
     "difference between yours and theirs now."
@@ -88,7 +90,7 @@ async def change_scheduler(request: web.Request) -> web.StreamResponse:
             return await _undo(request, desk, config, fields)
         draft, message = await _read_draft(desk, config, fields, action)
         if "HX-Request" in request.headers:
-            return _answer_outcome(request, desk, config, draft)
+            return await _answer_outcome(request, desk, config, draft)
         if action == "apply":
             return await _apply(request, desk, config, draft, fields)
         if action == "replay":
@@ -170,7 +172,7 @@ async def _replay(
     request: web.Request, desk: Desk, stored: StoredConfig, draft: Draft, fields: Mapping[str, str]
 ) -> web.StreamResponse:
     count = fields.get("replay", "")
-    if not (count.isascii() and count.isdecimal() and 1 <= int(count[:6]) <= MOST_REPLAYED):
+    if not (_COUNT.fullmatch(count) and 1 <= int(count) <= MOST_REPLAYED):
         message = Message(f"From 1 to {MOST_REPLAYED} placements can be judged.", is_error=True)
         return await _answer_page(request, desk, stored, draft, message=message, status=422)
     if draft.problems or draft.document is None:
@@ -202,15 +204,16 @@ async def _answer_page(
         "replayed": result.asked if result else USUAL_REPLAYED,
         "most_replayed": MOST_REPLAYED,
     }
-    page = desk.console.render(request, "scheduler.html", context, now_s=time.time())
+    async with desk.informers.turn:
+        page = desk.console.render(request, "scheduler.html", context, now_s=time.time())
     return web.Response(status=status, text=page, content_type="text/html")
 
 
-def _answer_outcome(request: web.Request, desk: Desk, stored: StoredConfig, draft: Draft) -> web.Response:
+async def _answer_outcome(request: web.Request, desk: Desk, stored: StoredConfig, draft: Draft) -> web.Response:
     """Returns what follows from the fields: the text with its changed lines, and every mistake."""
-    page = desk.console.render(
-        request, "scheduler_outcome.html", _build_context(desk, stored, draft), now_s=time.time()
-    )
+    context = _build_context(desk, stored, draft)
+    async with desk.informers.turn:
+        page = desk.console.render(request, "scheduler_outcome.html", context, now_s=time.time())
     return web.Response(text=page, content_type="text/html")
 
 

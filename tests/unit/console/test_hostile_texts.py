@@ -170,7 +170,14 @@ def render(text: str) -> str:
     }
     assert shown is not None
     timeline = build_timeline(shown.instances, events)
-    app_page = {"app": shown, "timeline": timeline, "events": events, "events_refusal": clean(text), "allowed": allowed}
+    app_page = {
+        "app": shown,
+        "timeline": timeline,
+        "events": events,
+        "events_refusal": clean(text),
+        "allowed": allowed,
+        "are_events_whole": False,
+    }
     return "".join(
         (
             PAGES.render("fleet_head.html", shared | head),

@@ -377,8 +377,19 @@ async def test_a_replay_without_an_address_or_an_answer_says_what_helps(monkeypa
         assert "--scheduler-url" in (await browser.post("/scheduler", fill(page, action="replay", replay="5"))).text
         stage.console.scheduler = SchedulerPort("http://127.0.0.1:1")
         assert "does not answer" in (await browser.post("/scheduler", fill(page, action="replay", replay="5"))).text
-        for wrong in ("", "0", "501", "many"):
+        for wrong in ("", "0", "501", "many", "0004999999", "\u0665", "5" * 5000):
             assert (await browser.post("/scheduler", fill(page, action="replay", replay=wrong))).status == 422
+
+
+async def test_a_text_without_end_is_answered_with_a_page_of_its_own_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with opened(monkeypatch) as stage:
+        browser = await signed_in(stage)
+        csrf = (await browser.get("/scheduler")).field("csrf")
+        text = "\n" * 80_000
+        page = await browser.post("/scheduler", {"csrf": csrf, "action": "text", "text": text})
+        assert "at most 49152 are edited here" in page.text
+        assert "What differs is not shown" in page.text
+        assert len(page.text) < 3 * len(text)
 
 
 async def test_programs_read_and_write_the_configuration_as_json(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from tests.support.clients import until
 from tests.unit.console.guarded_api import ADMIN, APPS, NODES, TENANT, Browser, Stage, staged
 from tests.unit.console.objects import app, node
 
-from robotapp_console.cluster import feed
+from robotapp_console.cluster import feed, informer_set, rights
 
 
 class Stream:
@@ -159,6 +159,67 @@ async def test_a_right_that_is_taken_greys_the_panel_of_an_open_page(monkeypatch
             assert "amr-07" not in message
             stage.api.forbidden = set()
             await stream.find("amr-07")
+
+
+async def test_a_right_that_is_taken_shows_although_the_watch_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(informer_set, "REVIEW_S", 0.1)
+    monkeypatch.setattr(rights, "KEPT_S", 0.1)
+    monkeypatch.setattr(feed, "REFUSED_RETRY_S", 0.2)
+    async with staged() as stage:
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        stage.api.put(NODES, node("amr-07", robot="amr-07"))
+        async with opened(stage, browser) as stream:
+            await stream.find("amr-07")
+            stage.api.forbidden = {"nodes"}
+            message = await stream.find("Not shown: Nodes")
+            assert "amr-07" not in message
+            stage.api.forbidden = set()
+            await stream.find("amr-07")
+
+
+async def test_a_review_that_refuses_once_takes_nothing() -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        await browser.get("/")
+        (informers,) = stage.console.informers._sets.values()
+        stage.api.forbidden = {"nodes"}
+        doubted = await informers._review_rights(frozenset())
+        assert [one.kind.plural for one in doubted] == ["nodes"]
+        stage.api.forbidden = set()
+        assert await informers._review_rights(doubted) == frozenset()
+        assert "Not shown" not in (await browser.get("/")).text
+
+
+async def test_a_token_that_is_no_longer_valid_ends_the_open_pages_although_their_watches_go_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(informer_set, "REVIEW_S", 0.1)
+    async with staged() as stage:
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        async with opened(stage, browser) as stream:
+            await stream.next_message()
+            del stage.api.tokens[ADMIN]
+            with pytest.raises(EOFError):
+                await stream.next_message()
+        assert (await browser.get("/")).headers["Location"] == "/login"
+
+
+async def test_the_page_of_an_app_shows_nothing_when_its_events_tell_that_the_token_is_not_valid() -> None:
+    async with staged() as stage:
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        await browser.get("/")
+        stage.api.put(APPS, app("teleop"))
+        (informers,) = stage.console.informers._sets.values()
+        await until(lambda: "default/teleop" in informers.take_snapshot("", "").apps, what="the app")
+        del stage.api.tokens[ADMIN]
+        page = await browser.get("/apps/default/teleop")
+        assert "does not accept your credentials" in page.text
+        assert "Conditions" not in page.text
+        assert (await browser.get("/apps/default/teleop")).headers["Location"] == "/login"
 
 
 async def test_a_refusal_that_passes_greys_nothing() -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Final
 from unicodedata import east_asian_width
 
@@ -207,18 +208,15 @@ def _count_cells(text: str) -> int:
 
 
 def _shorten_end(text: str, most: int) -> str:
-    """Returns at most so many columns of a text, with its end cut."""
-    if _count_cells(text) <= most:
+    """Returns at most so many columns of a text, with its end cut. The rest of it is not read: a tenant makes topics' names as long as he likes."""
+    if len(text) <= most and _count_cells(text) <= most:
         return text
-    while _count_cells(text) > most - 1:
-        text = text[:-1]
-    return f"{text}…"
+    columns = accumulate(_count_cells(character) for character in text[:most])
+    kept = sum(column < most for column in columns)
+    return f"{text[:kept]}…"
 
 
 def _shorten_begin(text: str, most: int) -> str:
     """Returns at most so many columns of a text, with its beginning cut: the end of a topic's name tells more."""
-    if _count_cells(text) <= most:
-        return text
-    while _count_cells(text) > most - 1:
-        text = text[1:]
-    return f"…{text}"
+    nearest_first = text[: -most - 2 : -1]
+    return _shorten_end(nearest_first, most)[::-1]

@@ -2,6 +2,7 @@
 
 import re
 from itertools import combinations, pairwise
+from unicodedata import east_asian_width
 
 import pytest
 from defusedxml.ElementTree import fromstring
@@ -14,7 +15,7 @@ from robotapp_console.views.app.page import AppView, build_app
 from robotapp_console.views.graph.alignment import Wish, place_cells
 from robotapp_console.views.graph.layout import Layout, Rectangle, lay_out
 from robotapp_console.views.graph.ordering import Link, Part, order_parts
-from robotapp_console.views.graph.picture import Picture, format_figures
+from robotapp_console.views.graph.picture import MOST_NAME, MOST_TOPIC, Node, Picture, draw_picture, format_figures
 from robotapp_console.web.rendering import Pages, StaticFiles
 
 PAGES = Pages(StaticFiles())
@@ -263,6 +264,37 @@ def test_a_new_measurement_moves_nothing() -> None:
         assert [edge.path for edge in one.edges] == [edge.path for edge in other.edges]
 
 
+def count_columns(text: str) -> int:
+    return sum(2 if east_asian_width(character) in "WF" else 1 for character in text)
+
+
+def draw_topic(topic: str, name: str = "a") -> tuple[str, str]:
+    """Returns the words that are drawn for an edge of this topic and for the component it begins at."""
+    row = EdgeRow(topic, name, "", "18 ms", "20 ms", "measured", verdict="met")
+    picture = draw_picture("t", [Node(name, "", "idle", "")], [row], lane_of=len)
+    (drawn,) = picture.edges
+    return drawn.topic, next(part.title for part in picture.parts if part.title)
+
+
+@given(text=st.text(st.sampled_from("ab/漢字é"), min_size=1, max_size=60))
+def test_a_topic_keeps_its_end_and_a_name_its_beginning_as_far_as_there_is_room(text: str) -> None:
+    topic, name = draw_topic(text, text)
+    for shown, most, tail in ((topic, MOST_TOPIC, text), (name[::-1], MOST_NAME, text[::-1])):
+        if count_columns(text) <= most:
+            assert shown == tail
+            continue
+        kept = shown[1:]
+        assert shown[0] == "…"
+        assert tail.endswith(kept)
+        longer = tail[-len(kept) - 1 :]
+        assert count_columns(kept) < most <= count_columns(longer)
+
+
+def test_a_topic_of_a_million_characters_is_cut_without_reading_them_all_again_and_again() -> None:
+    topic, _ = draw_topic("t" * 1_000_000)
+    assert topic == f"…{'t' * (MOST_TOPIC - 1)}"
+
+
 def test_edges_that_the_status_has_no_room_for_are_looked_up_in_telemetry() -> None:
     specs = [
         {"topic": "/scan", "from": "driver", "to": "planner", "latency": {"budget": "10ms"}},
@@ -294,6 +326,7 @@ def render(view: AppView) -> str:
         "app": view,
         "events": (),
         "events_refusal": "",
+        "are_events_whole": True,
         "allowed": frozenset(),
         "timeline": (),
         "stale": (),

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.unit.console.tuning.documents import build_document, build_text, enable
 
-from robotapp_console.tuning.draft import MOST_TEXT, Stored, make_draft, read_stored
+from robotapp_console.tuning.draft import MOST_LINES, MOST_TEXT, Stored, make_draft, read_stored
 from robotapp_console.tuning.form import build_form, fill_form
 from robotapp_console.tuning.lines import mark_lines
 
@@ -62,6 +62,8 @@ def test_a_mistake_keeps_what_was_entered_and_forbids_to_apply() -> None:
         (f"{TEXT}unknown: 1\n", 'unknown field "unknown"'),
         ("- 1\n", "mapping"),
         ("x" * (MOST_TEXT + 1), "at most"),
+        ("\n" * 254_000, "254000 characters"),
+        ("\n" * (MOST_LINES + 1), "3001 lines"),
         (f"{TEXT}profiles: []\n", "already set"),
         (build_text(plugins={"score": enable(*(f"a{number}" for number in range(200)))}), "at most 10 and 300"),
         (TEXT + "".join(f"- schedulerName: s{number}\n" for number in range(9)), "11 profiles"),
@@ -73,6 +75,28 @@ def test_a_text_without_the_shape_of_a_configuration_has_no_form_but_its_mistake
     assert words in draft.problems[0].text
     assert not draft.may_be_applied
     assert draft.text == text
+
+
+@pytest.mark.parametrize("text", ["x" * (MOST_TEXT + 1), "\n" * (MOST_LINES + 1), "\n" * 254_000])
+def test_a_text_that_is_too_long_is_neither_compared_nor_shown_line_by_line(text: str) -> None:
+    draft = make_draft(read_stored(TEXT), text, None)
+    assert (draft.lines, draft.is_compared, draft.may_be_applied) == ((), False, False)
+
+
+def test_a_long_text_in_the_configmap_is_shown_as_far_as_there_is_room_and_may_be_replaced() -> None:
+    stored = read_stored("#\n" * (MOST_LINES + 7))
+    shown = make_draft(stored, stored.text, None)
+    assert (len(shown.lines), shown.hidden, shown.changes, shown.is_compared) == (MOST_LINES, 7, 0, True)
+    assert not shown.may_be_applied
+    assert make_draft(stored, TEXT, None).may_be_applied
+
+
+def test_a_short_text_that_is_long_when_written_out_is_not_compared_and_may_be_applied() -> None:
+    names = ",".join("a" for _ in range(MOST_LINES + 1))
+    text = f"{TEXT}  pluginConfig: [{{name: Foreign, args: {{names: [{names}]}}}}]\n"
+    draft = make_draft(read_stored(TEXT), text, None)
+    assert draft.problems == ()
+    assert (draft.lines, draft.is_compared, draft.may_be_applied) == ((), False, True)
 
 
 def test_a_field_that_cannot_change_while_the_scheduler_runs_is_named() -> None:
