@@ -171,6 +171,7 @@ async def test_a_right_that_is_taken_shows_although_the_watch_goes_on(monkeypatc
         stage.api.put(NODES, node("amr-07", robot="amr-07"))
         async with opened(stage, browser) as stream:
             await stream.find("amr-07")
+            await until(lambda: stage.api.watching == 6, what="six watches")
             stage.api.forbidden = {"nodes"}
             message = await stream.find("Not shown: Nodes")
             assert "amr-07" not in message
@@ -200,6 +201,7 @@ async def test_a_token_that_is_no_longer_valid_ends_the_open_pages_although_thei
         browser = stage.browser()
         await browser.sign_in(ADMIN)
         async with opened(stage, browser) as stream:
+            await until(lambda: stage.api.watching == 6, what="six watches")
             await stream.next_message()
             del stage.api.tokens[ADMIN]
             with pytest.raises(EOFError):
