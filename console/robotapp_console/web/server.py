@@ -71,9 +71,16 @@ def make_app(console: Console) -> web.Application:
 
 
 async def serve(
-    console: Console, listener: socket.socket, *, tls: ssl.SSLContext | None = None, limits: Limits = LIMITS
+    console: Console,
+    listener: socket.socket,
+    *,
+    tls: Callable[[], ssl.SSLContext] | None = None,
+    limits: Limits = LIMITS,
 ) -> Port:
-    """Serves the console on this socket until the port is closed. A handler ends with its connection."""
+    """Serves the console on this socket until the port is closed. A handler ends with its connection.
+
+    Each connection takes the certificate that `tls` returns then.
+    """
     return await serve_listener(make_app(console), listener, tls=tls, limits=limits)
 
 
