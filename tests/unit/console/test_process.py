@@ -133,11 +133,11 @@ async def test_the_browser_gets_the_one_time_address_from_a_file_of_the_user_alo
                 os.kill(process.pid, signal.SIGKILL)
 
 
-async def test_a_browser_that_never_comes_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_browser_that_never_comes_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setattr(opening.webbrowser, "open", lambda _: False)
     page = opening.OpeningPage()
-    await page.show("http://127.0.0.1:1/open?pass=a&b")
+    page.show("http://127.0.0.1:1/open?pass=a&b")
     assert "pass=a&amp;b" in read_page(tmp_path)
     page.remove()
     page.remove()
