@@ -111,7 +111,7 @@ async def _serve_cluster(settings: Settings) -> None:
     )
     tls = None if settings.plain_http else await loaded(TlsPort(settings.certificate, settings.key))
     listener = _open_port(settings.listen, settings.port)
-    port = await serve(console, listener, tls=tls.context if tls else None)
+    port = await serve(console, listener, tls=tls.current if tls else None)
     log.info("serving on %s port %d, API server %s", settings.listen, port.number, console.api.server)
     certificate_task = asyncio.create_task(_follow_certificate(tls)) if tls and settings.certificate else None
     await _wait_for_end(port)

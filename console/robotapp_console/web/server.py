@@ -6,7 +6,7 @@ import logging
 import socket
 import ssl
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from typing import Final
 
 from aiohttp import web
@@ -71,7 +71,11 @@ def make_app(console: Console) -> web.Application:
 
 
 async def serve(
-    console: Console, listener: socket.socket, *, tls: ssl.SSLContext | None = None, limits: Limits = LIMITS
+    console: Console,
+    listener: socket.socket,
+    *,
+    tls: Callable[[], ssl.SSLContext] | None = None,
+    limits: Limits = LIMITS,
 ) -> Port:
     """Serves the console on this socket until the port is closed. A handler ends with its connection."""
     return await serve_listener(make_app(console), listener, tls=tls, limits=limits)
