@@ -91,7 +91,7 @@ async def _serve_local(settings: Settings) -> None:
     print_address("Open, once:")
     try:
         if settings.browser:
-            await page.show(f"http://{LOOPBACK}:{port}{door.path}")
+            page.show(f"http://{LOOPBACK}:{port}{door.path}")
         await _wait_for_end(served)
     finally:
         page.remove()
@@ -111,10 +111,10 @@ async def _serve_cluster(settings: Settings) -> None:
     )
     tls = None if settings.plain_http else await loaded(TlsPort(settings.certificate, settings.key))
     listener = _open_port(settings.listen, settings.port)
-    served = await serve(console, listener, tls=(lambda: tls.context) if tls else None)
-    log.info("serving on %s port %d, API server %s", settings.listen, served.number, console.api.server)
+    port = await serve(console, listener, tls=tls.current if tls else None)
+    log.info("serving on %s port %d, API server %s", settings.listen, port.number, console.api.server)
     certificate_task = asyncio.create_task(_follow_certificate(tls)) if tls and settings.certificate else None
-    await _wait_for_end(served)
+    await _wait_for_end(port)
     if certificate_task is not None:
         certificate_task.cancel()
 

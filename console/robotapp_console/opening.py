@@ -3,12 +3,12 @@
 The address would be on the browser's command line, which every user of the machine can read.
 """
 
-import asyncio
 import html
 import logging
 import os
 import shutil
 import tempfile
+import threading
 import webbrowser
 from pathlib import Path
 
@@ -24,8 +24,8 @@ class OpeningPage:
     def __repr__(self) -> str:
         return f"<OpeningPage in {self._folder}>"
 
-    async def show(self, address: str) -> None:
-        """Opens the browser. Where the file cannot be written, the log says so: the address was printed as well."""
+    def show(self, address: str) -> None:
+        """Opens the browser and does not wait for it: one in the terminal runs until its user leaves it. Where the file cannot be written, the log says so: the address was printed as well."""
         try:
             self._folder = Path(tempfile.mkdtemp(prefix="robotapp-console-", dir=_find_place()))
             page = self._folder / "open.html"
@@ -34,7 +34,7 @@ class OpeningPage:
         except OSError as error:
             log.error("open the printed address yourself: a page for the browser cannot be written: %s", error)  # noqa: TRY400 - the cause is enough
             return
-        await asyncio.to_thread(webbrowser.open, page.as_uri())
+        threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
 
     def remove(self) -> None:
         """Removes the file, if there is one."""

@@ -16,6 +16,7 @@ from tests.support.clients import until
 from tests.unit.console.guarded_api import ADMIN, GuardedApi
 
 from robotapp_client import LoginError
+from robotapp_client.serving.tls import self_signed
 from robotapp_console import opening
 from robotapp_console.main import find_config_place, main, open_scheduler
 from robotapp_console.settings import DEFAULT_PORT, parse
@@ -133,11 +134,11 @@ async def test_the_browser_gets_the_one_time_address_from_a_file_of_the_user_alo
                 os.kill(process.pid, signal.SIGKILL)
 
 
-async def test_a_browser_that_never_comes_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_browser_that_never_comes_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setattr(opening.webbrowser, "open", lambda _: False)
     page = opening.OpeningPage()
-    await page.show("http://127.0.0.1:1/open?pass=a&b")
+    page.show("http://127.0.0.1:1/open?pass=a&b")
     assert "pass=a&amp;b" in read_page(tmp_path)
     page.remove()
     page.remove()
@@ -168,6 +169,32 @@ async def test_the_local_console_prints_its_address_serves_and_ends_with_ctrl_c(
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(process.pid, signal.SIGKILL)
+
+
+async def test_the_console_of_a_cluster_serves_tls(tmp_path: Path) -> None:
+    authority = tmp_path / "ca.crt"
+    authority.write_bytes(self_signed(("localhost",))[0])
+    flags = [
+        "--api-server=https://127.0.0.1:1",
+        f"--certificate-authority={authority}",
+        "--listen=127.0.0.1",
+        "--port=0",
+    ]
+    command = [sys.executable, "-m", "robotapp_console", *flags]
+    process = await asyncio.create_subprocess_exec(*command, stderr=asyncio.subprocess.PIPE)
+    assert process.stderr is not None
+    try:
+        async with asyncio.timeout(30):
+            port = re.search(r"serving on 127\.0\.0\.1 port (\d+)", (await process.stderr.readline()).decode())
+            assert port is not None
+            async with ClientSession() as http, http.get(f"https://127.0.0.1:{port[1]}/login", ssl=False) as answer:
+                assert answer.status == 200
+                assert "Sign in" in await answer.text()
+            process.send_signal(signal.SIGTERM)
+            assert await process.wait() == 0
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process.pid, signal.SIGKILL)
 
 
 async def test_a_cluster_that_cannot_be_used_is_told_at_once(tmp_path: Path) -> None:
