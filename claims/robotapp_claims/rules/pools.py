@@ -114,9 +114,9 @@ def refuse_overlap(request: DomainRequest, pool: Pool, pools: Collection[Pool]) 
 def held_through_others(
     request: DomainRequest, pool: Pool, pools: Iterable[Pool], claims: Iterable[Claim]
 ) -> dict[int, Claim]:
-    """Returns what others hold in this network through other pools, by id: a pool that was narrowed or deleted left its claims.
+    """Returns what others hold in this network through other pools, by id: a pool that was narrowed left its claims.
 
-    A pool that is gone does not say of which network it was, so its claims count in each. What the requester holds itself is
+    A pool that is gone does not say of which network it was, so its claims count in none. What the requester holds itself is
     left out: it moves from pool to pool.
     """
     networks = {other.metadata.name: other.spec.network for other in pools}
@@ -126,7 +126,7 @@ def held_through_others(
         for claim in claims
         if (domain := claim.spec.domain) is not None
         and domain.pool != pool.metadata.name
-        and networks.get(domain.pool, network) == network
+        and networks.get(domain.pool) == network
         and not same_holder(claim.holder, request.holder)
     }
 

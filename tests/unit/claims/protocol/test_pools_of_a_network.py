@@ -27,21 +27,17 @@ async def ensure(store: Store, request: DomainRequest) -> DomainOutcome:
     return await ensure_domain(store.client(), request)
 
 
-async def store_with_a_claim_left_behind(change: str) -> Store:
+async def store_with_a_claim_left_behind() -> Store:
     """Domain 5 is held through pool `old`, which does not list it any more."""
     store = Store()
     put_pool(store, "old", "1-10")
     assert (await ensure(store, request_of(store, "first", "old", requested_id=5))).id == 5
-    if change == "deleted":
-        store.remove(DOMAINPOOLS, "old")
-    else:
-        put_pool(store, "old", "1-4")
+    put_pool(store, "old", "1-4")
     return store
 
 
-@pytest.mark.parametrize("change", ["narrowed", "deleted"])
-async def test_an_id_that_a_pool_gave_and_lists_no_more_is_given_by_no_other_pool(change: str) -> None:
-    store = await store_with_a_claim_left_behind(change)
+async def test_an_id_that_a_pool_gave_and_lists_no_more_is_given_by_no_other_pool() -> None:
+    store = await store_with_a_claim_left_behind()
     put_pool(store, "young", "5-6", year=2027)
     outcomes = [await ensure(store, request_of(store, name, "young")) for name in ("second", "third")]
     assert [outcome.id for outcome in outcomes] == [6, None]
@@ -49,9 +45,8 @@ async def test_an_id_that_a_pool_gave_and_lists_no_more_is_given_by_no_other_poo
     assert "1 of 2 domain ids of pool young are claimed, 1 more are held through other pools" in outcomes[1].message
 
 
-@pytest.mark.parametrize("change", ["narrowed", "deleted"])
-async def test_by_its_number_it_is_not_had_either_and_its_holder_is_named(change: str) -> None:
-    store = await store_with_a_claim_left_behind(change)
+async def test_by_its_number_it_is_not_had_either_and_its_holder_is_named() -> None:
+    store = await store_with_a_claim_left_behind()
     put_pool(store, "young", "5-6", year=2027)
     outcome = await ensure(store, request_of(store, "second", "young", requested_id=5))
     assert (outcome.id, outcome.reason) == (None, Reason.DOMAIN_TAKEN)
@@ -59,14 +54,14 @@ async def test_by_its_number_it_is_not_had_either_and_its_holder_is_named(change
 
 
 async def test_a_bare_pod_does_not_get_it_either() -> None:
-    store = await store_with_a_claim_left_behind("deleted")
+    store = await store_with_a_claim_left_behind()
     put_pool(store, "young", "5", year=2027)
     outcome = await ensure_pod_domain(store.client(), DomainRequest(pod_holder(), pool="young"))
     assert (outcome.id, outcome.reason) == (None, Reason.DOMAIN_EXHAUSTED)
 
 
 async def test_it_is_given_when_its_claim_is_gone() -> None:
-    store = await store_with_a_claim_left_behind("narrowed")
+    store = await store_with_a_claim_left_behind()
     put_pool(store, "young", "5", year=2027)
     request = request_of(store, "second", "young")
     assert not (await ensure(store, request)).held
@@ -75,13 +70,13 @@ async def test_it_is_given_when_its_claim_is_gone() -> None:
 
 
 async def test_a_pool_of_another_network_gives_it() -> None:
-    store = await store_with_a_claim_left_behind("narrowed")
+    store = await store_with_a_claim_left_behind()
     put_pool(store, "far", "5", network="far-away")
     assert (await ensure(store, request_of(store, "second", "far"))).id == 5
 
 
 async def test_its_own_holder_takes_it_along_to_another_pool() -> None:
-    store = await store_with_a_claim_left_behind("deleted")
+    store = await store_with_a_claim_left_behind()
     put_pool(store, "young", "5", year=2027)
     (app,) = store.all(ROBOTAPPS)
     holder = app_holder(app["metadata"]["uid"], name="first")
