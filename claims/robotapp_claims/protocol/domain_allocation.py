@@ -13,7 +13,7 @@ from robotapp_claims.rules import domain as rules
 from robotapp_claims.rules.domain import DomainOutcome, DomainPlan, DomainRequest
 from robotapp_claims.rules.identity import Found, claim_name, same_holder, same_tuple
 from robotapp_claims.rules.objects import Claim, Pool
-from robotapp_claims.rules.pools import held_through_others, refuse_overlap
+from robotapp_claims.rules.pools import held_through_others, neighbours, refuse_overlap
 from robotapp_client.api.resources import ROBOTCLAIMS
 
 LIST_AFTER_CONFLICTS: Final = 3
@@ -109,7 +109,7 @@ async def _try_free(
 ) -> DomainOutcome:
     """Leave out what others hold. For a request of one id by its number the holder is read from the API server.
 
-    Claims of other pools are read from it in any case: they have other names, so no create would meet them.
+    Claims of the network's other pools are read from it in any case: they have other names, so no create would meet them.
     """
     candidates = plan.candidates
     if request.requested_id is None:
@@ -118,7 +118,9 @@ async def _try_free(
         candidates = tuple(number for number in plan.candidates if number not in taken)
         if plan.candidates and not candidates:
             return _exhausted(request, pool, others)
-    elsewhere = held_through_others(request, pool, pools, await _claims_of_other_pools(client, request))
+    elsewhere: dict[int, Claim] = {}
+    if neighbours(pool, pools):  # claims count that a pool of the same network gave, so without one there is nothing to read
+        elsewhere = held_through_others(request, pool, pools, await _claims_of_other_pools(client, request))
     if request.requested_id in elsewhere:
         return rules.taken(request, elsewhere[request.requested_id].holder)
     free = tuple(number for number in candidates if number not in elsewhere)

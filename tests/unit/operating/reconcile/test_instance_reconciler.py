@@ -121,7 +121,7 @@ async def test_a_new_app_is_read_once_and_children_that_cannot_be_there_are_not_
     world.api.requests.clear()
     assert await world.children.reconcile(uid, "")
     reads = [path.partition("?")[0].split("/")[-1] for method, path in world.api.requests if method == "GET"]
-    assert reads == ["teleop", "domainpools", "robotclaims", "robotclaims"], "its own claims, those of other pools"
+    assert reads == ["teleop", "domainpools", "robotclaims"]
 
 
 async def test_children_that_a_late_watch_has_not_shown_are_kept_as_they_are(world: ReconciledServer) -> None:
