@@ -7,9 +7,10 @@ from enum import StrEnum
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.names import SYSTEM_NAMESPACE, EventReason
-from robotapp_client import ApiClient, ApiError, ClientError
-from robotapp_client.api.resources import CONFIGMAPS, EVENTS, Resource
+from robotapp_client import ApiClient, ClientError
+from robotapp_client.api.resources import CONFIGMAPS, EVENTS
 from robotapp_client.transport.errors import Conflict, NotFound, Unauthorized
+from robotapp_console.cluster.rights import Right, Rights
 from robotapp_console.tuning.versions import (
     NAMELESS_AUTHOR,
     UNKNOWN_AUTHOR,
@@ -33,9 +34,6 @@ _CLOCKS_S: Final = 2.0
 _ATTEMPTS: Final = 3
 _REASONS: Final = frozenset(
     {EventReason.CONFIG_RELOADED, EventReason.CONFIG_INVALID, EventReason.CONFIG_RESTART_NEEDED}
-)
-_ACCESS_REVIEWS: Final = Resource(
-    "authorization.k8s.io", "v1", "selfsubjectaccessreviews", "SelfSubjectAccessReview", namespaced=False
 )
 
 
@@ -126,6 +124,10 @@ class ConfigStore:
     client: ApiClient
     place: Place
     _uid: str = field(default="", init=False)
+    _rights: Rights = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._rights = Rights(self.client)
 
     async def read(self) -> StoredConfig:
         """Returns everything that the user may see of the configuration. Raises Unauthorized for a token that is not valid any more."""
@@ -219,17 +221,11 @@ class ConfigStore:
         return build_events(event for event in listing.items if event.reason in _REASONS), ""
 
     async def _list_denied(self) -> tuple[str, ...]:
+        """Returns the ConfigMaps that the user may not change. Each is asked for once, however often `read` looks."""
         names = (self.place.name, self.place.history)
-        permissions = await asyncio.gather(*(self._may_patch(name) for name in names))
-        return tuple(name for name, may in zip(names, permissions, strict=True) if not may)
-
-    async def _may_patch(self, name: str) -> bool:
-        attributes = {"verb": "patch", "resource": "configmaps", "namespace": self.place.namespace, "name": name}
-        try:
-            review = await self.client.create(_ACCESS_REVIEWS, {"spec": {"resourceAttributes": attributes}})
-        except ApiError:
-            return False
-        return bool((review.get("status") or {}).get("allowed"))
+        rights = [Right("patch", CONFIGMAPS, self.place.namespace, name) for name in names]
+        granted = await self._rights.select_granted(rights)
+        return tuple(right.name for right in rights if right not in granted)
 
 
 def _read_text(config: dict[str, Any]) -> str | None:
