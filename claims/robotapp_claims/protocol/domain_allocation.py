@@ -119,7 +119,7 @@ async def _try_free(
         if plan.candidates and not candidates:
             return _exhausted(request, pool, others)
     elsewhere: dict[int, Claim] = {}
-    if neighbours(pool, pools):  # claims count that a pool of the same network gave, so without one there is nothing to read
+    if neighbours(pool, pools):  # only claims through other pools of the same network count
         elsewhere = held_through_others(request, pool, pools, await _claims_of_other_pools(client, request))
     if request.requested_id in elsewhere:
         return rules.taken(request, elsewhere[request.requested_id].holder)
