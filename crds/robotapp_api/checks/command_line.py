@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from robotapp_api.checks.containers import list_containers
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
 
@@ -11,7 +12,6 @@ _DEVICE_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\(ROBOTAPP_DEVICE_[A-
 """A reference that the kubelet would replace; `$$(NAME)` is the text `$(NAME)`."""
 _OBJECT_NAMES: Final = frozenset({"name", "secretName", "claimName"})
 _ROS_TOOLS: Final = frozenset({"ros2", "roslaunch", "rosrun"})
-_LAUNCHERS: Final = frozenset({"launch", "roslaunch"})
 
 
 def command_line_problems(component: Component, at: str) -> Iterator[Problem]:
@@ -45,16 +45,13 @@ def is_launch(component: Component) -> bool:
         if word.rpartition("/")[2] == "roslaunch":
             return True
         if word.rpartition("/")[2] == "ros2":
-            return index + 1 < len(words) and words[index + 1] in _LAUNCHERS
+            return words[index + 1 : index + 2] == ["launch"]
     return False
 
 
 def _device_reference_problems(component: Component, at: str) -> Iterator[Problem]:
-    containers = component.template.spec.init_containers
-    texts = [(f"{at}.{field}", text) for field in ("command", "args") for text in getattr(component, field)]
-    texts += [(f"{at}.env", str(variable.get("value") or "")) for variable in component.env]
-    for index, container in enumerate(containers):
-        where = f"{at}.template.spec.initContainers[{index}]"
+    texts: list[tuple[str, str]] = []
+    for container, where in list_containers(component, at):
         texts += [
             (f"{where}.{field}", str(text)) for field in ("command", "args") for text in container.get(field) or ()
         ]

@@ -7,8 +7,8 @@ from typing import Any, Final
 from pydantic.alias_generators import to_snake
 
 from robotapp_api.checks.command_line import command_line_notes, command_line_problems
+from robotapp_api.checks.containers import gated_field_notes, gated_field_problems, list_containers
 from robotapp_api.checks.device_names import device_name_notes
-from robotapp_api.checks.gated_fields import gated_field_notes, gated_field_problems
 from robotapp_api.checks.parameters import parameter_problems
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
@@ -98,10 +98,8 @@ def _mount_problems(component: Component, at: str) -> Iterator[Problem]:
 
 
 def _environment_problems(component: Component, at: str) -> Iterator[Problem]:
-    yield from _variable_problems(component.env, f"{at}.env", of=component.name)
-    for index, container in enumerate(component.template.spec.init_containers):
-        where = f"{at}.template.spec.initContainers[{index}].env"
-        yield from _variable_problems(container.get("env") or (), where, of=container.get("name", ""))
+    for container, where in list_containers(component, at):
+        yield from _variable_problems(container.get("env") or (), f"{where}.env", of=container.get("name", ""))
 
 
 def _variable_problems(variables: Iterable[Mapping[str, Any]], field: str, *, of: str) -> Iterator[Problem]:

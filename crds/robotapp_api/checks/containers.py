@@ -1,4 +1,7 @@
-"""Finds borrowed container fields that need another field of the pod, or a newer Kubernetes, and would be lost in silence."""
+"""Lists the containers of a component's pod, and finds fields of theirs that would be lost in silence.
+
+Such a field needs another field of the pod, or a newer Kubernetes.
+"""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
@@ -19,7 +22,7 @@ _SINCE: Final = {"restartPolicyRules": "1.35", "fileKeyRef": "1.35"}
 
 def gated_field_problems(component: Component, at: str) -> Iterator[Problem]:
     """`at`: where the component stands, such as `spec.components[0]`."""
-    for container, where in _list_containers(component, at):
+    for container, where in list_containers(component, at):
         if "stopSignal" in (container.get("lifecycle") or {}):
             yield invalid(f"{where}.lifecycle.stopSignal", _STOP_SIGNAL)
         if (container.get("securityContext") or {}).get("procMount") == "Unmasked":
@@ -28,7 +31,7 @@ def gated_field_problems(component: Component, at: str) -> Iterator[Problem]:
 
 def gated_field_notes(component: Component, at: str) -> Iterator[Note]:
     """Says which fields an older cluster stores without acting on them."""
-    for container, where in _list_containers(component, at):
+    for container, where in list_containers(component, at):
         if container.get("restartPolicyRules"):
             yield _note_age(f"{where}.restartPolicyRules", "restartPolicyRules")
         for index, variable in enumerate(container.get("env") or ()):
@@ -40,9 +43,13 @@ def _note_age(field: str, name: str) -> Note:
     return Note(field, f"needs Kubernetes {_SINCE[name]}; an older API server drops it without a word")
 
 
-def _list_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str, Any], str]]:
+def list_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str, Any], str]]:
     """Yields the component's own container and its init containers, with core's names, and where each stands."""
     own = {
+        "name": component.name,
+        "command": component.command,
+        "args": component.args,
+        "envFrom": component.env_from,
         "lifecycle": component.lifecycle,
         "securityContext": component.security_context,
         "env": component.env,
