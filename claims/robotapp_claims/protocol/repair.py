@@ -55,7 +55,7 @@ async def make_lost_claims(client: Api, known: Iterable[Claim]) -> int:
 
 
 async def _make_again(client: Api, known_claim: Claim, claim: Claim | None) -> bool:
-    """Whether something of the claim was lost and is stored again. False, too, when somebody has got the thing meanwhile."""
+    """Stores again what of a claim was lost, and returns whether it did. It does not when somebody has got the thing meanwhile."""
     lost = lost_grant(known_claim, claim)
     if lost.create:
         claim = await create_claim(client, known_claim.spec, node=lost.nodes[0] if lost.nodes else "")

@@ -1,4 +1,4 @@
-"""What pools of domain ids tell people, and which of them may give an id.
+"""Decides which pool of a network may give a domain id, and words what pools tell people.
 
 Pools of one network may not give the same id: claims of two pools have different names, so the API server would grant both.
 """

@@ -68,7 +68,7 @@ class ClaimConflict:
 
 @dataclass(frozen=True, slots=True)
 class LostGrant:
-    """What of a claim was granted after the snapshot from which etcd was restored: all of it, or nodes where its pods may run."""
+    """Holds the part of a claim that was granted after the snapshot from which etcd was restored: all of it, or nodes where its pods may run."""
 
     create: bool
     nodes: tuple[str, ...]

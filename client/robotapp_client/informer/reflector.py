@@ -83,7 +83,7 @@ _read_version: Final = msgspec.json.Decoder(_Listed).decode
 
 
 def is_other_history(newest: str, known: str) -> bool:
-    """Whether a server at version `newest` cannot have got there from version `known` by writes.
+    """Returns whether a server at version `newest` cannot have got there from version `known` by writes.
 
     Versions that are no numbers cannot be compared.
     """
@@ -256,7 +256,7 @@ class Reflector(Generic[T]):
         self.resource_version = ""
 
     async def _check_history(self) -> None:
-        """Makes the next list one of another history if the server, asked more than once, is not where we were."""
+        """Asks the server for its version, more than once if it differs, and reports a restore when it is not where we were."""
         known = self.resource_version or self._left_version
         newest = await self._read_newest()
         for _ in range(HISTORY_READS - 1):

@@ -1,4 +1,4 @@
-"""How a process starts again from nothing: after etcd was restored from a snapshot, what it knows may never have happened."""
+"""Starts this process again from nothing: after etcd was restored from a snapshot, what it knows may never have happened."""
 
 import logging
 import os
