@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import typer
 
@@ -15,6 +15,7 @@ from robotapp_client.api.client import ApiClient
 from robotapp_client.api.resources import NODES, ROBOTAPPINSTANCES, ROBOTAPPS, Resource
 from robotapp_client.transport.errors import ClientError
 
+T = TypeVar("T")
 _PATIENCE_S: Final = 2.0
 
 
@@ -28,6 +29,13 @@ def complete_robots(ctx: typer.Context, incomplete: str) -> list[str]:
     selector = f"{Label.APP}={ctx.params['name']}" if ctx.params.get("name") else ""
     found = {name for name in _asked(ctx, ROBOTAPPINSTANCES, name_of, selector) if name}
     return sorted(name for name in found if name.startswith(incomplete))
+
+
+def complete_components(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Components of the app on the command line that begin with what was typed."""
+    apps = _asked(ctx, ROBOTAPPS, lambda app: app if _name(app) == ctx.params.get("name") else {})
+    names = [component["name"] for app in apps for component in (app.get("spec") or {}).get("components") or ()]
+    return [name for name in names if name.startswith(incomplete)]
 
 
 def complete_nodes(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -50,7 +58,7 @@ def _name(obj: Json) -> str:
     return str(meta(obj)["name"])
 
 
-def _asked(ctx: typer.Context, resource: Resource, naming: Callable[[Json], str], selector: str = "") -> list[str]:
+def _asked(ctx: typer.Context, resource: Resource, naming: Callable[[Json], T], selector: str = "") -> list[T]:
     given: dict[str, Any] = ctx.params
     file = given.get("kubeconfig")
     options = Options(

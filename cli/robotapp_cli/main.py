@@ -1,11 +1,24 @@
 """`kubectl-robotapp`, which kubectl finds as `kubectl robotapp`."""
 
+from collections.abc import Awaitable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from robotapp_api.model.names import SYSTEM_NAMESPACE
+from robotapp_cli.arguments import (
+    Context,
+    Everywhere,
+    Kubeconfig,
+    Name,
+    Namespace,
+    OutputFormat,
+    Robot,
+    SchedulerNamespace,
+    SchedulerUrl,
+    Watching,
+)
 from robotapp_cli.commands.apps import show_info, show_list
 from robotapp_cli.commands.claims import show_domains
 from robotapp_cli.commands.console import ConsoleOptions, start_console
@@ -14,13 +27,15 @@ from robotapp_cli.commands.explain import Question, show_explain
 from robotapp_cli.commands.nodes import show_nodes, show_robots
 from robotapp_cli.commands.rendering import show_children, show_file
 from robotapp_cli.commands.simulate import Wish, show_simulation
+from robotapp_cli.commands.watching import watch
 from robotapp_cli.commands.what_if import Supposition, show_what_if
-from robotapp_cli.completion import complete_names, complete_nodes, complete_pairs, complete_robots
+from robotapp_cli.completion import complete_names, complete_nodes, complete_pairs
 from robotapp_cli.failures import CliError, Exit, ended_by
 from robotapp_cli.output import Output
-from robotapp_cli.reading.session import Options, run
+from robotapp_cli.reading.session import Options, Session, run
 from robotapp_cli.verbs import Verbs, print_version
-from robotapp_cli.written import address, object_name
+from robotapp_cli.working.commands import add_working_commands
+from robotapp_cli.written import object_name
 
 _EPILOG = """\
 Exit codes: 0 done; 1 refused by the API server, or errors found by lint; 2 wrong usage or unreadable file; 3 API server not reached or not signed in; 4 not found.
@@ -39,20 +54,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-Namespace = Annotated[
-    str | None, typer.Option("--namespace", "-n", help="Namespace (default: the context's).", callback=object_name)
-]
-Everywhere = Annotated[bool, typer.Option("--all-namespaces", "-A", help="All namespaces.")]
-Context = Annotated[str | None, typer.Option("--context", help="Context of the kubeconfig.")]
-Kubeconfig = Annotated[
-    Path | None, typer.Option("--kubeconfig", help="Kubeconfig file (default: $KUBECONFIG, ~/.kube/config).")
-]
-OutputFormat = Annotated[Output, typer.Option("--output", "-o", help="Form of the output.")]
-Name = Annotated[
-    str,
-    typer.Argument(metavar="NAME", help="Name of the RobotApp.", autocompletion=complete_names, callback=object_name),
-]
-
 
 @app.callback()
 def show_version(
@@ -69,6 +70,7 @@ def list_command(
     *,
     namespace: Namespace = None,
     everywhere: Everywhere = False,
+    watching: Watching = False,
     context: Context = None,
     kubeconfig: Kubeconfig = None,
     output: OutputFormat = Output.TABLE,
@@ -76,44 +78,30 @@ def list_command(
     """List RobotApps with domain, latency and devices."""
     run(
         Options(namespace=namespace, everywhere=everywhere, context=context, kubeconfig=kubeconfig, output=output),
-        show_list,
+        lambda session: watch(session, show_list) if watching else show_list(session),
     )
 
 
-Robot = Annotated[
-    str | None,
-    typer.Option(
-        "--robot", help="Only the instance of this robot.", autocompletion=complete_robots, callback=object_name
-    ),
-]
-
-
-@app.command("info", epilog="Examples: kubectl robotapp info teleop; kubectl robotapp info patrol --robot amr-07")
+@app.command("info", epilog="Examples: kubectl robotapp info teleop -w; kubectl robotapp info patrol --robot amr-07")
 def info_command(
     name: Name,
     *,
     robot: Robot = None,
+    watching: Watching = False,
     namespace: Namespace = None,
     context: Context = None,
     kubeconfig: Kubeconfig = None,
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """Show one RobotApp: conditions, instances, edges with their latency, events."""
+
+    def show(session: Session) -> Awaitable[None]:
+        return show_info(session, name, robot)
+
     run(
         Options(namespace=namespace, context=context, kubeconfig=kubeconfig, output=output),
-        lambda session: show_info(session, name, robot),
+        lambda session: watch(session, show) if watching else show(session),
     )
-
-
-SchedulerUrl = Annotated[
-    str | None,
-    typer.Option(
-        envvar="ROBOTAPP_SCHEDULER_URL",
-        help="Where the scheduler listens (default: kubectl port-forward to its pod).",
-        callback=address,
-    ),
-]
-SchedulerNamespace = Annotated[str, typer.Option(help="Namespace of the scheduler's pod.", callback=object_name)]
 
 
 @app.command("explain", epilog="Example: kubectl robotapp explain teleop --component operator-ui -o wide")
@@ -362,6 +350,9 @@ def console_command(
         start_console(options)
     except CliError as failure:
         raise ended_by(failure) from failure
+
+
+add_working_commands(app)
 
 
 def main() -> None:

@@ -1,5 +1,6 @@
-"""The group of verbs: --version, and for verbs that kubectl has, or people guess, the command that does it."""
+"""The group of verbs: options before the verb, --version, and the right command for verbs that people guess."""
 
+from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Any, Final
 
@@ -14,17 +15,15 @@ ANSWERS: Final = {
     "describe": "kubectl robotapp info NAME, or kubectl describe ra NAME for events alone",
     "events": "kubectl robotapp info NAME, or kubectl get events",
     "why": "kubectl robotapp explain NAME",
-    "logs": "kubectl logs -l robotics.io/app=NAME,robotics.io/component=COMPONENT --all-containers --prefix -f",
-    "exec": "kubectl exec -it deploy/DEPLOYMENT -- bash, with a name that kubectl get deploy -l robotics.io/app=NAME lists",
-    "shell": "kubectl exec -it deploy/DEPLOYMENT -- bash, with a name that kubectl get deploy -l robotics.io/app=NAME lists",
+    "log": "kubectl robotapp logs NAME",
+    "ssh": "kubectl robotapp shell NAME",
+    "stop": "kubectl robotapp suspend NAME",
+    "start": "kubectl robotapp resume NAME",
     "apply": "kubectl apply -f FILE (kubectl robotapp lint FILE checks it first)",
     "create": "kubectl apply -f FILE (kubectl robotapp lint FILE checks it first)",
     "run": "kubectl apply -f FILE (kubectl robotapp lint FILE checks it first)",
     "edit": "kubectl edit ra NAME",
     "delete": "kubectl delete ra NAME",
-    "suspend": """kubectl patch ra NAME --type merge -p '{"spec":{"suspend":true}}'""",
-    "resume": """kubectl patch ra NAME --type merge -p '{"spec":{"suspend":false}}'""",
-    "restart": "kubectl rollout restart deploy -l robotics.io/app=NAME",
     "top": "kubectl top pods -l robotics.io/app=NAME, or kubectl robotapp nodes",
     "topics": "kubectl robotapp info NAME, which lists the edges with their topics and latency",
     "validate": "kubectl robotapp lint FILE",
@@ -36,14 +35,46 @@ ANSWERS: Final = {
 """Verbs that are not ours → what to type. Checked against the commands by a test."""
 
 
+VALUED_OPTIONS: Final = ("-n", "--namespace", "--context", "--kubeconfig", "-o", "--output")
+"""Options with a value that may stand before the verb, as with kubectl."""
+PLAIN_OPTIONS: Final = ("-A", "--all-namespaces")
+
+
 class Verbs(TyperGroup):
     """The commands; an unknown one is answered with the command that does what its name says."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Moves options that kubectl takes before its verb behind the verb, where each command of ours has them."""
+        return super().parse_args(ctx, move_options(args))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Returns the command that the first argument names. Raises a usage error with the answer for a known guess."""
         if args and args[0] not in self.commands and (answer := ANSWERS.get(args[0])):
             ctx.fail(f"there is no verb {args[0]}: use {answer}")
         return super().resolve_command(ctx, args)
+
+
+def move_options(arguments: Sequence[str]) -> list[str]:
+    """Returns the arguments with such options behind the verb. Anything else before it stays, for typer to refuse.
+
+    >>> move_options(["-n", "fleet", "list", "-o", "wide"])
+    ['list', '-n', 'fleet', '-o', 'wide']
+    """
+    options: list[str] = []
+    rest = list(arguments)
+    while rest and (count := _count_words(rest[0])) and len(rest) > count:
+        options += rest[:count]
+        rest = rest[count:]
+    return [*rest[:1], *options, *rest[1:]]
+
+
+def _count_words(word: str) -> int:
+    """Returns how many arguments the option takes up that `word` begins; 0 if it begins none that may be moved."""
+    if word in VALUED_OPTIONS:
+        return 2
+    is_joined = word.startswith(("--namespace=", "--context=", "--kubeconfig=", "--output="))
+    is_short = word[:2] in ("-n", "-o") and len(word) > 2 and not word.startswith("--")
+    return 1 if word in PLAIN_OPTIONS or is_joined or is_short else 0
 
 
 def print_version(is_asked: bool) -> None:

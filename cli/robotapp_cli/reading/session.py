@@ -4,7 +4,9 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Final, TypeVar
+
+import typer
 
 from robotapp_api.values.arguments import is_name
 from robotapp_cli.failures import CliError, ended_by, explained
@@ -15,6 +17,8 @@ from robotapp_client.transport.kubeconfig import Endpoint, default_kubeconfigs, 
 
 T = TypeVar("T")
 _TIMEOUT_S = 15.0
+INTERRUPTED: Final = 130
+"""Exit code after Ctrl-C, as shells have it: 128 and the number of SIGINT."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +56,8 @@ def run(options: Options, work: Callable[[Session], Awaitable[T]]) -> T:
     """Do the work; a failure is printed without a traceback and ends the process with its exit code."""
     try:
         return asyncio.run(_connected(options, work))
+    except KeyboardInterrupt:  # how `logs -f` and `-w` end
+        raise typer.Exit(INTERRUPTED) from None
     except ClientError as error:
         failure = explained(error)
     except CliError as error:

@@ -315,3 +315,27 @@ def test_our_processes_were_refused_nothing_by_the_charts_roles(world: CliUser) 
         if (event.get("responseStatus") or {}).get("code") in (401, 403)
     ]
     assert refused == []
+
+
+def pod_uids(world: CliUser, app: str) -> set[str]:
+    """Returns the uids of the app's pods that are not being deleted."""
+    pods = json.loads(world.plane.kubectl("get", "pods", "-n", NAMESPACE, "-l", f"robotics.io/app={app}", "-o", "json"))
+    return {pod["metadata"]["uid"] for pod in pods["items"] if "deletionTimestamp" not in pod["metadata"]}
+
+
+def test_an_app_is_restarted_suspended_and_resumed_and_keeps_its_domain(world: CliUser) -> None:
+    domain = world.app("teleop")["status"]["summary"]["domain"]
+    uids = pod_uids(world, "teleop")
+    assert "are replaced" in world.text("restart", "teleop", "driver")
+    assert wait_until(lambda: len(pod_uids(world, "teleop") - uids) == 1, timeout_s=60), "one component, one pod"
+    await_ready(world, "teleop")
+
+    assert "keeps its domain" in world.text("suspend", "teleop")
+    assert wait_until(lambda: not pod_uids(world, "teleop"), timeout_s=60)
+    assert wait_until(lambda: world.app("teleop")["status"]["phase"] == "Suspended", timeout_s=60)
+    refusal = world.run("logs", "teleop", "-n", NAMESPACE)
+    assert (refusal.returncode, "kubectl robotapp resume teleop" in refusal.stderr) == (4, True)
+
+    world.text("resume", "teleop")
+    await_ready(world, "teleop")
+    assert world.app("teleop")["status"]["summary"]["domain"] == domain

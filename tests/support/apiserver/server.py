@@ -66,6 +66,8 @@ class FakeApiServer:
         """Plurals that discovery lists, by path of the group and version; other paths are not found."""
         self.forbidden: set[str] = set()
         """Paths of collections that nobody may list or watch."""
+        self.logs: dict[tuple[str, str], list[str]] = {}
+        """Lines with their times by pod and container, as the subresource log has them."""
         self._bookmark_s = bookmark_s
         self._clients: set[TypedConnection] = set()
         self._watches: dict[TypedConnection, Watch] = {}
@@ -137,6 +139,9 @@ class FakeApiServer:
             return
         try:
             where = verbs.target(unquote(address.path))
+            if method == "GET" and where.name and address.path.endswith("/log"):
+                self._send_log(client, where.name, query)
+                return
             if method == "GET" and query.get("watch") in ("1", "true") and not where.name:
                 self._begin_watch(client, where, query)
                 return
@@ -146,6 +151,22 @@ class FakeApiServer:
             client.reply(refusal.code, msgspec.json.encode(refusal.status()))
         except msgspec.DecodeError as error:
             client.reply(400, msgspec.json.encode(Refused(400, "BadRequest", str(error)).status()))
+
+    def _send_log(self, client: TypedConnection, pod: str, query: dict[str, str]) -> None:
+        """Sends the last lines of a container, from a whole second on where one is named; followed, they end the stream."""
+        lines = self.logs.get((pod, query["container"]))
+        if lines is None:
+            raise Refused(400, "BadRequest", f'container "{query["container"]}" in pod "{pod}" has no log')
+        first = max(0, len(lines) - int(query.get("tailLines", len(lines))))
+        since = query.get("sinceTime", "")[:19]
+        text = "".join(f"{line}\n" for line in lines[first:] if line[:19] >= since).encode()
+        if query.get("follow") != "true":
+            client.reply(200, text)
+            return
+        client.begin_stream()
+        if text:
+            client.chunk(text)
+        client.end_stream()
 
     def _connect(self) -> TypedConnection:
         client = TypedConnection(self.answer, self._forget)

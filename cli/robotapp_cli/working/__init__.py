@@ -1,0 +1,1 @@
+"""Commands that work with a running app: its logs, its containers, its state."""

@@ -1,0 +1,57 @@
+"""`restart`, `suspend` and `resume`: changes that people would otherwise write as patches."""
+
+from datetime import UTC, datetime
+from typing import Final
+
+from robotapp_api.model.names import Label
+from robotapp_cli.output import print_line
+from robotapp_cli.reading.fields import Json, label, meta
+from robotapp_cli.reading.pods import Selection, explain_no_pods, fetch_app, name_selection
+from robotapp_cli.reading.session import Session
+from robotapp_client.api.bodies import STRATEGIC
+from robotapp_client.api.resources import DEPLOYMENTS, ROBOTAPPS
+
+RESTARTED_AT: Final = "kubectl.kubernetes.io/restartedAt"
+"""The annotation that `kubectl rollout restart` writes: the Deployment replaces its pods by its own strategy."""
+
+
+async def set_suspended(session: Session, name: str, *, suspend: bool) -> None:
+    """Suspends an app or resumes it, and prints what happens now."""
+    app = await session.client.get(ROBOTAPPS, name, namespace=session.home)
+    if bool(app["spec"].get("suspend")) == suspend:
+        print_line(f"{name} is {'already suspended' if suspend else 'not suspended'}; nothing was changed")
+        return
+    # The version makes it a compare-and-swap: an app that was made anew in between is another one.
+    patch = {"metadata": {"resourceVersion": meta(app)["resourceVersion"]}, "spec": {"suspend": suspend}}
+    await session.client.patch(ROBOTAPPS, name, patch, namespace=session.home)
+    if suspend:
+        print_line(f"{name} is suspended: its pods end, it keeps its domain and gives its devices back")
+        print_line(f"Start it again: kubectl robotapp resume {name}")
+    else:
+        print_line(f"{name} is resumed; follow it: kubectl robotapp info {name} -w")
+
+
+async def restart_components(session: Session, selection: Selection) -> None:
+    """Replaces the pods of the selected components, as `kubectl rollout restart` does, and prints which."""
+    app = await fetch_app(session, selection)
+    labels = [f"{Label.APP_UID}={meta(app)['uid']}"]
+    labels += [f"{Label.INSTANCE}={selection.robot}"] if selection.robot else []
+    listing = await session.client.list(DEPLOYMENTS, namespace=session.home, label_selector=",".join(labels))
+    deployments = [deployment for deployment in listing.items if is_selected(deployment, selection)]
+    if not deployments or app["spec"].get("suspend"):
+        raise explain_no_pods(app, selection)
+    annotations = {RESTARTED_AT: datetime.now(UTC).isoformat(timespec="seconds")}
+    patch = {"spec": {"template": {"metadata": {"annotations": annotations}}}}
+    for deployment in deployments:
+        name = str(meta(deployment)["name"])
+        await session.client.patch(DEPLOYMENTS, name, patch, namespace=session.home, content_type=STRATEGIC)
+    count = len(deployments)
+    what = name_selection(selection)
+    print_line(f"{what}: pods of {count} Deployment{'' if count == 1 else 's'} are replaced; domain and devices stay")
+    print_line(f"Follow it: kubectl robotapp info {selection.app} -w")
+
+
+def is_selected(obj: Json, selection: Selection) -> bool:
+    """Returns whether an object with the operator's labels belongs to the component or role that was named, or to any component."""
+    component, role = label(obj, Label.COMPONENT), label(obj, Label.ROLE)
+    return (component or role) == selection.component if selection.component else bool(component)
