@@ -157,6 +157,7 @@ def _print_instance(app: Json, instance: Instance, *, wide: bool) -> None:
     if rows:
         print_table(["COMPONENT", "NODE", "READY", "RESTARTS", Column("MESSAGE", wraps=True)], rows, indent=2)
     _print_helpers(instance)
+    _print_links(instance)
     for each in instance.observed.get("moves") or ():
         if times := each.get("times"):
             counted = f", {len(times)} moves recorded" if len(times) > 1 else ""
@@ -181,6 +182,13 @@ def _print_helpers(instance: Instance) -> None:
     ]
     if rows:
         print_table(["HELPER", "NODE", "READY", "RESTARTS", "IMAGE", Column("MESSAGE", wraps=True)], rows, indent=2)
+
+
+def _print_links(instance: Instance) -> None:
+    """Prints the addresses of the components' services."""
+    rows = [[link["component"], link["name"], link["url"]] for link in instance.observed.get("links") or ()]
+    if rows:
+        print_table(["COMPONENT", "LINK", "ADDRESS"], rows, indent=2)
 
 
 def _wrong(app: Json, instance: Instance) -> str:

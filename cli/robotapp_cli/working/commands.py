@@ -1,4 +1,4 @@
-"""The commands that work with a running app: logs, exec, shell, restart, suspend, resume."""
+"""The commands that work with a running app: logs, exec, shell, open, restart, suspend, resume."""
 
 from typing import Annotated
 
@@ -11,6 +11,7 @@ from robotapp_cli.reading.session import Options, run
 from robotapp_cli.working.changing import restart_components, set_suspended
 from robotapp_cli.working.entering import enter_container
 from robotapp_cli.working.logs import LogOptions, show_logs
+from robotapp_cli.working.opening import open_component
 from robotapp_cli.written import object_name
 
 Component = Annotated[
@@ -39,6 +40,9 @@ def add_working_commands(app: typer.Typer) -> None:
         epilog="Example: kubectl robotapp exec teleop -c driver -- ros2 topic list --no-daemon --spin-time 3",
     )(exec_command)
     app.command("shell", epilog="Example: kubectl robotapp shell teleop driver")(shell_command)
+    app.command(
+        "open", epilog="Examples: kubectl robotapp open teleop; kubectl robotapp open patrol map --robot amr-07"
+    )(open_command)
     app.command("restart", epilog="Examples: kubectl robotapp restart teleop; kubectl robotapp restart teleop driver")(
         restart_command
     )
@@ -99,6 +103,26 @@ def shell_command(
     """Open a shell in a component's container with the environment its own program has, so that ros2 topic list works."""
     options = Options(namespace=namespace, context=context, kubeconfig=kubeconfig)
     enter_container(options, Selection(name, component, robot), container=container, command=[])
+
+
+def open_command(
+    name: Name,
+    component: OptionalComponent = None,
+    *,
+    link: Annotated[
+        str | None, typer.Option("--link", help="One of the component's links.", callback=object_name)
+    ] = None,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
+    robot: Robot = None,
+    namespace: Namespace = None,
+    context: Context = None,
+    kubeconfig: Kubeconfig = None,
+) -> None:
+    """Open a link of a component, or its port, in the browser through kubectl port-forward, until Ctrl-C."""
+    run(
+        Options(namespace=namespace, context=context, kubeconfig=kubeconfig),
+        lambda session: open_component(session, Selection(name, component, robot), link, browser=browser),
+    )
 
 
 def restart_command(

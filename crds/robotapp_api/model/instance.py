@@ -104,6 +104,17 @@ class Move(Observed):
     """Times of its latest moves."""
 
 
+class InstanceLink(Observed):
+    """An address for people."""
+
+    component: ShortText
+    """Component that serves it."""
+    name: ShortText
+    """Name of the link in the component's service."""
+    url: Annotated[str, StringConstraints(max_length=1024)]
+    """Address for a browser; of a Service of type ClusterIP one that only pods of the cluster reach."""
+
+
 class InstanceSummary(Observed):
     """Values combined for the columns of kubectl get."""
 
@@ -136,6 +147,8 @@ class InstanceStatus(Observed):
     """Components, worst first."""
     helpers: Annotated[tuple[HelperStatus, ...], ListMap("name"), Field(max_length=4)] = ()
     """Pods that the operator added: discovery servers, router or master."""
+    links: Annotated[tuple[InstanceLink, ...], ListMap("component", "name"), Field(max_length=32)] = ()
+    """Addresses of `service.links` of the components."""
     edges: Annotated[tuple[EdgeStatus, ...], Field(max_length=64)] = ()
     """Edges, worst first."""
     edges_omitted: Count = 0

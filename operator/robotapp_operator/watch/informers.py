@@ -127,6 +127,8 @@ class Informers:
         item = self._child(self._cache.services, change)
         if item is not None:
             self._children(item)
+            if label(item, Label.COMPONENT):  # its load balancer may have an address now
+                self._status(item)
 
     def _replica_set(self, change: Change) -> None:
         item: ReplicaSet = change.new or change.old

@@ -27,8 +27,9 @@ from robotapp_operator.plan.moves.move_record import NO_MOVES, SHOWN_MOVES, pars
 from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.render.services import DISCOVERY
-from robotapp_operator.plan.spec.desired import App, Domain
+from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
+from robotapp_operator.plan.spec.links import LinkView, list_links
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
 from robotapp_operator.plan.status.components import HelperView, component_view, cut_off, helper_part, unregistered
@@ -184,7 +185,6 @@ def instance_facts(
     having = _having(devices, cache)
     wanted = sum(claims_wanted(component.devices) for component in app.spec.components)
     placed = {view.name: view.node for view in views if view.node}
-    robot = cache.nodes.get(instance.node)
     return InstanceFacts(
         instance=instance,
         components=tuple(views),
@@ -199,7 +199,7 @@ def instance_facts(
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
         trouble=trouble,
         held=held,
-        robot_online=not instance.missing and (robot is None or robot.ready),
+        robot_online=not instance.missing and cache.nodes.is_online(instance.node),
         grace=_grace(app, cache.nodes.lost(instance.node), now_s=now_s),
         offline_since=_since(cache.nodes.lost(instance.node)),
         lost=_lost_devices(devices, pods, owned, cache) if devices else (),
@@ -209,8 +209,21 @@ def instance_facts(
         present=tuple(sorted(name_of(claim) for claim in devices if is_there(claim, cache.telemetry))),
         infrastructure_ready=_infrastructure_ready(owned),
         helpers=tuple(_view_helpers(owned, pods, cache, barred)),
+        links=_links(app, instance, placed, cache),
         cut_off=_cut_off(owned, pods),
     )
+
+
+def _links(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache) -> tuple[LinkView, ...]:
+    """Returns the addresses of the components' Services. `placed`: components and their nodes."""
+    if not any(component.service and component.service.links for component in app.spec.components):
+        return ()
+    services = {
+        service.metadata.name: service
+        for service in cache.services.of_instance(app.uid, instance.robot).values()
+        if service.metadata.controller_uid == app.uid
+    }
+    return list_links(desired_of(app, instance.robot), services, placed, cache.nodes.find_address)
 
 
 def _grace(app: App, lost: Lost | None, *, now_s: float) -> Grace | None:

@@ -68,6 +68,16 @@ class Nodes(MutableMapping[str, Node]):
         """Since when the node is not Ready; None for one that is, or that does not exist."""
         return self._lost.get(name)
 
+    def is_online(self, name: str) -> bool:
+        """Returns whether the node is Ready; True for one that does not exist."""
+        node = self._nodes.get(name)
+        return node is None or node.ready
+
+    def find_address(self, name: str) -> str:
+        """Returns where people reach the node; "" for a node without an address, or that does not exist."""
+        node = self._nodes.get(name)
+        return node.address if node else ""
+
     @property
     def robots(self) -> set[str]:
         """Robots that have a node."""

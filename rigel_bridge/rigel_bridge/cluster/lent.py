@@ -34,6 +34,9 @@ def _uses_of(component: Mapping[str, Any]) -> Iterator[str]:
             yield f"{label} {pod[name]}"
     for secret in map(_object, _list(pod.get("imagePullSecrets"))):
         yield f"pull Secret {secret.get('name', '')}"
+    service = _object(component.get("service"))
+    if _object(service.get("spec")).get("type", "ClusterIP") != "ClusterIP":
+        yield f"Service of type {_object(service['spec'])['type']}"
     for container in (component, *map(_object, _list(pod.get("initContainers")))):
         if container.get("image"):
             yield f"image {container['image']}"

@@ -105,6 +105,15 @@ def _full_component() -> dict[str, Any]:
         ],
         requires=[{"type": "gpu", "model": "nvidia", "interface": "pcie"}],
         sharedData={"with": ["mapper"], "peerPods": ["foreign"], "claimNames": ["map-pvc"]},
+        service={
+            "metadata": {"labels": {"team": "a"}, "annotations": {"example.com/a": "b"}},
+            "spec": {
+                "type": "LoadBalancer", "externalTrafficPolicy": "Local", "loadBalancerClass": "example.com/internal",
+                "loadBalancerSourceRanges": ["10.0.0.0/8"],
+                "ports": [{"name": "ui", "port": 80, "protocol": "TCP", "targetPort": 8080, "nodePort": 30080, "appProtocol": "http"}],
+            },
+            "links": [{"name": "ui", "port": "ui", "scheme": "http", "path": "/"}],
+        },
         ready={"topic": {"name": "/odom", "minRate": 20}},
         colocateWith=["mapper"], separateFrom=["logger"], replicas=1, onDisconnect="Failover",
     )  # fmt: skip

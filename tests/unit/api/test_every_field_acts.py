@@ -99,6 +99,16 @@ READERS: Final[Mapping[str, str]] = {
         spec.components.template.spec.tolerations spec.components.runsOn spec.components.onDisconnect
         spec.components.requires.type spec.components.requires.model spec.components.requires.interface""",
     f"{PLAN}/render/deployments.py": "spec.components.replicas",
+    f"{PLAN}/render/services.py": """
+        spec.components.service.metadata.labels spec.components.service.metadata.annotations spec.components.service.spec.type
+        spec.components.service.spec.ports.name spec.components.service.spec.ports.port
+        spec.components.service.spec.ports.protocol spec.components.service.spec.ports.targetPort
+        spec.components.service.spec.ports.nodePort spec.components.service.spec.ports.appProtocol
+        spec.components.service.spec.externalTrafficPolicy spec.components.service.spec.loadBalancerClass
+        spec.components.service.spec.loadBalancerSourceRanges""",
+    f"{PLAN}/spec/links.py": """
+        spec.components.service.links.name spec.components.service.links.port spec.components.service.links.scheme
+        spec.components.service.links.path""",
     f"{PLAN}/status/latency.py": "spec.edges.latency.percentile",
     f"{PLAN}/status/device_conflicts.py": "spec.components.devices.name",
     f"{PLAN}/moves/device_moves.py": "spec.components.devices.onLoss",
@@ -155,7 +165,7 @@ OBSERVED: Final[Mapping[str, str]] = {
         instance.components.name instance.components.node instance.components.ready instance.components.restarts
         instance.components.message
         instance.helpers.name instance.helpers.node instance.helpers.ready instance.helpers.restarts instance.helpers.image
-        instance.helpers.message
+        instance.helpers.message instance.links.component instance.links.name instance.links.url
         instance.edges.kind instance.edges.topic instance.edges.from instance.edges.to instance.edges.budget
         instance.edges.p95 instance.edges.measured instance.edges.nodes instance.edgesOmitted
         instance.claims instance.moves.component instance.moves.times""",

@@ -10,6 +10,7 @@ from pydantic import Field
 from robotapp_api.model.app.device import Device, Requirement
 from robotapp_api.model.app.edge import Durability, Liveliness, Reliability
 from robotapp_api.model.app.parameters import ParameterFiles
+from robotapp_api.model.app.service import ComponentService
 from robotapp_api.model.app.template import Template
 from robotapp_api.model.base import Model
 from robotapp_api.model.markers import Core, ListMap, ListSet, Rule
@@ -155,6 +156,8 @@ class Component(Model):
     configMapKeyRef hold rolls the pod."""
     template: Template = Field(default_factory=Template)
     """Everything else of the pod."""
+    service: ComponentService | None = None
+    """A Service of its own, for other programs, dashboards and people."""
     runs_on: Annotated[
         tuple[Tier, ...],
         Field(max_length=3),

@@ -13,7 +13,7 @@ from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.deployments import component_deployments
 from robotapp_operator.plan.render.infrastructure import infrastructure
 from robotapp_operator.plan.render.parameters import ParameterState
-from robotapp_operator.plan.render.services import peers_service
+from robotapp_operator.plan.render.services import component_services, peers_service
 from robotapp_operator.plan.spec.covers import covers
 from robotapp_operator.plan.spec.desired import App, Desired, Domain
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Service, pod_annotations, pod_spec
@@ -59,6 +59,7 @@ def wanted_children(
     children = infrastructure(desired, running=running)
     if desired.app.ros_version == 2 and desired.discovery == "Peers":
         children.append(peers_service(desired))
+    children += component_services(desired)
     return [*children, *component_deployments(desired, domain=domain, parameters=parameters, running=running)]
 
 

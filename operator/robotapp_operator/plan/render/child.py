@@ -15,7 +15,10 @@ _API_VERSIONS: Final = {DEPLOYMENT: "apps/v1", SERVICE: "v1"}
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Child:
-    """A wanted object, not to be changed. `hash` covers labels and spec; it is written as an annotation and compared before any write."""
+    """A wanted object, not to be changed.
+
+    `hash` covers labels, annotations and spec; it is written as an annotation and compared before any write.
+    """
 
     ref: ChildRef
     labels: dict[str, str]
@@ -24,7 +27,8 @@ class Child:
     hash: str = dataclasses.field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "hash", content_hash([self.labels, self.spec]))
+        content = [self.labels, self.spec, *([self.annotations] if self.annotations else [])]
+        object.__setattr__(self, "hash", content_hash(content))
 
     @property
     def component(self) -> str:

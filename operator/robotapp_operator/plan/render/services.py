@@ -1,8 +1,16 @@
-"""Services of an instance: names for its components or discovery servers, stable addresses of its other infrastructure."""
+"""Services of an instance: names for components and discovery servers, addresses of other infrastructure, and what components ask for."""
 
 from typing import Any, Final
 
-from robotapp_operator.plan.render.child import SERVICE, Child, instance_labels, role_labels, selector
+from robotapp_api.model.app.service import ComponentService, ServicePort
+from robotapp_operator.plan.render.child import (
+    SERVICE,
+    Child,
+    component_labels,
+    instance_labels,
+    role_labels,
+    selector,
+)
 from robotapp_operator.plan.spec.desired import Desired
 from robotapp_operator.plan.spec.objects import ChildRef
 
@@ -43,3 +51,45 @@ def role_service(
 
 def _service(name: str, labels: dict[str, str], pods: dict[str, str], spec: dict[str, Any]) -> Child:
     return Child(ref=ChildRef(SERVICE, name), labels=labels, spec={"selector": pods, **spec})
+
+
+def component_services(desired: Desired) -> list[Child]:
+    """Services that the components ask for themselves. A suspended app keeps them, and with them their addresses."""
+    return [
+        _component_service(desired, component.name, component.service)
+        for component in desired.app.spec.components
+        if component.service is not None
+    ]
+
+
+def _component_service(desired: Desired, component: str, service: ComponentService) -> Child:
+    labels = component_labels(desired, component)
+    wanted = service.spec
+    spec = {
+        "type": wanted.type,
+        "selector": selector(labels),
+        "ports": [_service_port(port) for port in wanted.ports],
+        **_written(externalTrafficPolicy=wanted.external_traffic_policy, loadBalancerClass=wanted.load_balancer_class),
+        **({"loadBalancerSourceRanges": list(ranges)} if (ranges := wanted.load_balancer_source_ranges) else {}),
+    }
+    return Child(
+        ref=ChildRef(SERVICE, desired.name_of(component)),
+        labels=service.metadata.labels | labels,
+        annotations=service.metadata.annotations,
+        spec=spec,
+    )
+
+
+def _service_port(port: ServicePort) -> dict[str, Any]:
+    """The target is always written: without it a change of the port alone would leave the API server's copy of the old one."""
+    return {
+        "name": port.name,
+        "port": port.port,
+        "protocol": port.protocol,
+        "targetPort": port.target_port or port.port,
+        **_written(nodePort=port.node_port, appProtocol=port.app_protocol),
+    }
+
+
+def _written(**fields: object) -> dict[str, Any]:
+    return {key: value for key, value in fields.items() if value is not None}

@@ -108,8 +108,37 @@ def _mapping(value: object) -> Mapping[str, Any]:
     return value if isinstance(value, Mapping) else {}
 
 
+class Ingress(Struct):
+    """An address at which a load balancer serves."""
+
+    ip: str = ""
+    hostname: str = ""
+
+
+class LoadBalancerStatus(Struct):
+    ingress: list[Ingress] = []
+
+
+class ServiceStatus(Struct):
+    load_balancer: LoadBalancerStatus = msgspec.field(default_factory=LoadBalancerStatus)
+
+
+class GivenPort(Struct):
+    """A port of a Service as the API server stores it."""
+
+    name: str = ""
+    node_port: int = 0
+
+
 class Service(Spec):
     """A Service of an app."""
+
+    status: ServiceStatus = msgspec.field(default_factory=ServiceStatus)
+
+    @property
+    def ports(self) -> list[GivenPort]:
+        """Its ports with what the cluster has chosen."""
+        return msgspec.convert(self.spec.get("ports") or [], list[GivenPort])
 
 
 class ReplicaSet(Struct):
@@ -191,8 +220,14 @@ class NodeSpec(Struct):
     taints: list[Taint] = []
 
 
+class NodeAddress(Struct):
+    type: str = ""
+    address: str = ""
+
+
 class NodeStatus(Struct):
     conditions: list[ObjectCondition] = []
+    addresses: list[NodeAddress] = []
 
 
 class Node(Struct):
@@ -208,6 +243,12 @@ class Node(Struct):
     @property
     def ready(self) -> bool:
         return any(c.type == "Ready" and c.status == "True" for c in self.status.conditions)
+
+    @property
+    def address(self) -> str:
+        """Where people reach the node, the external address first; "" for none."""
+        addresses = {entry.type: entry.address for entry in self.status.addresses}
+        return addresses.get("ExternalIP") or addresses.get("InternalIP") or ""
 
     @property
     def readiness_since(self) -> str | None:

@@ -7,6 +7,7 @@ from robotapp_api.model.names import Reason
 from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.links import LinkView
 from robotapp_operator.plan.spec.validate import Problem
 from robotapp_operator.plan.status.components import ComponentView, HelperView
 from robotapp_operator.plan.status.device_loss import LostDevice
@@ -63,6 +64,8 @@ class InstanceFacts:
     """Why a component whose device is lost is not moved to another one."""
     present: tuple[str, ...] = ()
     """Devices it holds that their nodes' agents report as present: `device can0 on amr-07`."""
+    links: tuple[LinkView, ...] = ()
+    """Addresses of `service.links`."""
     cut_off: tuple[str, ...] = ()
     """Pods that know no discovery server any more and must restart."""
 

@@ -24,7 +24,18 @@ from robotapp_operator.plan.status.status import (
 MAX_EDGES: Final = 64
 MAX_CLAIMS: Final = 64
 MAX_HELPERS: Final = 4
-OURS: Final = ("phase", "conditions", "summary", "domain", "components", "helpers", "edges", "edgesOmitted", "claims")
+OURS: Final = (
+    "phase",
+    "conditions",
+    "summary",
+    "domain",
+    "components",
+    "helpers",
+    "links",
+    "edges",
+    "edgesOmitted",
+    "claims",
+)
 """What the operator writes, and `moves` once there is one."""
 
 
@@ -58,6 +69,7 @@ def render_instance(facts: AppFacts) -> dict[str, Any]:
         **written(
             helpers=[_render_helper(helper) for helper in instance.helpers[:MAX_HELPERS]],
             domain=instance.domain,
+            links=[link._asdict() for link in instance.links],
             claims=list(instance.claims[:MAX_CLAIMS]),
             moves=[{"component": name, "times": list(times)} for name, times in instance.moves],
         ),

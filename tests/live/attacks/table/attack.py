@@ -29,6 +29,7 @@ class Stop(Enum):
     RBAC = ("RBAC", r"cannot (create|update|patch) resource")
     ESCALATION = ("RBAC's escalation check", r"attempting to grant RBAC permissions not currently held")
     REFERENCES = ("policy `robotapp-references`", r"needs the right to create pods in namespace")
+    SERVICES = ("policy `robotapp-services`", r"needs the right to create services in namespace")
     TEMPLATE = ("rule in the CRD", r"cannot be set in the template")
     RULE = ("rule in the CRD", r"is invalid|Invalid value|Forbidden:")
     SCHEMA = ("no such field: refused in strict mode, else dropped", r"unknown field|field not declared in schema")

@@ -30,9 +30,25 @@ _OTHER: Final = {"name": "other", "image": "ros:humble"}
 _TOKEN: Final = {"serviceAccountToken": {"path": "token"}}
 _CERTIFICATE: Final = {"podCertificate": {"signerName": "example.com/s", "keyType": "ED25519", "keyPath": "key"}}
 _GMSA: Final = {"windowsOptions": {"gmsaCredentialSpecName": "deployer"}}
+_PORTS: Final = [{"name": "http", "port": 80}]
 _WITH_SECRET: Final = app(env=_FROM_SECRET)
 _WITH_ACCOUNT: Final = templated(serviceAccountName="deployer")
 
+
+def _exposure(key: str, text: str, service: Json) -> Attack:
+    """A component's Service that others than pods of the cluster obey or reach."""
+    return Attack(key, text, "clerk", kinds.ROBOTAPP, app(), {f"{_C}.service": service}, Stop.SERVICES)
+
+
+SERVICES: Final = (
+    _exposure("node-port", "open a port on all nodes", {"spec": {"type": "NodePort", "ports": _PORTS}}),
+    _exposure("load-balancer", "open a port at the load balancer", {"spec": {"type": "LoadBalancer", "ports": _PORTS}}),
+    _exposure(
+        "annotated-service",
+        "have another program give the component a public name",
+        {"metadata": {"annotations": {"example.com/hostname": "bank.example.com"}}, "spec": {"ports": _PORTS}},
+    ),
+)
 REFERENCES: Final = (
     _reference("account", "name a ServiceAccount", {f"{_POD}.serviceAccountName": "deployer"}),
     _reference("secret-env", "take an environment variable from a Secret", {f"{_C}.env": _FROM_SECRET}),
@@ -481,4 +497,4 @@ REVISIONS: Final = (
     ),
 )
 
-ESCALATIONS: Final = (*REFERENCES, *FIELDS, *RIGHTS, *REVISIONS)
+ESCALATIONS: Final = (*REFERENCES, *SERVICES, *FIELDS, *RIGHTS, *REVISIONS)

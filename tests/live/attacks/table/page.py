@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from tests.live.attacks.table.attack import Attack
-from tests.live.attacks.table.escalations import FIELDS, REFERENCES, REVISIONS, RIGHTS
+from tests.live.attacks.table.escalations import FIELDS, REFERENCES, REVISIONS, RIGHTS, SERVICES
 from tests.live.attacks.table.grants import OBJECTS, PODS, SPECS
 from tests.live.attacks.table.stolen_agents import AGENT, LABELLER
 
@@ -20,6 +20,7 @@ _WHO: Final = {
 }
 _SECTIONS: Final[Mapping[str, Sequence[Attack]]] = {
     "A RobotApp lends its writer an account, a Secret, a token or a priority": REFERENCES,
+    "A RobotApp opens a port to the outside": SERVICES,
     "A RobotApp wants more than a component may have": FIELDS,
     "Somebody wants rights, or objects that are not his": RIGHTS,
     "A writer of RobotApps reaches the history of other workloads": REVISIONS,

@@ -26,6 +26,11 @@ def _pod(**fields: Any) -> Object:
     return app(components=[component(template={"spec": fields})])
 
 
+def _service(*, links: tuple[Object, ...] = (), port: Object | None = None, **spec: Any) -> Object:
+    service = {"spec": {"ports": [{"name": "ui", "port": 80, **(port or {})}], **spec}, "links": list(links)}
+    return app(components=[component(service=service)])
+
+
 def _files(*files: Object) -> Object:
     return app(components=[component(parameters=list(files))])
 
@@ -120,6 +125,30 @@ COMPONENT = [
         _metadata(labels={"helm.sh/chart": "fleet"}),
         _metadata(labels={"app.kubernetes.io/name": "driver"}),
         "app.kubernetes.io/name: keys of robotics.io and app.kubernetes.io/ belong to the operator; write a key of your own, for example example.com/team",
+    ),
+    RuleCase(
+        "a port on nodes",
+        _service(type="NodePort", port={"nodePort": 30080}),
+        _service(port={"nodePort": 30080}),
+        "nodePort needs a port on every node; write type: NodePort, or leave nodePort out",
+    ),
+    RuleCase(
+        "fields of a load balancer",
+        _service(type="LoadBalancer", loadBalancerSourceRanges=["10.0.0.0/8"]),
+        _service(type="NodePort", loadBalancerSourceRanges=["10.0.0.0/8"]),
+        "loadBalancerClass and loadBalancerSourceRanges need type: LoadBalancer; write that type, or leave them out",
+    ),
+    RuleCase(
+        "traffic from outside",
+        _service(type="NodePort", externalTrafficPolicy="Local"),
+        _service(externalTrafficPolicy="Local"),
+        "externalTrafficPolicy needs type: NodePort or LoadBalancer; write one of them, or leave it out",
+    ),
+    RuleCase(
+        "a link's port is one of the Service",
+        _service(links=({"name": "map", "port": "ui", "path": "/map?zoom=2"},)),
+        _service(links=({"name": "map", "port": "http"},)),
+        "link map names the port http, which service.spec.ports does not have; write the name of one of its ports",
     ),
     _refused("nodeName", "amr-07", "write nodeSelector, or robots and runsOn of the component", good=""),
     _refused("schedulerName", "other", "write spec.schedulerName, which is for all components", good=""),

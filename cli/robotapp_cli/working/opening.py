@@ -1,0 +1,150 @@
+"""`open`: a component's web page in the user's browser, through kubectl port-forward, wherever the cluster is."""
+
+import asyncio
+import contextlib
+import re
+import sys
+import webbrowser
+from dataclasses import dataclass
+from typing import Final
+
+from robotapp_cli.failures import CliError, Exit
+from robotapp_cli.output import print_line
+from robotapp_cli.reading.fields import Json
+from robotapp_cli.reading.pods import MOST_LISTED, AppPod, Selection, explain_no_pods, fetch_app, list_pods
+from robotapp_cli.reading.session import Session
+
+_PATIENCE_S: Final = 10.0
+_LISTENING: Final = re.compile(r"127\.0\.0\.1:(\d+)")
+_FOXGLOVE: Final = {"foxglove": "foxglove-websocket", "rosbridge": "rosbridge-websocket"}
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What is opened: a port of a component's container, and how its address is written."""
+
+    component: str
+    link: str
+    port: int | str
+    """Number of the container's port, or its name."""
+    scheme: str = "http"
+    path: str = ""
+
+
+async def open_component(session: Session, selection: Selection, link: str | None, *, browser: bool) -> None:
+    """Forwards the port and opens its address, until Ctrl-C. Raises CliError when it is not clear what is meant."""
+    app = await fetch_app(session, selection)
+    target = choose_target(list_targets(app), selection, link)
+    pods = await list_pods(session, app, Selection(selection.app, target.component, selection.robot))
+    running_pods = [pod for pod in pods if pod.is_running]
+    if not running_pods:
+        raise explain_no_pods(app, selection)
+    if len({pod.robot for pod in running_pods}) > 1:
+        robots = ", ".join(list(dict.fromkeys(pod.robot for pod in running_pods))[:MOST_LISTED])
+        raise CliError(f"{selection.app} runs on several robots ({robots}); name one with --robot", code=Exit.USAGE)
+    await _forward(session, running_pods[0], target, browser=browser)
+
+
+def list_targets(app: Json) -> list[Target]:
+    """Returns what the app's components offer: their links, else the TCP ports that their containers name."""
+    targets: list[Target] = []
+    for component in app["spec"]["components"]:
+        name = str(component["name"])
+        service = component.get("service") or {}
+        ports = {port["name"]: port for port in (service.get("spec") or {}).get("ports") or ()}
+        for link in service.get("links") or ():
+            port = ports[link["port"]]
+            number = port.get("targetPort") or port["port"]
+            targets.append(Target(name, link["name"], number, link.get("scheme", "http"), link.get("path", "")))
+        if not service.get("links"):
+            open_ports = [port for port in component.get("ports") or () if port.get("protocol", "TCP") == "TCP"]
+            targets += [Target(name, port.get("name", ""), port["containerPort"]) for port in open_ports]
+    return targets
+
+
+def choose_target(targets: list[Target], selection: Selection, link: str | None) -> Target:
+    """Returns the one target that is meant. Raises CliError with what there is."""
+    matching_targets = [
+        target for target in targets if selection.component in (None, target.component) and link in (None, target.link)
+    ]
+    if len(matching_targets) == 1:
+        return matching_targets[0]
+    if not targets:
+        raise CliError(
+            f"{selection.app} offers nothing to open: give a component service.links, or ports (docs/how-to/reach-a-component.md)",
+            code=Exit.NOT_FOUND,
+        )
+    offered = ", ".join(
+        " --link ".join(filter(None, (target.component, target.link))) for target in targets[:MOST_LISTED]
+    )
+    text = "offers several addresses" if matching_targets else "offers no such address"
+    raise CliError(f"{selection.app} {text}; open one of: {offered}", code=Exit.USAGE)
+
+
+def write_local_url(target: Target, port: int) -> str:
+    """Returns the address on this machine as a browser opens it."""
+    address = f"127.0.0.1:{port}"
+    if source := _FOXGLOVE.get(target.scheme):
+        return f"https://app.foxglove.dev/?ds={source}&ds.url=ws://{address}{target.path}"
+    return f"{target.scheme}://{address}{target.path}"
+
+
+def find_container_port(pod: AppPod, target: Target) -> int:
+    """Returns the number of the port. Raises CliError for a name that the container's ports do not have."""
+    if isinstance(target.port, int):
+        return target.port
+    ports = [port for container in pod.obj["spec"]["containers"] for port in container.get("ports") or ()]
+    number = next((port["containerPort"] for port in ports if port.get("name") == target.port), None)
+    if number is None:
+        raise CliError(
+            f"component {target.component} has no port named {target.port}; name it in ports", code=Exit.NOT_FOUND
+        )
+    return int(number)
+
+
+async def _forward(session: Session, pod: AppPod, target: Target, *, browser: bool) -> None:
+    """Runs kubectl port-forward until it ends or is interrupted. Raises CliError when it cannot begin."""
+    number = find_container_port(pod, target)
+    options = session.options
+    command = ["kubectl", "port-forward", f"--namespace={session.home}", f"pod/{pod.name}", f":{number}"]
+    command += [f"--context={options.context}"] if options.context else []
+    command += [f"--kubeconfig={options.kubeconfig}"] if options.kubeconfig else []
+    pipe = asyncio.subprocess.PIPE
+    try:
+        process = await asyncio.create_subprocess_exec(
+            *command, stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe
+        )
+    except OSError as error:
+        raise CliError(
+            f"kubectl cannot be started: {error.strerror}; open needs it on the PATH", code=Exit.USAGE
+        ) from error
+    try:
+        local_port = await _read_port(process)
+        if local_port is None:
+            process.kill()
+            _, complaint = await process.communicate()
+            text = complaint.decode(errors="replace").strip().rpartition("\n")[2] or "no answer"
+            raise CliError(f"kubectl port-forward to pod {pod.name} failed: {text}")
+        url = write_local_url(target, local_port)
+        print_line(f"{pod.title}: {url}   (Ctrl-C ends it)")
+        sys.stdout.flush()
+        if browser and target.scheme not in ("ws", "wss"):
+            webbrowser.open(url)
+        await process.wait()
+        raise CliError(
+            f"the connection to pod {pod.name} has ended: the pod, or kubectl, is gone; run the command again"
+        )
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            process.terminate()
+
+
+async def _read_port(process: asyncio.subprocess.Process) -> int | None:
+    """Returns the port on this machine; None when kubectl names none in time."""
+    assert process.stdout is not None  # noqa: S101 - asked for with a pipe
+    try:
+        line = (await asyncio.wait_for(process.stdout.readline(), _PATIENCE_S)).decode()
+    except TimeoutError:
+        return None
+    match = _LISTENING.search(line)
+    return int(match[1]) if match else None

@@ -1,0 +1,62 @@
+"""`open`: what is meant, and its address."""
+
+from typing import Any
+
+import pytest
+from tests.unit.cli.running import pod, robotapp
+
+from robotapp_cli.failures import CliError
+from robotapp_cli.reading.pods import AppPod, Selection
+from robotapp_cli.working.opening import Target, choose_target, find_container_port, list_targets, write_local_url
+
+TELEOP = Selection("teleop")
+
+
+def app_with(**fields: Any) -> dict[str, Any]:
+    components = [{"name": "driver", "image": "i"}, {"name": "panel", "image": "i", **fields}]
+    return robotapp(components=components)
+
+
+def service(*links: dict[str, Any], **port: Any) -> dict[str, Any]:
+    return {"spec": {"ports": [{"name": "ws", "port": 80, **port}]}, "links": list(links)}
+
+
+def test_the_only_link_is_opened_without_its_name() -> None:
+    targets = list_targets(
+        app_with(service=service({"name": "view", "port": "ws", "scheme": "foxglove"}, targetPort=8765))
+    )
+    assert choose_target(targets, TELEOP, None) == Target("panel", "view", 8765, "foxglove")
+
+
+def test_a_component_without_links_is_opened_by_its_tcp_port() -> None:
+    ports = [{"containerPort": 8080, "name": "http"}, {"containerPort": 7400, "protocol": "UDP"}]
+    assert choose_target(list_targets(app_with(ports=ports)), TELEOP, None) == Target("panel", "http", 8080)
+
+
+def test_several_links_are_a_question_with_its_answers() -> None:
+    links = ({"name": "map", "port": "ws"}, {"name": "view", "port": "ws", "path": "/v"})
+    targets = list_targets(app_with(service=service(*links)))
+    with pytest.raises(CliError, match="offers several addresses; open one of: panel --link map, panel --link view"):
+        choose_target(targets, TELEOP, None)
+    assert choose_target(targets, TELEOP, "view").path == "/v"
+    with pytest.raises(CliError, match="offers no such address"):
+        choose_target(targets, Selection("teleop", "driver"), None)
+
+
+def test_an_app_that_offers_nothing_is_answered_with_what_to_write() -> None:
+    with pytest.raises(CliError, match=r"give a component service\.links, or ports"):
+        choose_target(list_targets(app_with()), TELEOP, None)
+
+
+def test_addresses_are_those_that_a_browser_opens() -> None:
+    assert write_local_url(Target("a", "b", 80, "https", "/vnc.html"), 4000) == "https://127.0.0.1:4000/vnc.html"
+    foxglove = write_local_url(Target("a", "b", 80, "foxglove"), 4000)
+    assert foxglove == "https://app.foxglove.dev/?ds=foxglove-websocket&ds.url=ws://127.0.0.1:4000"
+
+
+def test_a_port_is_found_by_its_name_in_the_pod() -> None:
+    app_pod = AppPod(pod("a", "panel"))
+    app_pod.obj["spec"]["containers"] = [{"name": "panel", "ports": [{"name": "http", "containerPort": 8080}]}]
+    assert find_container_port(app_pod, Target("panel", "view", "http")) == 8080
+    with pytest.raises(CliError, match="has no port named ws; name it in ports"):
+        find_container_port(app_pod, Target("panel", "view", "ws"))

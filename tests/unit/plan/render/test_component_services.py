@@ -1,0 +1,125 @@
+"""Services that components ask for, and the addresses that links stand for."""
+
+from typing import Any
+
+from tests.support.factories import component, make_app
+
+from robotapp_claims.rules.objects import OwnerReference
+from robotapp_operator.plan.diff.diff import wanted_children
+from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
+from robotapp_operator.plan.render.services import component_services
+from robotapp_operator.plan.spec.desired import App, Domain, desired_of
+from robotapp_operator.plan.spec.links import LinkView, list_links, write_url
+from robotapp_operator.plan.spec.objects import (
+    GivenPort,
+    Ingress,
+    LoadBalancerStatus,
+    Service,
+    ServiceStatus,
+    TenantMeta,
+)
+
+Json = dict[str, Any]
+HTTP = {"name": "http", "port": 80, "targetPort": 8080}
+
+
+def app_with(links: list[Json], *, ports: tuple[Json, ...] = (HTTP,), **spec: Any) -> App:
+    service = {"spec": {"ports": list(ports), **spec}, "links": links}
+    return make_app(component("operator"), component("map", service=service))
+
+
+def render(app: App, robot: str = "amr-07") -> Child:
+    (service,) = component_services(desired_of(app, robot))
+    return service
+
+
+def stored(app: App, *, ports: list[Json] | None = None, ingress: list[Ingress] | None = None) -> dict[str, Service]:
+    """The Service as the API server stores it."""
+    child = render(app)
+    labels = {"robotics.io/app-uid": app.uid}
+    owner = OwnerReference(kind="RobotApp", name=app.name, uid=app.uid, controller=True)
+    metadata = TenantMeta(name=child.ref.name, namespace="default", labels=labels, owner_references=(owner,))
+    status = ServiceStatus(LoadBalancerStatus(ingress or []))
+    given = {"ports": ports or child.spec["ports"]}
+    service = Service(metadata=metadata, given=given, status=status)  # type: ignore[arg-type]
+    return {child.ref.name: service}
+
+
+def links_of(app: App, *, node: str = "192.0.2.7", **given: Any) -> tuple[LinkView, ...]:
+    addresses = {"amr-07": node}
+    services = stored(app, **given)
+    return list_links(desired_of(app, "amr-07"), services, {"map": "amr-07"}, lambda name: addresses.get(name, ""))
+
+
+def test_a_service_selects_the_components_pods_of_its_instance() -> None:
+    app = app_with([])
+    service = render(app)
+    children = wanted_children(desired_of(app, "amr-07"), domain=Domain(7), parameters={}, running=True)
+    assert service.ref in {child.ref for child in children}
+    pods = {
+        child.component: child.spec["template"]["metadata"]["labels"]
+        for child in children
+        if child.ref.kind == DEPLOYMENT and child.component
+    }
+    assert service.spec["selector"].items() <= pods["map"].items()
+    assert not service.spec["selector"].items() <= pods["operator"].items()
+    assert service.spec["ports"] == [{"name": "http", "port": 80, "protocol": "TCP", "targetPort": 8080}]
+
+
+def test_each_instance_has_a_name_of_its_own_that_stays() -> None:
+    app = app_with([])
+    assert render(app, "amr-07").ref.name != render(app, "amr-08").ref.name
+    assert render(app).ref == render(app_with([], type="NodePort")).ref
+
+
+def test_a_suspended_app_keeps_its_services() -> None:
+    desired = desired_of(app_with([]), "")
+    children = wanted_children(desired, domain=Domain(7), parameters={}, running=False)
+    assert [child.component for child in children if child.ref.kind == SERVICE and child.component] == ["map"]
+
+
+def test_an_app_without_services_has_the_children_it_had() -> None:
+    assert component_services(desired_of(make_app(), "amr-07")) == []
+
+
+def test_annotations_are_part_of_what_is_compared() -> None:
+    def annotated(value: str) -> Child:
+        service = {"metadata": {"annotations": {"example.com/pool": value}}, "spec": {"ports": [HTTP]}}
+        return render(make_app(component("map", service=service)))
+
+    assert annotated("a").annotations == {"example.com/pool": "a"}
+    assert annotated("a").hash != annotated("b").hash
+
+
+def test_a_link_of_the_cluster_has_the_services_name() -> None:
+    app = app_with([{"name": "ui", "port": "http", "path": "/vnc.html"}])
+    name = render(app).ref.name
+    assert links_of(app) == (LinkView("map", "ui", f"http://{name}.default.svc:80/vnc.html"),)
+
+
+def test_a_link_of_a_node_port_has_the_address_of_the_node_and_the_port_that_the_cluster_chose() -> None:
+    app = app_with([{"name": "ui", "port": "http"}], type="NodePort")
+    ports = [{"name": "http", "port": 80, "nodePort": 30080}]
+    assert links_of(app, ports=ports)[0].url == "http://192.0.2.7:30080"
+    assert links_of(app, ports=ports, node="2001:db8::7")[0].url == "http://[2001:db8::7]:30080"
+    assert links_of(app, ports=ports, node="") == (), "a component that waits for a node has no address"
+
+
+def test_a_link_of_a_load_balancer_waits_for_its_address() -> None:
+    app = app_with([{"name": "ui", "port": "http", "scheme": "https"}], type="LoadBalancer")
+    assert links_of(app) == ()
+    assert links_of(app, ingress=[Ingress(ip="203.0.113.9")])[0].url == "https://203.0.113.9:80"
+    assert links_of(app, ingress=[Ingress(hostname="lb.example.com")])[0].url == "https://lb.example.com:80"
+
+
+def test_foxglove_opens_in_the_browser_with_the_port_as_its_source() -> None:
+    address = "https://app.foxglove.dev/?ds=foxglove-websocket&ds.url=ws%3A%2F%2F192.0.2.7%3A8765"
+    assert write_url("foxglove", "192.0.2.7:8765", "") == address
+    assert "ds=rosbridge-websocket" in write_url("rosbridge", "192.0.2.7:9090", "")
+
+
+def test_the_ports_of_a_stored_service_are_read() -> None:
+    (service,) = stored(
+        app_with([]), ports=[{"name": "http", "port": 80, "nodePort": 30080, "protocol": "TCP"}]
+    ).values()
+    assert service.ports == [GivenPort(name="http", node_port=30080)]
