@@ -25,6 +25,16 @@ def resolve_mode(mode: str, rmw: str) -> str:
     return "Router" if rmw in ZENOH else "Multicast"
 
 
+def external_problem(mode: str) -> str:
+    """Why nobody outside of the cluster can join with this discovery mode, and what to write instead; "" when somebody can."""
+    if mode in ("Server", "Router"):
+        return ""
+    return (
+        f"discovery {mode} has no address that could be opened to the outside; use rmw_zenoh_cpp, whose router carries all data, or "
+        "rmw_fastrtps_cpp with discovery servers, or give a component that bridges to one port a service (docs/how-to/reach-a-component.md)"
+    )
+
+
 def mode_problem(*, mode: str, rmw: str, distro: str) -> str:
     """Why this middleware cannot use this discovery mode and what to write instead, "" when it can."""
     if mode == "Server" and rmw not in FAST_DDS:

@@ -36,8 +36,8 @@ def discovery_of(spec: RobotAppSpec) -> str:
         return ""
     mode = spec.ros2.discovery.mode if spec.ros2 else "Auto"
     rmw = rmw_of(spec)
-    shared = bool(spec.ros2 and spec.ros2.share_with)
+    has_others = bool(spec.ros2 and (spec.ros2.share_with or spec.ros2.external))
     pods = sum(component.replicas for component in spec.components)
-    if mode == "Auto" and pods == 1 and not shared and rmw not in ZENOH:
+    if mode == "Auto" and pods == 1 and not has_others and rmw not in ZENOH:
         return NONE
     return resolve_mode(mode, rmw)

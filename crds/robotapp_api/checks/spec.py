@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from robotapp_api.checks.components import component_notes, component_problems
 from robotapp_api.checks.discovery_variables import variable_notes
 from robotapp_api.checks.edges import edge_notes, edge_problems
-from robotapp_api.checks.middleware import FAST_DDS, KNOWN, mode_problem
+from robotapp_api.checks.middleware import FAST_DDS, KNOWN, external_problem, mode_problem
 from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
@@ -96,6 +96,8 @@ def _middleware_problems(spec: RobotAppSpec) -> Iterator[Problem]:
     wrong = mode_problem(mode=mode, rmw=rmw_of(spec), distro=spec.ros.distro)
     if wrong:
         yield invalid("spec.ros2.discovery.mode", wrong)
+    if spec.ros2 and spec.ros2.external and (reason := external_problem(mode)):
+        yield invalid("spec.ros2.external", reason)
     talking = [edge for edge in spec.edges if ROBOT_END not in (edge.from_, edge.to) and edge.from_ != edge.to]
     if mode == "Localhost" and talking:
         edge = talking[0]

@@ -127,7 +127,7 @@ class Informers:
         item = self._child(self._cache.services, change)
         if item is not None:
             self._children(item)
-            if label(item, Label.COMPONENT):  # its load balancer may have an address now
+            if change.old is not None and change.old.status != item.status:  # its load balancer has an address now
                 self._status(item)
 
     def _replica_set(self, change: Change) -> None:

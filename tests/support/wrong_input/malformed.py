@@ -58,7 +58,7 @@ def full_app() -> dict[str, Any]:
         },
         ros2={
             "domain": 7, "allowUnsafeDomain": False, "pool": "default", "isolation": "Domain", "rmw": "rmw_fastrtps_cpp",
-            "discovery": {"mode": "Auto", "image": "ros:jazzy", **_full_helper()}, "transport": "Auto",
+            "discovery": {"mode": "Auto", "image": "ros:jazzy", **_full_helper()}, "transport": "Auto", "external": {"expose": "NodePort"},
             "shareWith": [{"namespace": "team-b", "name": "other"}],
         },
         ros1={"master": "External", "uri": "http://master:11311", "image": "ros:noetic", **_full_helper()},

@@ -56,7 +56,7 @@ READERS: Final[Mapping[str, str]] = {
         spec.placement.reschedule.for spec.placement.reschedule.cooldown""",
     f"{PLAN}/spec/validate.py": "spec.ros2.isolation spec.ros2.allowUnsafeDomain",
     f"{PLAN}/render/ros1.py": "spec.ros1.uri",
-    f"{PLAN}/render/infrastructure.py": "spec.placement.masterNode",
+    f"{PLAN}/render/infrastructure.py": "spec.placement.masterNode spec.ros2.external.expose",
     f"{PLAN}/render/helper_pods.py": " ".join(
         f"{helper}.{field}"
         for helper in ("spec.ros1", "spec.ros2.discovery")

@@ -44,6 +44,14 @@ class SharedApp(Model):
     """Name of the other RobotApp."""
 
 
+class External(Model):
+    """How programs outside of the cluster join the app's domain."""
+
+    expose: Literal["NodePort", "LoadBalancer"]
+    """Where the discovery servers or the router are reached: at a port of every node, or at the cluster's load balancer. Takes the
+    right to create Services."""
+
+
 class Ros2(Model):
     """DDS domain, middleware and discovery of a ROS 2 app."""
 
@@ -73,6 +81,8 @@ class Ros2(Model):
     """ROS middleware implementation, such as rmw_cyclonedds_cpp; absent means the default of the distribution."""
     discovery: Discovery = Discovery()
     """How participants find each other."""
+    external: External | None = None
+    """Opens the discovery servers or the router to programs outside of the cluster, such as RViz on a laptop."""
     transport: Transport = "Auto"
     """Transport for data: UDP, SHM (shared memory between components on one node), or what the middleware chooses."""
     share_with: Annotated[tuple[SharedApp, ...], ListMap("namespace", "name"), Field(max_length=16)] = ()

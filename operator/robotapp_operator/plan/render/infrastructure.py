@@ -8,8 +8,9 @@ from robotapp_operator.plan.render.deployments import deployment_spec
 from robotapp_operator.plan.render.environment import DISCOVERY_SERVER_PORT, ZENOH_PORT
 from robotapp_operator.plan.render.helper_pods import render_helper
 from robotapp_operator.plan.render.ros1 import MASTER_PORT, own_address
-from robotapp_operator.plan.render.services import DISCOVERY, role_service, servers_service
+from robotapp_operator.plan.render.services import DISCOVERY, outside_service, role_service, servers_service
 from robotapp_operator.plan.spec.desired import MASTER, ROUTER, SERVERS, Desired
+from robotapp_operator.plan.spec.links import OUTSIDE
 from robotapp_operator.plan.spec.objects import ChildRef
 
 ROUTER_ROLE: Final = "router"
@@ -23,8 +24,38 @@ def infrastructure(desired: Desired, *, running: bool) -> list[Child]:
     if desired.app.ros_version == 1:
         return _master(desired, running=running) if desired.app.managed_master else []
     if desired.discovery == "Server":
-        return [*(_server(desired, index, running=running) for index in range(len(SERVERS))), servers_service(desired)]
-    return _router(desired, running=running) if desired.discovery == "Router" else []
+        servers = [_server(desired, index, running=running) for index in range(len(SERVERS))]
+        return [*servers, servers_service(desired), *_outside(desired)]
+    return [*_router(desired, running=running), *_outside(desired)] if desired.discovery == "Router" else []
+
+
+def _outside(desired: Desired) -> list[Child]:
+    """Returns a Service for each helper that programs outside of the cluster are to reach: one for each server, since a client
+    must reach both, and a Service for two would give it one of them.
+    """
+    external = desired.app.spec.ros2.external if desired.app.spec.ros2 else None
+    if external is None:
+        return []
+    return [
+        outside_service(
+            name=desired.name_of(f"{OUTSIDE}.{part}"),
+            labels=labels,
+            port=port,
+            protocol=protocol,
+            expose=external.expose,
+        )
+        for part, labels, port, protocol in _entrances(desired)
+    ]
+
+
+def _entrances(desired: Desired) -> list[tuple[str, dict[str, str], int, str]]:
+    """Returns name, labels, port and protocol of the helpers that participants talk to first."""
+    if desired.discovery == "Router":
+        return [(ROUTER_ROLE, role_labels(desired, ROUTER_ROLE), ZENOH_PORT, "TCP")]
+    return [
+        (host, role_labels(desired, DISCOVERY) | {Label.PART.value: str(index)}, DISCOVERY_SERVER_PORT, "UDP")
+        for index, host in enumerate(desired.server_hosts)
+    ]
 
 
 def _server(desired: Desired, index: int, *, running: bool) -> Child:

@@ -12,6 +12,7 @@ from robotapp_operator.plan.render.child import (
     selector,
 )
 from robotapp_operator.plan.spec.desired import Desired
+from robotapp_operator.plan.spec.links import OUTSIDE
 from robotapp_operator.plan.spec.objects import ChildRef
 
 DISCOVERY: Final = "discovery"
@@ -51,6 +52,12 @@ def role_service(
 
 def _service(name: str, labels: dict[str, str], pods: dict[str, str], spec: dict[str, Any]) -> Child:
     return Child(ref=ChildRef(SERVICE, name), labels=labels, spec={"selector": pods, **spec})
+
+
+def outside_service(*, name: str, labels: dict[str, str], port: int, protocol: str, expose: str) -> Child:
+    """Opens a discovery server or router to programs outside of the cluster, under a port of nodes or a load balancer."""
+    ports = [{"name": OUTSIDE, "port": port, "protocol": protocol, "targetPort": port}]
+    return _service(name, labels, selector(labels), {"type": expose, "ports": ports})
 
 
 def component_services(desired: Desired) -> list[Child]:

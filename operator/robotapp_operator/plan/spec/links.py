@@ -1,22 +1,25 @@
-"""Addresses for people: what `service.links` of the components stand for, as a browser opens it."""
+"""Addresses for people: what `service.links` and `ros2.external` stand for, as a browser or another program takes them."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final, NamedTuple
 from urllib.parse import quote
 
-from robotapp_api.model.app.service import ComponentService, Link, ServiceSpec
+from robotapp_api.model.app.service import ComponentService
+from robotapp_api.model.names import Label
 from robotapp_operator.plan.spec.desired import Desired
 from robotapp_operator.plan.spec.objects import Service
 
 MAX_LINKS: Final = 32
 """In the status of one instance."""
+OUTSIDE: Final = "outside"
+"""Name of the port, and of the link, of a discovery server or router that programs outside of the cluster reach."""
 FOXGLOVE: Final = "https://app.foxglove.dev/?ds={source}&ds.url={address}"
 SOURCES: Final = {"foxglove": "foxglove-websocket", "rosbridge": "rosbridge-websocket"}
 """Schemes that mean Foxglove in the browser → its name for the kind of server."""
 
 
 class LinkView(NamedTuple):
-    """A link of a component, with its address as far as the cluster has given it one."""
+    """A link of a component or helper, with its address as far as the cluster has given it one."""
 
     component: str
     name: str
@@ -29,7 +32,7 @@ def list_links(
     nodes: Mapping[str, str],
     address_of: Callable[[str], str],
 ) -> tuple[LinkView, ...]:
-    """Returns the links that have an address, in the order of the spec.
+    """Returns the links that have an address, in the order of the spec, and those of discovery servers or router.
 
     services: those there are, by name. nodes: where each component runs. address_of: a node's address, "" for none.
     A Service of type ClusterIP has an address for pods of the cluster only; one that waits for its load balancer has none.
@@ -40,6 +43,10 @@ def list_links(
         if component.service is not None and service is not None:
             node_address = address_of(nodes.get(component.name, ""))
             links += _links_of(component.name, component.service, service, node_address)
+    # A port of all nodes is shown at a node where a component runs: helpers may move.
+    any_address = next((address for node in nodes.values() if (address := address_of(node))), "")
+    helper_services = [services[name] for name in sorted(services) if services[name].metadata.labels.get(Label.ROLE)]
+    links += _outside_links(helper_services, any_address)
     return tuple(links[:MAX_LINKS])
 
 
@@ -54,17 +61,28 @@ def _links_of(
     component: str, component_service: ComponentService, service: Service, node_address: str
 ) -> Iterator[LinkView]:
     for link in component_service.links:
-        if address := _find_address(link, component_service.spec, service, node_address):
+        if address := _find_address(service, link.port, node_address):
             yield LinkView(component, link.name, write_url(link.scheme, address, link.path))
 
 
-def _find_address(link: Link, service_spec: ServiceSpec, service: Service, node_address: str) -> str:
-    """Returns host and port of the link; "" while the cluster has given it none."""
-    port = next(port for port in service_spec.ports if port.name == link.port)
-    match service_spec.type:
+def _outside_links(services: list[Service], node_address: str) -> Iterator[LinkView]:
+    for service in services:
+        labels = service.metadata.labels
+        part = "-".join(filter(None, (labels[Label.ROLE], labels.get(Label.PART))))
+        if any(port.name == OUTSIDE for port in service.ports) and (
+            address := _find_address(service, OUTSIDE, node_address)
+        ):
+            yield LinkView(part, OUTSIDE, address)
+
+
+def _find_address(service: Service, port_name: str, node_address: str) -> str:
+    """Returns host and port of a port of a Service as it is stored; "" while the cluster has given it no address."""
+    port = next((port for port in service.ports if port.name == port_name), None)
+    if port is None:  # of a spec that is not written yet
+        return ""
+    match service.type:
         case "NodePort":
-            number = next((given.node_port for given in service.ports if given.name == port.name), 0)
-            return f"{_bracket(node_address)}:{number}" if node_address and number else ""
+            return f"{_bracket(node_address)}:{port.node_port}" if node_address and port.node_port else ""
         case "LoadBalancer":
             hosts = (entry.ip or entry.hostname for entry in service.status.load_balancer.ingress)
             host = next((host for host in hosts if host), "")

@@ -127,6 +127,7 @@ class GivenPort(Struct):
     """A port of a Service as the API server stores it."""
 
     name: str = ""
+    port: int = 0
     node_port: int = 0
 
 
@@ -134,6 +135,11 @@ class Service(Spec):
     """A Service of an app."""
 
     status: ServiceStatus = msgspec.field(default_factory=ServiceStatus)
+
+    @property
+    def type(self) -> str:
+        """ClusterIP, NodePort or LoadBalancer."""
+        return str(self.spec.get("type") or "ClusterIP")
 
     @property
     def ports(self) -> list[GivenPort]:

@@ -48,6 +48,15 @@ SERVICES: Final = (
         "have another program give the component a public name",
         {"metadata": {"annotations": {"example.com/hostname": "bank.example.com"}}, "spec": {"ports": _PORTS}},
     ),
+    Attack(
+        "external",
+        "open discovery servers to the outside",
+        "clerk",
+        kinds.ROBOTAPP,
+        app(),
+        {"spec.ros2": {"external": {"expose": "NodePort"}}},
+        Stop.SERVICES,
+    ),
 )
 REFERENCES: Final = (
     _reference("account", "name a ServiceAccount", {f"{_POD}.serviceAccountName": "deployer"}),

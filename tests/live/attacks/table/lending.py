@@ -68,6 +68,8 @@ PLAIN: Final = frozenset(
         "ephemeralContainers",
         "exec",
         "exitCodes",
+        "expose",
+        "external",
         "externalTrafficPolicy",
         "failureThreshold",
         "fallback",

@@ -4,6 +4,7 @@ from typing import Any
 
 from tests.support.factories import component, make_app
 
+from robotapp_api.checks.spec import spec_problems
 from robotapp_claims.rules.objects import OwnerReference
 from robotapp_operator.plan.diff.diff import wanted_children
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
@@ -40,7 +41,7 @@ def stored(app: App, *, ports: list[Json] | None = None, ingress: list[Ingress] 
     owner = OwnerReference(kind="RobotApp", name=app.name, uid=app.uid, controller=True)
     metadata = TenantMeta(name=child.ref.name, namespace="default", labels=labels, owner_references=(owner,))
     status = ServiceStatus(LoadBalancerStatus(ingress or []))
-    given = {"ports": ports or child.spec["ports"]}
+    given = {"type": child.spec["type"], "ports": ports or child.spec["ports"]}
     service = Service(metadata=metadata, given=given, status=status)  # type: ignore[arg-type]
     return {child.ref.name: service}
 
@@ -122,4 +123,50 @@ def test_the_ports_of_a_stored_service_are_read() -> None:
     (service,) = stored(
         app_with([]), ports=[{"name": "http", "port": 80, "nodePort": 30080, "protocol": "TCP"}]
     ).values()
-    assert service.ports == [GivenPort(name="http", node_port=30080)]
+    assert service.ports == [GivenPort(name="http", port=80, node_port=30080)]
+
+
+def test_each_discovery_server_has_an_entrance_of_its_own_for_programs_outside() -> None:
+    """A client must reach both; behind one Service it would reach one of them."""
+    app = make_app(ros2={"external": {"expose": "NodePort"}})
+    children = wanted_children(desired_of(app, "amr-07"), domain=Domain(7), parameters={}, running=True)
+    entrances = [child for child in children if child.ref.kind == SERVICE and child.spec.get("type") == "NodePort"]
+    assert [child.spec["ports"][0]["port"] for child in entrances] == [11811, 11811]
+    servers = [
+        child.spec["template"]["metadata"]["labels"]
+        for child in children
+        if child.ref.kind == DEPLOYMENT and child.labels.get("robotics.io/part")
+    ]
+    for entrance in entrances:
+        assert sum(entrance.spec["selector"].items() <= labels.items() for labels in servers) == 1
+
+
+def test_an_app_of_one_pod_gets_servers_when_programs_outside_are_to_join() -> None:
+    alone = component("driver")
+    assert desired_of(make_app(alone), "").discovery == "None"
+    assert desired_of(make_app(alone, ros2={"external": {"expose": "NodePort"}}), "").discovery == "Server"
+
+
+def test_a_zenoh_router_is_opened_by_one_service() -> None:
+    app = make_app(ros2={"rmw": "rmw_zenoh_cpp", "external": {"expose": "LoadBalancer"}})
+    children = wanted_children(desired_of(app, ""), domain=Domain(7), parameters={}, running=True)
+    (entrance,) = [child for child in children if child.spec.get("type") == "LoadBalancer"]
+    assert entrance.spec["ports"][0]["protocol"] == "TCP"
+
+
+def test_the_entrances_are_shown_with_the_helpers_they_lead_to() -> None:
+    app = make_app(ros2={"external": {"expose": "NodePort"}})
+    labels = {"robotics.io/role": "discovery", "robotics.io/part": "1"}
+    metadata = TenantMeta(name="entrance", namespace="default", labels=labels)
+    service = Service(
+        metadata=metadata, text=b'{"type":"NodePort","ports":[{"name":"outside","port":11811,"nodePort":30811}]}'
+    )
+    links = list_links(desired_of(app, ""), {"entrance": service}, {"driver": "amr-07"}, lambda _: "192.0.2.7")
+    assert links == (LinkView("discovery-1", "outside", "192.0.2.7:30811"),)
+
+
+def test_discovery_without_an_address_cannot_be_opened_and_the_cure_is_named() -> None:
+    spec = make_app(ros2={"rmw": "rmw_cyclonedds_cpp", "external": {"expose": "NodePort"}}).spec
+    (problem,) = spec_problems(spec)
+    assert problem.field == "spec.ros2.external"
+    assert "use rmw_zenoh_cpp" in problem.message
