@@ -1,7 +1,10 @@
 """A real loop: real DDS and real ROS 1 between containers on real nodes, on what our operator granted and generated."""
 
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from tests.support.work_unit import slowness
@@ -143,3 +146,25 @@ def _problems_of_a_minute(cp: RealNodes, namespace: str) -> list[str]:
     problems = teleop.problems_of_trio(cp, namespace, seconds=STABLE_S, deadline_us=deadline_us)
     assert [each for each in problems if teleop.FOREIGN_HEARD in each or teleop.RESTARTED in each] == []
     return problems
+
+
+def test_the_command_line_shows_the_logs_and_enters_the_container_of_a_running_app(
+    cluster: RealNodes, place: str
+) -> None:
+    teleop.first_trip_s(cluster, place, teleop.app("pair", nodes={"operator": "edge-1", "robot": "robot-1"}))
+    program = Path(sys.executable).parent / "kubectl-robotapp"
+    path = f"{cluster.run_dir / 'bin'}:/usr/bin:/bin"
+    environment = {"KUBECONFIG": str(cluster.kubeconfig("admin")), "PATH": path, "COLUMNS": "200"}
+
+    def run(*arguments: str) -> str:
+        command = [program, "-n", place, *arguments]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=60)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    lines = run("logs", "pair", "--tail", "5").splitlines()
+    assert {line.split(" ")[0] for line in lines} >= {"operator"}
+    assert all(" | " in line for line in lines)
+    variables = run("exec", "pair", "-c", "operator", "--", "env").splitlines()
+    assert f"ROS_DOMAIN_ID={teleop.domain(cluster, place, 'pair')}" in variables
+    assert "ROS_SUPER_CLIENT=TRUE" in variables

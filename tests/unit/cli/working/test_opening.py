@@ -1,9 +1,10 @@
 """`open`: what is meant, and its address."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.unit.cli.running import pod, robotapp
+from tests.unit.cli.running import ROBOTAPPS, Stage, pod, robotapp
 
 from robotapp_cli.failures import CliError
 from robotapp_cli.reading.pods import AppPod, Selection
@@ -60,3 +61,44 @@ def test_a_port_is_found_by_its_name_in_the_pod() -> None:
     assert find_container_port(app_pod, Target("panel", "view", "http")) == 8080
     with pytest.raises(CliError, match="has no port named ws; name it in ports"):
         find_container_port(app_pod, Target("panel", "view", "ws"))
+
+
+@pytest.fixture
+def kubectl(tmp_path: Path) -> Path:
+    """A kubectl that forwards to nowhere, records its arguments and ends."""
+    program = tmp_path / "bin" / "kubectl"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/arguments\necho "Forwarding from 127.0.0.1:4000 -> 8765"\n')
+    program.chmod(0o755)
+    return program
+
+
+def test_the_address_is_printed_and_the_end_of_the_connection_is_said(
+    stage: Stage, kubectl: Path, tmp_path: Path
+) -> None:
+    links = ({"name": "view", "port": "ws", "scheme": "ws"},)
+    stage.add(ROBOTAPPS, app_with(service=service(*links, targetPort=8765)))
+    running_pod = pod("a", "panel", phase="Running")
+    running_pod["spec"]["containers"] = [{"name": "panel"}]
+    stage.add("/pods", running_pod)
+    result = stage.run("open", "teleop", PATH=f"{kubectl.parent}:/bin")
+    assert "amr-07/panel: ws://127.0.0.1:4000" in result.stdout
+    assert result.exit_code == 1
+    assert "the connection to pod a has ended" in result.stderr
+    assert (tmp_path / "arguments").read_text().split() == ["port-forward", "--namespace=fleet", "pod/a", ":8765"]
+
+
+def test_a_forward_that_cannot_begin_is_said_in_kubectls_words(stage: Stage, kubectl: Path) -> None:
+    kubectl.write_text('#!/bin/sh\necho "error: pods \\"a\\" is forbidden" >&2\nexit 1\n')
+    stage.add(ROBOTAPPS, app_with(ports=[{"containerPort": 8080}]))
+    running_pod = pod("a", "panel", phase="Running")
+    stage.add("/pods", running_pod)
+    result = stage.run("open", "teleop", PATH=f"{kubectl.parent}:/bin")
+    assert (result.exit_code, 'pods "a" is forbidden' in result.stderr) == (1, True)
+
+
+def test_without_kubectl_the_user_is_told_what_is_missing(stage: Stage, tmp_path: Path) -> None:
+    stage.add(ROBOTAPPS, app_with(ports=[{"containerPort": 8080}]))
+    stage.add("/pods", pod("a", "panel", phase="Running"))
+    result = stage.run("open", "teleop", PATH=str(tmp_path))
+    assert (result.exit_code, "open needs it on the PATH" in result.stderr) == (2, True)
