@@ -4,6 +4,7 @@ import pytest
 
 from campaigns.hostile import hostile
 from campaigns.hostile.attack import ATTACKS, Outcome, judge, read_memory_limit, register
+from robotapp_scheduler.shell.planner.container_memory import DEFAULT_LIMIT
 
 
 def test_every_attack_is_listed_with_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
@@ -28,4 +29,4 @@ def test_a_name_is_given_once() -> None:
 
 def test_limits_of_memory_are_those_of_the_chart() -> None:
     assert read_memory_limit("operator") == 512 << 20
-    assert read_memory_limit("scheduler") == 1 << 30
+    assert read_memory_limit("scheduler") == DEFAULT_LIMIT
