@@ -76,7 +76,7 @@ def measure(site: SimulatedSite, counts: Mapping[str, int]) -> dict[str, float]:
     figures["operator MiB peak"] = peak_rss_bytes(site.operator.pid) / MIB
     figures["operator ended"] = float(not site.operator.running)
     starting = site.another_operator()
-    wait_until(lambda: is_quiet(starting), timeout_s=START_S, poll_s=2.0)
+    await_quiet(starting)
     figures["started operator MiB peak"] = peak_rss_bytes(starting.pid) / MIB
     figures["started operator ended"] = float(not starting.running)
     figures["scheduler MiB peak"] = peak_rss_bytes(site.scheduler.pid) / MIB
@@ -88,7 +88,12 @@ def await_status(site: SimulatedSite, name: str) -> bool:
     return wait_until(lambda: bool(site.app(name).get("status", {}).get("observedGeneration")), timeout_s=60)
 
 
-def is_quiet(process: Process) -> bool:
+def await_quiet(process: Process) -> None:
+    """Waits until a process that was started has read everything."""
+    wait_until(lambda: _is_quiet(process), timeout_s=START_S, poll_s=2.0)
+
+
+def _is_quiet(process: Process) -> bool:
     """Tells whether a process used a processor for less than a tenth of a second."""
     before_s = process.cpu_seconds()
     time.sleep(1.0)
