@@ -41,14 +41,14 @@ def make_text_app(name: str) -> Json:
 def make_parts_app(name: str) -> Json:
     """Hundreds of devices: short JSON, many objects."""
     devices = [{"name": f"d{n}", "type": "usb"} for n in range(8)]
-    return make_app(name, [{"name": f"c{n}", "image": "x", "devices": devices} for n in range(36)])
+    return make_app(name, [{"name": f"c{n}", "image": "x", "devices": devices} for n in range(41)])
 
 
 def make_environment_app(name: str) -> Json:
-    """Twenty-two thousand variables."""
+    """Twenty-six thousand variables."""
     steps = [{"name": f"i{n}", "image": "x", "env": _ENV} for n in range(8)]
     pod = {"spec": {"initContainers": steps}}
-    return make_app(name, [{"name": f"c{n}", "image": "x", "env": _ENV, "template": pod} for n in range(19)])
+    return make_app(name, [{"name": f"c{n}", "image": "x", "env": _ENV, "template": pod} for n in range(23)])
 
 
 SHAPES: Final[Mapping[str, Callable[[str], Json]]] = {
