@@ -19,6 +19,7 @@ from campaigns.hostile.attack import ATTACKS, Attack
 from campaigns.rigs.simulated_site import SimulatedSite
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane import product
+from robotapp_testbed.failures import TestbedError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -51,7 +52,7 @@ def run(selection: Sequence[Attack]) -> dict[str, dict[str, Any]]:
                 with SimulatedSite(cp, attack.nodes(), tidy=False) as site:
                     outcome = attack.run(site)
                 figures, failures = dict(outcome.figures), list(outcome.missed)
-            except (AssertionError, OSError, RuntimeError) as error:
+            except (AssertionError, LookupError, OSError, RuntimeError, TestbedError) as error:
                 figures, failures = {}, [f"it ended with {type(error).__name__}: {error}"]
             results[attack.name] = {
                 "figures": figures,

@@ -22,7 +22,7 @@ OTHERS_AFTER: Final = 4
 PATIENCE_S: Final = 180.0
 NOTICED_S: Final = 10.0
 YOUNGER: Final = "younger"
-SETTLED_REASONS: Final = (Reason.QUOTA_EXCEEDED, Reason.DOMAIN_EXHAUSTED)
+REFUSALS: Final = (Reason.QUOTA_EXCEEDED, Reason.DOMAIN_EXHAUSTED, Reason.POOL_OVERLAPS)
 
 
 @register("all-domain-ids", f"a tenant wants {APPS} ids with the chart's quota, then {TENANTS - 1} more tenants do")
@@ -117,20 +117,18 @@ def read_allocated(app: Object) -> Any:
 
 
 def list_refused(tenant: Intruder) -> list[Object]:
-    return [app for app in tenant.list_apps() if read_allocated(app).get("status") == "False" and _is_refused(app)]
+    return [app for app in tenant.list_apps() if is_refused(app)]
 
 
-def _is_refused(app: Object) -> bool:
-    return read_allocated(app)["reason"] in (*SETTLED_REASONS, Reason.POOL_OVERLAPS)
+def is_refused(app: Object) -> bool:
+    """Tells whether an app has no id, and its status says why."""
+    allocated = read_allocated(app)
+    return allocated.get("status") == "False" and allocated["reason"] in REFUSALS
 
 
 def list_unsettled(tenant: Intruder) -> list[Object]:
     """Returns the apps that neither have an id nor a refusal."""
-    return [
-        app
-        for app in tenant.list_apps()
-        if read_allocated(app).get("status") != "True" and app not in list_refused(tenant)
-    ]
+    return [app for app in tenant.list_apps() if read_allocated(app).get("status") != "True" and not is_refused(app)]
 
 
 def count_claims(site: SimulatedSite, tenant: Intruder) -> int:
