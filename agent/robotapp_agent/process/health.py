@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Final, cast
 
+from robotapp_client.serving.node_addresses import find_node_addresses
 from robotapp_client.serving.server import Connection, Limits, Server, listen
 
 MOST_BYTES: Final = 2048
@@ -19,7 +20,10 @@ class Health:
     async def serve(self, port: int) -> None:
         """Answers until cancelled. Raises `PortError`."""
         listener = await listen(None, port)
-        server = Server(lambda connection: HealthProtocol(connection, self.respond), LIMITS)
+        node_addresses = find_node_addresses()
+        server = Server(
+            lambda connection: HealthProtocol(connection, self.respond), LIMITS, node_addresses=node_addresses
+        )
         server.start(listener)
         try:
             await asyncio.get_running_loop().create_future()

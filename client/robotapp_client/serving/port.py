@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from aiohttp import web
 
+from robotapp_client.serving.node_addresses import find_node_addresses
 from robotapp_client.serving.server import Connection, GuardedProtocol, Limits, PortError, Server, listen
 
 _STOPPING_S: Final = 5.0
@@ -84,7 +85,7 @@ async def serve_listener(
     def speak(_: Connection) -> asyncio.Protocol:
         return speaking()
 
-    server = Server(speak, limits, tls=tls)
+    server = Server(speak, limits, tls=tls, node_addresses=find_node_addresses())
     server.start(listener)
     return Port(runner, server, listener)
 

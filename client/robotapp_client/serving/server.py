@@ -2,8 +2,9 @@
 
 Whoever reaches a port may open connections to it, and a TLS connection costs us up to 300 kB before its peer is known. So their
 number is limited; of too many, the one that has waited longest goes, first of the address that holds most. New connections of
-one address are limited in time as well, because a handshake costs a millisecond of a loop that has other work. Those above that rate are
-closed before TLS begins.
+one address are limited in time as well, and those of all strangers together, because a handshake costs a millisecond of a loop that
+has other work. Those above that rate are closed before TLS begins. A few connections are kept for the node itself, so that many
+addresses do not keep the kubelet's probes out.
 """
 
 import asyncio
@@ -14,12 +15,13 @@ import os
 import socket
 import ssl
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Any, Final, cast
+from typing import Final, cast
 
 from robotapp_api.values.quantities.buckets import Buckets
+from robotapp_client.serving.node_addresses import read_host
 
 BACKLOG: Final = 128
 SWEEP_S: Final = 0.25
@@ -57,6 +59,10 @@ class Limits:
     new_per_s: float = 50.0
     """New connections of one address, over long."""
     new_at_once: int = 100
+    strangers: int = 4
+    """So many times as many new connections all addresses together may open, those of the node not counted."""
+    reserve: int = 4
+    """Connections of the node's own addresses that no stranger's connection takes the place of."""
 
 
 class Step(Enum):
@@ -146,7 +152,10 @@ class GuardedProtocol(asyncio.Protocol):
 
 
 class Server:
-    """Accepts connections from `start` to `close`; `speak` makes the protocol of each, `tls` says the context it begins with."""
+    """Accepts connections from `start` to `close`; `speak` makes the protocol of each, `tls` returns the context it begins with.
+
+    `node_addresses` are those of `find_node_addresses`.
+    """
 
     def __init__(
         self,
@@ -154,12 +163,19 @@ class Server:
         limits: Limits,
         *,
         tls: Callable[[], ssl.SSLContext] | None = None,
+        node_addresses: Collection[str] = (),
     ) -> None:
         self._speak = speak
         self._limits = limits
         self._tls = tls
+        self._node_addresses = frozenset(node_addresses)
         self._loop = asyncio.get_running_loop()
         self._rates = Buckets(per_s=limits.new_per_s, burst=limits.new_at_once, clock=self._loop.time)
+        self._all_strangers = Buckets(
+            per_s=limits.strangers * limits.new_per_s,
+            burst=limits.strangers * limits.new_at_once,
+            clock=self._loop.time,
+        )
         self._connections: dict[Connection, None] = {}
         self._empty = asyncio.Event()
         self._handshakes: set[asyncio.Task[None]] = set()
@@ -217,14 +233,15 @@ class Server:
             self._loop.call_later(EXHAUSTED_S, self._accept_again)
             return
         sock.setblocking(False)
-        self._admit(sock, read_network(peer))
+        self._admit(sock, read_counted_address(str(peer[0]), self._node_addresses))
 
     def _accept_again(self) -> None:
         if self._listener is not None:
             self._loop.add_reader(self._listener, self._accept, self._listener)
 
     def _admit(self, sock: socket.socket, address: str) -> None:
-        if self._rates.wait_s(address):
+        is_stranger = address not in self._node_addresses
+        if self._rates.wait_s(address) or (is_stranger and self._all_strangers.wait_s("")):
             sock.close()
             return
         if len(self._connections) >= self._limits.connections:
@@ -287,9 +304,28 @@ class Server:
         """Returns the connection that goes: of the address that holds most, the one that has waited longest."""
         counts = Counter(connection.address for connection in self._connections)
         counts[newcomer] += 1
-        most = max(count for address, count in counts.items() if address != newcomer or count > 1)
-        candidates = [connection for connection in self._connections if counts[connection.address] == most]
+        safe_connections = self._list_reserved(newcomer)
+        connections = [connection for connection in self._connections if connection not in safe_connections]
+        most = max(counts[connection.address] for connection in connections)
+        candidates = [connection for connection in connections if counts[connection.address] == most]
         return min(candidates, key=lambda connection: (connection.step is Step.ANSWER, connection.since_s))
+
+    def _list_reserved(self, newcomer: str) -> set[Connection]:
+        """Returns the connections of the node that stay: of its addresses in turn those being answered, then the newest.
+
+        Others may come through one of its addresses, too, so one more of its own is treated like a stranger's when it has its share.
+        """
+        most = min(self._limits.reserve, self._limits.connections - 1)
+        of_node = [connection for connection in self._connections if connection.address in self._node_addresses]
+        if newcomer in self._node_addresses and len(of_node) >= most:
+            return set()
+        of_node.sort(key=lambda connection: (connection.step is Step.ANSWER, connection.since_s), reverse=True)
+        turns: Counter[str] = Counter()
+        turn_of: dict[Connection, int] = {}
+        for connection in of_node:
+            turn_of[connection] = turns[connection.address]
+            turns[connection.address] += 1
+        return set(sorted(of_node, key=turn_of.__getitem__)[:most])
 
     def _sweep(self) -> None:
         self._sweeper = None
@@ -320,15 +356,16 @@ def _settle(arrival: "asyncio.Future[None]") -> None:
         arrival.set_result(None)
 
 
-def read_network(peer: Any) -> str:
-    """Returns what counts as one address: an IPv4 address, or the first half of an IPv6 address, because a host has many of these."""
-    host = str(peer[0]).partition("%")[0]
-    address = ipaddress.ip_address(host)
-    if isinstance(address, ipaddress.IPv6Address):
-        if address.ipv4_mapped is not None:
-            return str(address.ipv4_mapped)
-        return str(ipaddress.ip_network((address, 64), strict=False))
-    return host
+def read_counted_address(host: str, node_addresses: Collection[str]) -> str:
+    """Returns what counts as one address. One of the node counts alone: its IPv6 network has other hosts, and pods, too."""
+    exact = read_host(host)
+    return exact if exact in node_addresses else read_network(exact)
+
+
+def read_network(host: str) -> str:
+    """Returns what counts as one address of strangers: an IPv4 address, or half an IPv6 address, because a host has many of these."""
+    address = ipaddress.ip_address(read_host(host))
+    return str(address) if address.version == 4 else str(ipaddress.ip_network((address, 64), strict=False))
 
 
 async def listen(host: str | None, port: int) -> socket.socket:

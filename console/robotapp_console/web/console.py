@@ -110,7 +110,7 @@ class Console:
         if self.behind_proxy:
             hop = ",".join(request.headers.getall("X-Forwarded-For", [])).rpartition(",")[2].strip()
             with contextlib.suppress(ValueError):
-                return read_network((hop,))
+                return read_network(hop)
         return request.remote or ""
 
     def has_met(self, caller: Caller) -> bool:

@@ -2,14 +2,18 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import yaml
 
 from campaigns.rigs.simulated_site import SimulatedSite
 from robotapp_testbed.control_plane.product import CHART
+from robotapp_testbed.machines.network import Topology
+from robotapp_testbed.machines.topology import fleet
 
 MIB: Final = 1 << 20
+READY_S: Final = 3.0
+"""Within this others' apps become Ready during every attack."""
 _UNITS: Final = {"Mi": 1 << 20, "Gi": 1 << 30}
 
 
@@ -21,28 +25,35 @@ class Outcome:
     missed: tuple[str, ...] = ()
 
 
+Run = Callable[[SimulatedSite], Outcome]
+
+
+def make_nodes() -> Topology:
+    """Returns the nodes of a site on which the attack does not choose its own."""
+    return fleet(robots=4, edges=4)
+
+
 @dataclass(frozen=True, slots=True)
 class Attack:
-    """`run` gets a site of its own: control plane, nodes, a fresh operator and a fresh scheduler."""
+    """`run` gets a site of its own: namespace, `nodes`, a fresh operator and a fresh scheduler."""
 
     name: str
     text: str
-    run: Callable[[SimulatedSite], Outcome]
+    run: Run
+    nodes: Callable[[], Topology] = make_nodes
 
 
 ATTACKS: Final[dict[str, Attack]] = {}
 """Filled by `register` when the modules of `campaigns.hostile.attacks` are imported."""
 
 
-def register(
-    name: str, text: str
-) -> Callable[[Callable[[SimulatedSite], Outcome]], Callable[[SimulatedSite], Outcome]]:
+def register(name: str, text: str, *, nodes: Callable[[], Topology] = make_nodes) -> Callable[[Run], Run]:
     """Adds the decorated function to `ATTACKS`. Raises ValueError for a name that is taken."""
 
-    def add(run: Callable[[SimulatedSite], Outcome]) -> Callable[[SimulatedSite], Outcome]:
+    def add(run: Run) -> Run:
         if name in ATTACKS:
             raise ValueError(f"there are two attacks with the name {name}")
-        ATTACKS[name] = Attack(name, text, run)
+        ATTACKS[name] = Attack(name, text, run, nodes)
         return run
 
     return add
@@ -61,6 +72,11 @@ def judge(figures: Mapping[str, float], most: Mapping[str, float]) -> Outcome:
 
 def read_memory_limit(component: str) -> int:
     """Returns the bytes of memory that the chart's values give a component, such as "operator"."""
-    values = yaml.safe_load((CHART / "values.yaml").read_text())
-    text = str(values[component]["resources"]["limits"]["memory"])
+    text = str(read_values()[component]["resources"]["limits"]["memory"])
     return int(text[:-2]) * _UNITS[text[-2:]]
+
+
+def read_values() -> dict[str, Any]:
+    """Returns the chart's values."""
+    values: dict[str, Any] = yaml.safe_load((CHART / "values.yaml").read_text())
+    return values

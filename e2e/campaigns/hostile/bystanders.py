@@ -3,9 +3,12 @@
 from campaigns.common.background import Background
 from campaigns.rigs.journeys import start_one
 from campaigns.rigs.simulated_site import SimulatedSite
+from robotapp_testbed import wait_until
 
 POOL = "default"
 PAUSE_S = 0.5
+MOST_S = 90.0
+"""How long `wait_for_more` waits for each app."""
 
 
 class Bystanders(Background):
@@ -26,7 +29,26 @@ class Bystanders(Background):
             self.ready_s.append(start_one(self._site, name, POOL))
             self._site.delete(name)
 
+    def wait_for_more(self, count: int) -> None:
+        """Blocks until that many further apps were Ready. Raises what ended the work, or AssertionError when they take too long."""
+        target = len(self.ready_s) + count
+        if not wait_until(lambda: self._is_at(target), timeout_s=count * MOST_S, poll_s=0.2):
+            raise AssertionError(f"{len(self.ready_s)} of {target} apps were Ready within {count * MOST_S:.0f} s")
+
+    def _is_at(self, target: int) -> bool:
+        self.check()
+        return len(self.ready_s) >= target
+
     @property
     def slowest_s(self) -> float:
         """The longest time of all; infinite when no app became Ready, so that it cannot pass a limit."""
         return max(self.ready_s, default=float("inf"))
+
+
+def measure_calm(site: SimulatedSite, name: str, *, apps: int = 4) -> float:
+    """Returns the longest time of a few apps without an attack. Where a busy machine takes more than the limit by itself, an attack may not
+    make it worse.
+    """
+    with Bystanders(site, f"calm-{name}") as calm:
+        calm.wait_for_more(apps)
+    return calm.slowest_s

@@ -5,10 +5,11 @@ Each attack runs on a small simulated site with a fresh operator and scheduler, 
 
 import argparse
 import importlib
+import os
 import pkgutil
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from campaigns.common.options import report
@@ -18,9 +19,7 @@ from campaigns.hostile.attack import ATTACKS, Attack
 from campaigns.rigs.simulated_site import SimulatedSite
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane import product
-from robotapp_testbed.machines.topology import fleet
-
-NODES = 4
+from robotapp_testbed.failures import TestbedError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -31,7 +30,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     results = run([ATTACKS[name] for name in options.only or ATTACKS])
     save(options.json, results)
-    print("\n".join(line for name, result in results.items() for line in describe(name, result)))
+    print("\n".join(make_table(results)))
     return 1 if any(result["missed"] for result in results.values()) else 0
 
 
@@ -50,15 +49,30 @@ def run(selection: Sequence[Attack]) -> dict[str, dict[str, Any]]:
             say(f"{attack.name}: {attack.text}")
             began_s = time.monotonic()
             try:
-                with SimulatedSite(cp, fleet(robots=NODES, edges=NODES), tidy=False) as site:
+                with SimulatedSite(cp, attack.nodes(), tidy=False) as site:
                     outcome = attack.run(site)
                 figures, failures = dict(outcome.figures), list(outcome.missed)
-            except (AssertionError, OSError, RuntimeError) as error:
+            except (AssertionError, LookupError, OSError, RuntimeError, TestbedError) as error:
                 figures, failures = {}, [f"it ended with {type(error).__name__}: {error}"]
-            results[attack.name] = {"figures": figures, "missed": failures, "seconds": time.monotonic() - began_s}
+            results[attack.name] = {
+                "figures": figures,
+                "missed": failures,
+                "seconds": time.monotonic() - began_s,
+                "load": os.getloadavg()[0],
+            }
             for line in describe(attack.name, results[attack.name]):
                 say(line)
     return results
+
+
+def make_table(results: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Returns a row per figure, and one per missed limit; load is the machine's average of the last minute."""
+    rows = [f"{'attack':24} {'figure':40} {'value':>10}"]
+    for name, result in results.items():
+        figures = {**result["figures"], "seconds": result["seconds"], "load": result["load"]}
+        rows += [f"{name:24} {figure:40} {value:10.4g}" for figure, value in figures.items()]
+        rows += [f"{name:24} MISSED: {text}" for text in result["missed"]]
+    return rows
 
 
 def describe(name: str, result: dict[str, Any]) -> list[str]:

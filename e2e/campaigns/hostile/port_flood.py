@@ -1,14 +1,17 @@
 """A stranger at a TLS port: opens many connections and stops at some point of each. `python -m campaigns.hostile.port_flood URL`.
 
+Prints a line of JSON when all are open, holds them until standard input ends, and prints how many the server left.
 Blocking sockets in a few threads, because a TLS connection of asyncio would cost the attacker as much as the attacked.
 """
 
 import argparse
 import contextlib
+import itertools
 import json
 import selectors
 import socket
 import ssl
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -69,11 +72,16 @@ _TLS: Final[ssl.SSLContext] = unverified()
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where connections go, and from which address of this machine they come."""
+    """Where connections go, and from which addresses of this machine they come in turn."""
 
     host: str
     port: int
-    source: str
+    sources: tuple[str, ...]
+
+
+def list_sources(count: int) -> tuple[str, ...]:
+    """Returns so many addresses of this machine, which are none of those that honest users here have. At most 60,000."""
+    return tuple(f"127.1.{number // 250}.{1 + number % 250}" for number in range(count))
 
 
 class Flood:
@@ -81,6 +89,7 @@ class Flood:
 
     def __init__(self, target: Target) -> None:
         self._target = target
+        self._sources = itertools.cycle(target.sources)
         self._sockets: list[socket.socket] = []
         self._lock = threading.Lock()
         self.opened = 0
@@ -92,13 +101,13 @@ class Flood:
     def open(self, mode: str, connections: int) -> None:
         """Opens that many, in turns of a few threads, and holds them."""
         with ThreadPoolExecutor(THREADS) as pool:
-            for _ in range(connections):
-                pool.submit(self._open_one, MODES[mode])
+            for source in itertools.islice(self._sources, connections):
+                pool.submit(self._open_one, MODES[mode], source)
 
-    def _open_one(self, advance: Callable[[socket.socket], socket.socket]) -> None:
+    def _open_one(self, advance: Callable[[socket.socket], socket.socket], source: str) -> None:
         try:
             sock = socket.create_connection(
-                (self._target.host, self._target.port), PATIENCE_S, source_address=(self._target.source, 0)
+                (self._target.host, self._target.port), PATIENCE_S, source_address=(source, 0)
             )
         except OSError:
             with self._lock:
@@ -154,19 +163,18 @@ def main() -> None:
     parser.add_argument("url")
     parser.add_argument("--mode", choices=MODES, action="append", required=True, help="may be repeated: in turns")
     parser.add_argument("--connections", type=int, default=10_000, help="of all modes together")
-    parser.add_argument("--seconds", type=float, default=0.0, help="how long they are held at least")
-    parser.add_argument("--source", default="127.0.0.1", help="the address they come from")
+    parser.add_argument("--addresses", type=int, default=1, help="from so many addresses, in turn (default: 1)")
     options = parser.parse_args()
     parts = urlsplit(options.url)
-    flood = Flood(Target(parts.hostname or "127.0.0.1", parts.port or 443, options.source))
+    flood = Flood(Target(parts.hostname or "127.0.0.1", parts.port or 443, list_sources(options.addresses)))
     began_s = time.monotonic()
     for mode in options.mode:
         flood.open(mode, options.connections // len(options.mode))
-    opening_s = time.monotonic() - began_s
-    time.sleep(max(0.0, options.seconds - opening_s))
-    figures = {"opened": flood.opened, "refused": flood.refused, "opening_s": opening_s, "held": flood.count_held()}
+    figures = {"opened": flood.opened, "refused": flood.refused, "opening_s": time.monotonic() - began_s}
+    print(json.dumps(figures), flush=True)
+    sys.stdin.read()
+    print(json.dumps({"held": flood.count_held()}))
     flood.close()
-    print(json.dumps(figures))
 
 
 if __name__ == "__main__":

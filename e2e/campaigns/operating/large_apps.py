@@ -41,14 +41,14 @@ def make_text_app(name: str) -> Json:
 def make_parts_app(name: str) -> Json:
     """Hundreds of devices: short JSON, many objects."""
     devices = [{"name": f"d{n}", "type": "usb"} for n in range(8)]
-    return make_app(name, [{"name": f"c{n}", "image": "x", "devices": devices} for n in range(36)])
+    return make_app(name, [{"name": f"c{n}", "image": "x", "devices": devices} for n in range(41)])
 
 
 def make_environment_app(name: str) -> Json:
-    """Twenty-two thousand variables."""
+    """Twenty-six thousand variables."""
     steps = [{"name": f"i{n}", "image": "x", "env": _ENV} for n in range(8)]
     pod = {"spec": {"initContainers": steps}}
-    return make_app(name, [{"name": f"c{n}", "image": "x", "env": _ENV, "template": pod} for n in range(19)])
+    return make_app(name, [{"name": f"c{n}", "image": "x", "env": _ENV, "template": pod} for n in range(23)])
 
 
 SHAPES: Final[Mapping[str, Callable[[str], Json]]] = {
@@ -76,7 +76,7 @@ def measure(site: SimulatedSite, counts: Mapping[str, int]) -> dict[str, float]:
     figures["operator MiB peak"] = peak_rss_bytes(site.operator.pid) / MIB
     figures["operator ended"] = float(not site.operator.running)
     starting = site.another_operator()
-    wait_until(lambda: is_quiet(starting), timeout_s=START_S, poll_s=2.0)
+    await_quiet(starting)
     figures["started operator MiB peak"] = peak_rss_bytes(starting.pid) / MIB
     figures["started operator ended"] = float(not starting.running)
     figures["scheduler MiB peak"] = peak_rss_bytes(site.scheduler.pid) / MIB
@@ -88,7 +88,12 @@ def await_status(site: SimulatedSite, name: str) -> bool:
     return wait_until(lambda: bool(site.app(name).get("status", {}).get("observedGeneration")), timeout_s=60)
 
 
-def is_quiet(process: Process) -> bool:
+def await_quiet(process: Process) -> None:
+    """Waits until a process that was started has read everything."""
+    wait_until(lambda: _is_quiet(process), timeout_s=START_S, poll_s=2.0)
+
+
+def _is_quiet(process: Process) -> bool:
     """Tells whether a process used a processor for less than a tenth of a second."""
     before_s = process.cpu_seconds()
     time.sleep(1.0)

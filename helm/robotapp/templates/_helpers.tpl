@@ -183,3 +183,9 @@ securityContext:
 - {protocol: TCP, port: {{ . }}}
 {{- end }}
 {{- end -}}
+
+{{/* Addresses of the node, whose probes a flooded port lets in (robotapp_client.serving.node_addresses). */}}
+{{- define "robotapp.nodeAddresses" -}}
+- name: HOST_IPS
+  valueFrom: {fieldRef: {fieldPath: status.hostIPs}}
+{{- end }}

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from robotapp_scheduler.port.frames import LENGTH, FramesError, framed, length_of, read_frame
+from robotapp_scheduler.shell.planner.container_memory import FORK_BYTES
 
 log = logging.getLogger(__name__)
 
@@ -28,8 +29,6 @@ TIMEOUT_S: Final = 5.0
 LIFE_S: Final = 2.0
 """How old what it knows may be."""
 NICE: Final = 10
-MOST_NEW_MEMORY: Final = 256 << 20
-"""Bytes that it may take beside what it inherited: when a container runs out of memory, the kernel ends all of its processes."""
 PR_SET_PDEATHSIG: Final = 1
 Work = Callable[[bytes], bytes]
 
@@ -133,7 +132,7 @@ def _serve(work: Work, server: socket.socket, life_s: float) -> NoReturn:
 def _limit_memory() -> None:
     """Whatever exceeds it raises MemoryError."""
     inherited = int(_MEMORY.read_text().split()[5]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_DATA, (inherited + MOST_NEW_MEMORY,) * 2)
+    resource.setrlimit(resource.RLIMIT_DATA, (inherited + FORK_BYTES,) * 2)
 
 
 _LIBC: Final = ctypes.CDLL(None)

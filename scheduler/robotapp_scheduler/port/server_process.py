@@ -28,9 +28,9 @@ from robotapp_client.transport.kubeconfig import load as login
 from robotapp_scheduler.port.endpoints import AllowAll, Endpoints, Gate, application
 from robotapp_scheduler.port.forked_worker import end_with_parent
 from robotapp_scheduler.port.frames import Request, Settings
-from robotapp_scheduler.port.memory_share import measure_share, read_limit
 from robotapp_scheduler.port.remote import Remote
 from robotapp_scheduler.port.simulate import Simulator
+from robotapp_scheduler.shell.planner.container_memory import measure_simulation_share, read_limit
 
 log = logging.getLogger(__name__)
 
@@ -85,7 +85,7 @@ async def run(settings: Settings) -> None:
             gate = gate if settings.insecure else Gatekeeper(client)
             following = asyncio.create_task(tls.run(client))
             stack.callback(following.cancel)
-        simulator = Simulator(simulation_config, share=partial(measure_share, read_limit(), os.getppid()))
+        simulator = Simulator(simulation_config, share=partial(measure_simulation_share, read_limit(), os.getppid()))
         endpoints = Endpoints(gate=gate, scheduler=remote, simulator=simulator)
         port = await serve_listener(application(remote, endpoints), listener, tls=tls.current, limits=LIMITS)
         stack.push_async_callback(port.close)

@@ -9,9 +9,9 @@ from robotapp_scheduler.config import load as configuration
 from robotapp_scheduler.config.load import ConfigError, SchedulerConfig
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.plugins.registry import catalogue
-from robotapp_scheduler.port.forked_worker import MOST_NEW_MEMORY
 from robotapp_scheduler.port.frames import Request
 from robotapp_scheduler.shell.config.reload import Running
+from robotapp_scheduler.shell.planner.container_memory import FORK_BYTES
 from robotapp_scheduler.what_if import decide
 from robotapp_scheduler.what_if.difference import visible
 from robotapp_scheduler.what_if.question import Question, QuestionError, UnknownNodeError, parse
@@ -21,7 +21,7 @@ NO_SUCH_NODE: Final = 422
 """Not 404, by which clients know an older scheduler."""
 MOST_ANSWER: Final = 8 << 20
 """Bytes. The answer passes through the process that places pods."""
-TOO_LARGE: Final = f"to decide this takes more than {MOST_NEW_MEMORY >> 20} MiB; ask about fewer or smaller apps"
+TOO_LARGE: Final = f"to decide this takes more than {FORK_BYTES >> 20} MiB; ask about fewer or smaller apps"
 TOO_LONG: Final = f"the answer has more than {MOST_ANSWER >> 20} MiB; ask about fewer nodes, or fewer or smaller apps"
 
 

@@ -3,6 +3,7 @@
 import pytest
 from tests.live.chart.chart import Chart, Object, named, of_kind, pod_spec
 
+from robotapp_client.serving.node_addresses import VARIABLE
 from robotapp_client.serving.pages import A_ROLE_THAT_MAY
 
 pytestmark = pytest.mark.live
@@ -55,3 +56,16 @@ def test_questions_about_callers_are_a_flow_of_their_own(rendered: list[Object])
     assert asked == {"tokenreviews", "subjectaccessreviews"}
     assert {each["serviceAccount"]["name"] for each in rule["subjects"]} == {"robotapp-operator", "robotapp-scheduler"}
     assert flow["spec"]["matchingPrecedence"] < 9000
+
+
+def test_each_program_with_probes_has_the_addresses_of_the_node_that_sends_them(chart: Chart) -> None:
+    objects = chart.render({"console.enabled": "true"})
+    containers = [
+        container
+        for item in of_kind(objects, "Deployment", "DaemonSet")
+        for container in item["spec"]["template"]["spec"]["containers"]
+        if "livenessProbe" in container
+    ]
+    assert {container["name"] for container in containers} == {"operator", "scheduler", "agent", "console"}
+    addresses = {"name": VARIABLE, "valueFrom": {"fieldRef": {"fieldPath": "status.hostIPs"}}}
+    assert all(addresses in container["env"] for container in containers)

@@ -1,28 +1,29 @@
 """Strangers without credentials open thousands of connections to the ports of operator and scheduler."""
 
 import json
+import selectors
 import subprocess
 import sys
-import time
-from typing import Any, Final
+from collections.abc import Callable
+from typing import Any, Final, Self
 
 from campaigns.common.process_use import tree_rss_bytes
-from campaigns.hostile.attack import MIB, Outcome, judge, read_memory_limit, register
-from campaigns.hostile.bystanders import Bystanders
+from campaigns.hostile.attack import MIB, READY_S, Outcome, judge, read_memory_limit, register
+from campaigns.hostile.bystanders import Bystanders, measure_calm
 from campaigns.hostile.port_flood import MODES
 from campaigns.rigs.simulated_site import SimulatedSite
-from robotapp_testbed import Process
+from robotapp_testbed import Process, wait_until
 from robotapp_testbed.binaries.pins import REPOSITORY
 from robotapp_testbed.control_plane.servers import answers
 
 CONNECTIONS: Final = 10_000
-HELD_S: Final = 30.0
-READY_S: Final = 3.0
-CALM_S: Final = 10.0
-"""Bystanders alone, before: where a busy machine takes longer than READY_S by itself, the attack may not make it worse."""
+ADDRESSES: Final = 2_000
+APPS: Final = 8
+"""The connections are held until so many apps of others became Ready beside them."""
 RETURNED_MIB: Final = 16.0
-REST_S: Final = 40.0
-"""Longer than every deadline of the port."""
+REST_S: Final = 60.0
+"""Longer than every deadline of the port: by then memory must be back."""
+SAMPLE_S: Final = 0.2
 
 
 @register("flood-operator", f"{CONNECTIONS} idle and half-open connections to the operator's port")
@@ -35,40 +36,111 @@ def flood_scheduler(site: SimulatedSite) -> Outcome:
     return flood(site, site.scheduler, "scheduler")
 
 
+@register("crowd-operator", f"the same to the operator's port from {ADDRESSES} addresses")
+def crowd_operator(site: SimulatedSite) -> Outcome:
+    return flood(site, site.operator, "operator", addresses=ADDRESSES)
+
+
+@register("crowd-scheduler", f"the same to the scheduler's port from {ADDRESSES} addresses")
+def crowd_scheduler(site: SimulatedSite) -> Outcome:
+    return flood(site, site.scheduler, "scheduler", addresses=ADDRESSES)
+
+
+class Attacker:
+    """The program `port_flood`, running: it opens connections, then holds them until `end`."""
+
+    def __init__(self, url: str, *, connections: int, addresses: int) -> None:
+        command = ["campaigns.hostile.port_flood", url, "--connections", str(connections)]
+        command += ["--addresses", str(addresses)]
+        command += [word for mode in MODES for word in ("--mode", mode)]
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", *command], cwd=REPOSITORY, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+
+    def __repr__(self) -> str:
+        return f"<Attacker {self._process.pid}>"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+    def open(self, sample: Callable[[], None]) -> dict[str, Any]:
+        """Returns the report when all connections are open; calls `sample` meanwhile."""
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._stdout(), selectors.EVENT_READ)
+            while not selector.select(SAMPLE_S):
+                sample()
+        return self._read()
+
+    def end(self) -> dict[str, Any]:
+        """Ends the attack and returns what is known only then."""
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+            self._process.stdin = None
+        return self._read()
+
+    def _read(self) -> dict[str, Any]:
+        line = self._stdout().readline()
+        if not line:
+            raise RuntimeError(f"the attacker ended with {self._process.wait()}")
+        report: dict[str, Any] = json.loads(line)
+        return report
+
+    def _stdout(self) -> Any:
+        return self._process.stdout
+
+
+class Samples:
+    """Memory of a process and unanswered probes, one sample each time it is called."""
+
+    def __init__(self, process: Process) -> None:
+        self._process = process
+        self.peak_bytes = 0
+        self.silences = 0
+
+    def __repr__(self) -> str:
+        return f"<Samples: peak {self.peak_bytes / MIB:.0f} MiB, {self.silences} probes without an answer>"
+
+    def __call__(self) -> None:
+        self.peak_bytes = max(self.peak_bytes, tree_rss_bytes(self._process.pid))
+        self.silences += not answers(f"{self._process.health_url}/healthz")
+
+
 def flood(
-    site: SimulatedSite, process: Process, component: str, *, connections: int = CONNECTIONS, held_s: float = HELD_S
+    site: SimulatedSite, process: Process, component: str, *, connections: int = CONNECTIONS, addresses: int = 1
 ) -> Outcome:
     """Floods the port while bystanders apply apps, and returns what that cost the process and them."""
-    before_pid, before_bytes = process.pid, tree_rss_bytes(process.pid)
-    peak_bytes, silences = before_bytes, 0
-    with Bystanders(site, f"before-{component}") as calm:
-        time.sleep(CALM_S)
-    modes = [word for mode in MODES for word in ("--mode", mode)]
-    command = ["campaigns.hostile.port_flood", str(process.health_url), *modes]
-    command += ["--connections", str(connections), "--seconds", str(held_s), "--source", "127.0.0.2"]
-    with Bystanders(site, f"beside-{component}") as bystanders:
-        attacker = subprocess.Popen([sys.executable, "-m", *command], cwd=REPOSITORY, stdout=subprocess.PIPE)
-        try:
-            while attacker.poll() is None:
-                peak_bytes = max(peak_bytes, tree_rss_bytes(process.pid))
-                silences += not answers(f"{process.health_url}/healthz")
-                time.sleep(0.2)
-            report: dict[str, Any] = json.loads(attacker.communicate()[0])
-        finally:
-            attacker.kill()
-            attacker.wait()
-    time.sleep(REST_S)
+    before_bytes = tree_rss_bytes(process.pid)
+    calm_s = measure_calm(site, component)
+    sample = Samples(process)
+    with (
+        Bystanders(site, f"beside-{component}") as bystanders,
+        Attacker(str(process.health_url), connections=connections, addresses=addresses) as attacker,
+    ):
+        report = attacker.open(sample)
+        for _ in range(APPS):
+            bystanders.wait_for_more(1)
+            sample()
+        report |= attacker.end()
+
+    def count_kept() -> float:
+        return (tree_rss_bytes(process.pid) - before_bytes) / MIB
+
+    wait_until(lambda: count_kept() <= RETURNED_MIB, timeout_s=REST_S, poll_s=1.0)
     figures = {
         "connections opened": float(report["opened"]),
         "refused": float(report["refused"]),
         "held at the end": float(report["held"]),
         "opening s": report["opening_s"],
         f"{component} MiB before": before_bytes / MIB,
-        f"{component} MiB peak": peak_bytes / MIB,
-        f"{component} MiB kept": (tree_rss_bytes(process.pid) - before_bytes) / MIB,
-        "probes without an answer": float(silences),
-        "restarts": float(process.pid != before_pid or not process.running),
-        "others' apps Ready before s": calm.slowest_s,
+        f"{component} MiB peak": sample.peak_bytes / MIB,
+        f"{component} MiB kept": count_kept(),
+        "probes without an answer": float(sample.silences),
+        "restarts": float(not process.running),
+        "others' apps Ready before s": calm_s,
         "others' apps Ready s": bystanders.slowest_s,
         "others' apps": float(len(bystanders.ready_s)),
     }
@@ -77,6 +149,6 @@ def flood(
         f"{component} MiB kept": RETURNED_MIB,
         "probes without an answer": 0,
         "restarts": 0,
-        "others' apps Ready s": max(READY_S, calm.slowest_s),
+        "others' apps Ready s": max(READY_S, calm_s),
     }
     return judge(figures, most)

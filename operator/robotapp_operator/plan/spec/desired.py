@@ -77,6 +77,8 @@ class App:
     """Scheduler of apps that name none: a setting of the operator."""
     helper_defaults: HelperDefaults = NO_SETTINGS
     """What helper pods are made of where the app writes nothing: settings of the operator."""
+    unknown_fields: tuple[str, ...] = ()
+    """Fields of the stored spec that a later version brought."""
 
     @property
     def distro(self) -> str:

@@ -11,6 +11,7 @@ from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Reason
 from robotapp_operator.plan.spec.desired import NO_SETTINGS, App, HelperDefaults
 from robotapp_operator.plan.spec.objects import version_number
+from robotapp_operator.plan.spec.unknown_fields import find_unknown_fields
 from robotapp_operator.plan.spec.validate import Problem
 
 _READ: Final = frozenset(annotation.value for annotation in Annotation)
@@ -70,6 +71,7 @@ def parse_record(
             created=meta.get("creationTimestamp") or "",
             default_scheduler=default_scheduler,
             helper_defaults=helper_defaults,
+            unknown_fields=find_unknown_fields(spec, body["spec"]),
         )
     else:
         problems = spec

@@ -53,6 +53,11 @@ def notes_of(app: App, pool: Pool | None = None) -> tuple[str, ...]:
     found = [*map(str, spec_notes(app.spec, our_scheduler=app.our_scheduler)), *_of_other_schedulers(app)]
     if pool is not None and (note := limit_note(pool)):
         found.append(note)
+    if app.unknown_fields:
+        found.append(
+            f"{', '.join(app.unknown_fields)}: without effect, because this operator is older than the CRD that has "
+            f"{'it' if len(app.unknown_fields) == 1 else 'them'}: run the operator of that version, or remove what you wrote there"
+        )
     return tuple(found)
 
 

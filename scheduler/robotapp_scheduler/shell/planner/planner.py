@@ -19,12 +19,15 @@ from robotapp_scheduler.core.cycle.joint_problem import JointProblem
 from robotapp_scheduler.joint.message import decode_solution, encode_problem
 from robotapp_scheduler.joint.problem import Problem
 from robotapp_scheduler.joint.solve import Limits, Solution, solve
+from robotapp_scheduler.shell.planner.container_memory import PLANNER_BYTES, PLANNER_MODULE
 from robotapp_scheduler.shell.planner.subprocesses import end, started, stdin_of
 from robotapp_scheduler.shell.planner.worker import LENGTH
 
 log = logging.getLogger(__name__)
 
-WORKER: Final = (sys.executable, "-m", "robotapp_scheduler.shell.planner.worker")
+WORKER: Final = (sys.executable, "-m", PLANNER_MODULE)
+LEAST_MEMORY: Final = 96 << 20
+"""Of the worker with a problem of a thousand nodes, and a little."""
 SMALL: Final = 1024
 """Pods times rows times edges of a problem that is solved at once: it takes a few milliseconds."""
 AT_ONCE: Final = Limits(seconds=0.005, steps=8)
@@ -44,11 +47,15 @@ class WorkerError(Exception):
 
 
 class Planner:
-    """`advise` may be awaited by several tasks; the worker solves one problem at a time."""
+    """`advise` may be awaited by several tasks; the worker solves one problem at a time.
+
+    `share` returns the bytes of memory that a worker may take that is started now.
+    """
 
     def __init__(
         self,
         *,
+        share: Callable[[], int] = lambda: PLANNER_BYTES,
         worker: tuple[str, ...] = WORKER,
         clock: Callable[[], float] = time.monotonic,
         small: int = SMALL,
@@ -56,6 +63,7 @@ class Planner:
         start_s: float = START_S,
         turn_s: float = TURN_S,
     ) -> None:
+        self._share = share
         self._command = worker
         self._clock = clock
         self._small = small
@@ -117,9 +125,15 @@ class Planner:
             return self._process
         if self._clock() < self._rest_until_s:
             raise WorkerError("it died a moment ago")
+        memory = self._share()
+        if memory < LEAST_MEMORY:
+            raise WorkerError(
+                f"it takes {LEAST_MEMORY >> 20} MiB or more, and the container has {memory >> 20} MiB left: "
+                "raise scheduler.resources.limits.memory"
+            )
         self._rest_until_s = self._clock() + PAUSE_S
         self.starts += 1
-        self._process = await started(self._command)
+        self._process = await started((*self._command, str(memory)))
         async with asyncio.timeout(self._start_s):
             await _frame(self._process)
         return self._process

@@ -8,6 +8,7 @@ import signal
 import time
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from robotapp_api.model.names import SCHEDULER_MANAGER, EventReason
@@ -51,6 +52,7 @@ from robotapp_scheduler.shell.informers.informers import Informers
 from robotapp_scheduler.shell.informers.pod_handler import PodHandler
 from robotapp_scheduler.shell.metrics.metrics import Metrics
 from robotapp_scheduler.shell.metrics.timing import Stopwatch, time_plugins
+from robotapp_scheduler.shell.planner.container_memory import measure_planner_share, read_limit
 from robotapp_scheduler.shell.planner.planner import Planner
 from robotapp_scheduler.shell.process import crash_journal, memory_tuning
 from robotapp_scheduler.shell.process.collectors import DomainClaims, publish
@@ -194,7 +196,7 @@ class Scheduler:
             clock=CLOCK,
             evict=self.evictor.start,
         )
-        self.planner = Planner()
+        self.planner = Planner(share=partial(measure_planner_share, read_limit(), os.getpid()))
         self.group_reporter = GroupReporter(client, self.core.cluster.pod_groups, permitted=self._may_act)
         self.loop = SchedulerLoop(
             self.core,

@@ -12,7 +12,7 @@ import pytest
 from tests.support.work_unit import is_in_time
 
 from campaigns.common.process_use import tree_rss_bytes
-from campaigns.hostile.port_flood import MODES, Flood, Target
+from campaigns.hostile.port_flood import MODES, Flood, Target, list_sources
 from campaigns.hostile.uploads import Uploader
 from campaigns.rigs.ports import ask
 from robotapp_operator.health import LIMITS as OPERATOR_LIMITS
@@ -35,10 +35,10 @@ CLOSED_S = 30.0
 
 
 @contextmanager
-def flooded(process: Process, *modes: str) -> Iterator[Flood]:
-    """Connections of another address than the kubelet's."""
+def flooded(process: Process, *modes: str, addresses: int = 1) -> Iterator[Flood]:
+    """Connections of other addresses than the kubelet's."""
     url = urlsplit(str(process.health_url))
-    flood = Flood(Target("127.0.0.1", int(url.port or 0), "127.0.0.2"))
+    flood = Flood(Target("127.0.0.1", int(url.port or 0), list_sources(addresses)))
     try:
         for mode in modes:
             flood.open(mode, CONNECTIONS // len(modes))
@@ -61,13 +61,17 @@ def victim(request: pytest.FixtureRequest, installed_plane: ControlPlane) -> Ite
         process.stop()
 
 
-@pytest.mark.parametrize("modes", [("silent",), ("half-hello",), tuple(MODES)], ids=["silent", "half-hello", "mixed"])
+@pytest.mark.parametrize(
+    ("modes", "addresses"),
+    [(("silent",), 1), (("half-hello",), 1), (tuple(MODES), 1), (("silent",), CONNECTIONS)],
+    ids=["silent", "half-hello", "mixed", "crowd"],
+)
 def test_idle_and_half_open_connections_cost_little_and_probes_are_answered(
-    victim: tuple[Process, int], modes: tuple[str, ...]
+    victim: tuple[Process, int], modes: tuple[str, ...], addresses: int
 ) -> None:
     process, most = victim
     before_bytes = tree_rss_bytes(process.pid)
-    with flooded(process, *modes) as flood:
+    with flooded(process, *modes, addresses=addresses) as flood:
         began_s = time.monotonic()
         for path in ("healthz", "readyz"):
             assert ask(f"{process.health_url}/{path}")[0] == 200

@@ -15,6 +15,7 @@ import pytest
 from tests.live.operating.versions import newer_wheel
 from tests.support.seeds import choose_for_today
 
+from campaigns.rigs.appwatch import condition
 from campaigns.rigs.live import eventually
 from campaigns.rigs.simulated_site import SimulatedSite, plain_app
 from robotapp_api.model.names import Annotation, Label
@@ -96,6 +97,8 @@ def test_an_app_lives_while_versions_are_mixed(
     assert rendered == {NEWER if case == "newer operator" else __version__}
     stored = {part.get(newer_wheel.LATER) for part in ready["spec"]["components"]}
     assert stored == {"x" if case == "newer CRDs" else None}, "the newer schema's default is in every app"
+    unknown = f"spec.components[].{newer_wheel.LATER}: without effect, because this operator is older than the CRD"
+    assert (unknown in condition(ready, "Accepted")["message"]) == (case == "newer CRDs")
 
 
 def test_older_crds_take_the_fields_they_lack_at_the_next_write_and_leave_everything_else(

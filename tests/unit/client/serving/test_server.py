@@ -5,7 +5,7 @@ import socket
 import ssl
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Collection
 from contextlib import asynccontextmanager
 
 import pytest
@@ -13,11 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.clients import until
 
-from robotapp_client.serving.server import Connection, Limits, Server, listen, read_network
+from robotapp_client.serving.server import Connection, Limits, Server, listen, read_counted_address, read_network
 from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_testbed.control_plane.servers import unverified
 
 OFTEN = {"new_per_s": 10_000.0, "new_at_once": 10_000}
+NODE = "127.0.0.9"
 Peer = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 
 
@@ -62,9 +63,11 @@ class Site:
 
 
 @asynccontextmanager
-async def served(limits: Limits, *, tls: Callable[[], ssl.SSLContext] | None = None) -> AsyncIterator[Site]:
+async def served(
+    limits: Limits, *, tls: Callable[[], ssl.SSLContext] | None = None, node_addresses: Collection[str] = ()
+) -> AsyncIterator[Site]:
     listener = await listen("127.0.0.1", 0)
-    server = Server(Echo, limits, tls=tls)
+    server = Server(Echo, limits, tls=tls, node_addresses=node_addresses)
     server.start(listener)
     site = Site(server, listener.getsockname()[1])
     try:
@@ -106,6 +109,58 @@ async def test_who_holds_most_loses_first_so_that_a_crowd_cannot_drive_out_a_sin
         await until(lambda: site.server.connections == 4)
         assert await say(kubelet, b"healthy?\n") == b"healthy?\n"
         assert await hear(crowd[0]) == b""
+
+
+async def crowd_of(site: Site, addresses: int) -> list[Peer]:
+    """A connection from each of so many addresses."""
+    return [await site.dial(source=f"127.0.1.{number}") for number in range(1, addresses + 1)]
+
+
+async def test_a_crowd_of_addresses_cannot_drive_out_the_node() -> None:
+    async with served(Limits(connections=8, **OFTEN), node_addresses={NODE}) as site:
+        kubelet, stranger = await site.dial(source=NODE), await site.dial(source="127.0.0.3")
+        await crowd_of(site, 20)
+        await until(lambda: site.server.connections == 8)
+        assert await say(kubelet, b"healthy?\n") == b"healthy?\n"
+        assert await hear(stranger) == b""
+
+
+async def test_the_node_takes_places_of_strangers_although_it_holds_more_than_each_of_them() -> None:
+    async with served(Limits(connections=8, reserve=3, **OFTEN), node_addresses={NODE}) as site:
+        await crowd_of(site, 8)
+        probes = [await site.dial(source=NODE) for _ in range(3)]
+        assert [await say(probe, b"healthy?\n") for probe in probes] == [b"healthy?\n"] * 3
+        assert site.server.connections == 8
+
+
+async def test_strangers_who_come_through_an_address_of_the_node_take_neither_all_places_nor_another_address_out() -> (
+    None
+):
+    gateway = "127.0.0.8"
+    async with served(Limits(connections=8, reserve=3, **OFTEN), node_addresses={NODE, gateway}) as site:
+        kubelet = await site.dial(source=NODE)
+        masked = [await site.dial(source=gateway) for _ in range(20)]
+        crowd = await crowd_of(site, 20)
+        await until(lambda: site.server.connections == 8)
+        assert await say(kubelet, b"healthy?\n") == b"healthy?\n"
+        assert await say(crowd[-1], b"hello\n") == b"hello\n"
+        assert await hear(masked[0]) == b""
+
+
+async def test_all_strangers_together_open_only_so_many_in_a_while_and_the_node_its_own() -> None:
+    limits = Limits(new_per_s=0.001, new_at_once=1, strangers=3)
+    async with served(limits, node_addresses={NODE}) as site:
+        answers = [await say(peer, b"hello\n") for peer in await crowd_of(site, 5)]
+        assert answers == [b"hello\n"] * 3 + [b""] * 2
+        assert await say(await site.dial(source=NODE), b"hello\n") == b"hello\n"
+
+
+def test_an_address_of_the_node_is_recognised_among_those_of_its_network() -> None:
+    node = {"fd00::1", "10.0.0.1"}
+    assert read_counted_address("fd00::1", node) == "fd00::1"
+    assert read_counted_address("fd00::2", node) == read_counted_address("fd00::3", node) == "fd00::/64"
+    assert read_counted_address("::ffff:10.0.0.1", node) == "10.0.0.1"
+    assert read_counted_address("fe80::1%eth0", {"fe80::1"}) == "fe80::1"
 
 
 async def test_one_address_opens_only_so_many_in_a_while_and_others_theirs() -> None:
@@ -185,8 +240,8 @@ def test_all_addresses_of_an_ipv6_host_are_one(address: object, host: int) -> No
     low = (int(address) >> 64 << 64) | host  # type: ignore[call-overload]
     sibling = socket.inet_ntop(socket.AF_INET6, low.to_bytes(16, "big"))
     if not (sibling.startswith("::ffff:") or str(address).startswith("::ffff:")):
-        assert read_network((str(address), 1, 0, 0)) == read_network((sibling, 1, 0, 0))
-    assert read_network((f"{sibling}%eth0", 1, 0, 0)) == read_network((sibling, 1, 0, 0))
+        assert read_network(str(address)) == read_network(sibling)
+    assert read_network(f"{sibling}%eth0") == read_network(sibling)
 
 
 def test_to_import_the_server_loads_neither_aiohttp_nor_the_rest_of_the_client() -> None:
@@ -196,5 +251,6 @@ def test_to_import_the_server_loads_neither_aiohttp_nor_the_rest_of_the_client()
     assert set(loaded_modules.split()) == {
         "robotapp_client",
         "robotapp_client.serving",
+        "robotapp_client.serving.node_addresses",
         "robotapp_client.serving.server",
     }

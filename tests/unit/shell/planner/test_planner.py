@@ -7,11 +7,14 @@ import sys
 from random import Random
 from typing import Any
 
+import pytest
 from tests.support.clients import until
 from tests.support.scheduler.joint_problems import field_problem
 
 from robotapp_scheduler.core.cycle.joint_problem import JointProblem
-from robotapp_scheduler.shell.planner.planner import PAUSE_S, Planner
+from robotapp_scheduler.joint.problem import Problem
+from robotapp_scheduler.shell.planner.container_memory import PLANNER_BYTES
+from robotapp_scheduler.shell.planner.planner import LEAST_MEMORY, PAUSE_S, Planner
 
 READY = "import sys, time; out = sys.stdout.buffer; out.write(bytes(4)); out.flush();"
 SILENT = (sys.executable, "-c", f"{READY} time.sleep(60)")
@@ -103,6 +106,36 @@ async def test_whatever_a_worker_does_wrong_the_pods_are_placed_one_by_one_and_i
         again = await subject.advise(joint())
         assert "it died a moment ago" in again.why
         assert repr(subject) == "<Planner no worker, 1 starts>"
+
+
+async def test_a_worker_without_memory_is_not_started_and_the_cure_is_said() -> None:
+    subject = planner(share=lambda: 20 << 20)
+    for _ in range(2):
+        placement = await subject.advise(joint())
+        assert (placement.result, dict(placement.nodes)) == ("failed", {})
+        assert "the container has 20 MiB left: raise scheduler.resources.limits.memory" in placement.why
+    assert subject.starts == 0
+
+
+def make_largest() -> JointProblem:
+    """As many pods, nodes and edges as there may be, each edge with prices of its own."""
+    problem = field_problem(Random(1), pods=96, edges=256, rows=5000)
+    edges = tuple(edge._replace(budget_us=edge.budget_us + index) for index, edge in enumerate(problem.edges))
+    problem = Problem(problem.cost, problem.demand, problem.free, edges, problem.rtt)
+    return JointProblem(problem, tuple(map(str, range(96))), tuple(map(str, range(5000))))
+
+
+@pytest.mark.parametrize(
+    ("share", "result"), [(PLANNER_BYTES, "bounded"), (LEAST_MEMORY, "failed")], ids=["in-its-share", "in-less"]
+)
+async def test_the_largest_problem_is_solved_in_the_share_of_the_worker(share: int, result: str) -> None:
+    """With less the worker ends, and the pods are placed one by one."""
+    subject = planner(share=lambda: share, answer_timeout_s=60.0)
+    try:
+        assert (await subject.advise(joint())).nodes
+        assert (await subject.advise(make_largest())).result == result
+    finally:
+        await subject.close()
 
 
 async def test_who_waits_too_long_for_its_turn_goes_without() -> None:
