@@ -1,6 +1,8 @@
 """The group of verbs: --version, and for verbs that kubectl has, or people guess, the command that does it."""
 
+from collections.abc import Sequence
 from importlib.metadata import version
+from itertools import pairwise
 from typing import Any, Final
 
 import typer
@@ -36,6 +38,16 @@ ANSWERS: Final = {
 """Verbs that are not ours → what to type. Checked against the commands by a test."""
 
 
+OPTION_ANSWERS: Final = {
+    "-w": "kubectl get ra -w follows the apps, and kubectl robotapp console the fleet",
+    "--watch": "kubectl get ra -w follows the apps, and kubectl robotapp console the fleet",
+    "-o name": "kubectl get ra -o name lists names",
+    "-l": "kubectl get ra -l KEY=VALUE chooses by labels",
+    "--selector": "kubectl get ra -l KEY=VALUE chooses by labels",
+}
+"""Options of kubectl that none of our verbs has → the command that has it."""
+
+
 class Verbs(TyperGroup):
     """The commands; an unknown one is answered with the command that does what its name says."""
 
@@ -43,7 +55,17 @@ class Verbs(TyperGroup):
         """Returns the command that the first argument names. Raises a usage error with the answer for a known guess."""
         if args and args[0] not in self.commands and (answer := ANSWERS.get(args[0])):
             ctx.fail(f"there is no verb {args[0]}: use {answer}")
+        if args and args[0] in self.commands and (option := _foreign_option(args[1:])):
+            ctx.fail(f"{args[0]} has no {option}: {OPTION_ANSWERS[option]}")
         return super().resolve_command(ctx, args)
+
+
+def _foreign_option(words: Sequence[str]) -> str:
+    """Returns the first option that is answered by another command, "" without any."""
+    pairs = {f"{word} {following}" for word, following in pairwise(words)}
+    if {"--output=name", "-oname"} & set(words) or {"-o name", "--output name"} & pairs:
+        return "-o name"
+    return next((word for word in words if word in OPTION_ANSWERS), "")
 
 
 def print_version(is_asked: bool) -> None:

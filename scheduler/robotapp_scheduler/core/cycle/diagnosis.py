@@ -124,7 +124,10 @@ class Diagnosis:
             nodes=count,
         )
         if status.code is Code.UNRESOLVABLE and status.plugin in _before_dynamic_resources(self._runner.profile):
-            decision.message += QUIRK
+            if (
+                not pod.app_uid
+            ):  # a pod of a RobotApp is no matter of upstream's, and "not found. not found" helps nobody
+                decision.message += QUIRK
             return decision
         return self._post_filtered(decision, None)
 
