@@ -124,9 +124,7 @@ class Diagnosis:
             nodes=count,
         )
         if status.code is Code.UNRESOLVABLE and status.plugin in _before_dynamic_resources(self._runner.profile):
-            if (
-                not pod.app_uid
-            ):  # a pod of a RobotApp is no matter of upstream's, and "not found. not found" helps nobody
+            if pod.member is None:  # "not found. not found" helps nobody, and pods of RobotApps are not upstream's matter
                 decision.message += QUIRK
             return decision
         return self._post_filtered(decision, None)
