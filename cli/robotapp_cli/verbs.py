@@ -62,7 +62,7 @@ class Verbs(TyperGroup):
 
 def _foreign_option(words: Sequence[str]) -> str:
     """Returns the first option that is answered by another command, "" without any."""
-    pairs = {f"{word} {following}" for word, following in pairwise(words)}
+    pairs = {f"{word} {value}" for word, value in pairwise(words)}
     if {"--output=name", "-oname"} & set(words) or {"-o name", "--output name"} & pairs:
         return "-o name"
     return next((word for word in words if word in OPTION_ANSWERS), "")
