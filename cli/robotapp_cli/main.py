@@ -237,12 +237,18 @@ def domains_command(
             "--namespace", "-n", help="Only domains held from this namespace (default: all).", callback=object_name
         ),
     ] = None,
+    everywhere: Annotated[
+        bool, typer.Option("--all-namespaces", "-A", help="All namespaces, which is the default.")
+    ] = False,
     context: Context = None,
     kubeconfig: Kubeconfig = None,
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """Show the domain pools and who holds which DDS domain."""
-    run(Options(namespace=namespace, context=context, kubeconfig=kubeconfig, output=output), show_domains)
+    run(
+        Options(namespace=None if everywhere else namespace, context=context, kubeconfig=kubeconfig, output=output),
+        show_domains,
+    )
 
 
 @app.command("devices", epilog="Example: kubectl robotapp devices -o wide")
@@ -257,12 +263,18 @@ def devices_command(
             callback=object_name,
         ),
     ] = None,
+    everywhere: Annotated[
+        bool, typer.Option("--all-namespaces", "-A", help="All namespaces, which is the default.")
+    ] = False,
     context: Context = None,
     kubeconfig: Kubeconfig = None,
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """Show the devices of all nodes and who holds them."""
-    run(Options(namespace=namespace, context=context, kubeconfig=kubeconfig, output=output), show_devices)
+    run(
+        Options(namespace=None if everywhere else namespace, context=context, kubeconfig=kubeconfig, output=output),
+        show_devices,
+    )
 
 
 @app.command("nodes", epilog="Example: kubectl robotapp nodes -o json")
@@ -317,17 +329,23 @@ def render_command(
 )
 def lint_command(
     files: Annotated[
-        list[Path],
-        typer.Argument(metavar="FILE...", help="YAML or JSON with RobotApps and DomainPools (- for standard input)."),
-    ],
+        list[Path] | None,
+        typer.Argument(
+            metavar="[FILE]...",
+            help="YAML or JSON with RobotApps and DomainPools, or folders with such files (- for standard input).",
+        ),
+    ] = None,
     *,
+    filenames: Annotated[
+        list[Path] | None, typer.Option("--filename", "-f", help="The same as FILE. Can be repeated.")
+    ] = None,
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """Check files without a cluster: the schema, its rules and what the operator would refuse, with the line and the cure."""
     from robotapp_cli.commands.linting import show_lint  # the schema, jsonschema and CEL take half a second to import
 
     try:
-        code = show_lint(files, output)
+        code = show_lint([*(files or ()), *(filenames or ())], output)
     except CliError as failure:
         raise ended_by(failure) from failure
     raise typer.Exit(code)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from importlib.metadata import version
+from itertools import pairwise, takewhile
 from typing import Any, Final
 
 import typer
@@ -40,6 +41,16 @@ VALUED_OPTIONS: Final = ("-n", "--namespace", "--context", "--kubeconfig", "-o",
 PLAIN_OPTIONS: Final = ("-A", "--all-namespaces")
 
 
+OPTION_ANSWERS: Final = {
+    "-w": "kubectl get ra -w follows the apps, and kubectl robotapp console the fleet",
+    "--watch": "kubectl get ra -w follows the apps, and kubectl robotapp console the fleet",
+    "-o name": "kubectl get ra -o name lists names",
+    "-l": "kubectl get ra -l KEY=VALUE chooses by labels",
+    "--selector": "kubectl get ra -l KEY=VALUE chooses by labels",
+}
+"""Options of kubectl that none of our verbs has → the command that has it."""
+
+
 class Verbs(TyperGroup):
     """The commands; an unknown one is answered with the command that does what its name says."""
 
@@ -51,6 +62,8 @@ class Verbs(TyperGroup):
         """Returns the command that the first argument names. Raises a usage error with the answer for a known guess."""
         if args and args[0] not in self.commands and (answer := ANSWERS.get(args[0])):
             ctx.fail(f"there is no verb {args[0]}: use {answer}")
+        if args and args[0] in self.commands and (option := _foreign_option(args[1:], self.commands[args[0]])):
+            ctx.fail(f"{args[0]} has no {option}: {OPTION_ANSWERS[option]}")
         return super().resolve_command(ctx, args)
 
 
@@ -75,6 +88,16 @@ def _count_words(word: str) -> int:
     is_joined = word.startswith(("--namespace=", "--context=", "--kubeconfig=", "--output="))
     is_short = word[:2] in ("-n", "-o") and len(word) > 2 and not word.startswith("--")
     return 1 if word in PLAIN_OPTIONS or is_joined or is_short else 0
+
+
+def _foreign_option(words: Sequence[str], command: Any) -> str:
+    """Returns the first option that the command lacks and another command has, "" without any. Words behind `--` are a program's."""
+    words = list(takewhile(lambda word: word != "--", words))
+    pairs = {f"{word} {value}" for word, value in pairwise(words)}
+    if {"--output=name", "-oname"} & set(words) or {"-o name", "--output name"} & pairs:
+        return "-o name"
+    options = {option for parameter in command.params for option in parameter.opts}
+    return next((word for word in words if word in OPTION_ANSWERS and word not in options), "")
 
 
 def print_version(is_asked: bool) -> None:

@@ -23,6 +23,7 @@ from robotapp_client.serving.port import Port
 from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_client.tools.scheduler_tunnel import open_tunnel
 from robotapp_client.transport.kubeconfig import default_kubeconfigs, follow_authority
+from robotapp_client.transport.proxy import find_proxy
 from robotapp_console.cluster.config_store import Place
 from robotapp_console.cluster.informer_sets import IDLE_S, InformerSets
 from robotapp_console.cluster.scheduler_port import SchedulerPort
@@ -210,7 +211,7 @@ def _find_api_server(settings: Settings) -> Endpoint:
     if not server.startswith("https://"):
         raise LoginError(f"--api-server {server}: tokens are sent over https:// alone")
     authority = settings.certificate_authority or TRUSTED_ROOT
-    return Endpoint(server, follow_authority(authority))
+    return Endpoint(server, follow_authority(authority), proxy=find_proxy(server, os.environ))
 
 
 def _read_cookie_key(file: Path | None) -> bytes:

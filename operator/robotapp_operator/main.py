@@ -26,6 +26,7 @@ from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_client.tools.event_recorder import EventRecorder
 from robotapp_client.tools.leader_election import LeaderElection, candidate_identity
 from robotapp_client.tools.restart import RESTORED, start_again
+from robotapp_client.transport.proxy import SOCKS
 from robotapp_operator import __version__
 from robotapp_operator.health import Health
 from robotapp_operator.plan.spec.desired import HelperDefaults
@@ -331,12 +332,22 @@ def _on_signals(stop: Callable[[], None]) -> None:
         loop.add_signal_handler(name, stop)
 
 
+def _refuse_socks(endpoint: Endpoint) -> None:
+    """Kopf's watch of RobotApps has no SOCKS. Raises LoginError."""
+    if endpoint.proxy and endpoint.proxy.scheme in SOCKS:
+        raise LoginError(
+            f"the operator uses no SOCKS proxy ({endpoint.proxy}): name one that begins with http:// or https://"
+        )
+
+
 def main(argv: list[str] | None = None) -> int:
     settings = parse(sys.argv[1:] if argv is None else argv, os.environ)
     set_up_logs(settings.log_format, "INFO")
     logging.getLogger("kopf").setLevel(logging.CRITICAL)  # AppWatch has one sentence for what kopf tells in stacks
     try:
-        status = asyncio.run(run(settings, load(settings.kubeconfig)))
+        endpoint = load(settings.kubeconfig)
+        _refuse_socks(endpoint)
+        status = asyncio.run(run(settings, endpoint))
     except (LoginError, PortError) as error:
         sys.stderr.write(f"{error}\n")
         return 2

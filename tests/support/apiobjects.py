@@ -12,7 +12,7 @@ AMR_07 = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
 
 
 def component(name: str = "driver", **fields: Any) -> Object:
-    return {"name": name, "image": "ros:humble", **fields}
+    return {"name": name, "image": "team/driver:humble", **fields}
 
 
 def edge(from_: str = "operator", to: str = "driver", **fields: Any) -> Object:

@@ -2,14 +2,14 @@
 
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from robotapp_api.model.names import API_VERSION
 from robotapp_api.values.printable import printable
-from robotapp_cli.failures import Exit
+from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.lint.definitions import KINDS
 from robotapp_cli.lint.findings import Located, Place, Severity, Why
 from robotapp_cli.lint.linter import Report, lint
@@ -17,6 +17,7 @@ from robotapp_cli.lint.reading import MOST_TEXT
 from robotapp_cli.output import Output, write_structured
 from robotapp_cli.reading.files import content
 
+_SUFFIXES: Final = (".json", ".yaml", ".yml")
 _LONGEST: Final = 2000
 """Characters of a message: parts of the file stand in some."""
 
@@ -31,7 +32,9 @@ class Checked:
 
 def show_lint(files: Sequence[Path], output: Output) -> Exit:
     """Print the findings of all files. Raises CliError for a file that cannot be read."""
-    checked = [Checked(str(path), lint(content(path, most_bytes=MOST_TEXT))) for path in files]
+    if not files:
+        raise CliError("give a FILE with a RobotApp, a folder of such files, or - for standard input", code=Exit.USAGE)
+    checked = [Checked(str(path), lint(content(path, most_bytes=MOST_TEXT))) for path in _list_files(files)]
     _refuse_nothing(checked)
     if output.structured:
         write_structured(_structured(checked), output)
@@ -39,6 +42,22 @@ def show_lint(files: Sequence[Path], output: Output) -> Exit:
         lines = [line(each.name, found) for each in checked for found in each.report.findings]
         _write([*lines, _totals(checked)])
     return Exit.REFUSED if _count(checked)[Severity.ERROR] else Exit.OK
+
+
+def _list_files(paths: Sequence[Path]) -> Iterator[Path]:
+    """Yields the files, and of a folder those that `kubectl apply -f FOLDER` takes."""
+    for path in paths:
+        if not path.is_dir():
+            yield path
+            continue
+        try:
+            names = sorted(path.iterdir())
+        except OSError as error:
+            raise CliError(f"{path} cannot be read: {error.strerror}", code=Exit.USAGE) from error
+        files = [name for name in names if name.suffix in _SUFFIXES and name.is_file()]
+        if not files:
+            raise CliError(f"{path} has no file *.yaml, *.yml or *.json", code=Exit.USAGE)
+        yield from files
 
 
 def _refuse_nothing(checked: Sequence[Checked]) -> None:

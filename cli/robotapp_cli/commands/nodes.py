@@ -56,6 +56,8 @@ class NodeView(msgspec.Struct, rename="camel"):
     """The agent has missed three heartbeats: what it measured counts no more."""
     ready: bool = True
     offline_since: str = ""
+    cordoned: bool = False
+    """It takes no new pods: kubectl cordon, or a drain."""
     problem: str = ""
     """What is written on the node and cannot be read."""
     device_problem: str = ""
@@ -152,6 +154,7 @@ def _view(node: Json, telemetry: Json | None, trips: RoundTrips, *, now_s: float
     ready = condition(node, "Ready")
     view = NodeView(name, label(node, Label.TIER), label(node, Label.ROBOT), label(node, Label.ZONE))
     view.problem = _unread_bandwidth(node)
+    view.cordoned = bool((node.get("spec") or {}).get("unschedulable"))
     if ready.get("status") != "True":
         view.ready, view.offline_since = False, ready.get("lastTransitionTime") or ""
     if telemetry is not None:
@@ -280,6 +283,7 @@ def _cells(view: NodeView, devices: Mapping[str, int]) -> dict[str, str]:
         "FREE/HELD": f"{devices['free']}/{devices['held']}" if any(devices.values()) else "",
         "CPU/MEM": _percent(view, "cpuPercent", "memoryPercent"),
         "AGENT": f"silent {written}" if view.silent else written,
+        "CORDONED": "yes" if view.cordoned else "",
         "OFFLINE": "" if view.ready else age(view.offline_since) or "yes",
     }
 

@@ -1,5 +1,6 @@
-"""Names that fields had before v1alpha1 was reshaped or that ROS gives them, and what to write. Only for messages: nothing
-accepts them.
+"""Names that fields had before v1alpha1 was reshaped, or that ROS and other kinds of Kubernetes give them, and what to write.
+
+Only for messages: nothing accepts them.
 """
 
 from typing import Final
@@ -18,6 +19,15 @@ _POD_FIELDS: Final = (
     "terminationGracePeriodSeconds",
 )
 _COMPONENT: Final = "spec.components"
+_MOST_NAMES: Final = 5
+_HOST: Final = ("hostNetwork", "hostPID", "hostIPC")
+_OF_JOBS: Final = ("activeDeadlineSeconds", "backoffLimit", "completions", "parallelism", "ttlSecondsAfterFinished")
+_ENDS: Final = (
+    "remove it: a component runs until it is deleted; for a program that ends write a Job with the annotation "
+    "scheduler.robotics.io/dds-domain (docs/how-to/operate-an-app.md)"
+)
+_SERVICE: Final = "write a Service of your own with selector: {robotics.io/app: NAME, robotics.io/component: NAME} (docs/how-to/operate-an-app.md)"
+_OWN_NETWORK: Final = "remove it: every pod has a network and processes of its own, and discovery is set up for that"
 
 _EDGE: Final = "spec.edges"
 _KINDS: Final = {"service": "Service", "action": "Action"}
@@ -31,6 +41,10 @@ FIELDS: Final[dict[str, str]] = {
     "spec.update.policy": "write operator",
     "spec.placement.allOrNothing": "write gang: All in place of true, gang: None in place of false",
     **{f"{_COMPONENT}.{name}": f"write template.spec.{name}" for name in _POD_FIELDS},
+    **{f"{place}.{name}": _OWN_NETWORK for name in _HOST for place in (_COMPONENT, f"{_COMPONENT}.template.spec")},
+    **{f"{place}.{name}": _ENDS for name in _OF_JOBS for place in (_COMPONENT, f"{_COMPONENT}.template.spec")},
+    **{f"{place}.{name}": _SERVICE for name in ("service", "services", "expose") for place in ("spec", _COMPONENT)},
+    f"{_COMPONENT}.template.spec.volumes.hostPath": "for a device of the node write devices of the component, for files a persistentVolumeClaim",
     f"{_COMPONENT}.podSecurityContext": "write template.spec.securityContext",
     f"{_COMPONENT}.preStop": "write lifecycle.preStop",
     f"{_COMPONENT}.params": "write parameters: [{configMapKeyRef: {name, key}}]; $(ROBOTAPP_ROBOT) in key makes it one file per robot",
@@ -76,4 +90,11 @@ def of_value(path: Path, value: object) -> str:
     where = fields_only(path)
     if where == f"{_COMPONENT}.ready.topic" and isinstance(value, str):
         return f"write topic: {{name: {value}}}"
+    if where == f"{_EDGE}.latency" and isinstance(value, str):
+        return f"write latency: {{budget: {value}}}"
+    if where == f"{_COMPONENT}.replicas" and value == 0:
+        return "to stop the whole app write spec.suspend: true, to end one component remove it"
+    if where == "spec.robots" and isinstance(value, list) and all(isinstance(name, str) for name in value):
+        names = ", ".join(value[:_MOST_NAMES])
+        return f"write robots: {{nodeSelector: {{matchExpressions: [{{key: robotics.io/robot, operator: In, values: [{names}]}}]}}}}"
     return VALUES.get((where, value), "") if isinstance(value, str) else ""

@@ -312,7 +312,9 @@ def _out_of_bounds(kind: str, error: Misfit) -> str:
     what = _SIZES.get(kind.removeprefix("min").removeprefix("max"), "")
     size = f"has {len(value)} {what}" if what else f"is {quoted(value)}"
     if kind.startswith("min"):
-        return f"{size}; write at least {limit}" if not what or limit > 1 else "must not be empty"
+        cure = old_names.of_value(error.path, value)
+        more = f"; {cure}" if cure else ""
+        return f"{size}; write at least {limit}{more}" if not what or limit > 1 else "must not be empty"
     return f"{size}; write at most {limit}"
 
 

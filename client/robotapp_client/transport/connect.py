@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 
 from robotapp_client.transport.kubeconfig import Endpoint
 from robotapp_client.transport.tls_sessions import SessionResumption
+from robotapp_client.transport.tunnel import ProxyError, open_tunnel
 
 CONNECT_TIMEOUT_S: Final = 5.0
 CLOSE_S: Final = 1.0
@@ -84,9 +85,10 @@ class Dialer:
         loop = asyncio.get_running_loop()
         try:
             async with asyncio.timeout(min(CONNECT_TIMEOUT_S, timeout_s)):
-                made = await self._secure(loop, await _connected_socket(loop, self._host, self._port), speaker)
+                made = await self._secure(loop, await self._connected(loop), speaker)
         except TimeoutError as error:
-            raise NotSentError(f"cannot connect to {self.host_header}: no answer") from error
+            through = f" through the proxy {self._endpoint.proxy}" if self._endpoint.proxy else ""
+            raise NotSentError(f"cannot connect to {self.host_header}{through}: no answer") from error
         except OSError as error:
             raise NotSentError(f"cannot connect to {self.host_header}: {error}") from error
         self.open.add(made)
@@ -100,6 +102,17 @@ class Dialer:
         lost = [speaker.lost for speaker in self.open]
         if lost:
             await asyncio.wait(lost, timeout=CLOSE_S)
+
+    async def _connected(self, loop: asyncio.AbstractEventLoop) -> socket.socket:
+        """Returns a socket whose other end is the server, through the proxy where there is one."""
+        proxy = self._endpoint.proxy
+        if proxy is None:
+            return await _connected_socket(loop, self._host, self._port)
+        try:
+            sock = await _connected_socket(loop, proxy.host, proxy.port)
+        except OSError as error:
+            raise ProxyError(f"the proxy {proxy} cannot be reached: {error}") from error
+        return await open_tunnel(sock, proxy, self._host, self._port)
 
     async def _secure(self, loop: asyncio.AbstractEventLoop, sock: socket.socket, speaker: Callable[[], S]) -> S:
         """A connection on `sock`, TLS included.

@@ -17,6 +17,7 @@ import yaml
 
 from robotapp_client.transport.credentials import Credentials, ExecPlugin, file_source, load_pair
 from robotapp_client.transport.errors import LoginError
+from robotapp_client.transport.proxy import Proxy, find_proxy
 from robotapp_client.transport.tls_files import TlsFiles
 from robotapp_client.transport.tls_sessions import with_resumption
 
@@ -32,6 +33,8 @@ class Endpoint:
     credentials: Credentials = field(default_factory=Credentials)
     namespace: str = "default"
     server_hostname: str | None = None
+    proxy: Proxy | None = None
+    """Through which every connection to the server goes."""
 
     def __repr__(self) -> str:
         return f"<Endpoint {self.server}, namespace {self.namespace}>"
@@ -62,7 +65,7 @@ def load(
     """Endpoint of a kubeconfig (`context` or its current one), or of the pod we run in when there is no kubeconfig."""
     if kubeconfig:
         files = [kubeconfig] if isinstance(kubeconfig, Path) else list(kubeconfig)
-        return _from_kubeconfig(files, context)
+        return _from_kubeconfig(files, context, environ)
     if (service_account / "token").is_file() and environ.get("KUBERNETES_SERVICE_HOST"):
         return _in_cluster(service_account, environ)
     named = environ.get("KUBECONFIG")
@@ -74,11 +77,13 @@ def _in_cluster(folder: Path, environ: Mapping[str, str]) -> Endpoint:
     host, port = environ["KUBERNETES_SERVICE_HOST"], environ.get("KUBERNETES_SERVICE_PORT", "443")
     host = f"[{host}]" if ":" in host else host
     namespace = folder / "namespace"
+    server = f"https://{host}:{port}"
     return Endpoint(
-        server=f"https://{host}:{port}",
+        server=server,
         security=follow_authority(folder / "ca.crt"),
         credentials=Credentials(file_source(folder / "token")),
         namespace=namespace.read_text().strip() if namespace.is_file() else "default",
+        proxy=find_proxy(server, environ),
     )
 
 
@@ -94,14 +99,13 @@ def follow_authority(path: Path) -> TlsFiles:
     return TlsFiles([path], make)
 
 
-def _from_kubeconfig(files: Sequence[Path], context: str | None) -> Endpoint:
+def _from_kubeconfig(files: Sequence[Path], context: str | None, environ: Mapping[str, str]) -> Endpoint:
     """Returns the endpoint of these files, whose authorities, certificates and token are followed when files change."""
     chosen, cluster, user, where = _choose(files, context)
     server = str(cluster.get("server", "")).rstrip("/")
     if not server.startswith(("https://", "http://")):
         raise LoginError(f"{where}: the cluster's server {server!r} is no http(s) URL")
-    if cluster.get("proxy-url"):
-        raise LoginError(f"{where}: proxy-url is not supported")
+    proxy = find_proxy(server, environ, proxy_url=str(cluster.get("proxy-url") or ""), where=where)
     for key in ("auth-provider", "username", "as"):
         if user.get(key):
             cure = "use an exec plug-in (for OIDC: kubelogin)" if key == "auth-provider" else "remove it"
@@ -122,6 +126,7 @@ def _from_kubeconfig(files: Sequence[Path], context: str | None) -> Endpoint:
         ),
         namespace=str(chosen.get("namespace") or "default"),
         server_hostname=cluster.get("tls-server-name") or None,
+        proxy=proxy,
     )
 
 
@@ -265,7 +270,7 @@ def _credentials(
     if token := user.get("token"):
         return Credentials.renewable(str(token), lambda: str(read_again().get("token") or ""))
     if plugin := user.get("exec"):
-        known = ("server", "certificate-authority-data", "insecure-skip-tls-verify", "tls-server-name")
+        known = ("server", "certificate-authority-data", "insecure-skip-tls-verify", "tls-server-name", "proxy-url")
         return Credentials(
             ExecPlugin(
                 command=str(plugin["command"]),

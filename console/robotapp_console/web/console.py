@@ -76,6 +76,7 @@ class Console:
             security=self.api.security,
             credentials=Credentials.fixed(token),
             server_hostname=self.api.server_hostname,
+            proxy=self.api.proxy,
         )
 
     def session_of(self, request: web.Request) -> Session | None:

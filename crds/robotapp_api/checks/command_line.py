@@ -11,6 +11,8 @@ from robotapp_api.model.app.component import Component
 _DEVICE_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\(ROBOTAPP_DEVICE_[A-Za-z0-9_]*\))")
 """A reference that the kubelet would replace; `$$(NAME)` is the text `$(NAME)`."""
 _OBJECT_NAMES: Final = frozenset({"name", "secretName", "claimName"})
+_BASE_IMAGE: Final = re.compile(r"(?:(?:[a-z0-9.-]+(?::[0-9]+)?/)?(?:library/|osrf/|arm64v8/)?)ros(?::[^/]*)?(?:@.*)?")
+"""Images of ROS itself, whose program is bash."""
 _ROS_TOOLS: Final = frozenset({"ros2", "roslaunch", "rosrun"})
 
 
@@ -27,12 +29,19 @@ def command_line_problems(component: Component, at: str) -> Iterator[Problem]:
 
 
 def command_line_notes(component: Component, at: str) -> Iterator[Note]:
-    """Says when the image's entry point is passed by, which sets up ROS in the usual images."""
+    """Says when the image's entry point is passed by, which sets up ROS in the usual images, and when nothing is started."""
     program = component.command[0].rpartition("/")[2] if component.command else ""
     if program in _ROS_TOOLS:
         yield Note(
             f"{at}.command",
             f"replaces the image's entry point, which sets up ROS, so {program} is not found in the usual images; write these words under args",
+        )
+
+    if not component.command and not component.args and _BASE_IMAGE.fullmatch(component.image):
+        yield Note(
+            f"{at}.args",
+            f"{component.image} starts a shell by itself, which ends at once, again and again; write the program, such as args: [ros2, run, "
+            "PACKAGE, PROGRAM]",
         )
 
 

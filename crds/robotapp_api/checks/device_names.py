@@ -6,6 +6,7 @@ from typing import Final
 
 from robotapp_api.checks.problem import Note
 from robotapp_api.model.app.device import Device, Requirement
+from robotapp_api.model.names import GPU
 from robotapp_api.values.naming import label_value
 
 _NOT_PUBLISHED: Final = re.compile(r"[^A-Za-z0-9._-]")
@@ -53,6 +54,12 @@ def _type_notes(item: Device | Requirement, at: str) -> Iterator[Note]:
             f"{at}.type",
             f"agents publish what a device is connected by, and no {item.type} unless a rule of theirs names it so; write serial, "
             "usb or can with its usbID or model, or add the rule",
+        )
+    elif kind == GPU and isinstance(item, Device):
+        yield Note(
+            f"{at}.type",
+            "no claim is made for a gpu, because its device plugin hands it out; write its resource, such as resources: {limits: "
+            "{nvidia.com/gpu: 1}}, and requires: [{type: gpu}] where the node must merely have one",
         )
     elif kind == "usb" and isinstance(item, Device) and not (item.model or item.interface or item.usb_id):
         yield Note(

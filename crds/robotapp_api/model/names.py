@@ -269,6 +269,7 @@ class EventReason(StrEnum):
     ROBOT_OFFLINE = "RobotOffline"
     CHILD_FAILED = "ChildFailed"
     NEWER_VERSION = "NewerVersion"
+    REPLICAS_SET_BACK = "ReplicasSetBack"
     SCHEDULED = "Scheduled"
     FAILED_SCHEDULING = "FailedScheduling"
     CONFIG_RELOADED = "ConfigReloaded"

@@ -28,6 +28,7 @@ from robotapp_client.api.bodies import JSON_PATCH, encode
 from robotapp_client.api.client import JsonPatch, with_query
 from robotapp_client.api.resources import DEPLOYMENTS, PODS, SERVICES, Resource
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, ref_of
+from robotapp_operator.plan.diff.scaled import note_scaled
 from robotapp_operator.plan.diff.unowned import unowned_pointers
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE
 from robotapp_operator.plan.spec.desired import App
@@ -49,6 +50,8 @@ class Written:
     versions: dict[ChildRef, tuple[str, int]] = dataclasses.field(default_factory=dict)
     settled: dict[str, tuple[int, str]] = dataclasses.field(default_factory=dict)
     refusals: list[tuple[Reason, str]] = dataclasses.field(default_factory=list)
+    scaled: list[str] = dataclasses.field(default_factory=list)
+    """Texts of events about Deployments that others had scaled."""
     count: int = 0
 
 
@@ -60,7 +63,7 @@ async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[st
         done.count += 1
     for change in plan.changes:
         try:
-            result = await _write(client, app, change, fences=fences, version=version)
+            result = await _write(client, app, change, done, fences=fences, version=version)
         except (Forbidden, Invalid) as refusal:
             done.refusals.append(_rejection(change, refusal))
             continue
@@ -126,7 +129,7 @@ async def evict(client: ApiClient, pod: Pod, *, version: str = "", dry_run: bool
 
 
 async def _write(
-    client: ApiClient, app: App, change: Change, *, fences: Mapping[str, Fence], version: str
+    client: ApiClient, app: App, change: Change, done: Written, *, fences: Mapping[str, Fence], version: str
 ) -> dict[str, Any]:
     child, over = change.child, change.over
     resource = RESOURCES[child.ref.kind]
@@ -141,10 +144,14 @@ async def _write(
         test = {"op": "test", "path": "/metadata/resourceVersion", "value": fence.resource_version}
         patch: JsonPatch = [test, {"op": "replace", "path": "/spec", "value": change.amended}]
         return await _patch_tested(client, resource, child.ref.name, patch, namespace=app.namespace)
-    resource_version = await _own_by_apply(client, resource, app.namespace, child.ref.name, fence)
+    live = await _read_fenced(client, resource, app.namespace, child.ref.name, fence)
+    managed_fields = live["metadata"].get("managedFields") or []
+    scaled = note_scaled(app, child, over, managed_fields)
+    resource_version = await _own_by_apply(client, over, fence, managed_fields)
     body["metadata"] |= {"uid": fence.uid, "resourceVersion": resource_version}
     body["metadata"]["annotations"] |= _records(over)  # our own, which an apply without them would remove
     result = await client.apply(resource, body)
+    done.scaled += [scaled] if scaled else []
     foreign = unowned_pointers(result.get("spec", {}), child.spec)
     if not foreign:
         return result
@@ -159,20 +166,30 @@ def _records(over: Observed) -> dict[str, str]:
     return {key.value: have[key] for key in (Annotation.MOVES, Annotation.LOST_DEVICES) if key in have}
 
 
-async def _own_by_apply(client: ApiClient, resource: Resource, namespace: str, name: str, fence: Fence) -> str:
+async def _read_fenced(
+    client: ApiClient, resource: Resource, namespace: str, name: str, fence: Fence
+) -> dict[str, Any]:
+    """Reads the object with its managedFields, which no cache holds. Raises StartOver when it is not the one of the fence."""
+    live = await client.get(resource, name, namespace=namespace)
+    if live["metadata"]["uid"] != fence.uid or live["metadata"]["resourceVersion"] != fence.resource_version:
+        raise StartOver(f"{name} changed since it was read")
+    return live
+
+
+async def _own_by_apply(
+    client: ApiClient, over: Observed, fence: Fence, managed_fields: Sequence[Mapping[str, Any]]
+) -> str:
     """Turn our managedFields of operation Update into Apply, or an apply could never remove such a field. Returns the new version.
 
     POST and PATCH are recorded as Update, which co-owns its fields for ever. Changing the record costs one write, and only
     for an object that was written so since its last apply.
     """
-    live = await client.get(resource, name, namespace=namespace)
-    if live["metadata"]["uid"] != fence.uid or live["metadata"]["resourceVersion"] != fence.resource_version:
-        raise StartOver(f"{name} changed since it was read")
-    changes = _owned_by_apply(live["metadata"].get("managedFields") or [])
+    changes = _owned_by_apply(managed_fields)
     if not changes:
         return fence.resource_version
     test: dict[str, Any] = {"op": "test", "path": "/metadata/resourceVersion", "value": fence.resource_version}
-    result = await _patch_tested(client, resource, name, [test, *changes], namespace=namespace)
+    resource, meta = RESOURCES[ref_of(over).kind], over.metadata
+    result = await _patch_tested(client, resource, meta.name, [test, *changes], namespace=meta.namespace)
     version: str = result["metadata"]["resourceVersion"]
     return version
 

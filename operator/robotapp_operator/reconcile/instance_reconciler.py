@@ -266,6 +266,7 @@ class Children:
             memory.troubles[robot] = (Reason.FAILED_CREATE, text)
         written = await execute(self._client, app, what, fences=fences, version=self._version)
         memory.settled.update(written.settled)
+        memory.scaled.update(dict.fromkeys(written.scaled))
         if written.versions:
             memory.unseen[robot] = Unseen(app.generation, self._clock() + AWAIT_S, written.versions)
         if written.refusals:

@@ -96,6 +96,8 @@ class AppMemory:
     """What was written last and may not be in the caches yet."""
     new_domains: dict[str, int] = dataclasses.field(default_factory=dict)
     """Ids granted since the last status."""
+    scaled: dict[str, None] = dataclasses.field(default_factory=dict)
+    """Texts, in order, about Deployments that others scaled and that were set back: an event each is due."""
     instances: dict[str, InstanceMemory] = dataclasses.field(default_factory=dict)
     bugs: dict[tuple[str, str], str] = dataclasses.field(default_factory=dict)
     """Per kind of work and instance."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection
 from datetime import datetime
 from typing import Any, Final
 
-from robotapp_api.model.names import API_VERSION
+from robotapp_api.model.names import API_VERSION, EventReason
 from robotapp_client import ApiClient, Conflict, NotFound
 from robotapp_client.api.resources import ROBOTAPPS
 from robotapp_client.api.times import whole_seconds
@@ -58,6 +58,7 @@ class Reporter:
         if record is None or record.deleting:
             return None
         memory = self._memory.of(uid)
+        self._announce_scaled(record, memory)
         facts = self._observer.app(record, now=self._timestamp())
         if facts is None:
             status = unreadable_status(record, self._timestamp())
@@ -118,19 +119,28 @@ class Reporter:
         memory.new_domains.clear()
         late = end_of_life(record.app, record.status, self._now().date()) if record.app else None
         for item in (*events, *((late,) if late else ())):
-            self._recorder.event(
-                reference(
-                    api_version=API_VERSION,
-                    kind="RobotApp",
-                    name=record.name,
-                    namespace=record.namespace,
-                    uid=record.uid,
-                ),
-                reason=item.reason.value,
-                note=item.note[:1000],
-                action=ACTION,
-                warning=item.warning,
-            )
+            self._send(record, item)
+
+    def _announce_scaled(self, record: Record, memory: AppMemory) -> None:
+        """Sends the events about Deployments that others scaled; equal ones become one with a count."""
+        for note in memory.scaled:
+            self._send(record, PendingEvent(EventReason.REPLICAS_SET_BACK, note, warning=True))
+        memory.scaled.clear()
+
+    def _send(self, record: Record, event: PendingEvent) -> None:
+        self._recorder.event(
+            reference(
+                api_version=API_VERSION,
+                kind="RobotApp",
+                name=record.name,
+                namespace=record.namespace,
+                uid=record.uid,
+            ),
+            reason=event.reason.value,
+            note=event.note[:1000],
+            action=ACTION,
+            warning=event.warning,
+        )
 
     def _timestamp(self) -> str:
         return whole_seconds(self._now())

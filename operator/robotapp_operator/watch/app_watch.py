@@ -12,6 +12,7 @@ import logging
 import threading
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, Final
+from urllib.parse import quote
 
 import aiohttp
 import kopf
@@ -20,6 +21,7 @@ from robotapp_client import ApiClient, ClientError
 from robotapp_client.api.backoff import Backoff
 from robotapp_client.api.client import with_query
 from robotapp_client.api.resources import ROBOTAPPS
+from robotapp_client.transport.proxy import Proxy
 from robotapp_operator.watch.kopf_handlers import register
 from robotapp_operator.watch.kopf_settings import kopf_settings
 
@@ -157,6 +159,7 @@ class AppWatch:
             connector=aiohttp.TCPConnector(limit=0, ssl=endpoint.tls or True),
             middlewares=(self._authorize,),
             trace_configs=[trace],
+            proxy=_proxy_address(endpoint.proxy) if endpoint.proxy else None,
         )
         return kopf.AiohttpSession(
             server=endpoint.server, default_namespace=endpoint.namespace, aiohttp_session=session
@@ -218,3 +221,11 @@ def _root_cause(error: BaseException) -> BaseException:
 def _settle(outcome: asyncio.Future[str], reason: str) -> None:
     if not outcome.done():
         outcome.set_result(reason)
+
+
+def _proxy_address(proxy: Proxy) -> str:
+    """Returns the address with its credentials, which aiohttp sends as Proxy-Authorization."""
+    if not proxy.authorization:
+        return str(proxy)
+    login = f"{quote(proxy.user, safe='')}:{quote(proxy.password, safe='')}"
+    return str(proxy).replace("://", f"://{login}@", 1)

@@ -2,7 +2,7 @@
 
 import json
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -23,6 +23,8 @@ KINDS: Final = (
     "configmaps",
     "nodes",
 )
+MAX_CONFIG_MAPS: Final = 100
+"""ConfigMaps with variables that are read, one call of kubectl for each."""
 _SERVERS_OWN: Final = (
     "uid",
     "resourceVersion",
@@ -42,21 +44,41 @@ class Limits:
     ready_s: float = 120.0
 
 
-def read(kubectl: Kubectl, *, everywhere: bool, tell: Callable[[str], None]) -> list[dict[str, Any]]:
-    """All objects that a migration looks at; kinds that the user may not list are told and left out."""
+def read(
+    kubectl: Kubectl,
+    *,
+    everywhere: bool,
+    tell: Callable[[str], None],
+    config_maps_of: Callable[[Mapping[str, Any]], Iterable[str]] = lambda _: (),
+) -> list[dict[str, Any]]:
+    """Reads all objects that a migration looks at, ConfigMaps by the names that `config_maps_of` gives for an object.
+
+    Kinds that the user may not list are told and left out.
+    """
     found: list[dict[str, Any]] = []
     for kind in KINDS:
         scope = ("--all-namespaces",) if everywhere and kind != "nodes" else ()
         only = ("--field-selector=metadata.name=robot-fleet-assignments",) if kind == "configmaps" else ()
-        try:
-            items = kubectl.items("get", kind, *scope, *only)
-        except ClusterError as error:
-            if error.reason is not Refusal.FORBIDDEN:
-                raise
-            tell(f"{kind} are not looked at: {error}")
-        else:
-            found += items
+        found += _items_or_none(kubectl, kind, *scope, *only, tell=tell)
+    names = sorted({name for each in found for name in config_maps_of(each)})
+    if len(names) > MAX_CONFIG_MAPS:
+        tell(
+            f"of {len(names)} ConfigMaps with variables only {MAX_CONFIG_MAPS} are looked at: migrate fewer namespaces at once"
+        )
+    scope = ("--all-namespaces",) if everywhere else ()
+    for name in names[:MAX_CONFIG_MAPS]:
+        found += _items_or_none(kubectl, "configmaps", *scope, f"--field-selector=metadata.name={name}", tell=tell)
     return found
+
+
+def _items_or_none(kubectl: Kubectl, kind: str, *arguments: str, tell: Callable[[str], None]) -> list[dict[str, Any]]:
+    try:
+        return kubectl.items("get", kind, *arguments)
+    except ClusterError as error:
+        if error.reason is not Refusal.FORBIDDEN:
+            raise
+        tell(f"{kind} are not looked at: {error}")
+        return []
 
 
 def take_over(

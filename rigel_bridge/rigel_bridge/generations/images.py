@@ -1,12 +1,13 @@
 """Which image a job deploys: what a build job before it makes."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.document.section import Section
+from rigel_bridge.generations.dockerfile import DockerError, ImageEnvironment, read_env
 from rigel_bridge.generations.jobs import Job
 
 BUILDERS: Final = ("BuildXPlugin", "BuildPlugin")
@@ -20,8 +21,10 @@ class Build:
 
     image: str = ""
     command: str | None = None
-    env: Mapping[str, str] | None = None
+    env: ImageEnvironment = ImageEnvironment()  # noqa: RUF009 - frozen, so one for all is no trap
     notes: tuple[str, ...] = ()
+    builders: tuple[str, ...] = ()
+    """Ids of the build jobs, of which one is needed."""
 
 
 def build(document: Section, jobs: Sequence[Job]) -> Build:
@@ -29,7 +32,7 @@ def build(document: Section, jobs: Sequence[Job]) -> Build:
     builders = [job for job in jobs if kind(document, job) in BUILDERS]
     writers = [job for job in jobs if kind(document, job) in FILE_WRITERS]
     if len(builders) != 1:
-        return Build()
+        return Build(builders=tuple(job.id for job in builders))
     settings = document.at(builders[0].settings)
     image, notes = _image(settings)
     if len(writers) != 1 or writers[0].settings.kind == "null":
@@ -46,8 +49,8 @@ def kind(document: Section, job: Job) -> str:
         return ""
 
 
-def environment(section: Section) -> dict[str, str]:
-    """`env: [{name, value}]` as typed: YAML 1.1 would turn an unquoted `on` into true."""
+def environment(section: Section) -> ImageEnvironment:
+    """`env: [{name, value}]` as Docker reads it from ENV; as typed, because YAML 1.1 would turn an unquoted `on` into true."""
     found: dict[str, str] = {}
     for entry in section.sections("env"):
         entry.refuse_unknown(("name", "value"))
@@ -55,7 +58,10 @@ def environment(section: Section) -> dict[str, str]:
         if value is not None and value.kind in ("map", "seq"):
             raise value.fail(f"expected text, found {value.described()}")
         found[entry.required_text("name")] = "" if value is None else entry.templates.render(value, value.raw)
-    return found
+    try:
+        return read_env(found)
+    except DockerError as error:
+        raise (section.get("env") or section.node).fail(str(error)) from None
 
 
 def tagged(image: str) -> bool:

@@ -6,6 +6,7 @@ from enum import StrEnum
 
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.tree import Node
+from rigel_bridge.generations.dockerfile import ImageEnvironment
 
 
 class Generation(StrEnum):
@@ -32,9 +33,11 @@ class Package:
     image: str
     distro: str | None
     command: str | None
-    env: Mapping[str, str]
+    env: ImageEnvironment
     login: str = ""
     """Server of the registry that needs a password; the password itself is never read."""
+    builders: tuple[str, ...] = ()
+    """Build jobs of which none could be chosen, where there is no image."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from rigel_bridge.document.failures import BridgeError, nearest
 from rigel_bridge.document.headed_template import HeadedTemplates
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.tree import Node
+from rigel_bridge.generations.dockerfile import ImageEnvironment
 from rigel_bridge.generations.images import Build, build, login
 from rigel_bridge.generations.jobs import Job
 from rigel_bridge.generations.model import Options, Package, Step, Target
@@ -240,6 +241,7 @@ def _package(file: JobFile, document: Section, *, node: Node, stated: str, made:
         image=image,
         distro=file.options.distro or (document.text_of(distro) if distro else None),
         command=made.command if own else None,
-        env=(made.env or {}) if own else {},
+        env=made.env if own else ImageEnvironment(),
         login=login(document, image),
+        builders=made.builders,
     )

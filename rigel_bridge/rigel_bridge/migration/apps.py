@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from rigel_bridge.document.distros import distros, ros_version
+from rigel_bridge.document.distros import ros_version
 from rigel_bridge.document.failures import BridgeError, Place
 from rigel_bridge.document.naming import MAX_APP_NAME, MAX_COMPONENT_NAME, label
 from rigel_bridge.document.section import Section
@@ -14,10 +14,12 @@ from rigel_bridge.document.template import Templates
 from rigel_bridge.document.tree import Node, parse
 from rigel_bridge.migration.found import Workload
 from rigel_bridge.migration.podspec import fields
+from rigel_bridge.migration.ros_graphs import DEFAULT_RMW, distro_of, uses_own_master
+from rigel_bridge.migration.variables import Variable
 from rigel_bridge.names import API_VERSION, DEFAULT_SCHEDULER, MAX_DOMAIN, PROVENANCE
 from rigel_bridge.render import scheduling
 from rigel_bridge.render.draft import Draft, written
-from rigel_bridge.render.ros import ADDRESSES, OWN_MASTER
+from rigel_bridge.render.ros import ADDRESSES
 from rigel_bridge.render.schema import problems, robotapp_schema
 
 _BLOCKS: Final = {"shared-data": "shared_data", "dds-domain": "dds_domain"}
@@ -32,6 +34,18 @@ class Migrated:
     notes: tuple[str, ...]
     lost: tuple[str, ...]
     """Fields a RobotApp has no place for: the user must look at them."""
+    apart: tuple[str, ...] = ()
+    """Workloads that its nodes met before and may not meet any more."""
+
+    @property
+    def name(self) -> str:
+        """The name of the app."""
+        return str(self.app["metadata"]["name"])
+
+    @property
+    def namespace(self) -> str:
+        """The namespace of the app; empty where the objects name none."""
+        return str(self.app["metadata"]["namespace"])
 
 
 @dataclass(slots=True)
@@ -60,23 +74,10 @@ def migrated(group: Sequence[Workload], *, distro: str = "", name: str = "") -> 
     return Migrated(app, tuple(group), tuple(work.notes), tuple(work.lost))
 
 
-def grouped(workloads: Sequence[Workload]) -> list[list[Workload]]:
-    """Workloads that name one another as peers, in one namespace, are one app; every other is one of its own."""
-    groups: list[list[Workload]] = []
-    for workload in workloads:
-        linked = [group for group in groups if any(_linked(workload, other) for other in group)]
-        merged = [workload, *(other for group in linked for other in group)]
-        groups = [group for group in groups if group not in linked] + [merged]
-    order = {each.title: index for index, each in enumerate(workloads)}
-    return sorted(
-        (sorted(group, key=lambda each: order[each.title]) for group in groups), key=lambda group: order[group[0].title]
-    )
-
-
-def _linked(one: Workload, other: Workload) -> bool:
-    if one.namespace != other.namespace:
-        return False
-    return any(_names(peer, other) for peer in _peers(one)) or any(_names(peer, one) for peer in _peers(other))
+def names_as_peer(workload: Workload, second: Workload) -> bool:
+    """Returns whether one of the two names the other as its peer, in one namespace."""
+    pairs = ((workload, second), (second, workload)) if workload.namespace == second.namespace else ()
+    return any(_names(peer, named) for naming, named in pairs for peer in _peers(naming))
 
 
 def _names(peer: str, workload: Workload) -> bool:
@@ -103,7 +104,7 @@ def _component_names(group: Sequence[Workload]) -> list[str]:
 
 
 def _ros(group: Sequence[Workload], work: _Work, distro: str) -> None:
-    stated = distro or next((guess for each in group if (guess := _distro(each))), "")
+    stated = distro or next((guess for each in group if (guess := distro_of(each))), "")
     if not stated:
         raise _wrong(
             group[0], "names no ROS distribution, neither by ROS_DISTRO nor by its image; give it with --distro"
@@ -111,13 +112,28 @@ def _ros(group: Sequence[Workload], work: _Work, distro: str) -> None:
     if not distro:
         work.notes.append(f"ros.distro {stated} is taken from the image or ROS_DISTRO; --distro says otherwise")
     work.draft.spec["ros"] = {"distro": stated}
+    version = ros_version(work.draft.spec)
+    wanted = _shared_settings(group[0], distro, version=version)
+    for each in group[1:]:
+        for what, value in _shared_settings(each, distro, version=version).items():
+            if value and value != wanted[what]:
+                raise _wrong(each, f"has {what} {value}, and {group[0].title} has {wanted[what]}: an app has one")
 
 
-def _distro(workload: Workload) -> str:
-    container = workload.template["spec"]["containers"][0]
-    texts = [str(each.get("value", "")) for each in container.get("env", ()) if each["name"] == "ROS_DISTRO"]
-    words = re.split(r"[^a-z]+", " ".join([*texts, str(container.get("image", ""))]).lower())
-    return next((word for word in words if word in distros()), "")
+def _shared_settings(workload: Workload, distro: str, *, version: int) -> dict[str, str]:
+    """Returns what all components of an app share, as one workload has it."""
+    scheduler = {"scheduler": str(workload.template["spec"].get("schedulerName", DEFAULT_SCHEDULER))}
+    if not distro:
+        scheduler["distribution"] = distro_of(workload)
+    if version == 1:
+        return {**scheduler, "master": _foreign_master(workload) or "one of its own"}
+    return {**scheduler, "middleware": workload.variables.text("RMW_IMPLEMENTATION") or DEFAULT_RMW}
+
+
+def _foreign_master(workload: Workload) -> str:
+    """Returns the address of a master that the operator would not run; empty for none."""
+    uri = workload.variables.text("ROS_MASTER_URI")
+    return "" if not uri or uses_own_master(workload) else uri
 
 
 def _component(workload: Workload, work: _Work, index: int, *, names: Mapping[str, str]) -> None:
@@ -134,7 +150,8 @@ def _component(workload: Workload, work: _Work, index: int, *, names: Mapping[st
         target["replicas"] = workload.replicas
     work.lost += [f"{workload.title}: {each}" for each in found.lost]
     _wishes(workload, work, index, names)
-    kept = [entry for entry in found.env if not _lifted(entry, workload, work)]
+    _lift_variables(workload, work)
+    kept = [entry for entry in found.env if not _belongs_to_app(entry, version=ros_version(work.draft.spec))]
     if kept:
         target["env"] = kept
 
@@ -177,32 +194,52 @@ def _renamed(peer: str, names: Mapping[str, str]) -> str:
     return peer
 
 
-def _lifted(entry: Mapping[str, Any], workload: Workload, work: _Work) -> bool:
-    """Whether a variable is the operator's now: then it goes into the app's own field, or away, with a note."""
-    name, value = entry["name"], str(entry.get("value", ""))
-    ros2 = ros_version(work.draft.spec) == 2
-    if name in ADDRESSES:
-        if name == "ROS_MASTER_URI" and not ros2 and value and not OWN_MASTER.fullmatch(value):
-            work.draft.spec["ros1"] = {"master": "External", "uri": value}
+def _belongs_to_app(entry: Mapping[str, Any], *, version: int) -> bool:
+    """Returns whether the operator writes a variable, so that a component has none of its own."""
+    if entry["name"] == "RMW_IMPLEMENTATION":
+        return version == 2 and entry.get("value") != ""
+    return entry["name"] in (*ADDRESSES, "ROS_DOMAIN_ID")
+
+
+def _lift_variables(workload: Workload, work: _Work) -> None:
+    """Puts what the workload's variables say into the fields of the app, and notes what goes."""
+    variables, ros2 = workload.variables.by_name, ros_version(work.draft.spec) == 2
+    stated = {str(entry["name"]) for entry in workload.template["spec"]["containers"][0].get("env", ())}
+    for name in (each for each in ADDRESSES if each in stated or each in variables):
         work.notes.append(f"{workload.title}: env {name} goes: the operator sets it")
-        return True
-    if name == "RMW_IMPLEMENTATION" and value and ros2:
-        work.draft.spec.setdefault("ros2", {})["rmw"] = value
-        return True
-    if name != "ROS_DOMAIN_ID":
-        return False
-    stated = value.isascii() and value.isdigit() and 0 < int(value[:4]) <= MAX_DOMAIN
-    if stated and ros2 and "domain" not in work.draft.spec.get("ros2", {}):
-        ros2_fields = work.draft.spec.setdefault("ros2", {})
-        ros2_fields["domain"] = int(value)
-        if not scheduling.is_default_domain(int(value)):
-            ros2_fields["allowUnsafeDomain"] = True
-        work.notes.append(
-            f"{workload.title}: ROS_DOMAIN_ID {value} becomes the app's domain; leave it out to get a free one"
-        )
-    else:
-        work.notes.append(f"{workload.title}: ROS_DOMAIN_ID {value} goes: the app has a domain of its own")
-    return True
+    if not ros2 and (uri := _foreign_master(workload)):
+        work.draft.spec["ros1"] = {"master": "External", "uri": uri}
+    middleware = variables.get("RMW_IMPLEMENTATION")
+    if ros2 and middleware and middleware.text:
+        work.draft.spec.setdefault("ros2", {})["rmw"] = middleware.text
+    if domain := variables.get("ROS_DOMAIN_ID"):
+        _lift_domain(workload, work, domain)
+    work.notes += [
+        f"{workload.title}: {name} stands in {variable.source}, which a migration does not read: write it into "
+        f"spec.{'ros1.uri' if name == 'ROS_MASTER_URI' else 'ros2.rmw'}, or the app has the default"
+        for name in ("RMW_IMPLEMENTATION", "ROS_MASTER_URI")
+        if (variable := variables.get(name)) and variable.text is None
+    ]
+    work.notes += [
+        f"{workload.title}: {source} is not read: if it states ROS_DOMAIN_ID, RMW_IMPLEMENTATION or ROS_MASTER_URI, write that "
+        "into spec.ros2 or spec.ros1, which win"
+        for source in workload.variables.unread
+    ]
+
+
+def _lift_domain(workload: Workload, work: _Work, variable: Variable) -> None:
+    text, ros2 = (variable.text or "").strip(), ros_version(work.draft.spec) == 2
+    at = f"{text} of {variable.source}" if variable.source and text else variable.source or text
+    stated = scheduling.DOMAIN.fullmatch(text) is not None and 0 < int(text) <= MAX_DOMAIN
+    if not stated or not ros2 or "domain" in work.draft.spec.get("ros2", {}):
+        same = stated and work.draft.spec.get("ros2", {}).get("domain") == int(text)
+        work.notes += [] if same else [f"{workload.title}: ROS_DOMAIN_ID {at} goes: the app has a domain of its own"]
+        return
+    fields_of_app = work.draft.spec.setdefault("ros2", {})
+    fields_of_app["domain"] = int(text)
+    if not scheduling.is_default_domain(int(text)):
+        fields_of_app["allowUnsafeDomain"] = True
+    work.notes.append(f"{workload.title}: ROS_DOMAIN_ID {at} becomes the app's domain; leave it out to get a free one")
 
 
 def _check(draft: Draft) -> None:

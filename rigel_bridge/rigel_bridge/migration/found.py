@@ -2,10 +2,18 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from rigel_bridge.migration.shape import misshapen
+from rigel_bridge.migration.variables import (
+    ConfigMaps,
+    Variables,
+    list_config_maps,
+    read_variables,
+    referenced_config_maps,
+)
 from rigel_bridge.names import SCHEDULER_PREFIX, THESIS_SCHEDULER
 
 WISHES: Final = ("policies", "topology", "affinity", "shared-data", "dds-domain")
@@ -15,6 +23,8 @@ CLAIMS: Final = ("dds-claims", "device-claims")
 FLEET: Final = "robot-fleet-assignments"
 MASTER: Final = "ros-master"
 """Deployment of the master that all apps of a namespace shared."""
+_STAYING: Final = ("StatefulSet", "DaemonSet", "Job")
+"""Kinds with pods that no RobotApp makes."""
 _UID: Final = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 
 Json = Mapping[str, Any]
@@ -30,6 +40,8 @@ class Workload:
     template: Json
     replicas: int
     stored: Json
+    variables: Variables = Variables()  # noqa: RUF009 - frozen, so one for all is no trap
+    """ROS variables of its first container."""
 
     @property
     def title(self) -> str:
@@ -57,6 +69,8 @@ class Scene:
     """Everything that matters for a migration."""
 
     workloads: tuple[Workload, ...]
+    staying: tuple[Workload, ...]
+    """Workloads that are not to be migrated."""
     owners: Mapping[str, str]
     """Title of the workload by uid of each of its pods."""
     claims: tuple[Claim, ...]
@@ -69,13 +83,15 @@ def scene(objects: Sequence[Json], *, names: Sequence[str] = ()) -> Scene:
     for each in objects:
         by_kind.setdefault(str(each.get("kind")), []).append(each)
     notes: list[str] = []
-    workloads = [
-        _deployment(each) for each in by_kind.get("Deployment", ()) if _is_old(each["spec"]["template"], each, names)
-    ]
-    workloads += [_pod(each) for each in by_kind.get("Pod", ()) if not _controller(each) and _is_old(each, each, names)]
+    config_maps = list_config_maps(by_kind.get("ConfigMap", ()))
+    workloads, staying = list[Workload](), list[Workload]()
+    for each in (*by_kind.get("Deployment", ()), *(pod for pod in by_kind.get("Pod", ()) if not _controller(pod))):
+        workload = _workload(each, config_maps)
+        (workloads if _is_old(workload.template, each, names) else staying).append(workload)
+    staying += [_workload(each, config_maps) for kind in _STAYING for each in by_kind.get(kind, ())]
     notes += [
         f"{each['kind'].lower()} {_title(each)} has the thesis' annotations and stays: a RobotApp makes Deployments"
-        for kind in ("StatefulSet", "DaemonSet", "Job")
+        for kind in _STAYING
         for each in by_kind.get(kind, ())
         if _is_old(each["spec"]["template"], each, names)
     ]
@@ -86,38 +102,54 @@ def scene(objects: Sequence[Json], *, names: Sequence[str] = ()) -> Scene:
     ]
     claims = [claim for node in by_kind.get("Node", ()) for claim in _node_claims(node, notes)]
     claims += [claim for each in by_kind.get("ConfigMap", ()) for claim in _fleet(each)]
-    return Scene(tuple(workloads), _owners(by_kind, workloads), tuple(claims), tuple(notes))
+    staying = [each for each in staying if not _is_of_a_robotapp(each.stored)]
+    return Scene(tuple(workloads), tuple(staying), _owners(by_kind, workloads), tuple(claims), tuple(notes))
 
 
 def _is_old(template: Json, holder: Json, names: Sequence[str]) -> bool:
     """Whether pods of this template are of the thesis' time, or named by the user, and not made by a RobotApp."""
     annotations = template.get("metadata", {}).get("annotations") or {}
     wished = any(SCHEDULER_PREFIX + key in annotations for key in WISHES)
-    owned = any(owner.get("kind") == "RobotApp" for owner in holder["metadata"].get("ownerReferences", ()))
     sent = template["spec"].get("schedulerName") == THESIS_SCHEDULER
     name = holder["metadata"]["name"]
-    return (((wished or sent) and name != MASTER) or name in names) and not owned
+    return (((wished or sent) and name != MASTER) or name in names) and not _is_of_a_robotapp(holder)
 
 
-def _deployment(obj: Json) -> Workload:
+def _is_of_a_robotapp(holder: Json) -> bool:
+    return any(owner.get("kind") == "RobotApp" for owner in holder["metadata"].get("ownerReferences", ()))
+
+
+def _workload(obj: Json, config_maps: ConfigMaps) -> Workload:
+    """Reads an object with a pod template, or a pod."""
     metadata, spec = obj["metadata"], obj["spec"]
+    template = _pod_template(obj) if obj["kind"] == "Pod" else spec["template"]
+    namespace = metadata.get("namespace", "")
     return Workload(
-        "Deployment",
-        metadata.get("namespace", ""),
+        obj["kind"],
+        namespace,
         metadata["name"],
-        spec["template"],
+        template,
         int(spec.get("replicas", 1)),
         obj,
+        read_variables(template["spec"]["containers"][0], namespace, config_maps),
     )
 
 
-def _pod(obj: Json) -> Workload:
-    metadata = obj["metadata"]
-    template = {
+def config_maps_of(stored: Json) -> Iterator[str]:
+    """Yields the names of the ConfigMaps that may state ROS variables of a workload, whatever somebody's kubectl wrote."""
+    if misshapen(stored) is not None or stored["kind"] not in ("Deployment", "Pod", *_STAYING):
+        return
+    template = _pod_template(stored) if stored["kind"] == "Pod" else stored["spec"]["template"]
+    names = referenced_config_maps(template["spec"]["containers"][0])
+    yield from (name for name in names if name != FLEET)
+
+
+def _pod_template(pod: Json) -> Json:
+    metadata = pod["metadata"]
+    return {
         "metadata": {key: metadata[key] for key in ("labels", "annotations") if metadata.get(key)},
-        "spec": {key: value for key, value in obj["spec"].items() if key != "nodeName"},
+        "spec": {key: value for key, value in pod["spec"].items() if key != "nodeName"},
     }
-    return Workload("Pod", metadata.get("namespace", ""), metadata["name"], template, 1, obj)
 
 
 def _controller(obj: Json) -> str:

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from rigel_bridge.document.failures import BridgeError
-from rigel_bridge.migration.apps import Migrated, grouped, migrated
+from rigel_bridge.migration.apps import Migrated, migrated
 from rigel_bridge.migration.found import CLAIMS, FLEET, Claim, Scene
+from rigel_bridge.migration.joining import join, keep_meeting, select
+from rigel_bridge.migration.ros_graphs import is_ros
 from rigel_bridge.names import SCHEDULER_PREFIX
 
 
@@ -21,26 +23,25 @@ class Plan:
 
 
 def plan(scene: Scene, *, distro: str = "", names: Sequence[str] = ()) -> Plan:
-    """Migrate every group of workloads, or only those with a workload of these names. One that cannot be leaves the others alone."""
-    done: list[Migrated] = []
+    """Migrate all workloads, or only those of these names. One that cannot be leaves the others alone."""
+    chosen, staying = select(scene.workloads, names)
     refused: list[str] = []
-    taken: set[tuple[str, str]] = set()
-    for group in grouped(scene.workloads):
-        if names and not any(each.name in names for each in group):
-            continue
+    for workload in list(chosen):
         try:
-            made = migrated(group, distro=distro)
+            migrated((workload,), distro=distro)
         except BridgeError as error:
             refused.append(str(error))
-            continue
-        metadata = made.app["metadata"]
-        key = (metadata["namespace"], metadata["name"])
-        if key in taken:
-            refused.append(f"{group[0].title}: becomes RobotApp {key[1]}, which another one already is: rename one")
-            continue
-        taken.add(key)
-        done.append(made)
-    return Plan(tuple(done), tuple(refused), scene)
+            chosen.remove(workload)
+            staying.append(workload)
+    apps: dict[tuple[str, str], Migrated] = {}
+    for group in join(chosen, distro=distro):
+        app = migrated(group, distro=distro)
+        if apps.setdefault((app.namespace, app.name), app) is not app:
+            refused.append(f"{group[0].title}: becomes RobotApp {app.name}, which another one already is: rename one")
+            staying += group
+    strangers = [workload for workload in scene.staying if is_ros(workload)]
+    kept = keep_meeting(list(apps.values()), (*staying, *strangers), distro=distro)
+    return Plan(tuple(kept), tuple(refused), scene)
 
 
 def lines(plan: Plan) -> Iterator[str]:
@@ -51,6 +52,7 @@ def lines(plan: Plan) -> Iterator[str]:
         yield f"  {_components(spec)}, ROS {spec['ros']['distro']}, scheduler {spec.get('schedulerName', 'of the operator')}"
         yield from (f"  {note}" for note in made.notes)
         yield from (f"  LOST: {each} has no place in a RobotApp" for each in made.lost)
+        yield from (f"  APART: {each}" for each in made.apart)
     yield from (f"stays: {each}" for each in plan.refused)
     yield from plan.scene.notes
     yield from (_claim_line(claim, plan) for claim in plan.scene.claims)
@@ -101,6 +103,7 @@ def document(plan: Plan) -> dict[str, Any]:
                 "from": [each.title for each in made.workloads],
                 "notes": list(made.notes),
                 "lost": list(made.lost),
+                "apart": list(made.apart),
             }
             for made in plan.apps
         ],

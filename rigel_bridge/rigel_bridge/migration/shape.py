@@ -58,7 +58,19 @@ _METADATA: Final = _has(
     {"name": _TEXT}, namespace=_TEXT, uid=_TEXT, labels=_texts, annotations=_texts, ownerReferences=_all(_OWNER)
 )
 _HEAD: Final = _has({"kind": _TEXT, "metadata": _METADATA})
-_CONTAINER: Final = _has({"name": _TEXT}, image=_TEXT, env=_all(_NAMED), volumeMounts=_all(_NAMED))
+_SOURCE: Final = _has({}, name=_TEXT, key=_TEXT, fieldPath=_TEXT)
+_VALUE_FROM: Final = _has({}, configMapKeyRef=_SOURCE, secretKeyRef=_SOURCE, fieldRef=_SOURCE)
+_VARIABLE: Final = _has({"name": _TEXT}, value=_TEXT, valueFrom=_VALUE_FROM)
+_ENV_FROM: Final = _has({}, prefix=_TEXT, configMapRef=_SOURCE, secretRef=_SOURCE)
+_CONTAINER: Final = _has(
+    {"name": _TEXT},
+    image=_TEXT,
+    command=_all(_TEXT),
+    args=_all(_TEXT),
+    env=_all(_VARIABLE),
+    envFrom=_all(_ENV_FROM),
+    volumeMounts=_all(_NAMED),
+)
 _POD: Final = _has({"containers": _all(_CONTAINER, least=1)}, schedulerName=_TEXT, volumes=_all(_NAMED))
 _TEMPLATE: Final = _has({"spec": _POD}, metadata=_has({}, labels=_texts, annotations=_texts))
 _WORKLOAD: Final = _has({"spec": _has({"template": _TEMPLATE}, replicas=_of(int))})

@@ -72,7 +72,7 @@ def render(target: Target, naming: Naming) -> Rendered:
         draft.spec["schedulerName"] = target.scheduler
     notes += _logins(target, block)
     _refuse_secrets(draft)
-    _check(draft)
+    _check(draft, target)
     notes += _left_as_they_stand(draft)
     metadata = _metadata(target, naming, block)
     annotations = {**dict(naming.provenance), **extras.annotations}
@@ -157,13 +157,27 @@ def _left_as_they_stand(draft: Draft) -> list[Note]:
     return found
 
 
-def _check(draft: Draft) -> None:
+def _no_image(target: Target) -> str:
+    """Returns why there is no image, and what to write."""
+    builders = next((package.builders for package in target.packages if package.builders), ())
+    if not builders:
+        return (
+            "names no image: write application_image into the orchestration block, add one build job, or give --image"
+        )
+    *first, last = builders
+    return (
+        f"names no image, and jobs {', '.join(first)} and {last} build one each: write the right one as application_image "
+        "into the orchestration block, or give --image"
+    )
+
+
+def _check(draft: Draft, target: Target) -> None:
     """Everything the API server would refuse by structure, and the slips that are typical here."""
     for index, component in enumerate(draft.spec["components"]):
         if not component.get("image"):
             raise BridgeError(
                 draft.origin(("components", index)),
-                "names no image: write application_image into the orchestration block, add one build job, or give --image",
+                _no_image(target),
             )
     schema = robotapp_schema()["properties"]["spec"]
     found = next(problems(draft.spec, schema), None)

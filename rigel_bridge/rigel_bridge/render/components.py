@@ -1,11 +1,11 @@
 """Packages to components: name, image, command, environment."""
 
-import shlex
 from typing import Any
 
 from rigel_bridge.document.naming import MAX_COMPONENT_NAME, checked_label
 from rigel_bridge.document.section import Section
 from rigel_bridge.document.template import is_secret
+from rigel_bridge.generations.dockerfile import escape_for_kubernetes, read_command
 from rigel_bridge.generations.model import Package
 from rigel_bridge.render.draft import Draft
 from rigel_bridge.render.notes import Note
@@ -37,13 +37,23 @@ def _program(package: Package, index: int, draft: Draft) -> list[Note]:
     """Command and variables; gives notes. What looks like a secret stays in the image, where Rigel put it."""
     if package.command:
         draft.put(("components", index, "args"), words(package), package.node)
-    secret = [name for name, value in package.env.items() if value and is_secret(name)]
+    values = package.env.values
+    secret = [name for name, value in values.items() if value and is_secret(name)]
     own: list[dict[str, Any]] = [
-        {"name": key, "value": value} for key, value in package.env.items() if key not in LIFTED and key not in secret
+        {"name": key, "value": escape_for_kubernetes(value)}
+        for key, value in values.items()
+        if key not in LIFTED and key not in secret
     ]
     if own:
         draft.put(("components", index, "env"), own, package.node)
-    return [
+    kept = [
+        Note(
+            f"{package.node.place}: env {name} refers to {reference}, which the base image states: its value stays in the image "
+            "and is not carried over"
+        )
+        for name, reference in package.env.from_base.items()
+    ]
+    return kept + [
         Note(
             f"{package.node.place}: env {name} looks like a secret and is not carried over: keep it in a Secret, and name that "
             "with envFrom of the component"
@@ -63,6 +73,6 @@ def settle_programs(packages: tuple[Package, ...], draft: Draft) -> None:
 def words(package: Package) -> list[str]:
     """The command as arguments of the image's entrypoint, which sources the workspace and then runs them."""
     try:
-        return shlex.split(package.command or "")
+        return [escape_for_kubernetes(word) for word in read_command(package.command or "")]
     except ValueError as error:
         raise package.node.fail(f"command: {error}") from error

@@ -33,18 +33,26 @@ def ros(packages: tuple[Package, ...], block: Section | None, draft: Draft, *, t
     if version == 2:
         for package in packages:
             for variable in LIFTED:
-                lift(variable, package.env.get(variable), package.node, draft)
+                _refuse_from_base(variable, package)
+                lift(variable, package.env.values.get(variable), package.node, draft)
         notes += _unused_master(block, distro)
         return notes
     notes += [
         Note(f"{package.node.place}: env {variable} has no meaning for ROS 1 ({distro}) and is left out")
         for package in packages
         for variable in LIFTED
-        if variable in package.env
+        if variable in package.env.values
     ]
     if block is not None:
         _master(block, draft)
     return notes
+
+
+def _refuse_from_base(variable: str, package: Package) -> None:
+    if reference := package.env.from_base.get(variable):
+        raise package.node.fail(
+            f"env {variable} refers to {reference}, which only the base image states: write the value itself"
+        )
 
 
 def lift(variable: str, value: str | None, node: Node, draft: Draft) -> None:

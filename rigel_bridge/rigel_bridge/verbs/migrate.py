@@ -14,7 +14,7 @@ from rigel_bridge.cluster.takeover import Limits, annotate, backup_name, forget,
 from rigel_bridge.cluster.waiting import Clock
 from rigel_bridge.document.distros import distros
 from rigel_bridge.document.failures import BridgeError, Exit, Place, nearest
-from rigel_bridge.migration.found import scene
+from rigel_bridge.migration.found import config_maps_of, scene
 from rigel_bridge.migration.report import Plan, annotation, document, leftover_records, lines, plan
 from rigel_bridge.migration.shape import misshapen
 from rigel_bridge.render.text import as_yaml
@@ -40,7 +40,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
         "-f",
         "--file",
         type=Path,
-        help="read `kubectl get deploy,rs,pods,nodes,cm -A -o json` from a file, without a cluster",
+        help="read `kubectl get deploy,rs,sts,ds,jobs,pods,nodes,cm -A -o json` from a file, without a cluster",
     )
     parser.add_argument("--distro", default="", help="ROS distribution of workloads whose image does not name one")
     parser.add_argument("--report", type=Path, help="write the report there as JSON as well")
@@ -50,7 +50,9 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
         help="replace the workloads: old ones end, RobotApps start, records of nodes are cleared",
     )
     parser.add_argument("--backup", type=Path, help="new folder for the old objects; required with --apply")
-    parser.add_argument("--lossy", action="store_true", help="apply also what loses fields (LOST in the report)")
+    parser.add_argument(
+        "--lossy", action="store_true", help="apply also what loses fields or company (LOST and APART in the report)"
+    )
     parser.add_argument(
         "--wait",
         type=seconds,
@@ -65,7 +67,9 @@ def _run(arguments: argparse.Namespace) -> int:
     _refuse_contradictions(arguments)
     kubectl = kubectl_of(arguments)
     objects = (
-        _of_file(arguments.file) if arguments.file else read(kubectl, everywhere=arguments.all_namespaces, tell=tell)
+        _of_file(arguments.file)
+        if arguments.file
+        else read(kubectl, everywhere=arguments.all_namespaces, tell=tell, config_maps_of=config_maps_of)
     )
     _refuse_missing(arguments.workloads, objects)
     found = plan(scene(objects, names=arguments.workloads), distro=arguments.distro, names=arguments.workloads)
@@ -133,11 +137,7 @@ def _of_file(path: Path) -> list[dict[str, Any]]:
 
 
 def _take_over(kubectl: Kubectl, found: Plan, arguments: argparse.Namespace) -> None:
-    lost = [each for made in found.apps for each in made.lost]
-    if lost and not arguments.lossy:
-        raise BridgeError(
-            Place("migrate"), f"{len(lost)} fields would be lost, see the report; --lossy goes on without them"
-        )
+    _refuse_losses(found, lossy=arguments.lossy)
     for made in found.apps:
         apps.apply(kubectl, made.app, dry_run=True)
     backup = opened(arguments.backup)
@@ -158,6 +158,20 @@ def _take_over(kubectl: Kubectl, found: Plan, arguments: argparse.Namespace) -> 
         _try_to_clear_records(kubectl, found, titles)
         raise
     _clear_records(kubectl, found, titles)
+
+
+def _refuse_losses(plan: Plan, *, lossy: bool) -> None:
+    lost = sum(len(app.lost) for app in plan.apps)
+    apart = sum(len(app.apart) for app in plan.apps)
+    if lost and not lossy:
+        raise BridgeError(
+            Place("migrate"), f"{lost} fields would be lost, see the report; --lossy goes on without them"
+        )
+    if apart and not lossy:
+        raise BridgeError(
+            Place("migrate"),
+            f"{'1 pair' if apart == 1 else f'{apart} pairs'} of workloads would no longer meet, see APART in the report; --lossy goes on all the same",
+        )
 
 
 def _try_to_clear_records(kubectl: Kubectl, found: Plan, titles: set[str]) -> None:

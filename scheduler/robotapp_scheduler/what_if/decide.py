@@ -26,7 +26,7 @@ from robotapp_scheduler.what_if import replay
 from robotapp_scheduler.what_if.app_pods import instances_with_pods, running_apps, take_away, tried_app
 from robotapp_scheduler.what_if.difference import Answer, Outcome, PodChange, edge_changes, in_order
 from robotapp_scheduler.what_if.edges import edge_times, instances_on
-from robotapp_scheduler.what_if.lost_nodes import SUCCESSOR, change_of, fate, lost, successor_of
+from robotapp_scheduler.what_if.lost_nodes import SUCCESSOR, change_of, describe_own_program, fate, lost, successor_of
 from robotapp_scheduler.what_if.question import Question, QuestionError, check_nodes
 from robotapp_scheduler.what_if.replay import compare_choices
 
@@ -132,6 +132,8 @@ class _Decider:
                 continue
             if pod.spec.scheduler_name not in self._before.scheduler_names:
                 others += 1
+                if own := describe_own_program(pod, node):
+                    self._notes.append(own)
                 continue
             change = fate(pod, node, cluster)
             if change is not None:
@@ -142,9 +144,8 @@ class _Decider:
             self._was[successor.metadata.uid] = node
             found.append(successor)
         if others:
-            self._notes.append(
-                f"{others} pods of other schedulers are on lost nodes: where these go is not decided here"
-            )
+            what = "1 pod of another scheduler is" if others == 1 else f"{others} pods of other schedulers are"
+            self._notes.append(f"{what} on {node}: where they go is not decided here")
         return found
 
     def _apps(

@@ -4,6 +4,7 @@ from typing import Final
 
 import msgspec
 
+from robotapp_api.model.names import Label
 from robotapp_api.values.toleration import tolerates
 from robotapp_scheduler.core.api.core_v1 import Node, Pod, Taint
 from robotapp_scheduler.core.cache.cache import Cache
@@ -16,6 +17,13 @@ TAINT_KEY: Final = "node.kubernetes.io/unreachable"
 TAINTS: Final = tuple(Taint(key=TAINT_KEY, effect=effect) for effect in ("NoSchedule", "NoExecute"))
 EVICTING: Final = TAINTS[1]
 _UNTIL_DELETED: Final = "StatefulSet"
+_PROGRAM: Final = "app.kubernetes.io/component"
+_LACKS: Final = {
+    "operator": "no app is changed and no status follows",
+    "scheduler": "no pod of an app gets a node, so what is said here comes later",
+    "console": "the web console does not answer",
+}
+"""Programs of the chart that are not on every node → what is lacking without one."""
 SUCCESSOR: Final = "what-if/successor/"
 
 
@@ -39,6 +47,18 @@ def fate(pod: Pod, node: str, cluster: Cache) -> PodChange | None:
         reason = "its StatefulSet waits until the pod or the node is deleted"
         return change_of(pod, cluster, Outcome.PENDING, from_=node, reason=reason)
     return _kept(pod, node, cluster)
+
+
+def describe_own_program(pod: Pod, node: str) -> str:
+    """Returns what stops while this pod is lost, where it is one of RobotApp's own programs that all robots need; else ""."""
+    labels = pod.metadata.labels or {}
+    lack = _LACKS.get(labels.get(_PROGRAM, "")) if labels.get(Label.PART_OF) == "robotapp" else None
+    if lack is None or Label.APP_UID in labels:
+        return ""
+    name = f"{pod.metadata.namespace}/{pod.metadata.name}"
+    return (
+        f"RobotApp's own {labels[_PROGRAM]} {name} is on {node}: until it, or another replica, runs elsewhere, {lack}"
+    )
 
 
 def _stays_for_good(pod: Pod) -> bool:

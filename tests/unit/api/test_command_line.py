@@ -176,3 +176,18 @@ def test_a_reference_in_the_name_of_an_object_is_refused(fields: dict[str, Any],
 
 def test_a_reference_in_a_value_is_accepted() -> None:
     assert list_problems(env=[{"name": "A", "value": "$(ROBOTAPP_ROBOT)"}]) == []
+
+
+@pytest.mark.parametrize(
+    "image", ["ros:humble", "osrf/ros:noetic-desktop", "docker.io/library/ros:jazzy", "reg:5000/ros"]
+)
+def test_an_image_of_ros_alone_starts_nothing_and_a_note_says_so(image: str) -> None:
+    assert any("starts a shell by itself, which ends at once" in note for note in list_notes(image=image))
+    assert not list_notes(image=image, args=["ros2", "run", "a", "b"])
+    assert not list_notes(image=image.replace("ros", "team/robot", 1) if "osrf" not in image else "osrf/gazebo:1")
+
+
+def test_a_gpu_among_devices_is_told_where_it_comes_from() -> None:
+    (note,) = [note for note in list_notes(devices=[{"name": "g", "type": "gpu"}]) if "devices" in note]
+    assert "no claim is made for a gpu" in note
+    assert not [note for note in list_notes(requires=[{"type": "gpu"}]) if "no claim" in note]

@@ -156,7 +156,8 @@ def test_a_var_with_control_characters_is_refused_where_it_stands() -> None:
 
 
 def test_a_var_of_several_lines_is_allowed() -> None:
-    text = f'vars: {{v: "a\\n\\tb"}}\n{ONE}    env: [{{name: A, value: "{{{{ v }}}}"}}]\n'
+    block = '{components: {base_driver: {env: [{name: A, value: "{{ v }}"}]}}}'
+    text = 'vars: {v: "a\\n\\tb"}\n' + orchestration(block)
     assert spec(text)["components"][0]["env"] == [{"name": "A", "value": "a\n\tb"}]
 
 
@@ -247,7 +248,7 @@ def test_a_file_writes_no_control_characters_to_the_terminal(
 
 
 def test_what_is_written_is_yaml_whatever_the_values_are() -> None:
-    text = f"{ONE}    env: [{{name: A, value: '\": {{}}, kind: ClusterRole'}}]\n"
+    text = f"{ONE}    env: [{{name: A, value: '\\\": {{}}, kind: ClusterRole'}}]\n"
     app = rendered(text).app
     assert yaml.safe_load(yaml.safe_dump(app)) == app
     assert app["kind"] == "RobotApp"

@@ -70,6 +70,17 @@ def test_warnings_are_no_errors(tmp_path: Path) -> None:
     assert result.stdout.endswith("1 warning in 1 DomainPool and 1 RobotApp\n")
 
 
+def test_files_may_be_named_as_kubectl_apply_takes_them(tmp_path: Path) -> None:
+    named = written(tmp_path, app())
+    written(tmp_path, app(), name="b.yml")
+    (tmp_path / "README.md").write_text("no YAML: {")
+    assert run("-f", named).stdout == "nothing wrong in 1 RobotApp\n"
+    assert run(str(tmp_path)).stdout == "nothing wrong in 2 RobotApps\n"
+    (tmp_path / "empty").mkdir()
+    assert "has no file *.yaml" in run(str(tmp_path / "empty")).output
+    assert run().exit_code == 2
+
+
 def test_what_is_not_checked_is_counted(tmp_path: Path) -> None:
     others = [{"apiVersion": "v1", "kind": "ConfigMap"}] * 2
     result = run(written(tmp_path, app(), *others))
@@ -137,9 +148,9 @@ def test_programs_get_the_same_as_json_and_yaml(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "Missing argument"),
+        ([], "give a FILE with a RobotApp"),
         (["/nowhere.yaml"], "/nowhere.yaml cannot be read: No such file or directory"),
-        (["/"], "/ cannot be read: Is a directory"),
+        (["/proc/self/task"], "has no file *.yaml, *.yml or *.json"),
         (["-o", "xml", "-"], "xml"),
         (["--context", "x", "-"], "context"),
     ],

@@ -145,6 +145,12 @@ def test_a_node_that_is_not_ready_says_since_when(stage: Stage) -> None:
     assert found == {"a": (True, False), "b": (False, True)}
 
 
+def test_a_cordoned_node_does_not_look_like_any_other(stage: Stage) -> None:
+    stage.add("/nodes", node("a"), node("b") | {"spec": {"unschedulable": True}})
+    assert rows(stage, "nodes") == [["NODE", "TIER", "CORDONED"], ["a"], ["b", "yes"]]
+    assert [row["cordoned"] for row in stage.data("nodes")["nodes"]] == [False, True]
+
+
 def test_devices_of_labels_count_and_the_gpu_of_a_device_plugin_does_not(stage: Stage) -> None:
     shown = node("a", can="true")
     shown["metadata"]["labels"]["hardware.robotics.io/gpu"] = "nvidia"

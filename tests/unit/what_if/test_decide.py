@@ -127,7 +127,19 @@ def test_pods_of_replica_sets_move_others_end_wait_or_stay() -> None:
         "tolerant": (Outcome.STAYS, ""),
         "db-0": (Outcome.PENDING, ""),
     }
-    assert any("1 pods of other schedulers" in note for note in found.notes)
+    assert "1 pod of another scheduler is on n1: where they go is not decided here" in found.notes
+
+
+def test_a_lost_program_of_robotapp_itself_is_named_with_what_is_lacking() -> None:
+    core = make_core(make_node("n1"), make_node("n2"))
+    for name in ("operator", "scheduler", "agent"):
+        labels = {"app.kubernetes.io/part-of": "robotapp", "app.kubernetes.io/component": name}
+        core.cluster.apply_pod(replica(name, "n1", scheduler="default-scheduler", labels=labels))
+    notes = lost(core, "n1").notes
+    assert any("RobotApp's own scheduler default/scheduler is on n1" in note for note in notes), notes
+    assert any("RobotApp's own operator" in note and "no app is changed" in note for note in notes)
+    assert not any("own agent" in note for note in notes)
+    assert "3 pods of other schedulers are on n1: where they go is not decided here" in notes
 
 
 SILENT = {"key": "node.kubernetes.io/unreachable", "operator": "Exists", "effect": "NoExecute"}

@@ -28,7 +28,7 @@ class InstanceCounts(Observed):
     offline: Count = 0
     """Instances whose robot is out of reach for longer than connectivity.grace, or out of sight."""
     completed: Count = 0
-    """Instances that have done their work."""
+    """Always 0 until components may end: today one is started again when its program ends."""
     failed: Count = 0
     """Instances that cannot run as they are written."""
 

@@ -88,7 +88,11 @@ class TemplateSpec(Model):
     """Refused: write spec.schedulerName, which is for all components."""
     restart_policy: Annotated[
         Literal["Always", "OnFailure", "Never"] | None,
-        _refused("restartPolicy", "components always restart: leave it out", empty="self == 'Always'"),
+        _refused(
+            "restartPolicy",
+            "components always restart: leave it out; a program that ends is a Job",
+            empty="self == 'Always'",
+        ),
     ] = None
     """Refused unless Always: components always restart."""
     resource_claims: Annotated[

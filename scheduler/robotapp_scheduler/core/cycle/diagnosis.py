@@ -124,7 +124,9 @@ class Diagnosis:
             nodes=count,
         )
         if status.code is Code.UNRESOLVABLE and status.plugin in _before_dynamic_resources(self._runner.profile):
-            decision.message += QUIRK
+            # "not found. not found" helps nobody, and pods of RobotApps are not upstream's matter.
+            if pod.member is None:
+                decision.message += QUIRK
             return decision
         return self._post_filtered(decision, None)
 

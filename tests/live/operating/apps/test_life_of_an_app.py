@@ -135,8 +135,11 @@ def test_drift_is_repaired_and_costs_one_write(tenant: Tenant, ids: str) -> None
     tenant.wait_ready("steady")
     (deployment,) = tenant.deployments()
     path = f"/apis/apps/v1/namespaces/{tenant.namespace}/deployments/{deployment['metadata']['name']}"
-    tenant.cp.api.patch(path, {"spec": {"replicas": 3}})
+    tenant.cp.kubectl("scale", "-n", tenant.namespace, f"deployment/{deployment['metadata']['name']}", "--replicas=3")
     eventually(lambda: tenant.deployments()[0]["spec"]["replicas"] == 1)
+    asked = ("get", "events", "-n", tenant.namespace, "--field-selector=reason=ReplicasSetBack", "-o", "yaml")
+    eventually(lambda: "write spec.components[0].replicas" in tenant.cp.kubectl(*asked))
+    assert "was scaled by kubectl and" in tenant.cp.kubectl(*asked)
     image = [{"op": "replace", "path": "/spec/template/spec/containers/0/image", "value": "evil"}]
     tenant.cp.api.patch(path, image, content_type="application/json-patch+json")  # type: ignore[arg-type] - a JSON patch is a list
     eventually(lambda: "evil" not in str(tenant.deployments()[0]["spec"]))

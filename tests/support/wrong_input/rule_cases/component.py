@@ -152,7 +152,9 @@ COMPONENT = [
     ),
     _refused("nodeName", "amr-07", "write nodeSelector, or robots and runsOn of the component", good=""),
     _refused("schedulerName", "other", "write spec.schedulerName, which is for all components", good=""),
-    _refused("restartPolicy", "Never", "components always restart: leave it out", good="Always"),
+    _refused(
+        "restartPolicy", "Never", "components always restart: leave it out; a program that ends is a Job", good="Always"
+    ),
     _refused("resourceClaims", [{"name": "gpu"}], "write devices of the component", good=[]),
     _refused("schedulingGates", [{"name": "x.io/y"}], "write spec.suspend: true to hold an app back", good=[]),
     _refused("ephemeralContainers", [{"name": "x"}], "leave it out: kubectl debug adds them to a running pod", good=[]),

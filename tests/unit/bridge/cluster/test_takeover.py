@@ -10,6 +10,7 @@ from tests.unit.bridge.fake_cluster import FakeCluster, app
 from rigel_bridge.cluster.kubectl import ClusterError, Refusal
 from rigel_bridge.cluster.takeover import Limits, annotate, read, restorable, take_over
 from rigel_bridge.cluster.waiting import Clock
+from rigel_bridge.migration.found import config_maps_of
 from rigel_bridge.migration.report import annotation
 
 LIMITS = Limits(gone_s=5, ready_s=5)
@@ -90,6 +91,20 @@ def test_what_the_user_may_not_see_or_write_is_told() -> None:
     annotate(made, "n1", ["scheduler.robotics.io/dds-claims-"], version="7", tell=told.append)
     assert told[0].startswith("nodes are not looked at")
     assert told[1] == "for an admin: kubectl annotate node n1 scheduler.robotics.io/dds-claims- --overwrite"
+
+
+def test_config_maps_with_variables_of_a_workload_are_read_and_no_others() -> None:
+    made = cluster(ready=True)
+    pod = {"containers": [{"name": "c", "image": "ros:humble", "envFrom": [{"configMapRef": {"name": "ros-env"}}]}]}
+    made.objects["deployments", "talker"] = old() | {
+        "metadata": {"name": "talker", "namespace": "fleet"},
+        "spec": {"template": {"spec": pod}},
+    }
+    for name in ("ros-env", "web"):
+        metadata = {"name": name, "namespace": "fleet"}
+        made.objects["configmaps", name] = {"kind": "ConfigMap", "metadata": metadata, "data": {"ROS_DOMAIN_ID": "5"}}
+    objects = read(made, everywhere=False, tell=pytest.fail, config_maps_of=config_maps_of)
+    assert [each["metadata"]["name"] for each in objects if each["kind"] == "ConfigMap"] == ["ros-env"]
 
 
 def test_a_command_for_an_admin_runs_nothing_that_a_record_holds() -> None:

@@ -123,7 +123,6 @@ def test_workloads_that_name_one_another_are_one_app_whose_peers_are_components(
     app = spec(ui, deployment("driver"))
     assert [each["name"] for each in app["components"]] == ["teleop-ui", "driver"]
     assert app["components"][0]["sharedData"] == {"with": ["driver"], "peerPods": ["mapper"]}
-    assert len(planned(deployment("a"), deployment("b")).apps) == 2
 
 
 def test_variables_that_the_operator_sets_go_or_become_the_apps_fields() -> None:

@@ -99,6 +99,10 @@ CASES = {
     "secret": Case(
         orchestration("{dds_domain: 7}", ONE + "    env: [{name: API_TOKEN, value: x}]\n"), ("looks like a secret",)
     ),
+    "the base image's variables": Case(
+        orchestration("{dds_domain: 7}", ONE + "    env: [{name: PATH, value: '/opt/bin:$PATH'}]\n"),
+        ("env PATH refers to $PATH, which the base image states",),
+    ),
     "namespace": Case(orchestration("{dds_domain: 7, namespace: lab}"), ("the command line names the namespace",)),
     "login": Case(
         orchestration("{dds_domain: 7}", ONE + "    registry: {server: r.io, username: u, password: p}\n"),

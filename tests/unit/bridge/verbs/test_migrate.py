@@ -18,9 +18,15 @@ PREFIX = "scheduler.robotics.io/"
 
 
 def workload(name: str) -> dict[str, Any]:
+    """A Deployment whose pods never met those of the others: each is in a domain of its own."""
+    container = {
+        "name": "c",
+        "image": f"ros:humble-{name}",
+        "env": [{"name": "ROS_DOMAIN_ID", "value": str(len(name))}],
+    }
     template = {
         "metadata": {"annotations": {f"{PREFIX}policies": "{}"}},
-        "spec": {"containers": [{"name": "c", "image": f"ros:humble-{name}"}]},
+        "spec": {"containers": [container]},
     }
     metadata = {"name": name, "namespace": "fleet", "uid": f"uid-{name}"}
     return {"apiVersion": "apps/v1", "kind": "Deployment", "metadata": metadata, "spec": {"template": template}}
@@ -98,6 +104,20 @@ def test_entries_that_others_wrote_meanwhile_stay(tmp_path: Path, monkeypatch: p
     assert run(world, tmp_path, monkeypatch) == 0
     kept = {"9": "pod-of-a-third", "8": "pod-of-a-third"}
     assert [json.loads(call[3].partition("=")[2]) for call in world.annotated] == [kept]
+
+
+def test_what_will_no_longer_meet_stops_the_take_over_until_the_user_accepts_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    world = MigratedCluster()
+    stays = workload("arm") | {"metadata": {"name": "rviz", "namespace": "fleet", "uid": "uid-rviz"}}
+    del stays["spec"]["template"]["metadata"]["annotations"]
+    world.objects["deployments", "rviz"] = stays
+    assert run(world, tmp_path, monkeypatch) == 72
+    assert names(world, "deployments") == ["arm", "base", "rviz"]
+    told = capsys.readouterr().err
+    assert "APART: deployment fleet/rviz stays in domain 3, which the app keeps" in told
+    assert "1 pair of workloads would no longer meet" in told
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])

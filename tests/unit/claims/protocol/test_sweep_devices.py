@@ -40,6 +40,15 @@ async def test_a_device_nobody_comes_for_is_freed_after_the_handover() -> None:
     assert rig.phase(name) == "gone"
 
 
+async def test_a_successor_that_waits_for_a_node_does_not_keep_the_device() -> None:
+    rig = SweepRig()
+    name = await rig.device("gone")
+    rig.store.put(PODS, pod_json(name="p2", uid=rig.app.uid, node=""))
+    await rig.sweep()
+    await rig.sweep(after_s=16)
+    assert rig.phase(name) == "gone"
+
+
 async def test_a_device_of_a_deleted_or_suspended_app_is_freed_when_its_pod_is_gone_and_not_before() -> None:
     rig = SweepRig()
     pod = rig.store.put(PODS, pod_json(name="p1", uid=rig.app.uid))

@@ -48,6 +48,32 @@ def of_component(**fields: Any) -> tuple[str, str]:
     return path.removeprefix("spec.components[0]"), message
 
 
+@pytest.mark.parametrize(
+    ("fields", "cure"),
+    [
+        ({"hostNetwork": True}, "remove it: every pod has a network and processes of its own"),
+        ({"template": {"spec": {"hostPID": True}}}, "remove it: every pod has a network and processes of its own"),
+        ({"completions": 1}, "for a program that ends write a Job"),
+        ({"template": {"spec": {"activeDeadlineSeconds": 9}}}, "for a program that ends write a Job"),
+        ({"service": {"port": 1}}, "write a Service of your own with selector: {robotics.io/app: NAME"),
+        ({"replicas": 0}, "to stop the whole app write spec.suspend: true"),
+        (
+            {"template": {"spec": {"volumes": [{"name": "d", "hostPath": {"path": "/dev"}}]}}},
+            "for a device of the node write devices of the component",
+        ),
+    ],
+)
+def test_what_other_kinds_have_is_answered_with_what_to_write(fields: dict[str, Any], cure: str) -> None:
+    _, message = of_component(**fields)
+    assert cure in message
+
+
+def test_short_forms_that_people_write_are_answered_with_the_long_one() -> None:
+    assert "write latency: {budget: 30ms}" in only(app(edges=[edge(latency="30ms")]))[1]
+    (text,) = [one.message for one in found(app(robots=["amr-07", "amr-08"])) if one.path == "spec.robots"]
+    assert "{key: robotics.io/robot, operator: In, values: [amr-07, amr-08]}" in text
+
+
 def test_the_full_app_has_nothing_wrong_in_its_schema() -> None:
     # ROS 1 and 2 together are the operator's matter, and so are notes.
     assert {each.reason for each in found(full_app())} <= {"InvalidSpec", "Note"}

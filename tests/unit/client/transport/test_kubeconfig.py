@@ -136,7 +136,7 @@ def test_insecure_is_only_what_the_file_says(tmp_path: Path) -> None:
         ({"username": "admin"}, {}, "'username' is not supported"),
         ({"as": "root"}, {}, "'as' is not supported"),
         ({}, {"server": "10.0.0.1:6443"}, r"is no http\(s\) URL"),
-        ({}, {"proxy-url": "http://x"}, "proxy-url is not supported"),
+        ({}, {"proxy-url": "ftp://x"}, "proxy-url is no address of a proxy"),
         ({}, {"certificate-authority": "missing"}, "authority cannot be loaded"),
         ({}, {"certificate-authority-data": "AAAA"}, "authority cannot be loaded"),
     ],

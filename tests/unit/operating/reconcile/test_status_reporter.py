@@ -113,6 +113,18 @@ async def test_a_conflict_over_a_claim_is_a_condition_and_one_event_until_it_is_
     assert (await allocated())[0] == "Allocated"
 
 
+async def test_a_deployment_that_others_scaled_is_an_event_although_the_status_stays(world: ReportedServer) -> None:
+    uid = await world.app()
+    await world.reporter.report(uid)
+    world.memory.of(uid).scaled["Deployment a was scaled by kubectl"] = None
+    for _ in range(2):
+        await world.reporter.report(uid)
+    assert [note for reason, note in world.recorder.notes if reason == "ReplicasSetBack"] == [
+        "Deployment a was scaled by kubectl"
+    ]
+    assert world.patches() == 1
+
+
 async def test_a_change_is_written_once_more(world: ReportedServer) -> None:
     uid = await world.app()
     await world.reporter.report(uid)

@@ -2,16 +2,22 @@
 
 import asyncio
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.support.apiserver import Key
 from tests.support.clients import client_for, until
+from tests.support.connect_proxy import TestProxy
 from tests.support.scripted import ScriptedClient
+from tests.unit.client.transport.test_tls_sessions import tls_server
 
 from campaigns.operating.small_cluster import SmallCluster
-from robotapp_client import Forbidden
+from robotapp_client import ApiClient, Endpoint, Forbidden
+from robotapp_client.transport.kubeconfig import follow_authority
+from robotapp_client.transport.proxy import Proxy
 from robotapp_operator.watch.app_watch import STEADY_S, AppWatch
+from robotapp_testbed.control_plane.authority import Authority
 
 APPS = "/apis/robotics.io/v1alpha1/robotapps"
 
@@ -126,3 +132,16 @@ async def test_kopf_that_cannot_reach_the_server_is_stale_and_is_started_again(
         await until(lambda: "late" in seen and watch.stale_s == 0)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
+
+
+async def test_kopf_goes_through_the_proxy_of_the_endpoint(tmp_path: Path) -> None:
+    authority = Authority("api")
+    (tmp_path / "ca.crt").write_text(authority.pem)
+    async with tls_server(tmp_path / "server", authority) as port, TestProxy(port, login="me:secret").serve() as proxy:
+        there = Proxy("http", "127.0.0.1", proxy.port, "me", "secret")
+        endpoint = Endpoint(f"https://localhost:{port}", follow_authority(tmp_path / "ca.crt"), proxy=there)
+        watch = AppWatch(ApiClient(endpoint, user_agent="x"), namespaces=(), on_event=no_event)
+        login = await watch._login()
+        async with login.aiohttp_session as session, session.get(f"{endpoint.server}/version") as answer:
+            assert answer.status == 200
+    assert proxy.asked == [f"localhost:{port}"]
