@@ -188,7 +188,8 @@ def simulate_command(
 @app.command(
     "what-if",
     epilog="Examples: kubectl robotapp what-if --node-loss edge-1; kubectl robotapp what-if --rtt edge-1:amr-07=40ms -o json; "
-    "kubectl robotapp what-if --app teleop.yaml --node-loss edge-1 --node-loss edge-2",
+    "kubectl robotapp what-if --app teleop.yaml --node-loss edge-1 --node-loss edge-2; "
+    "kubectl robotapp what-if --replay 200 --config other-weights.yaml",
 )
 def what_if_command(
     *,
@@ -218,6 +219,16 @@ def what_if_command(
     config: Annotated[
         Path | None, typer.Option("--config", metavar="FILE", help="The scheduler has this KubeSchedulerConfiguration.")
     ] = None,
+    replay: Annotated[
+        int,
+        typer.Option(
+            "--replay",
+            metavar="N",
+            min=0,
+            max=500,
+            help="With --config: judge the latest N placements under the running configuration and under that one. 0: judge none.",
+        ),
+    ] = 0,
     scheduler_url: SchedulerUrl = None,
     scheduler_namespace: SchedulerNamespace = SYSTEM_NAMESPACE,
     namespace: Namespace = None,
@@ -231,6 +242,7 @@ def what_if_command(
         rtt=tuple(rtt or ()),
         apps=tuple(apps or ()),
         config=config,
+        replay=replay,
         scheduler_url=scheduler_url,
         scheduler_namespace=scheduler_namespace,
     )

@@ -48,6 +48,8 @@ class Supposition:
     rtt: Sequence[str] = ()
     apps: Sequence[Path] = ()
     config: Path | None = None
+    replay: int = 0
+    """So many of the latest placements are judged with `config`, and nothing else is supposed."""
     scheduler_url: str | None = None
     scheduler_namespace: str = SYSTEM_NAMESPACE
 
@@ -62,7 +64,7 @@ async def show_what_if(session: Session, supposed: Supposition) -> None:
     if session.options.output.structured:
         write_structured(found, session.options.output)
     else:
-        _print(found)
+        _print(found, is_replay=bool(supposed.replay))
 
 
 def question_of(supposed: Supposition, *, namespace: str) -> Json:
@@ -74,9 +76,21 @@ def question_of(supposed: Supposition, *, namespace: str) -> Json:
     }
     if supposed.config is not None:
         question["config"] = document(supposed.config)
+    if supposed.replay:
+        return _add_replay(question, supposed.replay)
     if not any(question.values()):
         raise CliError("nothing is supposed: give --node-loss, --rtt, --app or --config", code=Exit.USAGE)
     return question
+
+
+def _add_replay(question: Json, count: int) -> Json:
+    """Returns the question with the number of placements to judge. Raises CliError: they are judged with a configuration alone."""
+    if "config" not in question:
+        raise CliError(f"--replay {count}: give --config FILE, the configuration to judge them with", code=Exit.USAGE)
+    if question["nodeLoss"] or question["rtt"] or question["apps"]:
+        text = f"--replay {count} goes with --config alone: leave --node-loss, --rtt and --app out"
+        raise CliError(text, code=Exit.USAGE)
+    return question | {"replay": count}
 
 
 def pair_of(text: str) -> Json:
@@ -181,18 +195,20 @@ async def _progress() -> AsyncIterator[None]:
 # --- Showing ----------------------------------------------------------------------------------------------------------
 
 
-def _print(found: Json) -> None:
+def _print(found: Json, *, is_replay: bool) -> None:
     pods, edges = found["pods"], found["edges"]
     if pods:
         _print_pods(pods)
     else:
-        print_line("No pod would move.")
+        print_line("No pod would sit elsewhere." if is_replay else "No pod would move.")
     blank_line()
     if edges:
         _print_edges(edges)
     else:
         print_line("No edge would get another verdict.")
     blank_line()
+    if is_replay:
+        print_line(f"{found['replayed']} placements were judged, each as if that pod alone was not placed")
     for line in _summary(found):
         print_line(line)
 
