@@ -31,7 +31,7 @@ class ZonePairs:
 
     near: str
     far: str
-    shown: tuple[NodePair, ...] = ()
+    listed: tuple[NodePair, ...] = ()
     measured: int = 0
     total: int = 0
 
@@ -47,13 +47,13 @@ def build_pairs(snapshot: Snapshot, zones: Mapping[str, str], near: str, far: st
     longest_first = sorted(times, key=lambda pair: (-times[pair], pair))
     rows = [_describe(pair, times[pair], is_measured=True) for pair in longest_first[:MOST_PAIRS]]
     if len(rows) < MOST_PAIRS:
-        estimate = ZoneEstimates({node: zones[node] for node in (*members[near], *members[far])}, snapshot.round_trips)
+        estimates = ZoneEstimates({node: zones[node] for node in (*members[near], *members[far])}, snapshot.round_trips)
         for pair in _list_pairs(members[near], members[far]):
             if len(rows) == MOST_PAIRS:
                 break
             if pair not in times:
-                known = estimate.estimate(*pair)
-                rows.append(_describe(pair, known[0] if known else None, is_measured=False))
+                estimate = estimates.estimate(*pair)
+                rows.append(_describe(pair, estimate[0] if estimate else None, is_measured=False))
     count_near, count_far = len(members[near]), len(members[far])
     total = count_near * (count_near - 1) // 2 if near == far else count_near * count_far
     return ZonePairs(near, far, tuple(rows), len(times), total)
