@@ -188,7 +188,6 @@ def simulate_command(
 @app.command(
     "what-if",
     epilog="Examples: kubectl robotapp what-if --node-loss edge-1; kubectl robotapp what-if --rtt edge-1:amr-07=40ms -o json; "
-    "kubectl robotapp what-if --app teleop.yaml --node-loss edge-1 --node-loss edge-2; "
     "kubectl robotapp what-if --replay 200 --config other-weights.yaml",
 )
 def what_if_command(
@@ -226,7 +225,7 @@ def what_if_command(
             metavar="N",
             min=0,
             max=500,
-            help="With --config: judge the latest N placements under the running configuration and under that one. 0: judge none.",
+            help="With --config: judge the latest N placements under it and under the running configuration.",
         ),
     ] = 0,
     scheduler_url: SchedulerUrl = None,
