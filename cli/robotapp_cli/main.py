@@ -362,13 +362,26 @@ def console_command(
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port on 127.0.0.1 (default: a free one).")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
     scheduler_url: SchedulerUrl = None,
+    scheduler_config: Annotated[
+        str,
+        typer.Option(
+            "--scheduler-config",
+            metavar="[NAMESPACE/]NAME",
+            help="ConfigMap with the scheduler's configuration (default: robotapp-system/robotapp-scheduler).",
+        ),
+    ] = "",
     context: Context = None,
     kubeconfig: Kubeconfig = None,
 ) -> None:
     """Watch the fleet, its apps and nodes in a browser and tune the scheduler, with your own rights, until Ctrl-C."""
     try:
         options = ConsoleOptions(
-            kubeconfig=kubeconfig, context=context, port=port, browser=browser, scheduler_url=scheduler_url or ""
+            kubeconfig=kubeconfig,
+            context=context,
+            port=port,
+            browser=browser,
+            scheduler_url=scheduler_url or "",
+            scheduler_config=scheduler_config,
         )
         start_console(options)
     except CliError as failure:

@@ -34,15 +34,18 @@ class ZonePairs:
     listed: tuple[NodePair, ...] = ()
     measured: int = 0
     total: int = 0
+    empty_zones: tuple[str, ...] = ()
+    """Those of the two without a node: a zone of an old link, or one that was misspelled."""
 
 
-def build_pairs(snapshot: Snapshot, zones: Mapping[str, str], near: str, far: str) -> ZonePairs | None:
-    """Returns the pairs between two zones, None when there is no node of one of them. `zones` names the zone of each node."""
+def build_pairs(snapshot: Snapshot, zones: Mapping[str, str], near: str, far: str) -> ZonePairs:
+    """Returns the pairs between two zones. `zones` names the zone of each node."""
     members: dict[str, list[str]] = defaultdict(list)
     for node, zone in sorted(zones.items()):
         members[zone].append(node)
-    if not members.get(near) or not members.get(far):
-        return None
+    empty_zones = tuple(zone for zone in dict.fromkeys((near, far)) if zone not in members)
+    if empty_zones:
+        return ZonePairs(clean(near, 63), clean(far, 63), empty_zones=tuple(clean(zone, 63) for zone in empty_zones))
     times = _find_measured(members[near], frozenset(members[far]), snapshot.round_trips)
     longest_first = sorted(times, key=lambda pair: (-times[pair], pair))
     rows = [_describe(pair, times[pair], is_measured=True) for pair in longest_first[:MOST_PAIRS]]

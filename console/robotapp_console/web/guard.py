@@ -11,6 +11,7 @@ from aiohttp import web
 
 from robotapp_client import ClientError, Unauthorized
 from robotapp_console.cluster.informer_sets import TooManyUsersError
+from robotapp_console.views.texts import clean
 from robotapp_console.web import security
 from robotapp_console.web.console import CALLER, CONSOLE, Console
 from robotapp_console.web.sessions import Caller
@@ -32,6 +33,9 @@ async def answer_errors(request: web.Request, handler: Handler) -> web.StreamRes
     except web.HTTPException as error:
         if error.status < 400:
             raise
+        if isinstance(error, web.HTTPNotFound):
+            text = f"The console has no page {clean(request.path, 200)}."
+            return console.answer_message(request, 404, "Not found", text, links={"Fleet": "/"})
         text = error.text if isinstance(error, web.HTTPBadRequest) and error.text else error.reason
         return console.answer_message(request, error.status, error.reason, text or error.reason)
     except TooManyUsersError:
