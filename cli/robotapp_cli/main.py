@@ -14,7 +14,7 @@ from robotapp_cli.commands.explain import Question, show_explain
 from robotapp_cli.commands.nodes import show_nodes, show_robots
 from robotapp_cli.commands.rendering import show_children, show_file
 from robotapp_cli.commands.simulate import Wish, show_simulation
-from robotapp_cli.commands.what_if import Supposition, show_what_if
+from robotapp_cli.commands.what_if import WhatIfRequest, show_what_if
 from robotapp_cli.completion import complete_names, complete_nodes, complete_pairs, complete_robots
 from robotapp_cli.failures import CliError, Exit, ended_by
 from robotapp_cli.output import Output
@@ -236,7 +236,7 @@ def what_if_command(
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """Say which pods would move and which latency budgets would break, supposing all this at once; nothing is changed."""
-    supposed = Supposition(
+    request = WhatIfRequest(
         node_loss=tuple(node_loss or ()),
         rtt=tuple(rtt or ()),
         apps=tuple(apps or ()),
@@ -247,7 +247,7 @@ def what_if_command(
     )
     run(
         Options(namespace=namespace, context=context, kubeconfig=kubeconfig, output=output),
-        lambda session: show_what_if(session, supposed),
+        lambda session: show_what_if(session, request),
     )
 
 
