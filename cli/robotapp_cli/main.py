@@ -28,7 +28,7 @@ from robotapp_cli.commands.nodes import show_nodes, show_robots
 from robotapp_cli.commands.rendering import show_children, show_file
 from robotapp_cli.commands.simulate import Wish, show_simulation
 from robotapp_cli.commands.watching import watch
-from robotapp_cli.commands.what_if import Supposition, show_what_if
+from robotapp_cli.commands.what_if import WhatIfRequest, show_what_if
 from robotapp_cli.completion import complete_names, complete_nodes, complete_pairs
 from robotapp_cli.failures import CliError, Exit, ended_by
 from robotapp_cli.output import Output
@@ -176,7 +176,7 @@ def simulate_command(
 @app.command(
     "what-if",
     epilog="Examples: kubectl robotapp what-if --node-loss edge-1; kubectl robotapp what-if --rtt edge-1:amr-07=40ms -o json; "
-    "kubectl robotapp what-if --app teleop.yaml --node-loss edge-1 --node-loss edge-2",
+    "kubectl robotapp what-if --replay 200 --config other-weights.yaml",
 )
 def what_if_command(
     *,
@@ -206,6 +206,16 @@ def what_if_command(
     config: Annotated[
         Path | None, typer.Option("--config", metavar="FILE", help="The scheduler has this KubeSchedulerConfiguration.")
     ] = None,
+    replay: Annotated[
+        int,
+        typer.Option(
+            "--replay",
+            metavar="N",
+            min=0,
+            max=500,
+            help="With --config: judge the latest N placements under it and under the running configuration.",
+        ),
+    ] = 0,
     scheduler_url: SchedulerUrl = None,
     scheduler_namespace: SchedulerNamespace = SYSTEM_NAMESPACE,
     namespace: Namespace = None,
@@ -214,17 +224,18 @@ def what_if_command(
     output: OutputFormat = Output.TABLE,
 ) -> None:
     """Say which pods would move and which latency budgets would break, supposing all this at once; nothing is changed."""
-    supposed = Supposition(
+    request = WhatIfRequest(
         node_loss=tuple(node_loss or ()),
         rtt=tuple(rtt or ()),
         apps=tuple(apps or ()),
         config=config,
+        replay=replay,
         scheduler_url=scheduler_url,
         scheduler_namespace=scheduler_namespace,
     )
     run(
         Options(namespace=namespace, context=context, kubeconfig=kubeconfig, output=output),
-        lambda session: show_what_if(session, supposed),
+        lambda session: show_what_if(session, request),
     )
 
 
@@ -357,13 +368,26 @@ def console_command(
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port on 127.0.0.1 (default: a free one).")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
     scheduler_url: SchedulerUrl = None,
+    scheduler_config: Annotated[
+        str,
+        typer.Option(
+            "--scheduler-config",
+            metavar="[NAMESPACE/]NAME",
+            help="ConfigMap with the scheduler's configuration (default: robotapp-system/robotapp-scheduler).",
+        ),
+    ] = "",
     context: Context = None,
     kubeconfig: Kubeconfig = None,
 ) -> None:
     """Watch the fleet, its apps and nodes in a browser and tune the scheduler, with your own rights, until Ctrl-C."""
     try:
         options = ConsoleOptions(
-            kubeconfig=kubeconfig, context=context, port=port, browser=browser, scheduler_url=scheduler_url or ""
+            kubeconfig=kubeconfig,
+            context=context,
+            port=port,
+            browser=browser,
+            scheduler_url=scheduler_url or "",
+            scheduler_config=scheduler_config,
         )
         start_console(options)
     except CliError as failure:

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, MASTER_IMAGE
 from robotapp_api.model.names import SCHEDULER_NAME
-from robotapp_api.model.scalars import IMAGE_PATTERN
+from robotapp_api.model.patterns import IMAGE_PATTERN
 from robotapp_api.values import arguments
 from robotapp_claims.protocol.sweeper import HANDOVER_S, PERIOD_S
 

@@ -21,6 +21,7 @@ class ConsoleOptions:
     port: int
     browser: bool
     scheduler_url: str = ""
+    scheduler_config: str = ""
 
 
 def start_console(options: ConsoleOptions) -> None:
@@ -40,4 +41,5 @@ def build_command(options: ConsoleOptions) -> list[str]:
     command += [f"--kubeconfig={options.kubeconfig}"] if options.kubeconfig else []
     command += [f"--context={options.context}"] if options.context else []
     command += [f"--scheduler-url={options.scheduler_url}"] if options.scheduler_url else []
+    command += [f"--scheduler-config={options.scheduler_config}"] if options.scheduler_config else []
     return command if options.browser else [*command, "--no-browser"]

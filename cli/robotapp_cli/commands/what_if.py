@@ -41,49 +41,63 @@ _GONE: Final = "-"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Supposition:
-    """What the user supposes; all of it at once."""
+class WhatIfRequest:
+    """The changes that the user supposes, all of them at once."""
 
     node_loss: Sequence[str] = ()
     rtt: Sequence[str] = ()
     apps: Sequence[Path] = ()
     config: Path | None = None
+    replay: int = 0
+    """So many of the latest placements are judged with `config`, and nothing else is supposed."""
     scheduler_url: str | None = None
     scheduler_namespace: str = SYSTEM_NAMESPACE
 
 
-async def show_what_if(session: Session, supposed: Supposition) -> None:
-    """Print the pods that would move and the edges whose verdict would change."""
-    content = json.dumps(question_of(supposed, namespace=session.home), separators=(",", ":")).encode()
+async def show_what_if(session: Session, request: WhatIfRequest) -> None:
+    """Prints the pods that would move and the edges whose verdict would change."""
+    content = json.dumps(build_question(request, namespace=session.home), separators=(",", ":")).encode()
     if len(content) > _MOST_BYTES:
         raise CliError(f"the files are {len(content) >> 10} KiB of JSON, the scheduler takes 1024 KiB", code=Exit.USAGE)
-    async with connect(session, url=supposed.scheduler_url, namespace=supposed.scheduler_namespace) as link:
-        found = await _answer(link, f"/what-if?namespace={quote(session.home)}", content)
+    async with connect(session, url=request.scheduler_url, namespace=request.scheduler_namespace) as link:
+        answer = await _fetch_answer(link, f"/what-if?namespace={quote(session.home)}", content)
     if session.options.output.structured:
-        write_structured(found, session.options.output)
+        write_structured(answer, session.options.output)
     else:
-        _print(found)
+        _print(answer, is_replay=bool(request.replay))
 
 
-def question_of(supposed: Supposition, *, namespace: str) -> Json:
-    """The body of the request. Raises CliError for what cannot be asked; apps without a namespace are of this one."""
+def build_question(request: WhatIfRequest, *, namespace: str) -> Json:
+    """Returns the body of the request. Apps without a namespace get this one. Raises CliError for what cannot be asked."""
     question: Json = {
-        "nodeLoss": [_node(name, f"--node-loss {name}") for name in supposed.node_loss],
-        "rtt": [pair_of(text) for text in supposed.rtt],
-        "apps": [app for path in supposed.apps for app in _apps(path, namespace)],
+        "nodeLoss": [_check_node(name, f"--node-loss {name}") for name in request.node_loss],
+        "rtt": [parse_pair(text) for text in request.rtt],
+        "apps": [app for path in request.apps for app in _read_apps(path, namespace)],
     }
-    if supposed.config is not None:
-        question["config"] = document(supposed.config)
+    if request.config is not None:
+        question["config"] = document(request.config)
+    if request.replay:
+        return _add_replay(question, request.replay)
     if not any(question.values()):
         raise CliError("nothing is supposed: give --node-loss, --rtt, --app or --config", code=Exit.USAGE)
     return question
 
 
-def pair_of(text: str) -> Json:
-    """`A:B=40ms` as the scheduler takes it. Raises CliError."""
-    nodes, given, rtt = text.partition("=")
+def _add_replay(question: Json, count: int) -> Json:
+    """Returns the question with the number of placements to judge. Raises CliError: they are judged with a configuration alone."""
+    if "config" not in question:
+        raise CliError(f"--replay {count}: give --config FILE, the configuration to judge them with", code=Exit.USAGE)
+    if question["nodeLoss"] or question["rtt"] or question["apps"]:
+        text = f"--replay {count} goes with --config alone: leave --node-loss, --rtt and --app out"
+        raise CliError(text, code=Exit.USAGE)
+    return question | {"replay": count}
+
+
+def parse_pair(text: str) -> Json:
+    """Returns `A:B=40ms` as the scheduler takes it. Raises CliError."""
+    nodes, equals, rtt = text.partition("=")
     one, colon, other = nodes.partition(":")
-    if not (given and colon):
+    if not (equals and colon):
         raise CliError(f"--rtt {text}: write {_PAIR}", code=Exit.USAGE)
     if one == other:
         raise CliError(f"--rtt {text}: the two nodes are one; write {_PAIR}", code=Exit.USAGE)
@@ -91,42 +105,43 @@ def pair_of(text: str) -> Json:
         parse_us(rtt)
     except ValueError as error:
         raise CliError(f"--rtt {text}: {error}", code=Exit.USAGE) from error
-    return {"one": _node(one, f"--rtt {text}"), "other": _node(other, f"--rtt {text}"), "rtt": rtt}
+    return {"one": _check_node(one, f"--rtt {text}"), "other": _check_node(other, f"--rtt {text}"), "rtt": rtt}
 
 
-def _node(name: str, where: str) -> str:
+def _check_node(name: str, where: str) -> str:
+    """Returns the name. Raises CliError for what no node can be called."""
     if not is_name(name):
         raise CliError(f"{where}: {name!r} is no name of a node: kubectl robotapp nodes lists them", code=Exit.USAGE)
     return name
 
 
-def _apps(path: Path, namespace: str) -> list[Json]:
-    """The RobotApps of a file. Other objects of it change nothing here."""
-    found = list(objects(path, most_bytes=_MOST_BYTES))
-    apps = [each for each in found if each.get("kind") == "RobotApp"]
+def _read_apps(path: Path, namespace: str) -> list[Json]:
+    """Returns the RobotApps of a file. Other objects of it change nothing here. Raises CliError."""
+    file_objects = list(objects(path, most_bytes=_MOST_BYTES))
+    apps = [obj for obj in file_objects if obj.get("kind") == "RobotApp"]
     if not apps:
-        kinds = ", ".join(sorted({str(each.get("kind")) for each in found})) or "nothing"
+        kinds = ", ".join(sorted({str(obj.get("kind")) for obj in file_objects})) or "nothing"
         raise CliError(f"--app {path}: holds no RobotApp of {API_VERSION}, but {kinds}", code=Exit.USAGE)
     for app in apps:
         meta = app.get("metadata")
         if not isinstance(meta, dict) or not meta.get("name"):
             raise CliError(f"--app {path}: holds a RobotApp without metadata.name", code=Exit.USAGE)
         meta.setdefault("namespace", namespace)
-        _check(path, app)
+        _check_app(path, app)
     return [{key: app[key] for key in ("apiVersion", "kind", "metadata", "spec") if key in app} for app in apps]
 
 
-def _check(path: Path, app: Json) -> None:
-    """Raise CliError for an app that could not be applied: nothing would be placed, whatever the scheduler makes of it."""
+def _check_app(path: Path, app: Json) -> None:
+    """Raises CliError for an app that could not be applied: nothing of it would be placed."""
     from robotapp_cli.lint.findings import Severity  # the schema, jsonschema and CEL take half a second to import
     from robotapp_cli.lint.linter import lint
 
-    wrong = [found for found in lint(json.dumps(app).encode()).findings if found.severity is Severity.ERROR]
-    if not wrong:
+    errors = [finding for finding in lint(json.dumps(app).encode()).findings if finding.severity is Severity.ERROR]
+    if not errors:
         return
-    lines = [f"  {each.path}: {printable(each.message)}" for each in wrong[:_MOST_REFUSALS]]
-    if len(wrong) > _MOST_REFUSALS:
-        lines.append(f"  and {len(wrong) - _MOST_REFUSALS} more")
+    lines = [f"  {error.path}: {printable(error.message)}" for error in errors[:_MOST_REFUSALS]]
+    if len(errors) > _MOST_REFUSALS:
+        lines.append(f"  and {len(errors) - _MOST_REFUSALS} more")
     name = printable(str(app["metadata"]["name"]))
     where = f"--app {path}: RobotApp {name} would be refused; kubectl robotapp lint {path} shows the places"
     raise CliError("\n".join([where, *lines]))
@@ -135,10 +150,10 @@ def _check(path: Path, app: Json) -> None:
 # --- Asking -----------------------------------------------------------------------------------------------------------
 
 
-async def _answer(link: Link, path: str, content: bytes) -> Json:
+async def _fetch_answer(link: Link, path: str, content: bytes) -> Json:
     try:
-        async with _progress():
-            return await _in_turn(link, path, content)
+        async with _show_progress():
+            return await _post_in_turn(link, path, content)
     except NoAnswerError as error:
         if not error.status:
             raise CliError(f"the scheduler did not answer: {error}") from error
@@ -147,8 +162,8 @@ async def _answer(link: Link, path: str, content: bytes) -> Json:
         raise CliError(f"the scheduler refuses: {error.why or error} ({error.status})") from error
 
 
-async def _in_turn(link: Link, path: str, content: bytes) -> Json:
-    """The scheduler's answer. While it has too many such questions, this one is sent again, for twenty seconds at most."""
+async def _post_in_turn(link: Link, path: str, content: bytes) -> Json:
+    """Returns the scheduler's answer. While it has too many such questions, this one is sent again, for twenty seconds at most."""
     until_s = time.monotonic() + _MOST_TURN_S
     while True:
         try:
@@ -160,40 +175,42 @@ async def _in_turn(link: Link, path: str, content: bytes) -> Json:
 
 
 @asynccontextmanager
-async def _progress() -> AsyncIterator[None]:
-    """After two seconds a line on a terminal that work is being done, taken away again at the end."""
+async def _show_progress() -> AsyncIterator[None]:
+    """Shows a line on a terminal after two seconds, and removes it at the end."""
 
-    async def tell() -> None:
+    async def write_line() -> None:
         await asyncio.sleep(_PROGRESS_AFTER_S)
         sys.stderr.write("the scheduler is deciding …\r")
         sys.stderr.flush()
 
-    shown = asyncio.create_task(tell()) if sys.stderr.isatty() else None
+    line_task = asyncio.create_task(write_line()) if sys.stderr.isatty() else None
     try:
         yield
     finally:
-        if shown is not None:
-            if shown.done():
+        if line_task is not None:
+            if line_task.done():
                 sys.stderr.write("\x1b[K")
-            shown.cancel()
+            line_task.cancel()
 
 
 # --- Showing ----------------------------------------------------------------------------------------------------------
 
 
-def _print(found: Json) -> None:
-    pods, edges = found["pods"], found["edges"]
+def _print(answer: Json, *, is_replay: bool) -> None:
+    pods, edges = answer["pods"], answer["edges"]
     if pods:
         _print_pods(pods)
     else:
-        print_line("No pod would move.")
+        print_line("No pod would sit elsewhere." if is_replay else "No pod would move.")
     blank_line()
     if edges:
         _print_edges(edges)
     else:
         print_line("No edge would get another verdict.")
     blank_line()
-    for line in _summary(found):
+    if is_replay:
+        print_line(f"{answer['replayed']} placements were judged, each as if that pod alone was not placed")
+    for line in _summarize(answer):
         print_line(line)
 
 
@@ -201,17 +218,17 @@ def _print_pods(pods: Sequence[Json]) -> None:
     columns = [Column(name) for name in ("NAMESPACE", "APP", "INSTANCE", "COMPONENT", "POD", "WHAT", "FROM", "TO")]
     rows = [
         [
-            each["namespace"],
-            each["app"] or _GONE,
-            each["instance"] or _GONE,
-            each["component"] or _GONE,
-            each["pod"],
-            each["outcome"],
-            each["from"] or _GONE,
-            each["to"] or _GONE,
-            each["reason"],
+            pod["namespace"],
+            pod["app"] or _GONE,
+            pod["instance"] or _GONE,
+            pod["component"] or _GONE,
+            pod["pod"],
+            pod["outcome"],
+            pod["from"] or _GONE,
+            pod["to"] or _GONE,
+            pod["reason"],
         ]
-        for each in pods
+        for pod in pods
     ]
     print_table([*columns, Column("WHY", wraps=True)], rows)
 
@@ -220,21 +237,21 @@ def _print_edges(edges: Sequence[Json]) -> None:
     columns = [Column(name) for name in ("NAMESPACE", "APP", "INSTANCE", "EDGE", "BUDGET", "BEFORE", "AFTER")]
     rows = [
         [
-            each["namespace"],
-            each["app"],
-            each["instance"] or _GONE,
-            f"{each['from']} {arrow()} {each['to']} {each['edge']}",
-            f"{format_us(1000 * each['budgetMs'])} p{each['percentile']}",
-            _state(each["before"]),
-            _state(each["after"]),
+            edge["namespace"],
+            edge["app"],
+            edge["instance"] or _GONE,
+            f"{edge['from']} {arrow()} {edge['to']} {edge['edge']}",
+            f"{format_us(1000 * edge['budgetMs'])} p{edge['percentile']}",
+            _format_state(edge["before"]),
+            _format_state(edge["after"]),
         ]
-        for each in edges
+        for edge in edges
     ]
     print_table(columns, rows)
 
 
-def _state(state: Json | None) -> str:
-    """A verdict with its number; one without a number that is exceeded had no answer to its probes."""
+def _format_state(state: Json | None) -> str:
+    """Returns a verdict with its number. One without a number that is exceeded had no answer to its probes."""
     if state is None:
         return _GONE
     if state["rttMs"] is not None:
@@ -243,9 +260,9 @@ def _state(state: Json | None) -> str:
     return f"{state['verdict']} (no answer)" if state["verdict"] == "Exceeded" else str(state["verdict"])
 
 
-def _summary(found: Json) -> list[str]:
-    hidden = found["hidden"]
-    lines = [f"{found['edgesUnchanged']} more edges were looked at: their verdict stays"]
+def _summarize(answer: Json) -> list[str]:
+    hidden = answer["hidden"]
+    lines = [f"{answer['edgesUnchanged']} more edges were looked at: their verdict stays"]
     if hidden["pods"] or hidden["edges"]:
         lines.append(f"{hidden['pods']} pods and {hidden['edges']} edges of other namespaces would change, too")
-    return [*lines, *found["notes"], "Nothing was changed."]
+    return [*lines, *answer["notes"], "Nothing was changed."]

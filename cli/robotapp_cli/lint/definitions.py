@@ -13,8 +13,8 @@ from jsonschema.validators import extend
 from robotapp_api.model.app.robotapp import RobotApp
 from robotapp_api.model.base import Model
 from robotapp_api.model.names import API_VERSION
+from robotapp_api.model.patterns import LABEL_PATTERN, LABEL_VALUE_PATTERN, SUBDOMAIN_PATTERN
 from robotapp_api.model.pool import DomainPool
-from robotapp_api.model.scalars import LABEL_PATTERN, LABEL_VALUE_PATTERN, SUBDOMAIN_PATTERN
 from robotapp_api.schema.crd import schema_of
 from robotapp_cli.lint.cel_rules import RULES
 

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, NamedTuple
 
-from robotapp_api.model import scalars
+from robotapp_api.model import patterns, scalars
 from robotapp_api.model.app.robots import LABEL_KEY
 from robotapp_cli.lint import old_names
 from robotapp_cli.lint.cel_rules import RULES
@@ -28,10 +28,10 @@ _TYPES: Final = {
     "object": "a mapping of fields",
 }
 _BY_PATTERN: Final = {
-    scalars.LABEL_PATTERN: "lower-case letters, digits and -, such as camera-driver",
-    scalars.SUBDOMAIN_PATTERN: "lower-case letters, digits, - and ., such as camera-driver",
-    scalars.IMAGE_PATTERN: "an image without blanks, such as ghcr.io/team/driver:1.2",
-    scalars.QUANTITY_PATTERN: "a quantity, such as 20, 500m, 40M or 512Mi",
+    patterns.LABEL_PATTERN: "lower-case letters, digits and -, such as camera-driver",
+    patterns.SUBDOMAIN_PATTERN: "lower-case letters, digits, - and ., such as camera-driver",
+    patterns.IMAGE_PATTERN: "an image without blanks, such as ghcr.io/team/driver:1.2",
+    patterns.QUANTITY_PATTERN: "a quantity, such as 20, 500m, 40M or 512Mi",
     LABEL_KEY: "a label key, such as robotics.io/robot",
 }
 _BY_FIELD: Final = {
@@ -155,7 +155,7 @@ def _text_cure(error: Misfit) -> str:
     value, schema = error.value, error.schema
     if _is_duration(schema):
         text = f"{json.dumps(value)}ms"
-        example = text if value and re.fullmatch(scalars.DURATION_PATTERN, text) else "30ms"
+        example = text if value and re.fullmatch(patterns.DURATION_PATTERN, text) else "30ms"
         if isinstance(value, float) and 0.001 <= value < 1:  # ROS counts in seconds
             example = f"{value * 1000:g}ms for {value:g} seconds"
         return f"write a number and its unit (us, ms, s, m or h), such as {example}"

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 from robotapp_api.model.names import SYSTEM_NAMESPACE, EventReason
 from robotapp_client import ApiClient, ClientError
 from robotapp_client.api.resources import CONFIGMAPS, EVENTS
-from robotapp_client.transport.errors import Conflict, NotFound, Unauthorized
+from robotapp_client.transport.errors import Conflict, Forbidden, NotFound, Unauthorized
 from robotapp_console.cluster.rights import Right, Rights
 from robotapp_console.tuning.versions import (
     NAMELESS_AUTHOR,
@@ -71,6 +71,8 @@ class StoredConfig:
 
     text: str | None = None
     problem: str = ""
+    is_refused: bool = False
+    """The user may not read the ConfigMap."""
     version: str = ""
     """resourceVersion of the ConfigMap."""
     written_at: str = ""
@@ -117,6 +119,14 @@ class NotRecordedError(Exception):
     """The configuration was written, and the history was not; the text says why."""
 
 
+class _ReadMap(NamedTuple):
+    """One ConfigMap as the API server gave it."""
+
+    config: dict[str, Any] | None
+    problem: str = ""
+    is_refused: bool = False
+
+
 @dataclass(slots=True)
 class ConfigStore:
     """Reads and writes with one user's client."""
@@ -134,10 +144,10 @@ class ConfigStore:
         answers = await asyncio.gather(
             *map(self._read_map, (self.place.name, self.place.last_good, self.place.history))
         )
-        (config, problem), (last_good, last_good_problem), (history, history_problem) = answers
+        (config, problem, is_refused), (last_good, last_good_problem, _), (history, history_problem, _) = answers
         denied_names = await self._list_denied()
         if config is None:
-            return StoredConfig(problem=problem, denied=denied_names)
+            return StoredConfig(problem=problem, is_refused=is_refused, denied=denied_names)
         text = _read_text(config)
         self._uid = config["metadata"].get("uid", "")
         events, events_problem = await self._read_events()
@@ -199,16 +209,16 @@ class ConfigStore:
             else:
                 return
 
-    async def _read_map(self, name: str) -> tuple[dict[str, Any] | None, str]:
-        """Returns a ConfigMap, or None and why it cannot be read."""
+    async def _read_map(self, name: str) -> _ReadMap:
+        """Returns a ConfigMap, or why it cannot be read. Raises Unauthorized."""
         try:
-            return await self.client.get(CONFIGMAPS, name, namespace=self.place.namespace), ""
+            return _ReadMap(await self.client.get(CONFIGMAPS, name, namespace=self.place.namespace))
         except NotFound:
-            return None, f"There is no ConfigMap {self.place.namespace}/{name}."
+            return _ReadMap(None, f"There is no ConfigMap {self.place.namespace}/{name}.")
         except Unauthorized:
             raise
         except ClientError as error:
-            return None, clean(str(error))
+            return _ReadMap(None, clean(str(error)), isinstance(error, Forbidden))
 
     async def _read_events(self) -> tuple[tuple[EventRow, ...], str]:
         selector = f"regarding.uid={self._uid}"

@@ -16,7 +16,10 @@ CONFIRM_S: Final = 10.0
 
 
 class Feed:
-    """`changed` is called after every difference, also of `refusal` and `stale_since_s`; `signed_out` when the token is not valid any more."""
+    """Calls `changed` after every difference, also of `refusal` and `stale_since_s`, and `signed_out` when the token is not valid any more.
+
+    `on_change` gets every change first and returns whether it makes a difference that the objects do not show.
+    """
 
     def __init__(
         self,
@@ -26,7 +29,7 @@ class Feed:
         *,
         changed: Callable[[], None],
         signed_out: Callable[[], None],
-        on_change: Callable[[Change], None] | None = None,
+        on_change: Callable[[Change], bool] | None = None,
     ) -> None:
         self.kind = kind
         self.namespace = namespace
@@ -103,9 +106,15 @@ class Feed:
         self._changed()
 
     def _take_change(self, change: Change) -> None:
-        if self._on_change is not None:
-            self._on_change(change)
-        self._changed()
+        is_difference = self._on_change is not None and self._on_change(change)
+        if is_difference or not self._is_repetition(change):
+            self._changed()
+
+    def _is_repetition(self, change: Change) -> bool:
+        """Returns whether an object was written again with nothing that makes a difference to pages."""
+        if change.old is None or change.new is None:
+            return False
+        return bool(self.kind.compared(change.old) == self.kind.compared(change.new))
 
     def _take_problem(self, problem: ClientError | None) -> None:
         if isinstance(problem, Unauthorized):

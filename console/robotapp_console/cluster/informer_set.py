@@ -29,19 +29,20 @@ log = logging.getLogger(__name__)
 
 SETTLE_S: Final = 5.0
 """So long a page waits for what it shows; then it shows what there is."""
-SHOWN_S: Final = 1.0
+WRITE_SEEN_S: Final = 1.0
 """So long the answer to a write waits for the watch."""
 TICK_S: Final = 10.0
 """Period of what happens without an event: agents fall silent, a half minute of the history ends."""
 REVIEW_S: Final = 10.0
 """Period of asking whether the token is still valid, and with it for each right that is older than rights are kept."""
 SHARE: Final = 10.0
-"""Models that together take a millisecond to build are built at most every ten, so that a user's changes without end take a tenth of a core at most."""
-LEAST_PAUSE_S: Final = 0.25
+"""Models that together take a millisecond to build are built at most every ten, so that reports without end take a tenth of a core at most."""
+LEAST_PAUSE_S: Final = 0.15
 IN_USE_S: Final = 60.0
 """So long a model that nobody asks for counts among those that share the tenth of a core."""
 MOST_DEBT_S: Final = 10.0
-"""Models of addresses that were not open before are built at once until the tenth of a core is so long ahead of its time."""
+"""Models of addresses that were not open before, and all models after an edit, are built at once until this other tenth of a core is so
+long ahead of its time."""
 MOST_WAITING: Final = 16
 """Requests of one user that wait for such a model."""
 MOST_SCOPES: Final = 48
@@ -56,10 +57,11 @@ SELF_REVIEWS: Final = Resource(
 
 
 @dataclass(slots=True)
-class _Built(Generic[M]):
+class _BuiltModel(Generic[M]):
     """A model with what it was built of. Times are of the monotonic clock."""
 
     version: int
+    edits: int
     built_s: float
     cost_s: float
     used_s: float
@@ -80,6 +82,9 @@ class InformerSet:
         self.client = ApiClient(endpoint, user_agent=MANAGER, field_manager=MANAGER, max_connections=8, timeout_s=10.0)
         self.rights = Rights(self.client)
         self.version = 0
+        """Counts all changes."""
+        self.edits = 0
+        """Counts the changes that are no report of an agent: somebody or a controller made them, and people wait to see them."""
         self.signed_out = False
         self.streams = 0
         """Pages that follow changes."""
@@ -96,10 +101,10 @@ class InformerSet:
         self._links = NodeLinks(self._round_trips)
         self._history = LinkHistory()
         self._clock, self._sleep = clock, sleep
-        self._models: dict[tuple[str, ...], _Built[Any]] = {}
+        self._models: dict[tuple[str, ...], _BuiltModel[Any]] = {}
         self._paid_s = clock()
         """When what the first building of models took will be a tenth of the time."""
-        self._room = asyncio.Lock()
+        self._first_build = asyncio.Lock()
         self._waiting = 0
         self._events = EventReader(self.client, clock=clock)
 
@@ -162,7 +167,7 @@ class InformerSet:
                 self.client,
                 kind,
                 namespace,
-                changed=self._note_change,
+                changed=self._note_report if kind is TELEMETRY else self._note_edit,
                 signed_out=self._sign_out,
                 on_change=self._take_telemetry if kind is TELEMETRY else None,
             )
@@ -226,37 +231,45 @@ class InformerSet:
         self._touch_scope(namespace or home)
         key = (*key, namespace, home)
         started_s = self._clock()
-        entry = cast("_Built[M] | None", self._models.get(key))
+        entry = cast("_BuiltModel[M] | None", self._models.get(key))
         if entry is not None:
             entry.used_s = started_s
-            if entry.version == self.version or started_s < self._find_due(entry):
+            is_current = entry.version == self.version and started_s - entry.built_s < TICK_S
+            if is_current or started_s < self._find_due(entry):
                 return entry.snapshot, entry.model
-        version = self.version
+        is_extra = entry is None or started_s < self._find_regular_due(entry)
+        version, edits = self.version, self.edits
         snapshot = self.take_snapshot(namespace, home)
         model = build(snapshot)
         ended_s = self._clock()
-        if entry is None:
+        if is_extra:
             self._paid_s = max(self._paid_s, ended_s) + SHARE * (ended_s - started_s)
-            if len(self._models) >= _MOST_MODELS:
-                self._models.pop(next(iter(self._models)))
-        self._models[key] = _Built(version, ended_s, ended_s - started_s, ended_s, snapshot, model)
+        if entry is None and len(self._models) >= _MOST_MODELS:
+            self._models.pop(next(iter(self._models)))
+        self._models[key] = _BuiltModel(version, edits, ended_s, ended_s - started_s, ended_s, snapshot, model)
         return snapshot, model
 
-    def _find_due(self, entry: _Built[Any]) -> float:
-        """Returns from when a model may be built anew: all that are in use share a tenth of a core."""
+    def _find_due(self, entry: _BuiltModel[Any]) -> float:
+        """Returns from when a model may be built anew: after an edit at once, as long as edits do not come without end."""
+        if entry.edits != self.edits and self._debt_s <= MOST_DEBT_S:
+            return entry.built_s + LEAST_PAUSE_S
+        return self._find_regular_due(entry)
+
+    def _find_regular_due(self, entry: _BuiltModel[Any]) -> float:
+        """Returns from when a model may be built anew whatever has changed: all that are in use share a tenth of a core."""
         now_s = self._clock()
         cost_s = sum(built.cost_s for built in self._models.values() if now_s - built.used_s < IN_USE_S)
         return entry.built_s + max(LEAST_PAUSE_S, SHARE * cost_s)
 
-    async def wait_for_room(self, key: tuple[str, ...], *, namespace: str, home: str) -> bool:
-        """Waits until this model may be built if it never was. Returns False at once when too many requests wait already."""
+    async def wait_for_first_build(self, key: tuple[str, ...], *, namespace: str, home: str) -> bool:
+        """Waits until a model that was never built may be built. Returns False at once when too many requests wait already."""
         if (*key, namespace, home) in self._models:
             return True
         if self._waiting >= MOST_WAITING:
             return False
         self._waiting += 1
         try:
-            async with self._room:
+            async with self._first_build:
                 await self._sleep(max(0.0, self._debt_s - MOST_DEBT_S))
         finally:
             self._waiting -= 1
@@ -292,10 +305,14 @@ class InformerSet:
 
     async def show_write(self, write: Callable[[], Awaitable[M]]) -> M:
         """Makes a write and waits a moment until a watch shows something of it, so that the next page does."""
+        edits_before = self.edits
         with self.listen() as wake:
             result = await write()
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(wake.wait(), SHOWN_S)
+                async with asyncio.timeout(WRITE_SEEN_S):
+                    while self.edits == edits_before:
+                        wake.clear()
+                        await wake.wait()
         if self._debt_s <= MOST_DEBT_S:
             self._models.clear()
         return result
@@ -325,19 +342,22 @@ class InformerSet:
         user = ((review.get("status") or {}).get("userInfo") or {}).get("username", "")
         return clean(str(user), 253)
 
-    def _take_telemetry(self, change: Change) -> None:
+    def _take_telemetry(self, change: Change) -> bool:
+        """Takes the round trips in and returns whether one of them is another than before."""
         report: Telemetry | None = change.new
         if report is None:
             self._links.forget((change.key, *self._round_trips.drop(change.key)))
-            return
+            return True
         written_s = parse_timestamp(report.written_at)
-        if written_s is not None:
-            status = report.status
-            peers = self._round_trips.receive(
-                change.key, status.rtt, seq=status.seq, interval_s=status.interval_seconds, now_s=written_s
-            )
-            if peers:
-                self._links.forget((change.key, *peers))
+        if written_s is None:
+            return False
+        status = report.status
+        peers = self._round_trips.receive(
+            change.key, status.rtt, seq=status.seq, interval_s=status.interval_seconds, now_s=written_s
+        )
+        if peers:
+            self._links.forget((change.key, *peers))
+        return bool(peers)
 
     async def _review_forever(self) -> None:
         """Notices what a watch does not tell: it goes on for minutes after its token has ended or its right was taken."""
@@ -365,7 +385,11 @@ class InformerSet:
         self.signed_out = True
         self._wake_listeners()
 
-    def _note_change(self) -> None:
+    def _note_edit(self) -> None:
+        self.edits += 1
+        self._note_report()
+
+    def _note_report(self) -> None:
         self.version += 1
         self._wake_listeners()
 
@@ -382,7 +406,7 @@ class InformerSet:
                 self._history.record(measure_links(snapshot), snapshot.now_s)
             self._end_idle_scopes()
             if self._listeners:
-                self._note_change()
+                self._note_report()
             await asyncio.sleep(TICK_S)
 
 

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
+import msgspec
+
 from robotapp_api.values.placement.round_trips import without_round_trips
 from robotapp_claims.rules.objects import Claim
 from robotapp_client.api.resources import (
@@ -16,7 +18,7 @@ from robotapp_client.api.resources import (
     ROBOTCLAIMS,
     Resource,
 )
-from robotapp_console.views.objects import App, Instance, Node, Pod, Pool, Telemetry
+from robotapp_console.views.objects import App, Instance, Node, ObservedMeta, Pod, Pool, Telemetry
 
 _VIEWER: Final = "ask for a ClusterRoleBinding of robotapp-cluster-viewer (nodes, claims, pools, telemetry)"
 _VIEW: Final = (
@@ -24,9 +26,23 @@ _VIEW: Final = (
 )
 
 
+def drop_version(obj: Any) -> Any:
+    """Returns the object without its version: a kubelet writes its node every five minutes, whether anything changed or not."""
+    return msgspec.structs.replace(obj, metadata=msgspec.structs.replace(obj.metadata, resource_version=""))
+
+
+def drop_heartbeat(report: Telemetry) -> Telemetry:
+    """Returns the report without what every heartbeat changes, and without round trips, which are compared when they are received."""
+    status = msgspec.structs.replace(report.status, seq=None, rtt=())
+    return Telemetry(metadata=ObservedMeta(name=report.metadata.name), status=status)
+
+
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind. `whole`: the objects of a single namespace would be misleading, so only all of them are read."""
+    """One kind. `whole`: the objects of a single namespace would be misleading, so only all of them are read.
+
+    `compared` returns the part of an object that makes a difference to pages.
+    """
 
     resource: Resource
     as_type: type[Any]
@@ -35,6 +51,7 @@ class Kind:
     field_selector: str = ""
     kept: Callable[[Any], Any] | None = None
     whole: bool = False
+    compared: Callable[[Any], Any] = drop_version
 
     @property
     def plural(self) -> str:
@@ -46,7 +63,12 @@ INSTANCES: Final = Kind(ROBOTAPPINSTANCES, Instance, "RobotAppInstances", _VIEW)
 CLAIMS: Final = Kind(ROBOTCLAIMS, Claim, "RobotClaims (who holds which device and domain)", _VIEWER)
 POOLS: Final = Kind(DOMAINPOOLS, Pool, "DomainPools", _VIEWER)
 TELEMETRY: Final = Kind(
-    NODETELEMETRIES, Telemetry, "NodeTelemetries (round trips, devices, load)", _VIEWER, kept=without_round_trips
+    NODETELEMETRIES,
+    Telemetry,
+    "NodeTelemetries (round trips, devices, load)",
+    _VIEWER,
+    kept=without_round_trips,
+    compared=drop_heartbeat,
 )
 NODE_KIND: Final = Kind(NODES, Node, "Nodes", _VIEWER)
 POD_KIND: Final = Kind(

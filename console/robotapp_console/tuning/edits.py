@@ -28,21 +28,21 @@ def switch_plugin(document: Document, profile: int, point: str, name: str, *, on
 
 def set_weight(document: Document, profile: int, name: str, weight: int) -> None:
     """Sets the weight where the file names the plugin, else at the point `score`."""
-    own = _find_lists(document, profile, SCORE)
-    multi = document["profiles"][profile]["plugins"].get(_MULTI, {})
-    for lists in (own, multi):
+    score_lists = _find_lists(document, profile, SCORE)
+    multi_point_lists = document["profiles"][profile]["plugins"].get(_MULTI, {})
+    for lists in (score_lists, multi_point_lists):
         for entry in lists.get("enabled", []):
             if entry["name"] == name:
                 entry["weight"] = weight
                 _drop_empty(document, profile, SCORE)
                 return
-    own.setdefault("enabled", []).append({"name": name, "weight": weight})
+    score_lists.setdefault("enabled", []).append({"name": name, "weight": weight})
 
 
 def set_argument(document: Document, profile: int, plugin: str, argument: str, value: Any) -> None:
     """Sets an argument of a plugin; None takes it out of the file, so that the plugin's default counts."""
-    owner = document["profiles"][profile]
-    entries = owner.setdefault("pluginConfig", [])
+    profile_document = document["profiles"][profile]
+    entries = profile_document.setdefault("pluginConfig", [])
     entry = next((entry for entry in entries if entry["name"] == plugin), None)
     if entry is None:
         entry = {"name": plugin}
@@ -55,7 +55,7 @@ def set_argument(document: Document, profile: int, plugin: str, argument: str, v
     if not args:
         entries.remove(entry)
     if not entries:
-        del owner["pluginConfig"]
+        del profile_document["pluginConfig"]
 
 
 def _find_lists(document: Document, profile: int, point: str) -> Document:
@@ -70,12 +70,12 @@ def _drop_name(lists: Document, kind: str, name: str) -> None:
 
 def _drop_empty(document: Document, profile: int, point: str) -> None:
     """Removes what a change left empty."""
-    owner = document["profiles"][profile]
-    lists = owner["plugins"][point]
+    points = document["profiles"][profile]["plugins"]
+    lists = points[point]
     for kind in ("enabled", "disabled"):
         if kind in lists and not lists[kind]:
             del lists[kind]
     if not lists:
-        del owner["plugins"][point]
-    if not owner["plugins"]:
-        del owner["plugins"]
+        del points[point]
+    if not points:
+        del document["profiles"][profile]["plugins"]

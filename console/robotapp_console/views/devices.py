@@ -77,9 +77,12 @@ def _with_holders(devices: Iterable[tuple[Device, bool]], claims: Iterable[Claim
         )
     rows += [
         NodeDevice(
-            thing_id, claim.spec.device.type if claim.spec.device else "", present=False, holder=_describe_holder(claim)
+            device_id,
+            claim.spec.device.type if claim.spec.device else "",
+            present=False,
+            holder=_describe_holder(claim),
         )
-        for thing_id, claim in claims_by_id.items()
+        for device_id, claim in claims_by_id.items()
         if claim.name not in matched_claims
     ]
     return tuple(rows)

@@ -10,7 +10,7 @@ from robotapp_api.model.names import Label, Phase
 from robotapp_claims.rules.instances import primary_node
 from robotapp_console.views.devices import NodeDevice, count_devices, devices_by_node
 from robotapp_console.views.history import Sparkline, draw_sparkline
-from robotapp_console.views.links import Link, NodeLinks, zones_of
+from robotapp_console.views.links import Link, NodeLinks, read_zones
 from robotapp_console.views.objects import Battery, Load, Node, find_condition
 from robotapp_console.views.paging import NAMESPACE, Page, Query, take_page
 from robotapp_console.views.problems import Problems, find_problems, path_of_app
@@ -64,7 +64,6 @@ class RobotRow:
     load: Load | None = None
     battery: Battery | None = None
     silent: bool = False
-    reported_at: str = ""
     offline_since: str = ""
     """When the primary node stopped being ready; `unknown` without a time."""
 
@@ -114,8 +113,8 @@ def build_fleet(snapshot: Snapshot) -> Fleet:
             computers[robot].append(node)
     chips, loose = _group_chips(snapshot)
     devices = devices_by_node(snapshot.nodes, snapshot.telemetry, snapshot.claims.values())
-    zones = zones_of(snapshot.nodes)
-    around = _Surroundings(devices, zones, _take_links(snapshot, zones), snapshot)
+    zones = read_zones(snapshot.nodes)
+    around = _Surroundings(devices, zones, snapshot.prepare_links(zones), snapshot)
     rows = tuple(
         _build_row(robot, computers.get(robot, []), tuple(chips.get(robot, ())), around)
         for robot in sorted(computers.keys() | chips.keys())
@@ -136,16 +135,10 @@ def build_fleet(snapshot: Snapshot) -> Fleet:
 
 def measure_links(snapshot: Snapshot) -> dict[str, float]:
     """Returns the present p95 in microseconds of each robot's nodes, for the history."""
-    links = _take_links(snapshot, zones_of(snapshot.nodes))
+    links = snapshot.prepare_links(read_zones(snapshot.nodes))
     robots = (name for name, node in snapshot.nodes.items() if node.labels.get(Label.ROBOT))
     times = {name: links.find(name).p95_us for name in robots}
     return {name: time for name, time in times.items() if time is not None}
-
-
-def _take_links(snapshot: Snapshot, zones: Mapping[str, str]) -> NodeLinks:
-    links = snapshot.links or NodeLinks(snapshot.round_trips)
-    links.use_zones(zones)
-    return links
 
 
 def colour_phase(phase: str) -> str:
@@ -201,7 +194,6 @@ def _build_row(
         report.status.load if report and not silent else None,
         report.status.battery if report and not silent else None,
         silent,
-        report.written_at if report else "",
         "" if ready.status == "True" else ready.last_transition_time or "unknown",
     )
 

@@ -9,7 +9,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.quantities.quantity import parse_bytes, parse_milli
 from robotapp_api.values.quantities.requests import pod_requests
 from robotapp_console.views.devices import NodeDevice, devices_by_node
-from robotapp_console.views.links import ZoneMatrix, build_zone_matrix, zones_of
+from robotapp_console.views.links import ZoneMatrix, read_zones
 from robotapp_console.views.objects import Load, Node, Pod, find_condition
 from robotapp_console.views.paging import FAR, NAMESPACE, NEAR, Page, Query, take_page
 from robotapp_console.views.snapshot import Refusal, Snapshot
@@ -43,7 +43,7 @@ class NodeRow:
     reported_at: str = ""
     silent: bool = False
     problem: str = ""
-    """What is wrong with the rules for its devices."""
+    """The mistake in the rules for its devices, empty without one."""
     uid: str = ""
 
     @property
@@ -83,7 +83,7 @@ def build_nodes(snapshot: Snapshot) -> Nodes:
     )
     return Nodes(
         rows,
-        build_zone_matrix(zones_of(snapshot.nodes), snapshot.round_trips),
+        snapshot.prepare_links(read_zones(snapshot.nodes)).find_matrix(),
         tuple(sorted({row.zone for row in rows if row.zone})),
         tuple(sorted({row.tier for row in rows if row.tier})),
         snapshot.list_refusals("nodes", "nodetelemetries", "robotclaims", "pods"),

@@ -31,29 +31,32 @@ class ZonePairs:
 
     near: str
     far: str
-    shown: tuple[NodePair, ...] = ()
+    listed: tuple[NodePair, ...] = ()
     measured: int = 0
     total: int = 0
+    empty_zones: tuple[str, ...] = ()
+    """Those of the two without a node: a zone of an old link, or one that was misspelled."""
 
 
-def build_pairs(snapshot: Snapshot, zones: Mapping[str, str], near: str, far: str) -> ZonePairs | None:
-    """Returns the pairs between two zones, None when there is no node of one of them. `zones` names the zone of each node."""
+def build_pairs(snapshot: Snapshot, zones: Mapping[str, str], near: str, far: str) -> ZonePairs:
+    """Returns the pairs between two zones. `zones` names the zone of each node."""
     members: dict[str, list[str]] = defaultdict(list)
     for node, zone in sorted(zones.items()):
         members[zone].append(node)
-    if not members.get(near) or not members.get(far):
-        return None
+    empty_zones = tuple(zone for zone in dict.fromkeys((near, far)) if zone not in members)
+    if empty_zones:
+        return ZonePairs(clean(near, 63), clean(far, 63), empty_zones=tuple(clean(zone, 63) for zone in empty_zones))
     times = _find_measured(members[near], frozenset(members[far]), snapshot.round_trips)
     longest_first = sorted(times, key=lambda pair: (-times[pair], pair))
     rows = [_describe(pair, times[pair], is_measured=True) for pair in longest_first[:MOST_PAIRS]]
     if len(rows) < MOST_PAIRS:
-        estimate = ZoneEstimates({node: zones[node] for node in (*members[near], *members[far])}, snapshot.round_trips)
+        estimates = ZoneEstimates({node: zones[node] for node in (*members[near], *members[far])}, snapshot.round_trips)
         for pair in _list_pairs(members[near], members[far]):
             if len(rows) == MOST_PAIRS:
                 break
             if pair not in times:
-                known = estimate.estimate(*pair)
-                rows.append(_describe(pair, known[0] if known else None, is_measured=False))
+                estimate = estimates.estimate(*pair)
+                rows.append(_describe(pair, estimate[0] if estimate else None, is_measured=False))
     count_near, count_far = len(members[near]), len(members[far])
     total = count_near * (count_near - 1) // 2 if near == far else count_near * count_far
     return ZonePairs(near, far, tuple(rows), len(times), total)

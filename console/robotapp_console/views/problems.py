@@ -47,9 +47,9 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class Problems:
-    """The first of them; `total` counts all."""
+    """The problems of which a page has room; `total` counts all."""
 
-    shown: tuple[Problem, ...]
+    listed: tuple[Problem, ...]
     total: int
 
 
@@ -87,21 +87,21 @@ def path_of_app(namespace: str, name: str, robot: str = "") -> str:
 
 def suggest_command(reason: str, *, namespace: str, app: str, robot: str = "") -> str:
     """Returns the command that shows more about a condition's reason."""
-    home = with_namespace(namespace)
-    only = ("--robot", robot) if robot else ()
+    in_namespace = with_namespace(namespace)
+    on_robot = ("--robot", robot) if robot else ()
     if reason in _DEVICES:
         return kubectl("robotapp", "devices")
     if reason in _DOMAINS:
         return kubectl("robotapp", "domains")
     if reason in _PLACEMENT:
-        return kubectl("robotapp", "explain", app, *home, *only)
+        return kubectl("robotapp", "explain", app, *in_namespace, *on_robot)
     if reason in _ROBOTS:
         return kubectl("robotapp", "robots")
     if reason in _PODS:
-        return kubectl("describe", "pods", *home, "-l", f"{Label.APP}={app}")
+        return kubectl("describe", "pods", *in_namespace, "-l", f"{Label.APP}={app}")
     if reason == Reason.CRASH_LOOP:
-        return kubectl("logs", *home, "-l", f"{Label.APP}={app}", "--all-containers", "--prefix", "--tail=50")
-    return kubectl("robotapp", "info", app, *home, *only)
+        return kubectl("logs", *in_namespace, "-l", f"{Label.APP}={app}", "--all-containers", "--prefix", "--tail=50")
+    return kubectl("robotapp", "info", app, *in_namespace, *on_robot)
 
 
 def _list_full_pools(pools: Iterable[Pool]) -> list[Problem]:

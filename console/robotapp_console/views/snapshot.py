@@ -57,6 +57,12 @@ class Snapshot:
         report = self.telemetry.get(node)
         return report is not None and bool(report.written_at) and self.round_trips.silent_from_s(node) <= self.now_s
 
+    def prepare_links(self, zones: Mapping[str, str]) -> NodeLinks:
+        """Returns the links of nodes in these zones."""
+        links = self.links or NodeLinks(self.round_trips)
+        links.use_zones(zones)
+        return links
+
     def list_refusals(self, *plurals: str) -> tuple[Refusal, ...]:
         """Returns the refusals of these kinds, for the panels that need them."""
         return tuple(self.refusals[plural] for plural in plurals if plural in self.refusals)

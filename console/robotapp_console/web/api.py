@@ -15,36 +15,36 @@ from robotapp_console.views.snapshot import Refusal
 from robotapp_console.views.texts import clean
 from robotapp_console.web.console import CALLER, CONSOLE
 from robotapp_console.web.signing import answer_expired
-from robotapp_console.web.tuner import Desk
+from robotapp_console.web.tuner import Tuner
 
 
 async def answer_config(request: web.Request) -> web.Response:
     """The configuration, what the scheduler has made of it, and its versions."""
-    desk = await Desk.open(request)
+    tuner = await Tuner.open(request)
     try:
-        config = await desk.store.read()
+        config = await tuner.store.read()
     except Unauthorized:
         return answer_expired(request)
-    return _answer_json(_describe_config(desk, config), status=200 if config.text is not None else 404)
+    return _answer_json(_describe_config(tuner, config), status=200 if config.text is not None else 404)
 
 
 async def take_config(request: web.Request) -> web.Response:
     """Applies the text of the field `config`, if the ConfigMap still has the resourceVersion of the field `version`."""
-    desk = await Desk.open(request)
+    tuner = await Tuner.open(request)
     fields = await request.post()
     text, version = str(fields.get("config", "")), str(fields.get("version", ""))
     try:
-        config = await desk.store.read()
+        config = await tuner.store.read()
         if config.text is None:
             return _answer_json({"error": config.problem}, status=404)
-        draft = await desk.draft(config, text, None)
+        draft = await tuner.draft(config, text, None)
         if draft.problems:
             problems = [{"field": problem.field, "problem": problem.text} for problem in draft.problems]
             return _answer_json({"error": "the configuration cannot be used", "problems": problems}, status=422)
         if version and version != config.version:
             return _answer_stale()
-        await desk.store.apply(config, text, author=await desk.find_author())
-        return _answer_json(_describe_config(desk, await desk.store.wait_for_reload()))
+        await tuner.store.apply(config, text, author=await tuner.find_author())
+        return _answer_json(_describe_config(tuner, await tuner.store.wait_for_reload()))
     except StaleError:
         return _answer_stale()
     except NotRecordedError as error:
@@ -77,8 +77,8 @@ def _answer_stale() -> web.Response:
     return _answer_json({"error": "the configuration was changed by somebody else"}, status=409)
 
 
-def _describe_config(desk: Desk, stored: StoredConfig) -> dict[str, Any]:
-    place = desk.console.config_place
+def _describe_config(tuner: Tuner, stored: StoredConfig) -> dict[str, Any]:
+    place = tuner.console.config_place
     refusal = stored.refusal
     return {
         "namespace": place.namespace,

@@ -11,6 +11,7 @@ from aiohttp import web
 
 from robotapp_client import ClientError, Unauthorized
 from robotapp_console.cluster.informer_sets import TooManyUsersError
+from robotapp_console.views.texts import clean
 from robotapp_console.web import security
 from robotapp_console.web.console import CALLER, CONSOLE, Console
 from robotapp_console.web.sessions import Caller
@@ -32,6 +33,9 @@ async def answer_errors(request: web.Request, handler: Handler) -> web.StreamRes
     except web.HTTPException as error:
         if error.status < 400:
             raise
+        if isinstance(error, web.HTTPNotFound):
+            text = f"The console has no page {clean(request.path, 200)}."
+            return console.answer_message(request, 404, "Not found", text, links={"Fleet": "/"})
         text = error.text if isinstance(error, web.HTTPBadRequest) and error.text else error.reason
         return console.answer_message(request, error.status, error.reason, text or error.reason)
     except TooManyUsersError:
@@ -78,7 +82,7 @@ async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
 
 
 LOGIN_COOKIE: Final = "robotapp-console-login"
-"""What the CSRF token of the login form belongs to, before there is a session."""
+"""The cookie that the CSRF token of the login form belongs to, before there is a session."""
 _NONCE: Final = re.compile(r"[A-Za-z0-9_-]{24}")
 
 
@@ -122,8 +126,8 @@ async def _find_write_problem(console: Console, request: web.Request, caller: Ca
             fields = await request.post()
     except TimeoutError:
         raise web.HTTPRequestTimeout from None
-    given = fields.get("csrf", "")
-    if not session or not isinstance(given, str) or not console.seal.is_signed(session, given):
+    signature = fields.get("csrf", "")
+    if not session or not isinstance(signature, str) or not console.seal.is_signed(session, signature):
         return "the form is too old or not of this console (CSRF token); load the page again"
     return ""
 
@@ -157,5 +161,5 @@ def ask_to_sign_in(request: web.Request) -> web.Response:
 
 
 def _login_path(request: web.Request) -> str:
-    here = security.clean_next(request.path_qs)
-    return "/login" if here == "/" else "/login?" + urlencode({"next": here})
+    target = security.clean_next(request.path_qs)
+    return "/login" if target == "/" else "/login?" + urlencode({"next": target})

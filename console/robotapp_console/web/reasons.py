@@ -37,7 +37,7 @@ async def show_reasons(request: web.Request) -> web.StreamResponse:
         robot = min((pod.metadata.labels.get(Label.INSTANCE, "") for pod in listing.items), default="")
     pods = select_pods(listing.items, robot)
     records, problem = await console.scheduler.explain(caller.endpoint, namespace, [pod.metadata.name for pod in pods])
-    only = ("--robot", robot) if robot else ()
+    on_robot = ("--robot", robot) if robot else ()
     context = {
         "title": clean(f"Why here? {namespace}/{name}" + (f" on {robot}" if robot else ""), 320),
         "rows": build_reasons(app, pods, records, robot=robot),
@@ -46,6 +46,6 @@ async def show_reasons(request: web.Request) -> web.StreamResponse:
         "namespace_of_app": namespace,
         "name": name,
         "robot": clean(robot, 63),
-        "command": kubectl("robotapp", "explain", name, "-n", namespace, *only),
+        "command": kubectl("robotapp", "explain", name, "-n", namespace, *on_robot),
     }
     return web.Response(text=console.render(request, "app_why.html", context), content_type="text/html")

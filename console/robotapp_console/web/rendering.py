@@ -8,7 +8,7 @@ from typing import Any, Final
 import jinja2
 from aiohttp import web
 
-from robotapp_console.views.texts import Moment, describe_moment, format_cpu, format_memory
+from robotapp_console.views.texts import Moment, clean, describe_moment, format_cpu, format_memory
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 _TYPES: Final = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml", "": "text/plain"}
@@ -55,7 +55,7 @@ class Pages:
             lstrip_blocks=True,
             auto_reload=False,
         )
-        self._templates.globals |= {"static": files.address, "cpu": format_cpu, "memory": format_memory}
+        self._templates.globals |= {"static": files.address, "cpu": format_cpu, "memory": format_memory, "clean": clean}
 
     def __repr__(self) -> str:
         return "<Pages>"

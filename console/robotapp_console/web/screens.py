@@ -13,7 +13,7 @@ from robotapp_console.cluster.kinds import APP_KINDS, FLEET_KINDS, NODES_KINDS, 
 from robotapp_console.views.app.page import EventRow, build_app, build_events, suggest_apps
 from robotapp_console.views.app.timeline import build_timeline
 from robotapp_console.views.fleet import STATES, build_fleet, draw_links, read_fleet_query, take_fleet_page
-from robotapp_console.views.links import zones_of
+from robotapp_console.views.links import read_zones
 from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
 from robotapp_console.views.paging import FAR, NEAR, Query
 from robotapp_console.views.pairs import ZonePairs, build_pairs
@@ -26,7 +26,7 @@ EXPIRED: Final = "The API server does not accept your credentials any more. Load
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class ScreenContent:
     """A screen at one moment. `fingerprint` differs as soon as anything on it does, apart from the passing of time."""
 
     title: str
@@ -48,7 +48,7 @@ class Screen(Protocol):
     def kinds(self) -> tuple[Kind, ...]: ...
     def namespace(self, request: web.Request) -> str: ...
     def key(self, request: web.Request) -> tuple[str, ...]: ...
-    async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> Shown: ...
+    async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> ScreenContent: ...
 
 
 def read_namespace(text: str) -> str:
@@ -71,9 +71,9 @@ class FleetScreen:
         del request
         return ("fleet",)
 
-    async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> Shown:
+    async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> ScreenContent:
         namespace = self.namespace(request)
-        await _wait_for_room(informers, self.key(request), namespace, caller.home)
+        await _wait_for_first_build(informers, self.key(request), namespace, caller.home)
         snapshot, fleet = informers.build_model(self.key(request), build_fleet, namespace=namespace, home=caller.home)
         query = read_fleet_query(request.query)
         page = take_fleet_page(fleet, query)
@@ -89,7 +89,7 @@ class FleetScreen:
             "stale": snapshot.stale,
         }
         fingerprint = (page, fleet.problems, fleet.loose, fleet.counts, fleet.refusals, snapshot.stale, links)
-        return Shown("Fleet", context, fingerprint, snapshot)
+        return ScreenContent("Fleet", context, fingerprint, snapshot)
 
 
 class NodesScreen:
@@ -104,7 +104,7 @@ class NodesScreen:
         del request
         return ("nodes",)
 
-    async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> Shown:
+    async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> ScreenContent:
         snapshot, nodes = informers.build_model(self.key(request), build_nodes, namespace="", home=caller.home)
         query = read_nodes_query(request.query)
         page = take_nodes_page(nodes, query)
@@ -122,7 +122,7 @@ class NodesScreen:
             "stale": snapshot.stale,
         }
         fingerprint = (page, nodes.matrix, nodes.refusals, snapshot.stale, pairs, may_shut_down)
-        return Shown("Nodes", context, fingerprint, snapshot)
+        return ScreenContent("Nodes", context, fingerprint, snapshot)
 
     async def _find_pairs(self, query: Query, caller: Caller, informers: InformerSet) -> ZonePairs | None:
         """Returns the pairs of nodes of the cell that was chosen in the matrix."""
@@ -130,10 +130,10 @@ class NodesScreen:
         if not (near and far):
             return None
         key = ("nodes", "pairs", near, far)
-        await _wait_for_room(informers, key, "", caller.home)
+        await _wait_for_first_build(informers, key, "", caller.home)
         _, pairs = informers.build_model(
             key,
-            lambda snapshot: build_pairs(snapshot, zones_of(snapshot.nodes), near, far),
+            lambda snapshot: build_pairs(snapshot, read_zones(snapshot.nodes), near, far),
             namespace="",
             home=caller.home,
         )
@@ -152,10 +152,10 @@ class AppScreen:
         names = (request.match_info["namespace"], request.match_info["name"], request.query.get("robot", ""))
         return ("app", *names)
 
-    async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> Shown:
+    async def show(self, request: web.Request, caller: Caller, informers: InformerSet) -> ScreenContent:
         namespace = self.namespace(request)
         _, _, name, robot = self.key(request)
-        await _wait_for_room(informers, self.key(request), namespace, caller.home)
+        await _wait_for_first_build(informers, self.key(request), namespace, caller.home)
         snapshot, app = informers.build_model(
             self.key(request),
             lambda snapshot: build_app(snapshot, namespace, name, robot),
@@ -167,12 +167,12 @@ class AppScreen:
             refusals = snapshot.list_refusals("robotapps")
             missing = f"{refusals[0].cure} {refusals[0].why}" if refusals else f"There is no RobotApp {title}."
             links = {"links": suggest_apps(snapshot)}
-            return Shown(title, links, missing, snapshot, missing)
+            return ScreenContent(title, links, missing, snapshot, missing)
         stored = snapshot.apps[f"{namespace}/{name}"]
         try:
             events, refusal, are_events_whole = await _read_events(informers, namespace, stored.metadata.uid)
         except Unauthorized:
-            return Shown(title, {"links": {}}, EXPIRED, snapshot, EXPIRED)
+            return ScreenContent(title, {"links": {}}, EXPIRED, snapshot, EXPIRED)
         actions = await find_allowed(informers, namespace, name)
         timeline = build_timeline(app.instances, events)
         context: dict[str, Any] = {
@@ -185,12 +185,14 @@ class AppScreen:
             "stale": snapshot.stale,
         }
         on_robot = f" on {clean(robot, 63)}" if robot else ""
-        return Shown(title + on_robot, context, (app, actions, timeline, events, refusal, snapshot.stale), snapshot)
+        return ScreenContent(
+            title + on_robot, context, (app, actions, timeline, events, refusal, snapshot.stale), snapshot
+        )
 
 
-async def _wait_for_room(informers: InformerSet, key: tuple[str, ...], namespace: str, home: str) -> None:
+async def _wait_for_first_build(informers: InformerSet, key: tuple[str, ...], namespace: str, home: str) -> None:
     """Waits until the model may be built. Raises HTTPTooManyRequests for a user who opens many addresses at once."""
-    if not await informers.wait_for_room(key, namespace=namespace, home=home):
+    if not await informers.wait_for_first_build(key, namespace=namespace, home=home):
         raise web.HTTPTooManyRequests
 
 

@@ -20,7 +20,7 @@ from robotapp_console.web.app_actions import act_on_app, act_on_node, confirm_de
 from robotapp_console.web.console import CALLER, CONSOLE, Console
 from robotapp_console.web.guard import Handler, answer_errors, guard
 from robotapp_console.web.reasons import show_reasons
-from robotapp_console.web.screens import AppScreen, FleetScreen, NodesScreen, Screen, Shown
+from robotapp_console.web.screens import AppScreen, FleetScreen, NodesScreen, Screen, ScreenContent
 from robotapp_console.web.sessions import LONGEST_S, Caller
 from robotapp_console.web.signing import answer_expired, open_local, show_login, sign_in, sign_out
 
@@ -108,20 +108,20 @@ def _make_page(screen: Screen) -> Handler:
         informers = await _prepare(screen, request, caller)
         if informers.signed_out:
             return answer_expired(request)
-        shown = await screen.show(request, caller, informers)
-        if shown.missing:
-            return console.answer_message(request, 404, shown.title, shown.missing, links=shown.context["links"])
+        content = await screen.show(request, caller, informers)
+        if content.missing:
+            return console.answer_message(request, 404, content.title, content.missing, links=content.context["links"])
         now_s = time.time()
         stream, query = f"{request.path.rstrip('/')}/stream", drop_notice(request.query_string)
         context = {
-            "title": shown.title,
+            "title": content.title,
             "screen": screen.path,
             "name": screen.name,
             "stream": f"{stream}?{query}" if query else stream,
             "notice": read_notice(console, caller, request),
         }
         async with informers.turn:
-            html = console.render(request, "screen.html", dict(shown.context) | context, now_s=now_s)
+            html = console.render(request, "screen.html", dict(content.context) | context, now_s=now_s)
         return web.Response(text=html, content_type="text/html")
 
     return show_page
@@ -177,9 +177,14 @@ class _Follower:
         place = {"namespace": self._screen.namespace(self._request), "home": self._caller.home}
         if not self.informers.is_behind(key, **place) and not await self._is_woken():
             return False
-        await asyncio.sleep(max(GATHER_S, self.informers.pause_s(key, **place)))
-        self.wake.clear()
-        return True
+        while True:
+            await asyncio.sleep(GATHER_S)
+            self.wake.clear()
+            pause_s = self.informers.pause_s(key, **place)
+            if not pause_s:
+                return True
+            with contextlib.suppress(TimeoutError):  # an edit makes the pause shorter
+                await asyncio.wait_for(self.wake.wait(), pause_s)
 
     async def _is_woken(self) -> bool:
         waiting = asyncio.ensure_future(self.wake.wait())
@@ -193,14 +198,14 @@ class _Follower:
 
     async def render_change(self) -> str:
         """Returns the fragment, empty when it is what was sent last."""
-        shown: Shown = await self._screen.show(self._request, self._caller, self.informers)
-        if shown.fingerprint == self._sent:
+        content: ScreenContent = await self._screen.show(self._request, self._caller, self.informers)
+        if content.fingerprint == self._sent:
             return ""
-        self._sent = shown.fingerprint
-        if shown.missing:
-            context = {"text": shown.missing}
+        self._sent = content.fingerprint
+        if content.missing:
+            context = {"text": content.missing}
             return self._console.pages.render("gone.html", context)
-        return self._console.pages.render(f"{self._screen.name}_live.html", shown.context, now_s=time.time())
+        return self._console.pages.render(f"{self._screen.name}_live.html", content.context, now_s=time.time())
 
 
 async def _send_changes(answer: web.StreamResponse, follower: _Follower) -> None:

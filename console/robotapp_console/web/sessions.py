@@ -105,7 +105,7 @@ class LocalDoor:
     """The one-time addresses of the local console, and the sessions they opened."""
 
     def __init__(self) -> None:
-        self._pass = secrets.token_urlsafe(24)
+        self._secret = secrets.token_urlsafe(24)
         self._sessions: set[str] = set()
 
     def __repr__(self) -> str:
@@ -114,13 +114,13 @@ class LocalDoor:
     @property
     def path(self) -> str:
         """The path that opens a session once."""
-        return f"/open?pass={self._pass}"
+        return f"/open?pass={self._secret}"
 
-    def open_session(self, word: str) -> str | None:
-        """Returns a new session's id for the right word, which is worthless afterwards; None for a wrong one."""
-        if not hmac.compare_digest(word.encode("utf-8", "replace"), self._pass.encode()):
+    def open_session(self, secret: str) -> str | None:
+        """Returns a new session's id for the secret of the newest address, which opens no second one; None for another secret."""
+        if not hmac.compare_digest(secret.encode("utf-8", "replace"), self._secret.encode()):
             return None
-        self._pass = secrets.token_urlsafe(24)
+        self._secret = secrets.token_urlsafe(24)
         session = secrets.token_urlsafe(24)
         self._sessions.add(session)
         return session

@@ -1,16 +1,17 @@
-"""Strings and numbers with the bounds and patterns of the API. RE2 and pydantic's engine share the syntax used here."""
+"""Strings and numbers with the bounds and patterns of the API."""
 
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 from pydantic import Field, StringConstraints, WithJsonSchema
 
 from robotapp_api.model.markers import Rule
-
-LABEL_PATTERN = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$"
-LABEL_VALUE_PATTERN = r"^(([A-Za-z0-9][-A-Za-z0-9_.]*)?[A-Za-z0-9])?$"
-SUBDOMAIN_PATTERN = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?(\.[a-z0-9]([-a-z0-9]*[a-z0-9])?)*$"
-DURATION_PATTERN = r"^([0-9]{1,6}([.][0-9]{1,3})?(us|ms|s|m|h)){1,3}$"
-QUANTITY_PATTERN = r"^(([0-9]{1,15}(\.[0-9]{0,9})?)|(\.[0-9]{1,9}))(([KMGTPE]i)|[numkMGTPE]|([eE][+-]?[0-9]{1,2}))?$"
+from robotapp_api.model.patterns import (
+    DURATION_PATTERN,
+    IMAGE_PATTERN,
+    LABEL_PATTERN,
+    QUANTITY_PATTERN,
+    SUBDOMAIN_PATTERN,
+)
 
 
 def is_duration(expression: str) -> str:
@@ -26,8 +27,6 @@ AppName = Annotated[str, StringConstraints(min_length=1, max_length=40, pattern=
 NodeName = Annotated[str, StringConstraints(min_length=1, max_length=253)]
 ShortText = Annotated[str, StringConstraints(max_length=63)]
 Text = Annotated[str, StringConstraints(max_length=253)]
-IMAGE_PATTERN: Final = r"^\S*$"
-"""No image name has blanks; without this rule the kubelet would say so after the pod was placed."""
 Image = Annotated[str, StringConstraints(min_length=1, max_length=512, pattern=IMAGE_PATTERN)]
 OptionalImage = Annotated[str, StringConstraints(max_length=512, pattern=IMAGE_PATTERN)]
 Token = Annotated[str, StringConstraints(min_length=1, max_length=32, pattern=LABEL_PATTERN)]

@@ -6,7 +6,7 @@ import re
 from typing import Final
 
 from robotapp_api.model.app.robots import LABEL_KEY
-from robotapp_api.model.scalars import LABEL_VALUE_PATTERN, SUBDOMAIN_PATTERN
+from robotapp_api.model.patterns import LABEL_VALUE_PATTERN, SUBDOMAIN_PATTERN
 
 _WHOLE: Final = re.compile(LABEL_KEY)
 _PREFIX: Final = re.compile(SUBDOMAIN_PATTERN)

@@ -1,14 +1,26 @@
 """Every screen in a real browser: what it shows, from phone to wall, light and dark, and by the keyboard alone."""
 
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 import yaml
 from playwright.sync_api import Browser, Page, expect
 from tests.live.browser.conftest import Fleet, open_context
 
+from robotapp_testbed import wait_until
+from robotapp_testbed.browser import start_console
 from robotapp_testbed.browser.axe import find_barriers
 from robotapp_testbed.browser.chromium import REBOUND_HOST
+
+PLUGIN = Path(sys.executable).parent / "kubectl-robotapp"
 
 SCREENS = {
     "fleet": "/",
@@ -59,6 +71,39 @@ def test_the_one_time_address_opens_the_fleet_and_does_so_once(browser: Browser,
         page = context.new_page()
         page.goto(address)
         expect(page.locator("main")).to_contain_text("This address is not valid")
+
+
+@contextmanager
+def run_plugin(fleet: Fleet, folder: Path) -> Iterator[Path]:
+    """Runs `kubectl robotapp console` for a user with a browser of his own, and gives the page that this browser is to open."""
+    home, given, program = folder / "home", folder / "given", folder / "browser.py"
+    home.mkdir()
+    program.write_text("import pathlib, sys\npathlib.Path(sys.argv[1]).write_text(sys.argv[2])\n")
+    environment = os.environ | {"HOME": str(home), "BROWSER": f"{sys.executable} {program} {given} %s"}
+    command = [str(PLUGIN), "console", f"--kubeconfig={fleet.plane.kubeconfig()}"]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL) as process:
+        try:
+            assert wait_until(lambda: given.exists() and bool(given.read_text()), timeout_s=60)
+            yield Path(urlsplit(given.read_text()).path)
+            process.send_signal(signal.SIGINT)
+            assert process.wait(30) == 0
+        finally:
+            process.kill()
+
+
+def test_the_page_that_kubectl_opens_leads_the_browser_on_and_it_arrives_signed_in(
+    browser: Browser, fleet: Fleet, tmp_path: Path
+) -> None:
+    with run_plugin(fleet, tmp_path) as opening_page, browser.new_context() as context:
+        page = context.new_page()
+        page.goto(opening_page.as_uri(), wait_until="commit")
+        expect(page).to_have_title("Fleet · RobotApp")
+        expect(page.locator("#robot-amr-07")).to_be_visible()
+        address = urlsplit(page.url)
+        assert (address.hostname, address.path, address.query) == ("127.0.0.1", "/", "")
+        page.get_by_role("link", name="Nodes").click()
+        expect(page.locator("#node-edge-1")).to_be_visible()
+        assert not opening_page.parent.exists(), "its address is used up"
 
 
 def test_the_fleet_puts_the_problem_first_with_the_command_that_helps(page: Page, fleet: Fleet) -> None:
@@ -123,6 +168,41 @@ def test_an_app_shows_its_conditions_components_and_edges(page: Page, fleet: Fle
     edges = page.locator("table.edges")
     expect(edges).to_contain_text("/cmd_vel")
     expect(edges).to_contain_text("2 ms / 30 ms")
+
+
+def test_why_here_has_the_runner_up_and_the_time_for_which_a_node_was_refused(page: Page, fleet: Fleet) -> None:
+    page.goto(f"/apps/{fleet.namespace}/teleop")
+    page.get_by_role("link", name="Why is operator-ui there?").click()
+    expect(page).to_have_title(f"Why here? {fleet.namespace}/teleop on amr-07 · RobotApp")
+    reasons = page.locator("table.why tbody tr").filter(has_text="operator-ui")
+    expect(reasons.get_by_role("cell").nth(0)).to_have_text("edge-1")
+    expect(reasons.get_by_role("cell").nth(1)).to_have_text("edge-2")
+    expect(reasons).to_contain_text(re.compile(r"cloud-1: 60(\.0)? ms to .+ > 30 ms"))
+    page.get_by_role("link", name="Back to the app").click()
+    expect(page).to_have_title(f"{fleet.namespace}/teleop on amr-07 · RobotApp")
+
+
+def test_why_here_names_the_holder_of_the_device_for_which_a_pod_waits(page: Page, fleet: Fleet) -> None:
+    page.goto(f"/apps/{fleet.namespace}/can-rival/why")
+    reasons = page.locator("table.why tbody tr")
+    expect(reasons.get_by_role("cell").nth(0)).to_have_text("waits")
+    expect(reasons).to_contain_text(f"{fleet.namespace}/can-holder")
+
+
+def test_why_here_without_a_way_to_the_scheduler_has_what_the_pods_say_and_the_command(
+    browser: Browser, fleet: Fleet
+) -> None:
+    console = start_console(fleet.plane, name="console-without-a-scheduler")
+    with browser.new_context() as context:
+        page = context.new_page()
+        page.goto(console.address)
+        page.goto(f"{console.origin}/apps/{fleet.namespace}/teleop/why")
+        expect(page.locator("section.refused")).to_contain_text("no scheduler pod runs in namespace robotapp-system")
+        expect(page.locator("section.refused code")).to_have_text(
+            f"kubectl robotapp explain teleop -n {fleet.namespace} --robot amr-07"
+        )
+        expect(page.locator("table.why")).to_contain_text("operator-ui")
+    console.process.stop()
 
 
 def test_without_scripts_every_screen_still_shows_what_it_has(browser: Browser, fleet: Fleet) -> None:

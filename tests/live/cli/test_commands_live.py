@@ -178,7 +178,9 @@ def test_kubectl_completes_our_commands_and_the_names_in_the_cluster(world: CliU
     assert world.completed("info", "-n", NAMESPACE, "teleop", "--robot", "a") == ["amr-07", ":4"]
 
 
-def test_what_if_shows_where_a_pod_would_go_and_which_budget_would_break_and_writes_nothing(world: CliUser) -> None:
+def test_what_if_shows_where_a_pod_would_go_and_which_budget_would_break_and_writes_nothing(
+    world: CliUser, tmp_path: Path
+) -> None:
     here = next(node for node in nodes_of(world, "teleop").values() if node.startswith("edge"))
     there = {"edge-1": "edge-2", "edge-2": "edge-1"}[here]
     before = versions(world)
@@ -195,6 +197,9 @@ def test_what_if_shows_where_a_pod_would_go_and_which_budget_would_break_and_wri
         ("/cmd_vel", "/odom"), ("Met", {"rttMs": 90.0, "source": "measured", "verdict": "Exceeded"})
     )
     assert [(each["outcome"], each["to"]) for each in slow["pods"]] == [("MayMove", there)]
+    config = tmp_path / "config.yaml"
+    config.write_text("{apiVersion: kubescheduler.config.k8s.io/v1, kind: KubeSchedulerConfiguration}")
+    assert asked("--replay", "50", "--config", str(config))["replayed"] >= len(nodes_of(world, "teleop"))
     wrong = world.run("what-if", "--node-loss", "edge-9", "-n", NAMESPACE, "--scheduler-url", world.scheduler_url)
     assert (wrong.returncode, "did you mean edge-" in wrong.stderr) == (4, True), wrong.stderr
     tenant = world.run("what-if", "--node-loss", here, "--scheduler-url", world.scheduler_url, identity="tenant")

@@ -18,7 +18,7 @@ ACTIONS = ("suspend", "resume", "restart", "approve", "delete")
 
 def find_button(page: str, action: str) -> str:
     """Returns where the button for this action leads, empty without one."""
-    button = re.search(rf'<button form="deeds" formaction="([^"?]*/{action}\?[^"]*)"', page)
+    button = re.search(rf'<button form="actions" formaction="([^"?]*/{action}\?[^"]*)"', page)
     return unescape(button[1]) if button else ""
 
 

@@ -10,8 +10,8 @@ from tests.support.apiobjects import app, pool
 from tests.support.schemas import broken_rules
 
 from robotapp_api.model.app.robotapp import RobotApp
+from robotapp_api.model.patterns import DURATION_PATTERN
 from robotapp_api.model.pool import DomainPool
-from robotapp_api.model.scalars import DURATION_PATTERN
 from robotapp_api.schema.crd import schema_of
 from robotapp_api.values.quantities.duration import MAX_LENGTH, parse_ns
 from robotapp_api.values.quantities.ranges import parse_ids

@@ -15,7 +15,7 @@ from robotapp_cli.main import app
 
 def test_the_options_reach_the_console() -> None:
     url = "https://127.0.0.1:10259"
-    options = ConsoleOptions(kubeconfig=Path("/k"), context="c", port=8080, browser=False, scheduler_url=url)
+    options = ConsoleOptions(Path("/k"), "c", port=8080, browser=False, scheduler_url=url, scheduler_config="ns/other")
     assert build_command(options)[1:] == [
         "-m",
         "robotapp_console",
@@ -24,6 +24,7 @@ def test_the_options_reach_the_console() -> None:
         "--kubeconfig=/k",
         "--context=c",
         f"--scheduler-url={url}",
+        "--scheduler-config=ns/other",
         "--no-browser",
     ]
 

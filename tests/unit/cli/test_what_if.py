@@ -113,9 +113,32 @@ def test_everything_is_asked_at_once_for_the_users_namespace(cluster: Stage, tmp
     assert cluster.scheduler.queries == ["namespace=fleet"]
 
 
+def test_a_replay_asks_for_placements_under_a_configuration_and_says_how_many_were_judged(
+    cluster: Stage, tmp_path: Path
+) -> None:
+    config = tmp_path / "config.yaml"
+    config.write_text("{kind: KubeSchedulerConfiguration}")
+    cluster.scheduler.outcome = {**ANSWER, "pods": [], "edges": [], "replayed": 42}
+    text = cluster.text("what-if", "--replay", "200", "--config", str(config), *url(cluster))
+    asked = {"nodeLoss": [], "rtt": [], "apps": [], "config": {"kind": "KubeSchedulerConfiguration"}, "replay": 200}
+    assert sent(cluster) == asked
+    assert text.startswith("No pod would sit elsewhere.\n")
+    assert "42 placements were judged, each as if that pod alone was not placed\n" in text
+
+
+def test_a_replay_supposes_a_configuration_and_nothing_else(cluster: Stage, tmp_path: Path) -> None:
+    config = tmp_path / "config.yaml"
+    config.write_text("{kind: KubeSchedulerConfiguration}")
+    done = cluster.run("what-if", "--replay", "5", "--config", str(config), "--node-loss", "e1", *url(cluster))
+    assert (done.exit_code, "leave --node-loss, --rtt and --app out" in done.stderr) == (2, True), done.stderr
+    assert cluster.scheduler.posted == []
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
+        (("--replay", "5"), "--replay 5: give --config FILE, the configuration to judge them with"),
+        (("--replay", "501"), "Input should be less than or equal to 500"),
         ((), "nothing is supposed: give --node-loss, --rtt, --app or --config"),
         (("--rtt", "a:b"), "--rtt a:b: write a pair of nodes and its round-trip time, such as edge-1:amr-07=40ms"),
         (("--rtt", "a=40ms"), "write a pair of nodes"),

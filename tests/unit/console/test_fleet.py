@@ -201,7 +201,7 @@ def test_every_order_takes_robots_of_which_nothing_is_known(sort: str) -> None:
 )
 def test_each_problem_names_the_command_that_helps(reason: str, command: str) -> None:
     troubled = [{"instance": "amr-07", "reason": reason, "message": "what is wrong"}]
-    (problem,) = find_problems(snapshot(apps=[app("teleop", troubled=troubled)])).shown
+    (problem,) = find_problems(snapshot(apps=[app("teleop", troubled=troubled)])).listed
     assert (problem.subject, problem.message) == ("default/teleop on amr-07", "what is wrong")
     assert (problem.command, problem.href) == (command, "/apps/default/teleop?robot=amr-07")
 
@@ -218,7 +218,7 @@ def test_each_problem_names_the_command_that_helps(reason: str, command: str) ->
     ],
 )
 def test_a_pool_is_a_problem_from_nine_tenths_on(used: str, reason: str | None) -> None:
-    problems = find_problems(snapshot(pools=[pool(used=used, quarantined=3)])).shown
+    problems = find_problems(snapshot(pools=[pool(used=used, quarantined=3)])).listed
     assert [problem.reason for problem in problems] == ([reason] if reason else [])
 
 
@@ -229,7 +229,7 @@ def test_full_pools_come_first_and_unclear_robots_last() -> None:
             apps=[app("teleop", troubled=[{"reason": "CrashLoop"}])],
             nodes=[node("a-1", robot="a"), node("a-2", robot="a")],
         )
-    ).shown
+    ).listed
     assert [problem.subject for problem in problems] == ["pool default", "default/teleop", "robot a"]
     assert "robotics.io/robot-primary=true" in problems[2].command
 
@@ -237,7 +237,7 @@ def test_full_pools_come_first_and_unclear_robots_last() -> None:
 def test_many_problems_are_counted_and_the_first_shown() -> None:
     apps = [app(f"a{i:03}", troubled=[{"reason": "CrashLoop"}]) for i in range(MOST_SHOWN + 5)]
     problems = find_problems(snapshot(apps=apps))
-    assert (len(problems.shown), problems.total) == (MOST_SHOWN, MOST_SHOWN + 5)
+    assert (len(problems.listed), problems.total) == (MOST_SHOWN, MOST_SHOWN + 5)
 
 
 def test_links_of_robots_are_measured_for_the_history() -> None:

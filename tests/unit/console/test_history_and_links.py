@@ -10,7 +10,7 @@ from tests.unit.console.objects import NOW_S, node, snapshot, telemetry
 from robotapp_client import Change, Endpoint
 from robotapp_console.cluster.informer_set import InformerSet
 from robotapp_console.views.history import SLOT_S, SLOTS, LinkHistory, draw_sparkline
-from robotapp_console.views.links import MOST_ZONES, ZoneEstimates, build_zone_matrix, link_of, rate_heat, zones_of
+from robotapp_console.views.links import MOST_ZONES, ZoneEstimates, build_zone_matrix, find_link, rate_heat, read_zones
 from robotapp_console.views.objects import Telemetry
 
 NODES = ("a", "b", "c", "d")
@@ -32,7 +32,8 @@ def test_links_that_are_kept_are_those_that_would_be_computed_anew(
         informers._take_telemetry(Change("DELETED" if new is None else "MODIFIED", name, None, new))
         informers._links.use_zones(zones)
         for node_name in NODES:
-            assert informers._links.find(node_name) == link_of(node_name, zones, informers._round_trips)
+            assert informers._links.find(node_name) == find_link(node_name, zones, informers._round_trips)
+        assert informers._links.find_matrix() == build_zone_matrix(zones, informers._round_trips)
 
 
 def test_the_newest_value_is_last_and_gaps_are_none() -> None:
@@ -93,7 +94,7 @@ NETWORK = snapshot(
 
 
 def test_the_matrix_holds_the_median_of_measured_pairs_by_the_worse_direction() -> None:
-    matrix = build_zone_matrix(zones_of(NETWORK.nodes), NETWORK.round_trips)
+    matrix = build_zone_matrix(read_zones(NETWORK.nodes), NETWORK.round_trips)
     assert matrix.zones == ("cloud", "hall")
     assert [[cell.text for cell in row] for row in matrix.rows] == [["", "70 ms"], ["70 ms", "2 ms"]]
     assert matrix.rows[0][1].pairs == 1
@@ -107,7 +108,7 @@ def test_more_zones_than_can_be_read_are_counted() -> None:
 
 
 def test_a_pair_that_was_not_measured_is_estimated_by_its_zones() -> None:
-    estimates = ZoneEstimates(zones_of(NETWORK.nodes), NETWORK.round_trips)
+    estimates = ZoneEstimates(read_zones(NETWORK.nodes), NETWORK.round_trips)
     assert estimates.estimate("e1", "c2") == (70_000.0, ("hall", "cloud"))
     assert estimates.estimate("c1", "c2") is None
     assert estimates.estimate("e1", "unknown") is None

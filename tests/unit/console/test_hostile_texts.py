@@ -26,7 +26,7 @@ from robotapp_console.views.app.page import build_app, build_events
 from robotapp_console.views.app.reasons import build_reasons, select_pods
 from robotapp_console.views.app.timeline import build_timeline
 from robotapp_console.views.fleet import STATES, build_fleet, draw_links, read_fleet_query, take_fleet_page
-from robotapp_console.views.links import zones_of
+from robotapp_console.views.links import read_zones
 from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
 from robotapp_console.views.objects import AppPod, AppPodStatus, Condition, Event, Meta
 from robotapp_console.views.pairs import build_pairs
@@ -160,7 +160,7 @@ def render(text: str) -> str:
     reasons = (text, EventReason.RESCHEDULED, EventReason.BUDGET_EXCEEDED)
     events = build_events(Event(metadata=Meta(name="e"), reason=reason, note=text, type=text) for reason in reasons)
     allowed = frozenset(("suspend", "resume", "restart", "approve", "delete"))
-    zones = zones_of(now.nodes)
+    zones = read_zones(now.nodes)
     pairs = build_pairs(now, zones, zones["amr-07"], zones["amr-07"])
     nodes_page = {
         "nodes": nodes,

@@ -3,7 +3,7 @@
 import pytest
 from tests.unit.console.objects import NOW_S, device_claim, node, pod, snapshot, telemetry
 
-from robotapp_console.views.links import zones_of
+from robotapp_console.views.links import read_zones
 from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
 from robotapp_console.views.pairs import MOST_PAIRS, ZonePairs, build_pairs
 from robotapp_console.views.snapshot import Snapshot
@@ -95,8 +95,8 @@ def test_the_address_filters_and_orders(parameters: dict[str, str], names: list[
     assert [row.node for row in page.rows] == names
 
 
-def pairs_between(world: Snapshot, near: str, far: str) -> ZonePairs | None:
-    return build_pairs(world, zones_of(world.nodes), near, far)
+def pairs_between(world: Snapshot, near: str, far: str) -> ZonePairs:
+    return build_pairs(world, read_zones(world.nodes), near, far)
 
 
 HALLS = snapshot(
@@ -111,8 +111,7 @@ HALLS = snapshot(
 
 def test_pairs_of_two_zones_are_measured_ones_first_and_the_others_estimated_by_them() -> None:
     pairs = pairs_between(HALLS, "hall-1", "hall-2")
-    assert pairs is not None
-    rows = [(pair.near, pair.far, pair.text, pair.is_measured) for pair in pairs.shown]
+    rows = [(pair.near, pair.far, pair.text, pair.is_measured) for pair in pairs.listed]
     assert rows == [
         ("amr-1", "edge-2", "40 ms", True),
         ("amr-0", "edge-2", "17 ms", True),
@@ -123,28 +122,27 @@ def test_pairs_of_two_zones_are_measured_ones_first_and_the_others_estimated_by_
 
 def test_within_a_zone_each_pair_counts_once() -> None:
     pairs = pairs_between(HALLS, "hall-1", "hall-1")
-    assert pairs is not None
-    assert (pairs.measured, pairs.total, len(pairs.shown)) == (1, 3, 3)
-    assert {pair.text for pair in pairs.shown} == {"2 ms"}
+    assert (pairs.measured, pairs.total, len(pairs.listed)) == (1, 3, 3)
+    assert {pair.text for pair in pairs.listed} == {"2 ms"}
 
 
 def test_without_a_measured_pair_nothing_is_estimated() -> None:
     world = snapshot(nodes=[node("a", zone="x"), node("b", zone="y")])
     pairs = pairs_between(world, "x", "y")
-    assert pairs is not None
-    assert [(pair.text, pair.heat, pair.is_measured) for pair in pairs.shown] == [("", 0, False)]
+    assert [(pair.text, pair.heat, pair.is_measured) for pair in pairs.listed] == [("", 0, False)]
 
 
-def test_a_zone_that_has_no_nodes_has_no_pairs() -> None:
-    assert pairs_between(HALLS, "hall-1", "nowhere") is None
+def test_a_zone_that_has_no_nodes_has_no_pairs_and_is_named() -> None:
+    pairs = pairs_between(HALLS, "hall-1", "nowhere")
+    assert (pairs.total, pairs.listed, pairs.empty_zones) == (0, (), ("nowhere",))
+    assert pairs_between(HALLS, "nowhere", "nowhere").empty_zones == ("nowhere",)
 
 
 def test_large_zones_show_the_longest_pairs_and_count_the_rest() -> None:
     rtt = {f"edge-{number}": float(number + 1) for number in range(80)}
     nodes = [node("amr", zone="x"), *(node(f"edge-{number}", zone="y") for number in range(80))]
     pairs = pairs_between(snapshot(nodes=nodes, reports=[telemetry("amr", rtt=rtt, written_s=NOW_S)]), "x", "y")
-    assert pairs is not None
-    assert (len(pairs.shown), pairs.total, pairs.shown[0].text) == (MOST_PAIRS, 80, "80 ms")
+    assert (len(pairs.listed), pairs.total, pairs.listed[0].text) == (MOST_PAIRS, 80, "80 ms")
 
 
 def test_the_chosen_pair_of_zones_stays_in_the_address_and_leaves_no_rows_out() -> None:

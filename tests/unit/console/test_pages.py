@@ -238,6 +238,21 @@ async def test_any_address_shows_a_page(query: str) -> None:
         assert (await browser.get(f"/apps/team-a/x?robot={query[-5:]}")).status == 404
 
 
+async def test_what_an_address_asks_for_in_vain_is_named() -> None:
+    async with staged() as stage:
+        fill(stage)
+        browser = stage.browser()
+        await browser.sign_in(ADMIN)
+        for path, text in (
+            ("/?zone=hall-9", "<option selected>hall-9</option>"),
+            ("/nodes?tier=moon", "<option selected>moon</option>"),
+            ("/nodes?near=hall-1&far=hall-9", "No node is in zone hall-9."),
+        ):
+            assert text in (await browser.get(path)).text
+        page = await browser.get("/fleet")
+        assert (page.status, "The console has no page /fleet." in page.text) == (404, True)
+
+
 async def test_raw_bytes_in_an_address_do_no_harm() -> None:
     async with staged() as stage:
         browser = stage.browser()

@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import ssl
+import subprocess
 import sys
 from pathlib import Path
 
@@ -26,6 +27,12 @@ def test_a_free_port_is_the_default_on_this_machine_alone() -> None:
     assert parse(["--local"]).port == 0
     assert parse([]).port == DEFAULT_PORT
     assert parse(["--host", "a", "--host", "b"]).hosts == ("a", "b")
+
+
+def test_the_schedulers_loader_comes_with_its_screen_and_costs_no_memory_before() -> None:
+    program = "import sys, robotapp_console.main; print(*(name.partition('.')[0] for name in sys.modules))"
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert not {"robotapp_scheduler", "numpy", "pydantic"} & set(result.stdout.split())
 
 
 def test_half_a_certificate_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -230,7 +230,10 @@ async def test_who_may_not_read_it_and_a_cluster_without_it_get_a_sentence(monke
         assert "robotapp-scheduler-tuner" in page.text
         api_of(stage).forbidden = set()
         api_of(stage).remove("/configmaps", NAME, NAMESPACE)
-        assert "There is no ConfigMap" in (await browser.get("/scheduler")).text
+        page = await browser.get("/scheduler")
+        assert "There is no ConfigMap" in page.text
+        assert "--scheduler-config NAMESPACE/NAME" in page.text
+        assert "robotapp-scheduler-tuner" not in page.text, "no right would help"
 
 
 async def test_a_refusal_of_the_scheduler_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,7 +39,7 @@ class EdgeRow:
         return f"{self.source} → {self.target}"
 
     @property
-    def known(self) -> str:
+    def how_known(self) -> str:
         """Returns how the time is known, with the zones of an estimate."""
         return f"{self.knowledge} ({self.zones})" if self.zones else self.knowledge
 
@@ -67,9 +67,9 @@ class EdgeReader:
 
     def build_rows(self, statuses: Sequence[EdgeStatus], nodes: Mapping[str, str]) -> tuple[EdgeRow, ...]:
         """Returns the rows of one instance: the operator's, worst first, then those of the spec alone. `nodes` are those of the ends."""
-        known_keys = {_key(status) for status in statuses}
-        others = [self._observe(spec, nodes) for spec in self._specs if _key(spec) not in known_keys]
-        return tuple(self._build_row(edge) for edge in (*statuses, *others))
+        observed_keys = {_key(status) for status in statuses}
+        unobserved_edges = [self._observe(spec, nodes) for spec in self._specs if _key(spec) not in observed_keys]
+        return tuple(self._build_row(edge) for edge in (*statuses, *unobserved_edges))
 
     def _observe(self, spec: EdgeSpec, nodes: Mapping[str, str]) -> EdgeStatus:
         """Returns what can be said of an edge that the status does not have."""

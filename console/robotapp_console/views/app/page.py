@@ -12,7 +12,7 @@ from robotapp_console.views.app.edges import EdgeReader, EdgeRow
 from robotapp_console.views.app.timeline import MoveTime
 from robotapp_console.views.fleet import colour_phase
 from robotapp_console.views.graph.picture import ROBOT, Node, Picture, draw_picture, read_lane
-from robotapp_console.views.links import ZoneEstimates, zones_of
+from robotapp_console.views.links import ZoneEstimates, read_zones
 from robotapp_console.views.objects import App, ComponentStatus, Condition, Event, Instance, find_condition
 from robotapp_console.views.problems import Problem, list_troubled, path_of_app
 from robotapp_console.views.snapshot import Refusal, Snapshot
@@ -209,7 +209,7 @@ class _InstanceBuilder:
     def __init__(self, snapshot: Snapshot, app: App) -> None:
         self._snapshot = snapshot
         self._app = app
-        estimates = ZoneEstimates(zones_of(snapshot.nodes), snapshot.round_trips)
+        estimates = ZoneEstimates(read_zones(snapshot.nodes), snapshot.round_trips)
         self._edges = EdgeReader(app.spec.edges, estimates, snapshot.round_trips)
 
     def build(self, instance: Instance, *, is_drawn: bool) -> InstanceView:
@@ -261,8 +261,8 @@ class _InstanceBuilder:
         nodes = {clean(key, 253): node for key, node in self._snapshot.nodes.items()}
 
         def find_lane(node: str) -> int:
-            known = nodes.get(node)
-            return ROBOT if node == robot_node else read_lane(known.labels if known else None)
+            labels = nodes[node].labels if node in nodes else None
+            return ROBOT if node == robot_node else read_lane(labels)
 
         title = f"Graph of {clean(self._app.metadata.name, 63)}" + (f" on {name}" if name else "")
         are_tiers_known = "nodes" not in self._snapshot.refusals
@@ -302,20 +302,29 @@ def _build_line(instance: Instance, namespace: str, name: str) -> InstanceLine:
 
 
 def _list_commands(namespace: str, name: str, robot: str, *, is_suspended: bool) -> tuple[Command, ...]:
-    home = ("-n", namespace)
-    only = ("--robot", robot) if robot else ()
+    in_namespace = ("-n", namespace)
+    on_robot = ("--robot", robot) if robot else ()
     selector = f"{Label.APP}={name}" + (f",{Label.INSTANCE}={robot}" if robot else "")
     words, value = ("start its pods again", "false") if is_suspended else ("stop all its pods", "true")
     return (
-        Command("conditions, edges and events on a terminal", kubectl("robotapp", "info", name, *home, *only)),
-        Command("why each component runs where it runs", kubectl("robotapp", "explain", name, *home, *only)),
-        Command("logs of all components", kubectl("logs", *home, "-l", selector, "--all-containers", "--prefix", "-f")),
-        Command("its pods", kubectl("get", "pods", *home, "-l", selector, "-o", "wide")),
-        Command("the objects made of it", kubectl("robotapp", "render", name, *home)),
-        Command("restart its components", kubectl("rollout", "restart", "deployment", *home, "-l", selector)),
+        Command(
+            "conditions, edges and events on a terminal", kubectl("robotapp", "info", name, *in_namespace, *on_robot)
+        ),
+        Command(
+            "why each component runs where it runs", kubectl("robotapp", "explain", name, *in_namespace, *on_robot)
+        ),
+        Command(
+            "logs of all components",
+            kubectl("logs", *in_namespace, "-l", selector, "--all-containers", "--prefix", "-f"),
+        ),
+        Command("its pods", kubectl("get", "pods", *in_namespace, "-l", selector, "-o", "wide")),
+        Command("the objects made of it", kubectl("robotapp", "render", name, *in_namespace)),
+        Command("restart its components", kubectl("rollout", "restart", "deployment", *in_namespace, "-l", selector)),
         Command(
             words,
-            kubectl("patch", "robotapp", name, *home, "--type=merge", "-p", f'{{"spec": {{"suspend": {value}}}}}'),
+            kubectl(
+                "patch", "robotapp", name, *in_namespace, "--type=merge", "-p", f'{{"spec": {{"suspend": {value}}}}}'
+            ),
         ),
     )
 

@@ -40,8 +40,8 @@ class ReasonRow:
 
 def select_pods(pods: Iterable[AppPod], robot: str) -> tuple[AppPod, ...]:
     """Returns the pods of one instance by component and name."""
-    own_pods = [pod for pod in pods if pod.metadata.labels.get(Label.INSTANCE, "") == robot]
-    return tuple(sorted(own_pods, key=lambda pod: (_name_component(pod), pod.metadata.name))[:MOST_PODS])
+    pods_of_robot = [pod for pod in pods if pod.metadata.labels.get(Label.INSTANCE, "") == robot]
+    return tuple(sorted(pods_of_robot, key=lambda pod: (_name_component(pod), pod.metadata.name))[:MOST_PODS])
 
 
 def build_reasons(

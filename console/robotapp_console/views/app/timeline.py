@@ -42,7 +42,7 @@ class Entry:
     colour: str
 
 
-class Moved(Protocol):
+class MovedInstance(Protocol):
     """An instance as far as the timeline needs one."""
 
     @property
@@ -51,7 +51,7 @@ class Moved(Protocol):
     def moves(self) -> tuple[MoveTime, ...]: ...
 
 
-class Told(Protocol):
+class EventText(Protocol):
     """A row of an event, its texts clean."""
 
     @property
@@ -62,7 +62,7 @@ class Told(Protocol):
     def note(self) -> str: ...
 
 
-def build_timeline(instances: Iterable[Moved], events: Sequence[Told]) -> tuple[Entry, ...]:
+def build_timeline(instances: Iterable[MovedInstance], events: Sequence[EventText]) -> tuple[Entry, ...]:
     """Returns moves and what led to them, newest first. A move has the words of its event, or says that there is none any more."""
     unmatched = [event for event in events if event.reason == EventReason.RESCHEDULED]
     entries = [
@@ -84,16 +84,16 @@ def build_timeline(instances: Iterable[Moved], events: Sequence[Told]) -> tuple[
     return tuple(entries[:MOST_ENTRIES])
 
 
-def _find_event(move: MoveTime, events: Sequence[Told]) -> Told | None:
+def _find_event(move: MoveTime, events: Sequence[EventText]) -> EventText | None:
     """Returns the event that was written when the component had its new node: the first one of it after the move."""
     moved_s = parse_timestamp(move.at)
     if moved_s is None:
         return None
     candidates = [
-        (told_s, event)
+        (event_s, event)
         for event in events
         if event.note.startswith(f"{move.component} ")
-        and (told_s := parse_timestamp(event.at)) is not None
-        and 0 <= told_s - moved_s <= ANSWER_S
+        and (event_s := parse_timestamp(event.at)) is not None
+        and 0 <= event_s - moved_s <= ANSWER_S
     ]
     return min(candidates, key=lambda candidate: candidate[0], default=(0.0, None))[1]

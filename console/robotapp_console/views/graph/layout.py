@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from robotapp_console.views.graph.alignment import Wish, place_cells
+from robotapp_console.views.graph.alignment import DesiredPlace, place_cells
 from robotapp_console.views.graph.ordering import Cell, Link, Part, order_parts
 from robotapp_console.views.graph.routes import Crossing, End, draw_arrow, draw_curves, draw_loop
 
@@ -102,7 +102,7 @@ class _Builder:
         self._box_tops: dict[tuple[int, str], float] = {}
         self._passages: dict[int, float] = {}
         self._centres: dict[int, float] = {}
-        """Of all vertices that have a place."""
+        """The centres of all vertices that have a place."""
 
     def build(self) -> Layout:
         depth = self._stack()
@@ -153,10 +153,12 @@ class _Builder:
         if not lanes:
             return depth
         deepest = depths.index(depth)
-        self._place_lane(deepest, place_cells([Wish(self._measure_cell(cell)) for cell in lanes[deepest]], depth))
-        others = sorted((lane for lane in range(len(lanes)) if lane != deepest), key=lambda lane: abs(lane - deepest))
-        for lane in (*others, *others):
-            self._place_lane(lane, place_cells([self._make_wish(cell, depth) for cell in lanes[lane]], depth))
+        self._place_lane(
+            deepest, place_cells([DesiredPlace(self._measure_cell(cell)) for cell in lanes[deepest]], depth)
+        )
+        shallower_lanes = sorted(set(range(len(lanes))) - {deepest}, key=lambda lane: (abs(lane - deepest), lane))
+        for lane in (*shallower_lanes, *shallower_lanes):
+            self._place_lane(lane, place_cells([self._find_desired_place(cell, depth) for cell in lanes[lane]], depth))
         return depth
 
     def _measure_cell(self, cell: Cell) -> float:
@@ -174,17 +176,21 @@ class _Builder:
                 self._tops[i], self._centres[i] = y, y + self._heights[i] / 2
                 y += self._heights[i] + GAP
 
-    def _make_wish(self, cell: Cell, depth: float) -> Wish:
+    def _find_desired_place(self, cell: Cell, depth: float) -> DesiredPlace:
         """Returns where the cell would have to begin for its lines to be straight on average; the middle without any."""
         height = self._measure_cell(cell)
-        wishes: list[float] = []
+        tops: list[float] = []
         y = PASSAGE / 2 if cell.is_passage else float(TITLE)
         for vertex in cell.members:
             centre = y if cell.is_passage else y + self._heights[vertex] / 2
-            others = [self._centres[other] for other in self._order.neighbours[vertex] if other in self._centres]
-            wishes += [other - MARGIN - HEAD - centre for other in others]
+            neighbours = [neighbour for neighbour in self._order.neighbours[vertex] if neighbour in self._centres]
+            tops += [self._centres[neighbour] - MARGIN - HEAD - centre for neighbour in neighbours]
             y += 0 if cell.is_passage else self._heights[vertex] + GAP
-        return Wish(height, sum(wishes) / len(wishes), len(wishes)) if wishes else Wish(height, (depth - height) / 2)
+        return (
+            DesiredPlace(height, sum(tops) / len(tops), len(tops))
+            if tops
+            else DesiredPlace(height, (depth - height) / 2)
+        )
 
     def _assign_rows(self) -> list[tuple[float, float]]:
         """Returns the rows, as y, in which each line leaves and arrives.
@@ -194,18 +200,18 @@ class _Builder:
         """
         at_side: dict[tuple[int, int], list[tuple[int, float, int, int]]] = defaultdict(list)
         for i, (link, sides) in enumerate(zip(self._links, self._sides, strict=True)):
-            for end, (own, other) in enumerate(((link.source, link.target), (link.target, link.source))):
-                at_side[own, sides[end]].append((*self._rank_end(own, other), i, end))
+            for end, (part, far_part) in enumerate(((link.source, link.target), (link.target, link.source))):
+                at_side[part, sides[end]].append((*self._rank_end(part, far_part), i, end))
         rows = [[0.0, 0.0] for _ in self._links]
-        for (own, _), entries in at_side.items():
-            first = self._tops[own] + (self._heights[own] - ROW * (len(entries) - 1)) / 2
+        for (part, _), entries in at_side.items():
+            first = self._tops[part] + (self._heights[part] - ROW * (len(entries) - 1)) / 2
             for row, (_, _, i, end) in enumerate(sorted(entries)):
                 rows[i][end] = first + ROW * row
         return [(leaving, arriving) for leaving, arriving in rows]
 
-    def _rank_end(self, own: int, other: int) -> tuple[int, float]:
-        near, far = self._centres[own], self._centres[other]
-        if self._lane(own) != self._lane(other) or own == other:
+    def _rank_end(self, part: int, far_part: int) -> tuple[int, float]:
+        near, far = self._centres[part], self._centres[far_part]
+        if self._lane(part) != self._lane(far_part) or part == far_part:
             return 1, far
         return (0, -far) if far < near else (2, -far)
 

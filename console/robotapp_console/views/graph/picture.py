@@ -185,7 +185,7 @@ def describe_edge(edge: EdgeRow) -> str:
     budget = f", budget {edge.budget}" if edge.budget else ", no budget"
     share = f", {edge.share} % of it" if edge.share is not None else ""
     verdict = f", {edge.verdict}" if edge.verdict else ""
-    time = f"p95 {edge.time}, {edge.known}" if edge.time else "time unknown"
+    time = f"p95 {edge.time}, {edge.how_known}" if edge.time else "time unknown"
     return f"{edge.topic}, {edge.ends}: {time}{budget}{share}{verdict}"
 
 

@@ -8,7 +8,7 @@ from robotapp_api.model.app.robots import LABEL_KEY
 from robotapp_api.model.base import Model
 from robotapp_api.model.markers import Core, Rule
 from robotapp_api.model.packed import PackedList, PackedMap
-from robotapp_api.model.scalars import LABEL_VALUE_PATTERN
+from robotapp_api.model.patterns import LABEL_VALUE_PATTERN
 
 JsonList = tuple[dict[str, Any], ...]
 

@@ -10,7 +10,7 @@ import re
 from datetime import datetime
 from typing import Any, Final, NamedTuple
 
-from robotapp_api.model.scalars import SUBDOMAIN_PATTERN
+from robotapp_api.model.patterns import SUBDOMAIN_PATTERN
 from robotapp_api.values.quantities.duration import format_us, parse_us
 
 TOPIC: Final = "Topic"

@@ -5,7 +5,7 @@ import re
 from functools import lru_cache
 from typing import Final
 
-from robotapp_api.model.scalars import DURATION_PATTERN
+from robotapp_api.model.patterns import DURATION_PATTERN
 
 INT64_MAX: Final = 2**63 - 1
 MAX_LENGTH: Final = 24

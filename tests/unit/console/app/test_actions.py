@@ -42,7 +42,7 @@ async def sign_in(stage: Stage, token: str) -> Browser:
 
 async def press(browser: Browser, action: str, *, page: Page, **fields: str) -> Page:
     """Presses the page's button for this action, or posts its form, with what the page holds."""
-    button = re.search(rf'<button form="deeds" formaction="({PAGE}/{action}[^"]*)"', page.text)
+    button = re.search(rf'<button form="actions" formaction="({PAGE}/{action}[^"]*)"', page.text)
     if button is not None:
         return await browser.post(unescape(button[1]), {"csrf": page.field("csrf")} | fields)
     form = re.search(rf'<form method="post" action="{PAGE}/{action}".*?</form>', page.text, re.DOTALL)

@@ -36,17 +36,17 @@ def test_an_edge_has_its_time_its_budget_and_how_the_time_is_known() -> None:
         edge(nodes=["c2", "r1"]),
         edge(nodes=[]),
     )
-    assert (measured.time, measured.budget, measured.share, measured.verdict, measured.known) == (
+    assert (measured.time, measured.budget, measured.share, measured.verdict, measured.how_known) == (
         "18 ms",
         "30 ms",
         60,
         "met",
         "measured",
     )
-    assert same.known == "same node"
+    assert same.how_known == "same node"
     assert (lost.time, lost.share, lost.verdict) == ("unreachable", None, "exceeded")
-    assert (estimated.time, estimated.known, estimated.share) == ("60 ms", "estimated (cloud, hall)", 200)
-    assert (unknown.time, unknown.known, unknown.verdict) == ("", "unknown", "")
+    assert (estimated.time, estimated.how_known, estimated.share) == ("60 ms", "estimated (cloud, hall)", 200)
+    assert (unknown.time, unknown.how_known, unknown.verdict) == ("", "unknown", "")
 
 
 def test_a_budget_for_the_median_is_judged_by_the_verdict_alone() -> None:

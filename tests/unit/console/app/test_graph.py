@@ -12,7 +12,7 @@ from tests.unit.console.objects import NOW_S, Object, app, instance, node, snaps
 
 from robotapp_console.views.app.edges import EdgeRow
 from robotapp_console.views.app.page import AppView, build_app
-from robotapp_console.views.graph.alignment import Wish, place_cells
+from robotapp_console.views.graph.alignment import DesiredPlace, place_cells
 from robotapp_console.views.graph.layout import Layout, Rectangle, lay_out
 from robotapp_console.views.graph.ordering import Link, Part, order_parts
 from robotapp_console.views.graph.picture import MOST_NAME, MOST_TOPIC, Node, Picture, draw_picture, format_figures
@@ -132,19 +132,19 @@ def test_without_components_there_is_an_empty_picture() -> None:
     assert (layout.parts, layout.routes, layout.lanes) == ((), (), ())
 
 
-@given(st.lists(st.builds(Wish, st.integers(1, 50), st.integers(-100, 900), st.integers(0, 5)), max_size=12))
-def test_cells_keep_their_order_and_never_overlap(wishes: list[Wish]) -> None:
-    depth = sum(wish.height for wish in wishes) + 200.0
-    tops = place_cells(wishes, depth)
-    ends = [top + wish.height for top, wish in zip(tops, wishes, strict=True)]
+@given(st.lists(st.builds(DesiredPlace, st.integers(1, 50), st.integers(-100, 900), st.integers(0, 5)), max_size=12))
+def test_cells_keep_their_order_and_never_overlap(places: list[DesiredPlace]) -> None:
+    depth = sum(place.height for place in places) + 200.0
+    tops = place_cells(places, depth)
+    ends = [top + place.height for top, place in zip(tops, places, strict=True)]
     assert all(end <= top for end, top in zip(ends, tops[1:], strict=False))
     assert all(top >= 0 and end <= depth for top, end in zip(tops, ends, strict=True))
 
 
-def test_a_cell_gets_its_wish_and_two_that_want_the_same_place_share_it() -> None:
-    assert place_cells([Wish(10, 40, 1)], 100) == [40]
-    assert place_cells([Wish(10, 40, 1), Wish(10, 40, 1)], 100) == [35, 45]
-    assert place_cells([Wish(10, 95, 3)], 100) == [90]
+def test_a_cell_gets_its_place_and_two_that_want_the_same_place_share_it() -> None:
+    assert place_cells([DesiredPlace(10, 40, 1)], 100) == [40]
+    assert place_cells([DesiredPlace(10, 40, 1), DesiredPlace(10, 40, 1)], 100) == [35, 45]
+    assert place_cells([DesiredPlace(10, 95, 3)], 100) == [90]
 
 
 def edge(topic: str, source: str, target: str, **fields: object) -> Object:

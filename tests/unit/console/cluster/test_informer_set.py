@@ -7,20 +7,24 @@ from dataclasses import dataclass, field
 
 import pytest
 from tests.support.clients import FakeTime, until
-from tests.unit.console.guarded_api import VIEWER, GuardedApi
+from tests.unit.console.guarded_api import ADMIN, NODES, TELEMETRY, VIEWER, GuardedApi
+from tests.unit.console.objects import node, telemetry
 
 from robotapp_client import Endpoint
 from robotapp_client.transport.credentials import Credentials
 from robotapp_console.cluster.informer_set import (
     IN_USE_S,
+    LEAST_PAUSE_S,
     MOST_DEBT_S,
     MOST_SCOPES,
     MOST_WAITING,
     SCOPE_IDLE_S,
     SHARE,
+    TICK_S,
     InformerSet,
 )
-from robotapp_console.cluster.kinds import APPS
+from robotapp_console.cluster.kinds import APPS, NODE_KIND
+from robotapp_console.cluster.kinds import TELEMETRY as REPORTS
 from robotapp_console.views.snapshot import Snapshot
 
 
@@ -53,7 +57,10 @@ def show(informers: InformerSet, builder: Builder, name: str) -> None:
 
 
 @pytest.mark.parametrize("pages", [1, 3, 30])
-def test_changes_without_end_take_a_tenth_of_a_core_however_many_pages_are_open(pages: int) -> None:
+@pytest.mark.parametrize(("counters", "tenths"), [(("version",), 1), (("version", "edits"), 2)])
+def test_reports_without_end_take_a_tenth_of_a_core_and_edits_two_however_many_pages_are_open(
+    pages: int, counters: tuple[str, ...], tenths: int
+) -> None:
     builder = Builder()
     informers = make_informers(builder)
     names = [f"n{number}" for number in range(pages)]
@@ -62,12 +69,61 @@ def test_changes_without_end_take_a_tenth_of_a_core_however_many_pages_are_open(
     begun_s, builder.spent_s = builder.time.now_s, 0.0
     builder.built.clear()
     while builder.time.now_s - begun_s < 200.0:
-        informers.version += 1
+        for counter in counters:
+            setattr(informers, counter, getattr(informers, counter) + 1)
         for name in names:
             show(informers, builder, name)
         builder.time.now_s += 0.05
-    assert 0.05 < builder.spent_s / (builder.time.now_s - begun_s) <= 1.1 / SHARE
+    elapsed_s = builder.time.now_s - begun_s
+    assert 0.05 * elapsed_s < builder.spent_s <= (1.1 * tenths * elapsed_s + MOST_DEBT_S) / SHARE
     assert set(builder.built) == set(names), "no page waits for ever"
+
+
+def test_an_edit_shows_at_once_also_where_reports_took_their_tenth_of_a_core() -> None:
+    builder = Builder(cost_s=0.05)
+    informers = make_informers(builder)
+    show(informers, builder, "a")
+    informers._note_report()
+    assert informers.pause_s(("fleet",), namespace="a", home="") == pytest.approx(SHARE * builder.cost_s)
+    informers._note_edit()
+    assert informers.pause_s(("fleet",), namespace="a", home="") == pytest.approx(LEAST_PAUSE_S)
+    builder.time.now_s += LEAST_PAUSE_S
+    show(informers, builder, "a")
+    assert builder.built == ["a", "a"]
+
+
+def test_a_model_is_built_anew_after_a_while_because_agents_fall_silent_without_a_change() -> None:
+    builder = Builder()
+    informers = make_informers(builder)
+    show(informers, builder, "a")
+    builder.time.now_s += TICK_S - 1.0
+    show(informers, builder, "a")
+    assert builder.built == ["a"]
+    builder.time.now_s += 1.0
+    show(informers, builder, "a")
+    assert builder.built == ["a", "a"]
+
+
+async def test_an_object_that_is_written_again_as_it_was_is_no_change() -> None:
+    async with GuardedApi() as api:
+        api.put(NODES, node("amr-07"))
+        api.put(TELEMETRY, telemetry("amr-07", rtt={"edge-1": 2.0}))
+        informers = InformerSet(Endpoint(api.endpoint.server, credentials=Credentials.fixed(ADMIN)))
+        await informers.open()
+        try:
+            await informers.use((NODE_KIND, REPORTS), "")
+            await until(lambda: api.watching == 2, what="both watches")
+            version = informers.version
+            for seq in (6, 7, 8):
+                api.put(NODES, node("amr-07"))
+                api.put(TELEMETRY, telemetry("amr-07", rtt={"edge-1": 2.0}, seq=seq))
+            api.put(NODES, node("amr-07", zone="hall-9"))
+            api.put(TELEMETRY, telemetry("amr-07", rtt={"edge-1": 7.0}, seq=9))
+            await until(lambda: informers.version == version + 2, what="the two changes")
+            await asyncio.sleep(0.1)
+            assert informers.version == version + 2
+        finally:
+            await informers.close()
 
 
 def test_a_page_that_nobody_looks_at_any_more_slows_no_other() -> None:
@@ -88,7 +144,7 @@ async def test_new_addresses_are_built_at_once_until_they_took_their_share_and_t
 
     begun_s = builder.time.now_s
     for number in range(200):
-        assert await informers.wait_for_room(("fleet",), namespace=f"n{number}", home="")
+        assert await informers.wait_for_first_build(("fleet",), namespace=f"n{number}", home="")
         show(informers, builder, f"n{number}")
     elapsed_s = builder.time.now_s - begun_s
     assert builder.spent_s <= (elapsed_s + MOST_DEBT_S) / SHARE + 2 * builder.cost_s
@@ -104,15 +160,15 @@ async def test_only_so_many_new_addresses_wait_and_known_ones_never_do() -> None
     informers = InformerSet(Endpoint("http://127.0.0.1:1"), clock=builder.time.clock, sleep=wait_for_the_end)
     show(informers, builder, "known")
     waiting = [
-        asyncio.create_task(informers.wait_for_room(("fleet",), namespace=f"n{number}", home=""))
+        asyncio.create_task(informers.wait_for_first_build(("fleet",), namespace=f"n{number}", home=""))
         for number in range(MOST_WAITING)
     ]
     await asyncio.sleep(0)
-    assert not await informers.wait_for_room(("fleet",), namespace="another", home="")
-    assert await informers.wait_for_room(("fleet",), namespace="known", home="")
+    assert not await informers.wait_for_first_build(("fleet",), namespace="another", home="")
+    assert await informers.wait_for_first_build(("fleet",), namespace="known", home="")
     ended.set()
     assert all(await asyncio.gather(*waiting))
-    assert await informers.wait_for_room(("fleet",), namespace="another", home="")
+    assert await informers.wait_for_first_build(("fleet",), namespace="another", home="")
 
 
 def list_scopes(informers: InformerSet) -> set[str]:

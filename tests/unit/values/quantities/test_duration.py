@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotapp_api.model.scalars import DURATION_PATTERN
+from robotapp_api.model.patterns import DURATION_PATTERN
 from robotapp_api.values.quantities import duration
 
 SECONDS = {"us": Decimal("1e-6"), "ms": Decimal("1e-3"), "s": Decimal(1), "m": Decimal(60), "h": Decimal(3600)}

@@ -1,0 +1,16 @@
+"""Patterns of the API's strings. RE2 and pydantic's engine share the syntax used here.
+
+They stand apart from the types, so that programs which only read such strings do not load pydantic (9 MB).
+"""
+
+from typing import Final
+
+LABEL_PATTERN: Final = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$"
+LABEL_VALUE_PATTERN: Final = r"^(([A-Za-z0-9][-A-Za-z0-9_.]*)?[A-Za-z0-9])?$"
+SUBDOMAIN_PATTERN: Final = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?(\.[a-z0-9]([-a-z0-9]*[a-z0-9])?)*$"
+DURATION_PATTERN: Final = r"^([0-9]{1,6}([.][0-9]{1,3})?(us|ms|s|m|h)){1,3}$"
+QUANTITY_PATTERN: Final = (
+    r"^(([0-9]{1,15}(\.[0-9]{0,9})?)|(\.[0-9]{1,9}))(([KMGTPE]i)|[numkMGTPE]|([eE][+-]?[0-9]{1,2}))?$"
+)
+IMAGE_PATTERN: Final = r"^\S*$"
+"""No image name has blanks; without this rule the kubelet would say so after the pod was placed."""
