@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from ros_profile.decide import classify, thesis
-from ros_profile.decide.classify.hardware import Devices, devices
-from ros_profile.decide.units import library_unit
+from ros_profile.decide.classify.hardware import MODULE, Devices, devices
+from ros_profile.decide.units import library_unit, module_units
 from ros_profile.model.conclusions import Assessment
 from ros_profile.model.package import Package, Unit
 
@@ -31,9 +31,13 @@ def rules(packages: Iterable[Package], *, curated: bool) -> Engine:
 
 
 def _libraries(packages: Iterable[Package]) -> dict[str, Devices]:
-    """Devices by package, of those packages whose own code opens any."""
-    found = {package.name: devices(library_unit(package)) for package in packages}
-    return {name: opened for name, opened in found.items() if opened}
+    """Devices by package, of those packages whose own code opens any, and by each of their modules of Python."""
+    found: dict[str, Devices] = {}
+    for package in packages:
+        if opened := devices(library_unit(package)):
+            found[package.name] = opened
+            found |= {MODULE + name: devices(unit) for name, unit in module_units(package)}
+    return found
 
 
 def heuristic() -> Engine:

@@ -1,17 +1,17 @@
 """From packages to a profile: units are judged, launch files followed, edges matched."""
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from ros_profile.decide.classify import only_assets, runs_code
+from ros_profile.decide.classify import is_bringup, only_assets, runs_code
+from ros_profile.decide.classify.features import name_roles
 from ros_profile.decide.control import runs_control, with_control_hardware
 from ros_profile.decide.edges import Ends, edges, ends_of, file_parameters
 from ros_profile.decide.engines import Engine
 from ros_profile.decide.launching import Launched, closure
 from ros_profile.decide.places import abroad, placed
 from ros_profile.decide.transport import network_setting
-from ros_profile.decide.units import executable_unit, package_unit
+from ros_profile.decide.units import executable_unit, is_demonstration, package_unit
 from ros_profile.decide.workspace import Index
 from ros_profile.model.conclusions import (
     Assessment,
@@ -30,6 +30,8 @@ from ros_profile.model.package import Executable, Manifest, Package, Unit
 from ros_profile.read.parameters import text_facts
 
 SURE = 0.8
+MANY_OTHERS = 1.5
+"""So many programs of other packages for each of its own make a package with code a bring-up."""
 _CONTROL_NODE_NAME = "/controller_manager"
 """What the control node of ros2_control calls itself, whatever its program is called."""
 
@@ -70,12 +72,12 @@ def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
     """A package with code is judged by its code; one that only launches by what it starts."""
     executables = tuple(_executable(package, executable, engine) for executable in package.executables)
     launches = tuple(_launch(package, launch, engine, index) for launch in package.launch_files)
+    demonstrations = {launch.file for launch in package.launch_files if is_demonstration(launch)}
     unit = package_unit(package)
     own = placed(engine.classify(unit), of=package.name, within=package.name)
     own = _timed_by_its_programs(own, [executable.assessment for executable in executables])
-    only_launches = launches and (not runs_code(unit) or _BRINGUP.search(package.name))
-    if only_launches and engine.follows_launch_files and not _is_no_program(unit, own):
-        own = engine.aggregate([own, *(launch.assessment for launch in launches)])
+    if engine.follows_launch_files and not _is_no_program(unit, own):
+        own = _with_launches(own, [one for one in launches if one.file not in demonstrations], unit, engine)
     return PackageProfile(
         name=package.name,
         path=package.path,
@@ -87,8 +89,34 @@ def _package(package: Package, engine: Engine, index: Index) -> PackageProfile:
     )
 
 
-_BRINGUP = re.compile(r"(?:^|_)(?:bringup|bring_up|launch|launcher|startup)(?:_|$)")
-"""Packages that start a robot: a helper among their programs does not say what they are."""
+def _with_launches(assessment: Assessment, launches: Sequence[LaunchProfile], unit: Unit, engine: Engine) -> Assessment:
+    """Returns a package that only starts others as all of what it starts. Where its code is a helper of what it starts,
+    it has the class of that, and its own hardware.
+    """
+    if not launches:
+        return assessment
+    started = engine.aggregate([assessment, *(launch.assessment for launch in launches)])
+    if not runs_code(unit) or is_bringup(unit.package.name):
+        return started
+    if (
+        assessment.qos_class is None
+        or assessment.qos_class.confidence >= SURE
+        or not _starts_others(launches, unit.package.name)
+    ):
+        return assessment
+    return replace(
+        started,
+        hardware=assessment.hardware,
+        hardware_confidence=assessment.hardware_confidence,
+        doubted=assessment.doubted,
+    )
+
+
+def _starts_others(launches: Iterable[LaunchProfile], package: str) -> bool:
+    """Returns whether launch files start more programs of other packages than of this one."""
+    programs = {(node.package, node.executable, node.plugin) for launch in launches for node in launch.nodes}
+    own = sum(name == package or plugin.startswith(f"{package}::") for name, _, plugin in programs)
+    return len(programs) > MANY_OTHERS * max(own, 1)
 
 
 def _timed_by_its_programs(assessment: Assessment, programs: Sequence[Assessment]) -> Assessment:
@@ -104,10 +132,13 @@ def _timed_by_its_programs(assessment: Assessment, programs: Sequence[Assessment
     return replace(assessment, sub_class=lead.sub_class, deadline_s=tightest, latency_budget_s=lead.latency_budget_s)
 
 
-def _is_no_program(unit: Unit, own: Assessment) -> bool:
+def _is_no_program(unit: Unit, assessment: Assessment) -> bool:
     """A robot description or a simulation whose launch files only show it."""
-    qos = own.qos_class
-    return only_assets(unit) or (qos is not None and qos.value is QosClass.BEST_EFFORT and qos.confidence >= SURE)
+    if name_roles(unit.package.name)[:1] == ("simulation",) or only_assets(unit):
+        return True
+    qos = assessment.qos_class
+    is_sure = qos is not None and qos.value is QosClass.BEST_EFFORT and qos.confidence >= SURE
+    return is_sure and not is_bringup(unit.package.name)
 
 
 def _executable(package: Package, executable: Executable, engine: Engine) -> ExecutableProfile:

@@ -34,10 +34,16 @@ def package_unit(package: Package) -> Unit:
     """
     has_code = any(source.language in CODE for source in package.sources)
     elsewhere = OTHERS_WEIGHT if has_code else 1.0
-    facts = tuple(fact for launch in package.launch_files for fact in _launch_facts(launch, package.name, elsewhere))
+    launch_files = (launch for launch in package.launch_files if not is_demonstration(launch))
+    facts = tuple(fact for launch in launch_files for fact in _launch_facts(launch, package.name, elsewhere))
     others = _parameter_files_of_others(package) if has_code else set()
     sources = (_weighed(s, OTHERS_WEIGHT) if s.file.rpartition("/")[2] in others else s for s in package.sources)
     return _unit(package, package.name, "package", sources, facts)
+
+
+def is_demonstration(launch: LaunchFile) -> bool:
+    """Returns whether a launch file steers MoveIt's display with a joystick; every generated configuration has one."""
+    return any(node.executable.removesuffix(".py") == "moveit_joy" for node in launch.nodes)
 
 
 def _parameter_files_of_others(package: Package) -> set[str]:
@@ -58,6 +64,17 @@ def library_unit(package: Package) -> Unit:
     """The code of the package and how it is built: what runs in every process that links it."""
     built = [source for source in package.sources if source.language in (*CODE, "cmake")]
     return _unit(package, package.name, "library", built, ())
+
+
+def module_units(package: Package) -> Iterator[tuple[str, Unit]]:
+    """Yields the modules of Python of a package by dotted name, each with what it imports of the package."""
+    by_file = {source.file: source for source in package.sources}
+    for file in (name for name, source in by_file.items() if source.language == "python"):
+        name = file.removesuffix(".py").removesuffix("/__init__")
+        _, inside, below = name.partition(f"{package.name}/")
+        dotted = f"{package.name}.{below}".replace("/", ".") if inside else name.rpartition("/")[2]
+        reached = [by_file[one] for one in closure((file,), by_file)]
+        yield dotted, _unit(package, dotted, "library", reached, ())
 
 
 def executable_unit(package: Package, executable: Executable) -> Unit:

@@ -45,9 +45,16 @@ SYMBOLS: tuple[Sign, ...] = (
     *_signs(
         (r"^serial\.(?:Serial|serial_for_url|rs485)|^serial_asyncio\.|^pyserial", "serial", 0.9),
         (r"^(?:dynamixel_sdk\.)?PortHandler$|^dynamixel_sdk\.PortHandler", "serial", 0.9, "dynamixel"),
+        (
+            r"^minimalmodbus\.|^pymodbus\.(?:\w+\.)*(?:Async)?ModbusSerialClient|^scservo_sdk\.PortHandler",
+            "serial",
+            0.9,
+        ),
+        (r"^rplidar\.RPLidar|^ydlidar\.|^pyvesc\.|^roboclaw\w*\.|^pyfirmata2?\.", "serial", 0.85),
+        (r"^odrive\.find_", "usb", 0.85, "odrive"),
         (r"^can\.(?:interface\.Bus|Bus|ThreadSafeBus)$|^canopen\.Network$|^socketcan\.", "can", 0.9),
         (r"^(?:RPi|Jetson)\.GPIO\.(?:setup|setmode|output|input)|^GPIO\.(?:setup|setmode)", "gpio", 0.9),
-        (r"^(?:gpiozero|pigpio|lgpio|gpiod|wiringpi|pyfirmata|board\.D\d|digitalio|periphery)\b", "gpio", 0.85),
+        (r"^(?:gpiozero|pigpio|lgpio|gpiod|wiringpi|board\.D\d|digitalio|periphery)\b", "gpio", 0.85),
         (r"^usb\.(?:core|util)\.|^hid\.(?:device|Device)|^pyftdi\.|^usb1\.|^Phidget22\.|^libusb", "usb", 0.9),
         (r"^evdev\.InputDevice|^pygame\.joystick\.|^inputs\.get_gamepad", "usb", 0.85, "joystick", "hid"),
         (r"^pyrealsense2\.|^rs\.pipeline", "usb+camera", 0.9, "realsense"),
@@ -56,6 +63,7 @@ SYMBOLS: tuple[Sign, ...] = (
         (r"^picamera2?\.|^libcamera\.", "camera", 0.9, "csi"),
         (r"^v4l2\w*\.", "camera", 0.9, "", "v4l2"),
         (r"^cv2\.VideoCapture$|^cv::VideoCapture", "camera", 0.3),
+        (r"^cv2\.VideoCapture\(number\)$", "usb", 0.6, "", "v4l2"),
         (
             r"^torch\.cuda\.|^cuda$|^cupy\.|^pycuda\.|^tensorrt\.|^numba\.cuda\.|^jax\.|^tensorflow\.config\.\w*gpu|^warp\.",
             "gpu",
@@ -78,6 +86,7 @@ INCLUDES = _signs(
         0.85,
     ),
     (r"^spnav\.h", "usb", 0.75, "spacemouse", "hid"),
+    (r"^modbus/modbus-rtu\.h|^modbus-rtu\.h|^CYdLidar\.h|^SCServo\.h", "serial", 0.85),
     (r"^librealsense2/|^k4a/|^sl/Camera|^Spinnaker\.h|^OpenNI\.h|^pylon/|^libobsensor", "usb+camera", 0.85),
     (r"^linux/videodev2\.h|^dc1394/|^libcamera/|^interface/mmal|^raspicam/|^Argus/", "camera", 0.85),
     (
@@ -161,6 +170,13 @@ DEVICES = _signs(
     (r"^cuda(?::\d+)?$", "gpu", 0.65, "nvidia"),
     (r"CUDAExecutionProvider|TensorrtExecutionProvider", "gpu", 0.7, "nvidia"),
     (r"nvarguscamerasrc|^csi://", "camera", 0.7, "csi"),
+    (r"^/dev/\w*cam(?:era)?(?:[_\d]\w*)?$", "camera", 0.7, "", "v4l2"),
+    (r"^/dev/(?:joy|gamepad)\w*$", "usb", 0.7, "joystick", "hid"),
+    (
+        r"^/dev/(?:\w+_)?(?:imu|ahrs|gps|gnss|rtk|lidar|laser|\w+lidar|hokuyo|sonar|arduino|mega|teensy|nano|stm\d*|esp\d*|mcu|board|motors?|wheels?|base|chassis|servos?|dynamixel|u2d2|roboclaw|vesc|pixhawk|fcu|autopilot|comm?|serial|uart|rs485|rs232|battery|bms|radio|xbee|encoders?|arm|gripper|controller)(?:_\w+|\d+)?$",
+        "serial",
+        0.75,
+    ),
     (
         r"^/dev/(?!null|shm|random|urandom|tty$|std|i2c|spi|mem|fd|zero|rtc|watchdog|cpu|loop|snd|mqueue|vhci|input|gpio|video|v4l|js|hidraw|bus|nv|dri|serial|tty)[a-z][\w-]*$",
         "serial",

@@ -22,6 +22,7 @@ CPP_SYMBOLS: dict[str, Library] = {
     r"cfset[io]?speed\b|B(?:9600|19200|38400|57600|115200|230400|460800|921600|1000000)\b": Library("serial"),
     r"PortHandler::getPortHandler\b": Library("serial", "dynamixel"),
     r"TermiosAgent\b|serial_driver::|SerialDriver\b": Library("serial", weight=0.7),
+    r"modbus_new_rtu\b|LibSerial::|CYdLidar\b": Library("serial"),
     # CAN
     r"[PA]F_CAN\b|sockaddr_can\b": Library("can", interface="socketcan"),
     r"can(?:OpenChannel|Initialize[Ll]ibrary)\b|KvaserCan\b|PCANBasic\b|CAN_Initialize\b": Library("can"),
@@ -105,7 +106,7 @@ ROLE_SYMBOLS: tuple[tuple[re.Pattern[str], str], ...] = tuple(
         ),
         (r"^rosbag2?(?:_cpp|_py)?(?:::|\.)(?:Bag|Writer|Reader|Recorder|Sequential\w+)", "recording"),
         (
-            r"^(?:async_web_server_cpp|httplib|websocketpp|mqtt::|Aws::)|^(?:tornado|websockets?|flask|fastapi|paho|requests|autobahn|twisted|grpc|zenoh|eclipse_zenoh|rosbridge_library|openai|ollama|langchain|boto3)\b|^mqtt/",
+            r"^(?:async_web_server_cpp|httplib|websocketpp|mqtt::|Aws::)|^(?:tornado|websockets?|flask|fastapi|paho|requests|autobahn|twisted|grpc|zenoh|eclipse_zenoh|rosbridge_library|openai|ollama|langchain|boto3)\b|^mqtt/|^pymodbus\.server\b",
             "network",
         ),
         (r"^tc[gs]etattr$|^termios\b|^(?:curses|pynput|msvcrt)\b", "terminal"),

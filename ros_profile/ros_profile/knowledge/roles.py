@@ -23,6 +23,21 @@ MEASURED_COMMAND_TYPES = frozenset(
 COMMAND_TOPIC = re.compile(
     r"(?:^|[/_])(?:cmd|cmds|command|commands|setpoint|set_point|set_(?:position|velocity|speed|angle|effort|torque)|twist_mux|e_?stop|duty_cycle|throttle|steering|ref|reference|desired)(?:[/_]|$|\d)"
 )
+ACTUATOR_TOPIC = re.compile(
+    r"(?:^|[/_])(?:motors?|thrusters?|thrust|pwm|servos?|actuators?|brakes?|gripper|spin|drive|move|stop|halt|kill|kill_?switch|deadman|emergency|heartbeat)(?:[/_](?:raw|values?|speeds?|goals?|targets?|inputs?|left|right|front|back|rear|\d+))*$"
+)
+"""What moves or stops, at the end of a topic's name; `motor_temperature` is a measurement."""
+COMMAND_TYPE_NAME = re.compile(
+    r"/msg/\w*(?:Cmd|Command|Set_?[Pp]oint|Control|Motor|Thrust|Actuator|Servo|Steering|Throttle|Drive)(?!\w*(?:Stat|Feedback|Info|Report|Response|Telemetry|Diag|Temp|Current))\w*$"
+)
+MEASURED_TYPE_NAME = re.compile(
+    r"/msg/\w*(?:I[Mm][Uu]|G[Pp][Ss]|G[Nn][Ss][Ss]|D[Vv][Ll]|Depth|Sonar|Range|Ultrasonic|Distance|Scan|Lidar|Encoder|Temperature|Pressure|Humidity|Sensor|Altitude)\w*$"
+)
+"""Messages of a repository's own, by what their names tell."""
+MEASURED_TOPIC = re.compile(
+    r"(?:^|[/_])(?:imu|gps|gnss|dvl|depth|sonars?|ranges?|ultrasonic|distances?|encoders?|ticks|temperature|pressure|humidity|altitude|yaw|compass|sensors?|lidar|scan)(?:[/_](?:data|raw|values?|left|right|front|back|rear|\d+))*$"
+)
+"""Measurements that are sent as plain numbers or in messages of the repository's own."""
 MOTION_ACTIONS = re.compile(
     r"/action/(?:FollowPath|Spin|BackUp|DriveOnHeading|AssistedTeleop|FollowJointTrajectory|GripperCommand|DockRobot|UndockRobot|FollowObject|JointTrajectory|PointHead|SingleJointPosition)$"
 )
@@ -157,21 +172,24 @@ WORDS: tuple[tuple[str, str], ...] = (
         "tool",
         "description cli bag rosbag rosbag2 bags dataset record recorder logger logging calibration calibrate benchmark benchmarks install resources meshes tool tools utils test tests testing profiler urdf assets publisher_tool",
     ),
-    ("monitor", "diagnostic diagnostics aggregator monitor monitors watchdog health stats statistics"),
+    ("monitor", "diagnostic diagnostics aggregator monitor monitors watchdog health stats statistics status"),
     (
         "simulation",
         "sim simulator simulation simulated sil hil gazebo gz fake dummy mock loopback emulator webots stage world worlds",
     ),
     ("interfaces", "msgs interfaces srvs messages"),
-    ("teleop", "teleop joy joystick spacenav remote rc pad deadman keyboard gamepad operator estop e_stop emergency"),
+    (
+        "teleop",
+        "teleop manual joy joystick spacenav remote rc pad deadman keyboard gamepad operator estop e_stop emergency",
+    ),
     (
         "control",
         "controller controllers control controls failsafe servo motor motors mux smoother behaviors recovery local_planner docking drive base hardware hw actuator gripper collision safety follower pursuit arm wheel wheels chassis pid balance thruster thrusters propulsion autopilot offboard steering manipulator joints",
     ),
-    ("fieldbus", "can canopen canbus socketcan ethercat fieldbus modbus profinet"),
+    ("fieldbus", "can canopen canbus socketcan ethercat fieldbus profinet"),
     (
         "sensing",
-        "camera cam lidar laser scan scanner imu gps gnss navsat image images depth stereo pointcloud cloud pcl vision sonar radar range ultrasonic rgbd thermal uvc webcam encoder encoders battery barometer magnetometer force torque ft microphone audio v4l2 filter filters proc sensor sensors",
+        "camera cam lidar laser scan scanner imu gps gnss navsat image images depth stereo pointcloud cloud pcl vision sonar radar range ultrasonic rgbd thermal uvc webcam encoder encoders battery barometer magnetometer force torque ft microphone audio v4l2 dvl tof altimeter hydrophone filter filters proc sensor sensors",
     ),
     (
         "estimation",
@@ -183,10 +201,13 @@ WORDS: tuple[tuple[str, str], ...] = (
     ),
     (
         "planning",
-        "planner planning route router path navigator bt behavior_tree global_planner moveit mission task tasks waypoint waypoints commander exploration explore patrol executive",
+        "planner planning route router path navigator bt behavior_tree global_planner moveit mission task tasks waypoint waypoints commander exploration explore patrol executive statemachine state_machine fsm brain decision strategy",
     ),
-    ("coordination", "lifecycle manager server fleet adapter coordinator orchestrator scheduler dispatcher rmf"),
-    ("network", "bridge api mqtt gateway websocket http client cloud zenoh llm gpt chat"),
+    (
+        "coordination",
+        "lifecycle manager server fleet adapter coordinator orchestrator scheduler dispatcher rmf interaction dialogue dialog hri",
+    ),
+    ("network", "bridge api mqtt modbus gateway websocket http client cloud zenoh llm gpt chat"),
     ("io", "gpio relay io plc digital analog led leds light lights lamp lamps neopixel buzzer siren"),
 )
 """Role → words of package and executable names; a phrase with an underscore must stand in the name as it is."""

@@ -11,6 +11,8 @@ from ros_profile.read import yaml_text
 from ros_profile.read.text import decode
 
 MAX_PARAMETERS: Final = 2000
+MAX_BLANKS: Final = 8
+"""Of a text that names a device, such as a command line; a longer one, or one in other letters, is a sentence for people."""
 MAX_HANDED_ON: Final = 60_000
 """Bytes of a parameter file that a RobotApp takes over as it stands."""
 DEVICE_PATH: Final = re.compile(
@@ -39,7 +41,7 @@ def read_parameters(data: bytes, file: str) -> SourceFile:
 
 def text_facts(text: str, file: str, line: int, name: str = "") -> Iterator[Fact]:
     """What a text value shows: device paths, and texts that tell of hardware."""
-    if len(text) > 1000:
+    if len(text) > 1000 or text.count(" ") > MAX_BLANKS or not text.isascii():
         return
     for match in DEVICE_PATH.finditer(text):
         if match[0] not in _NO_DEVICE:

@@ -15,8 +15,9 @@ from ros_profile.model.facts import Fact, Kind
 from ros_profile.model.package import Unit
 
 _SAMPLE = re.compile(r"(?:^|/)(?:examples?|samples?)/")
+_BRINGUP = re.compile(r"(?:^|_)(?:bringup|bring_up|launch|launcher|startup)(?:_|$)")
 _CODE = (".cpp", ".cc", ".cxx", ".c", ".cu", ".hpp", ".h", ".py")
-CERTAIN_ENOUGH = 0.42
+CERTAIN_ENOUGH = 0.49
 """What a launch file starts counts for its class from this confidence on."""
 
 
@@ -30,7 +31,9 @@ def classify(unit: Unit, *, curated: bool, libraries: Mapping[str, Devices] | No
     wanted = needed(opened)
     for estimate in wanted:
         found.add(f"hardware:{estimate.value.type}", estimate.evidence[0])
-    _after_hardware(found)
+        if estimate.value.model == "joystick":
+            found.add("shape:operator_device", estimate.evidence[0])
+    _after_hardware(found, unit)
     only_hardware = Assessment(
         None,
         hardware=wanted,
@@ -73,8 +76,13 @@ def _without_samples(unit: Unit) -> Unit:
 def only_assets(unit: Unit) -> bool:
     """Models, views and worlds by the package's name, and no code: a device that a model names is opened by a driver."""
     named = name_roles(unit.package.name)[:1]
-    assets = bool(named) and named[0] in {"display", "tool", "simulation"}
+    assets = bool(named) and named[0] in {"display", "tool", "simulation"} and not is_bringup(unit.package.name)
     return assets and unit.kind == "package" and not unit.languages & {"cpp", "python"}
+
+
+def is_bringup(name: str) -> bool:
+    """Returns whether a package starts a robot, by its name: a helper among its programs does not say what it is."""
+    return _BRINGUP.search(name) is not None
 
 
 def runs_code(unit: Unit) -> bool:
@@ -82,25 +90,28 @@ def runs_code(unit: Unit) -> bool:
     return bool(unit.languages & {"cpp", "python"}) and not features(unit).any("shape:launch_and_code")
 
 
-def _after_hardware(found: Features) -> None:
-    """Shapes that need to know of a device: what only reports it, and what switches pins on request."""
+def _after_hardware(found: Features, unit: Unit) -> None:
+    """Shapes that need to know of a device: what only reports it, and what switches pins on request. A node of which
+    only the name is known may read its serial line or drive something by it.
+    """
     owned = [name for name in found.found if name.startswith("hardware:") and name != "hardware:gpu"]
     if not owned:
         return
     first = found.found[owned[0]][0]
     if "sub:command" in found:
         found.add("shape:base_driver", first)
-    publishes = found.any("pub:other", "pub:state", "pub:sensor")
+    publishes = found.any("pub:other", "pub:state", "pub:sensor", "pub:measured")
     if publishes and not any(name.startswith("sub:") for name in found.found):
         found.add("shape:device_source", first)
     _after_line(found, first)
     told = ("shape:device_report", "shape:signal_output", "shape:discrete_io")
     line = found.any("hardware:serial", "hardware:can") and not found.any(*told)
-    if line and not found.any("pub:sensor", "sub:sensor", "pub:interpreted", "uses:display", "word:display"):
+    senses = ("pub:sensor", "sub:sensor", "pub:interpreted", "word:sensing", "word:estimation", "word:perception")
+    if line and unit.files and not found.any(*senses, "uses:display", "word:display", "call:planning"):
         found.add("shape:device_link", first)
     if (
         "hardware:gpio" in found
-        and found.any("sub:other", "serve:service")
+        and found.any("sub:other", "sub:command_text", "serve:service")
         and not found.any("pub:sensor", "sub:command")
     ):
         found.add("shape:discrete_io", first)
@@ -115,13 +126,13 @@ def _after_line(features: Features, first: Fact) -> None:
         features.add("shape:discrete_io", first)
     elif features.any("word:io", "word2:io", "word:display") and not features.any("pub:sensor", "pub:state"):
         features.add("shape:signal_output", first)
-    elif features.any("pub:state", "pub:pose", "pub:other") and not any(
+    elif features.any("pub:state", "pub:pose", "pub:other", "pub:measured") and not any(
         name.startswith("sub:") for name in features.found
     ):
         features.add("shape:device_report", first)
 
 
-_REPORTS = frozenset({"pub:state", "pub:other", "pub:diagnostics"})
+_REPORTS = frozenset({"pub:state", "pub:other", "pub:measured", "pub:diagnostics"})
 """What a device that works on request tells of itself."""
 _LOOPS = ("plugin:hardware", "plugin:controller", "hosts:hardware", "hosts:controller", "inherits:hardware")
 

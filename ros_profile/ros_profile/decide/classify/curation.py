@@ -1,5 +1,7 @@
 """The table of well-known packages as a layer of its own: one more feature and one more sign of a device."""
 
+import re
+
 from ros_profile.decide.classify.features import Features
 from ros_profile.decide.classify.hardware import Devices
 from ros_profile.knowledge.curated import PACKAGES, Entry
@@ -8,6 +10,8 @@ from ros_profile.model.facts import Fact, Kind
 from ros_profile.model.package import Unit
 
 CERTAINTY = 0.9
+_NETWORKED = re.compile(r"(?:^|_)(?:socket|tcp|udp|ip|ethernet|net)(?:_|$)")
+"""A program of a driver that reaches its device over the network."""
 
 
 def apply(unit: Unit, found: Features, opened: Devices) -> None:
@@ -19,7 +23,10 @@ def apply(unit: Unit, found: Features, opened: Devices) -> None:
         return
     fact = Fact(Kind.CURATED, unit.package.name, entry.text(), unit.package.file)
     found.add(f"curated:{entry.qos_class}", fact)
+    networked = unit.kind != "package" and _NETWORKED.search(unit.name)
     for kind in entry.hardware:
+        if networked and kind == "serial":
+            continue
         _add(kind, entry, fact, opened)
 
 

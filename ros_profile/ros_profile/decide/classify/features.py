@@ -129,7 +129,7 @@ def _stream(endpoint: Endpoint, *, publishes_sensor: bool) -> Iterator[str]:
     if kind in roles.COMMAND_TYPES and not measured:
         yield "command"
     elif named and kind.startswith("std_msgs/msg/String"):
-        yield "command_name"
+        yield "command_text"
     elif named:
         yield "command" if not kind or kind.startswith(("std_msgs/", "geometry_msgs/")) else "command_name"
     elif kind in roles.SENSOR_TYPES:
@@ -153,7 +153,18 @@ def _stream(endpoint: Endpoint, *, publishes_sensor: bool) -> Iterator[str]:
     elif kind == "nav_msgs/msg/Path":
         yield "path"
     elif kind or topic:
-        yield "other"
+        yield _own_message(kind, topic)
+
+
+def _own_message(kind: str, topic: str) -> str:
+    """Returns what plain numbers, texts and messages of the repository's own carry, by the words of their names."""
+    if roles.COMMAND_TYPE_NAME.search(kind):
+        return "command_name"
+    if roles.ACTUATOR_TOPIC.search(topic.lower()):
+        return "command_text" if kind.startswith("std_msgs/msg/String") else "command_name"
+    if roles.MEASURED_TYPE_NAME.search(kind) or roles.MEASURED_TOPIC.search(topic.lower()):
+        return "measured"
+    return "other"
 
 
 def _fact(endpoint: Endpoint) -> Fact:
@@ -213,8 +224,9 @@ def _from_shape(found: Features, unit: Unit, facts: list[Fact]) -> None:
     if unit.kind == "package" and unit.files and not _has_node(facts, found):
         found.add(_shape_without_node(unit, facts), manifest)
     streams = ("pub:command", "sub:command", "pub:sensor", "sub:sensor", "pub:interpreted", "pub:state", "pub:joy")
+    own_streams = ("pub:command_name", "sub:command_name", "pub:measured", "sub:measured")
     servers = ("serve:service", "serve:action", "serve:planning", "call:action", "call:planning")
-    if not found.any(*streams) and found.any(*servers):
+    if not found.any(*streams, *own_streams) and found.any(*servers):
         found.add("shape:servers_only", manifest)
     if found.any("uses:display") and found.any("word:display", "word2:display"):
         found.add("shape:viewer", found.found["uses:display"][0])

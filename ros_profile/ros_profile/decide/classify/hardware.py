@@ -9,6 +9,7 @@ from ros_profile.decide.classify.features import MEMORY, is_test
 from ros_profile.decide.places import abroad
 from ros_profile.knowledge import hardware as signs
 from ros_profile.model.conclusions import Estimate, Hardware
+from ros_profile.model.endpoints import Role
 from ros_profile.model.facts import Fact, Kind
 from ros_profile.model.package import Unit
 
@@ -20,6 +21,8 @@ SHOWN = 0.25
 """Hardware that is less probable is not even doubted."""
 UNUSED = 0.6
 """How much a dependency counts that nothing in the code shows."""
+MODULE = "module "
+"""Before the dotted name of a module of Python, among the names of libraries."""
 LINKED = 0.85
 """How much of a library's own certainty passes to what includes its headers."""
 _TABLES = {
@@ -32,6 +35,11 @@ _TABLES = {
     Kind.BUILD: signs.BUILD,
     Kind.NAME: signs.NAMES,
 }
+VIDEO_SOURCE = 0.6
+"""How often OpenCV's video source of a node that publishes pictures is a webcam, and no file."""
+_VIDEO = re.compile(r"^cv2?(?:\.|::)VideoCapture$")
+_FILE_PARAMETER = re.compile(r"(?:^|[_.])(?:file\w*|(?<!info_)(?:url|uri))(?:$|[_.])")
+_PICTURES = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"})
 _CONTROLLER = re.compile(r"^controller_interface::")
 _ID = re.compile(r"^[0-9a-f]{4}:[0-9a-f]{4}$")
 
@@ -67,12 +75,26 @@ def devices(unit: Unit) -> Devices:
                 case.facts.append(fact)
                 case.model = case.model or sign.model
                 case.interface = case.interface or sign.interface
+    if _is_video_source(unit, cases):
+        cases["camera"].weights[Kind.SYMBOL] = max(cases["camera"].weights.get(Kind.SYMBOL, 0.0), VIDEO_SOURCE)
+        cases.setdefault("usb", _Case(facts=cases["camera"].facts)).weights.setdefault(Kind.SYMBOL, VIDEO_SOURCE)
     if unit.languages & {"cpp", "python"}:
         for case in cases.values():
             if case.weights.keys() == {Kind.DEPENDENCY}:  # the code is here and uses nothing of it
                 case.weights[Kind.DEPENDENCY] *= UNUSED
     identity = _usb_id(unit.facts)
     return {kind: _estimate(kind, case, identity) for kind, case in sorted(cases.items())}
+
+
+def _is_video_source(unit: Unit, cases: Mapping[str, _Case]) -> bool:
+    """Returns whether OpenCV reads pictures that the unit publishes and does not get by a topic: a webcam's."""
+    opening = (
+        {fact.file for fact in cases["camera"].facts if _VIDEO.search(fact.subject)} if "camera" in cases else set()
+    )
+    pictures = {e.role for e in unit.endpoints if e.type in _PICTURES and e.file in opening}
+    elsewhere = any(fact.kind is Kind.TEXT and "://" in fact.subject for fact in unit.facts)
+    elsewhere = elsewhere or any(_FILE_PARAMETER.search(parameter.name) for parameter in unit.parameters)
+    return pictures == {Role.PUBLISHER} and not elsewhere
 
 
 def _is_controller(unit: Unit) -> bool:
@@ -112,19 +134,23 @@ def linked_devices(own: Devices, unit: Unit, libraries: Mapping[str, Devices]) -
         return found
     for fact in unit.facts:
         package = fact.subject.partition("/")[0].partition(".")[0]
-        if (
-            fact.kind is not Kind.INCLUDE
-            or package == unit.package.name
-            or package not in libraries
-            or is_test(fact.file)
-        ):
+        if fact.kind is not Kind.INCLUDE or package == unit.package.name or is_test(fact.file):
             continue
-        for kind, estimate in libraries[package].items():
+        for kind, estimate in _of_library(fact, package, libraries).items():
             probability = round(estimate.confidence * LINKED, 3)
             if kind not in found or found[kind].confidence < probability:
                 theirs = (replace(one, file=abroad(package, one.file)) for one in estimate.evidence[:2])
                 found[kind] = Estimate(estimate.value, probability, (fact, *theirs), f"links {package}")
     return found
+
+
+def _of_library(fact: Fact, package: str, libraries: Mapping[str, Devices]) -> Devices:
+    """Returns what a header's library opens, or a module of Python with what it imports: of that nothing else runs."""
+    if not fact.file.endswith(".py"):
+        return libraries.get(package, {})
+    parts = fact.subject.split(".")
+    modules = (MODULE + ".".join(parts[:length]) for length in range(len(parts), 0, -1))
+    return next((libraries[module] for module in modules if module in libraries), {})
 
 
 def needed(found: Devices) -> tuple[Estimate[Hardware], ...]:

@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Iterable
+from itertools import pairwise
 
 from ros_profile.decide.classify.features import Features
 from ros_profile.decide.classify.phrases import phrase
-from ros_profile.decide.classify.weights import TEMPERATURE, WEIGHTS
+from ros_profile.decide.classify.weights import CALIBRATION, TEMPERATURE, WEIGHTS
 from ros_profile.model.conclusions import Estimate, QosClass
 from ros_profile.model.facts import Fact
 
@@ -29,6 +30,14 @@ def probabilities(total: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(power / sum(powers) for power in powers)
 
 
+def calibrated(probability: float) -> float:
+    """Returns how often a class of this probability is right: a monotone table, linear between its rows."""
+    for (low, right_low), (high, right_high) in pairwise(CALIBRATION):
+        if probability <= high:
+            return right_low + (right_high - right_low) * (probability - low) / (high - low)
+    return CALIBRATION[-1][1]
+
+
 def judged(found: Features) -> Estimate[QosClass] | None:
     """The most likely class; None when nothing of the unit speaks for any."""
     telling = [name for name in found.found if any(WEIGHTS.get(name, _NONE))]
@@ -41,7 +50,7 @@ def judged(found: Features) -> Estimate[QosClass] | None:
     for fact in (_one(found, name, best) for name in for_it):
         evidence.setdefault((fact.kind, fact.subject, fact.place), fact)
     reason = ", ".join(phrase(name) for name in for_it[:3]) if for_it else "nothing speaks against it"
-    return Estimate(CLASSES[best], round(likely[best], 3), tuple(evidence.values())[:MOST_EVIDENCE], reason)
+    return Estimate(CLASSES[best], round(calibrated(likely[best]), 3), tuple(evidence.values())[:MOST_EVIDENCE], reason)
 
 
 def _lead(name: str, best: int) -> float:

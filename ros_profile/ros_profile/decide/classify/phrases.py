@@ -3,6 +3,8 @@
 _NOUNS = {
     "command": "commands",
     "command_name": "a topic named like a command",
+    "command_text": "commands as texts",
+    "measured": "measurements in messages of its own",
     "sensor": "sensor data",
     "fieldbus": "field bus frames",
     "joy": "operator input",
@@ -60,6 +62,7 @@ _SHAPES = {
     "sensor_source": "is a source of sensor data",
     "sensor_sink": "only takes sensor data",
     "operator": "makes commands from what an operator does",
+    "operator_device": "reads a joystick",
     "operator_panel": "is a window that drives the robot",
     "base_driver": "takes commands and opens a device",
     "viewer": "opens windows and is named like a display",

@@ -39,6 +39,10 @@ WEIGHTS: dict[str, tuple[float, float, float, float]] = {
     "sub:command": (2.4, 0.0, 0.0, 0.0),
     "pub:command_name": (1.2, 0.0, 0.0, 0.0),
     "sub:command_name": (1.2, 0.0, 0.0, 0.0),
+    "pub:command_text": (0.8, 0.0, 0.5, 0.0),
+    "sub:command_text": (0.8, 0.0, 0.5, 0.0),
+    "pub:measured": (0.0, 1.2, 0.0, 0.0),
+    "sub:measured": (0.2, 0.4, 0.0, 0.0),
     "pub:fieldbus": (2.0, 0.0, 0.0, 0.0),
     "sub:fieldbus": (1.5, 0.0, 0.0, 0.0),
     "pub:joy": (2.0, 0.0, 0.0, 0.0),
@@ -69,6 +73,7 @@ WEIGHTS: dict[str, tuple[float, float, float, float]] = {
     "shape:base_driver": (1.8, 0.0, 0.0, 0.0),
     "shape:viewer": (0.0, 0.0, 0.0, 1.2),
     "shape:operator": (1.5, 0.0, 0.0, 0.0),
+    "shape:operator_device": (2.0, -0.8, 0.0, 0.0),
     "shape:operator_panel": (6.0, 0.0, 0.0, -3.0),
     "shape:no_code": (-0.5, -0.5, 0.0, 2.0),
     "shape:no_node": (0.0, 0.0, 0.3, 0.7),
@@ -142,3 +147,7 @@ WEIGHTS: dict[str, tuple[float, float, float, float]] = {
 }
 TEMPERATURE = 1.25
 """Of the softmax: the sum of features that overlap is divided by it before it becomes a probability."""
+CALIBRATION = ((0.0, 0.0), (0.4, 0.45), (0.55, 0.75), (0.85, 0.82), (0.95, 0.96), (1.0, 0.99))
+"""Probability of the softmax and how often it is right, linear between: fitted on ordinary packages before rules were
+mended with them (docs/evaluation.md).
+"""

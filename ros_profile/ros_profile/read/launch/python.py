@@ -376,6 +376,9 @@ class _Evaluator:
         for index, (parameter, default) in enumerate(zip(parameters, defaults, strict=True)):
             given = arguments.get(parameter.arg, arguments.get(str(index)))
             names[parameter.arg] = self.value(default, frame) if given is None and default is not None else given
+        if function.args.vararg is not None:
+            rest = (str(index) for index in range(len(parameters), len(parameters) + len(arguments)))
+            names[function.args.vararg.arg] = [arguments[index] for index in rest if index in arguments]
         inner = _Frame(names)
         self.run(function.body, inner)
         lists = [one for one in inner.returned if isinstance(one, list)]

@@ -130,6 +130,9 @@ def _symbols(node: ast.Call, scope: Scope, file: str) -> Iterator[Fact]:
     number = node.args[0] if node.args else None
     if full == "cv2.VideoCapture" and isinstance(number, ast.Constant) and type(number.value) is int:
         yield Fact(Kind.DEVICE_PATH, f"/dev/video{number.value}"[:20], "", file, node.lineno)
+        yield Fact(Kind.SYMBOL, "cv2.VideoCapture(number)", "", file, node.lineno)
+    if full == "cv2.VideoCapture" and any(dotted(one).endswith("CAP_GSTREAMER") for one in node.args[1:]):
+        return  # a pipeline, which may begin at a network address
     if full in _OS or (
         first in scope.names.imports and full.lstrip(".").partition(".")[0] not in _QUIET and full[0] != "."
     ):

@@ -10,6 +10,8 @@ from ros_profile.model.facts import Problem
 from ros_profile.read.text import MAX_LINE, decode, printable
 
 MAX_NODES: Final = 300_000
+MAX_LEFT_OUT: Final = 20
+"""Lines of one file that may be left out because they are no Python 3: each costs a parse of the file."""
 MAX_BITS: Final = 64
 """Of a number: Python writes no number of more than some thousand digits, and no parameter has one."""
 
@@ -21,7 +23,7 @@ _PRINT: Final = re.compile(
 _EXCEPT: Final = re.compile(r"^([ \t]*except\s+[\w.()]+(?:\s*,\s*[\w.]+\s*\))?)\s*,\s*\w+\s*:", re.MULTILINE)
 _RAISE: Final = re.compile(r"^([ \t]*)raise\s+\w+\s*,.*$", re.MULTILINE)
 _EXEC: Final = re.compile(r"^([ \t]*)exec\s+[^(\s].*$", re.MULTILINE)
-_LITERALS: Final = re.compile(r"\b0([0-7]+)\b(?!\.)|\b(\d+)L\b|\bur(['\"])")
+_LITERALS: Final = re.compile(r"(?<![\w.])0([0-7]+)\b(?!\.)|\b(\d+)L\b|\bur(['\"])")
 _FAILURES: Final = (SyntaxError, ValueError, RecursionError, MemoryError)
 
 
@@ -34,11 +36,30 @@ def parse(data: bytes, file: str) -> tuple[ast.Module | None, tuple[Problem, ...
         return _parse(text), ()
     except _FAILURES as error:
         first = error
-    try:
-        return _parse(_python3(text)), ()
-    except _FAILURES:
-        line = getattr(first, "lineno", 0) or 0
+    line = getattr(first, "lineno", 0) or 0
+    module, left_out = _parse_in_part(_python3(text))
+    if module is None:
         return None, (Problem(file, f"is not Python: {str(first)[:200]}", line),)
+    return module, tuple(Problem(file, "is no Python 3 and is left out", number) for number in left_out)
+
+
+def _parse_in_part(text: str) -> tuple[ast.Module | None, list[int]]:
+    """Parses a text without the lines that are no Python 3, at most MAX_LEFT_OUT; one such line hides no whole program."""
+    lines = text.split("\n")
+    left_out: list[int] = []
+    while True:
+        try:
+            return _parse("\n".join(lines)), left_out
+        except SyntaxError as error:
+            number = error.lineno or 0
+            if len(left_out) >= MAX_LEFT_OUT or number in left_out or not 0 < number <= len(lines):
+                return None, []
+            line = lines[number - 1]
+            opens = "if True:" if line.rstrip().endswith(":") else "pass"
+            lines[number - 1] = line[: len(line) - len(line.lstrip())] + opens
+            left_out.append(number)
+        except _FAILURES:
+            return None, []
 
 
 def _parse(text: str) -> ast.Module:

@@ -254,7 +254,7 @@ def test_packages_with_messages_of_their_own_are_told_by_what_they_do(
     assert class_of(judged(tmp_path, cpp(body), name=name).assessment) == wanted
 
 
-@pytest.mark.parametrize(("source", "wanted"), [("0", {"camera"}), ("'film.mp4'", set())])
-def test_a_video_source_that_is_a_number_is_a_camera(tmp_path: Path, source: str, wanted: set[str]) -> None:
+@pytest.mark.parametrize(("source", "wanted"), [("0", {"camera", "usb"}), ("'film.mp4'", set())])
+def test_a_video_source_that_is_a_number_is_a_webcam(tmp_path: Path, source: str, wanted: set[str]) -> None:
     text = f"#!/usr/bin/env python3\nimport cv2, rospy\nrospy.init_node('c')\nv = cv2.VideoCapture({source})\n"
     assert hardware(judged(tmp_path, {"scripts/c.py": text}, ros=1).assessment) == wanted
