@@ -64,7 +64,7 @@ class InstanceFacts:
     present: tuple[str, ...] = ()
     """Devices it holds that their nodes' agents report as present: `device can0 on amr-07`."""
     cut_off: tuple[str, ...] = ()
-    """Pods that know no discovery server any more and must restart."""
+    """Pods that a user must restart: their discovery servers were all replaced, or their ROS 1 master too often."""
 
     @property
     def ready(self) -> bool:
