@@ -147,7 +147,9 @@ class Operator:
             self.queue,
             memory,
             self.metrics,
-            children=Children(client, cache, memory, self.params, version=__version__, clock=time.monotonic),
+            children=Children(
+                client, cache, memory, self.params, self.recorder, version=__version__, clock=time.monotonic
+            ),
             objects=InstanceObjects(client, cache, memory, self.observer, **shared),
             mover=Mover(
                 client,

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.model.names import Label, Reason
+from robotapp_api.model.names import API_VERSION, EventReason, Label, Reason
 from robotapp_claims.protocol.domain_allocation import capacity_of, full_pool
 from robotapp_claims.protocol.domains import ensure_domain
 from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, Fence, check_request, quota_of
@@ -21,8 +21,10 @@ from robotapp_claims.rules.objects import App as ClaimsApp
 from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
 from robotapp_client import ApiClient, NotFound
 from robotapp_client.api.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SERVICES
+from robotapp_client.tools.event_recorder import EventRecorder, reference
 from robotapp_client.transport.errors import means_gone
 from robotapp_operator.plan.diff.diff import (
+    Change,
     Observed,
     Plan,
     deployment_domain,
@@ -31,6 +33,7 @@ from robotapp_operator.plan.diff.diff import (
     still_running,
     wanted_children,
 )
+from robotapp_operator.plan.diff.master_restarts import describe_restart, is_restart, plan_restarts, read_master_starts
 from robotapp_operator.plan.render.child import Child
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
@@ -50,6 +53,7 @@ TURNS: Final = 4
 """Start over this often at once; then the queue backs off."""
 AWAIT_S: Final = 15.0
 """How long the watch may take to show what was written, before the instance is read anew."""
+ACTION: Final = "Restart"
 
 
 class Children:
@@ -61,6 +65,7 @@ class Children:
         cache: Cache,
         memory: ReconcileState,
         params: ParamsWatch,
+        recorder: EventRecorder,
         *,
         version: str,
         clock: Callable[[], float],
@@ -69,6 +74,7 @@ class Children:
         self._cache = cache
         self._memory = memory
         self._params = params
+        self._recorder = recorder
         self._version = version
         self._clock = clock
 
@@ -146,7 +152,7 @@ class Children:
         domain = cached_domain(app, robot, self._cache, self._memory.outcome(uid, robot))
         if needs_domain(app) and domain is None:
             return False
-        result = self._plan(app, self._wanted(app, robot, domain), observed)
+        result = self._plan(app, self._wanted(app, robot, domain, observed), observed)
         memory.held[robot] = result.held
         settled = not result and not result.foreign
         if settled:
@@ -210,7 +216,9 @@ class Children:
             return await self._write(app, robot, self._plan(app, [], observed), fences)
         if not needs_domain(app):
             self._memory.of(uid).outcomes.pop(robot, None)
-            return await self._write(app, robot, self._plan(app, self._wanted(app, robot, None), observed), fences)
+            return await self._write(
+                app, robot, self._plan(app, self._wanted(app, robot, None, observed), observed), fences
+            )
         outcome = await ensure_domain(
             self._client,
             domain_request(app, instance, scope_value=self._scope_value(app, instance)),
@@ -227,7 +235,7 @@ class Children:
             memory.new_domains[robot] = outcome.id
         if outcome.fences != fences:
             raise StartOver("a Deployment changed while the domain was taken")
-        wanted = self._wanted(app, robot, Domain(outcome.id, outcome.claim))
+        wanted = self._wanted(app, robot, Domain(outcome.id, outcome.claim), observed)
         return await self._write(app, robot, self._plan(app, wanted, observed), fences)
 
     async def _stop_if_suspended(self, record: Record, robot: str) -> bool:
@@ -269,9 +277,22 @@ class Children:
         memory.scaled.update(dict.fromkeys(written.scaled))
         if written.versions:
             memory.unseen[robot] = Unseen(app.generation, self._clock() + AWAIT_S, written.versions)
+        self._announce_restart(app, robot, [each for each in what.changes if each.child.ref in written.versions])
         if written.refusals:
             memory.troubles[robot] = written.refusals[0]
         return not written.refusals and not what.foreign
+
+    def _announce_restart(self, app: App, robot: str, changes: list[Change]) -> None:
+        """Write an event where nodes were restarted because of their master."""
+        starts = {each.child.component: read_master_starts(each.child.spec) for each in changes if is_restart(each)}
+        if not starts:
+            return
+        note = describe_restart(sorted(starts), max(starts.values()), robot=robot)
+        log.info("%s/%s: %s", app.namespace, app.name, note)
+        about = reference(api_version=API_VERSION, kind="RobotApp", name=app.name, namespace=app.namespace, uid=app.uid)
+        self._recorder.event(
+            about, reason=EventReason.MASTER_RESTARTED.value, note=note[:1000], action=ACTION, warning=True
+        )
 
     async def _is_back(self, app: App, robot: str) -> bool:
         """Whether the robot is chosen by the nodes as they are now and not by the cache: nothing ends on an old view."""
@@ -319,11 +340,24 @@ class Children:
         found: list[Observed] = [*deployments.items, *services.items]
         return {ref_of(item): item for item in found}
 
-    def _wanted(self, app: App, robot: str, domain: Domain | None) -> list[Child]:
-        parameters = parameter_states(app, robot, self._cache.config_maps)
+    def _wanted(
+        self, app: App, robot: str, domain: Domain | None, observed: Mapping[ChildRef, Observed]
+    ) -> list[Child]:
         return wanted_children(
-            desired_of(app, robot), domain=domain, parameters=parameters, running=not app.spec.suspend
+            desired_of(app, robot),
+            domain=domain,
+            parameters=parameter_states(app, robot, self._cache.config_maps),
+            running=not app.spec.suspend,
+            master_starts=self._master_starts(app, robot, observed),
         )
+
+    def _master_starts(self, app: App, robot: str, observed: Mapping[ChildRef, Observed]) -> dict[str, str]:
+        """Returns by component the starts of its ROS 1 master for which it was restarted, or has to be now."""
+        if not app.managed_master:
+            return {}
+        deployments = [item for item in observed.values() if isinstance(item, Deployment)]
+        restarts = plan_restarts(deployments, self._cache.pods_by_deployment(app.uid, robot))
+        return {name: restart.record for name, restart in restarts.items()}
 
     def _plan(self, app: App, wanted: list[Child], observed: dict[ChildRef, Observed]) -> Plan:
         settled = self._memory.of(app.uid).settled

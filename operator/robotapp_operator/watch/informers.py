@@ -11,6 +11,8 @@ from robotapp_client import ApiClient, Change, Reflector
 from robotapp_client.api import resources
 from robotapp_client.api.resources import Resource
 from robotapp_operator.plan.diff.diff import deployment_domain
+from robotapp_operator.plan.diff.master_restarts import MasterStart, find_start
+from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Node, Pod, ReplicaSet, Service, Telemetry, lacks_owner
@@ -150,6 +152,8 @@ class Informers:
             self._fleet(pod.metadata.namespace)
         if change.old is not None and change.new is not None and _proposal(change.old) != _proposal(pod):
             self._moves(label(pod, Label.APP_UID), label(pod, Label.INSTANCE))
+        if label(pod, Label.ROLE) == MASTER_ROLE and _master_start(change.new) not in (None, _master_start(change.old)):
+            self._children(pod)  # its nodes may have to be restarted
         if change.new is None or pod.terminal:
             self._request_sweep()
 
@@ -356,6 +360,10 @@ def _marks(item: Deployment) -> tuple[dict[str, str], tuple[Any, ...]]:
     """Metadata of ours whose change is drift; Kubernetes' own annotations (revision) are not."""
     ours = {key: value for key, value in item.metadata.annotations.items() if key.startswith("robotics.io/")}
     return item.metadata.labels | ours, item.metadata.owner_references
+
+
+def _master_start(pod: Pod | None) -> MasterStart | None:
+    return find_start([pod]) if pod is not None else None
 
 
 def _proposal(pod: Pod) -> str | None:

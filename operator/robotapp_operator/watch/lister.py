@@ -21,10 +21,10 @@ from robotapp_claims.rules.release import claims_domain, wanted_claim
 from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_client.api.times import whole_seconds
 from robotapp_operator.plan.diff.diff import deployment_domain
+from robotapp_operator.plan.diff.master_restarts import plan_restarts
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
 from robotapp_operator.plan.moves.move_record import NO_MOVES, SHOWN_MOVES, parse_moves
-from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.render.services import DISCOVERY
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
@@ -32,7 +32,7 @@ from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.links import LinkView, list_links
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
-from robotapp_operator.plan.status.components import HelperView, component_view, cut_off, helper_part, unregistered
+from robotapp_operator.plan.status.components import HelperView, component_view, cut_off, helper_part
 from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble
 from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, name_of, parse_record
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
@@ -210,7 +210,7 @@ def instance_facts(
         infrastructure_ready=_infrastructure_ready(owned),
         helpers=tuple(_view_helpers(owned, pods, cache, barred)),
         links=_links(app, instance, placed, cache),
-        cut_off=_cut_off(owned, pods),
+        cut_off=_not_restarted(owned, pods) if app.managed_master else _cut_off(owned, pods),
     )
 
 
@@ -343,7 +343,13 @@ def _cut_off(deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]]) -
     by_role: defaultdict[str | None, list[Pod]] = defaultdict(list)
     for item in deployments:
         by_role[item.metadata.labels.get(Label.ROLE)] += pods.get(item.metadata.uid, ())
-    return cut_off(by_role[DISCOVERY], by_role[None]) or unregistered(by_role[MASTER_ROLE], by_role[None])
+    return cut_off(by_role[DISCOVERY], by_role[None])
+
+
+def _not_restarted(deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]]) -> tuple[str, ...]:
+    """Returns pods of a ROS 1 app that their master does not have, and that the operator no longer restarts."""
+    restarts = plan_restarts(deployments, pods).values()
+    return tuple(sorted(name for restart in restarts for name in restart.refused))
 
 
 def _view_helpers(

@@ -7,7 +7,14 @@ from typing import Any
 from robotapp_api.model.names import Annotation, Label
 from robotapp_claims.rules.identity import domain_literal
 from robotapp_claims.rules.objects import ROS_DOMAIN_ID
-from robotapp_operator.plan.diff.newer import Held, amend, binding_rules, is_newer, written_by_newer
+from robotapp_operator.plan.diff.newer import (
+    Held,
+    amend,
+    binding_rules,
+    is_newer,
+    restarted_spec,
+    written_by_newer,
+)
 from robotapp_operator.plan.diff.unowned import unowned_pointers
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.deployments import component_deployments
@@ -48,10 +55,16 @@ class Plan:
 
 
 def wanted_children(
-    desired: Desired, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
+    desired: Desired,
+    *,
+    domain: Domain | None,
+    parameters: Mapping[str, ParameterState],
+    running: bool,
+    master_starts: Mapping[str, str] = {},
 ) -> list[Child]:
     """Everything the instance should have, infrastructure first: it starts while the components are scheduled.
 
+    master_starts: by component, those for which it was restarted.
     Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
     """
     if desired.app.ros_version == 2 and domain is None:
@@ -60,7 +73,10 @@ def wanted_children(
     if desired.app.ros_version == 2 and desired.discovery == "Peers":
         children.append(peers_service(desired))
     children += component_services(desired)
-    return [*children, *component_deployments(desired, domain=domain, parameters=parameters, running=running)]
+    components = component_deployments(
+        desired, domain=domain, parameters=parameters, running=running, master_starts=master_starts
+    )
+    return [*children, *components]
 
 
 def plan(
@@ -79,6 +95,7 @@ def plan(
     changes: list[Change] = []
     held: list[Held] = []
     waiting: list[Change] = []
+    restarts: list[Change] = []
     foreign: list[str] = []
     for child in wanted:
         over = observed.get(child.ref)
@@ -96,6 +113,8 @@ def plan(
                 held.append(Held(child.ref.name, newer, version))
         elif is_held(app, child, over, version):
             waiting.append(Change(child, over))
+            if (spec := restarted_spec(child, over)) is not None:
+                restarts.append(Change(child, over, spec))
         else:
             changes.append(Change(child, over))
     moved, still = _moved_servers(waiting, changes)
@@ -103,7 +122,7 @@ def plan(
     names = {child.ref for child in wanted}
     unwanted = [item for ref, item in sorted(observed.items()) if ref not in names and _prunable(app, item)]
     deletes = [item for item in unwanted if not (wanted and _may_be_named(app, item, held, version))]
-    return Plan((*moved, *changes), tuple(deletes), tuple(held), tuple(foreign))
+    return Plan((*moved, *changes, *restarts), tuple(deletes), tuple(held), tuple(foreign))
 
 
 def _moved_servers(waiting: Sequence[Change], changes: Sequence[Change]) -> tuple[list[Change], list[Change]]:

@@ -12,20 +12,24 @@ from robotapp_operator.plan.spec.objects import ChildRef
 
 
 def component_deployments(
-    desired: Desired, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
+    desired: Desired,
+    *,
+    domain: Domain | None,
+    parameters: Mapping[str, ParameterState],
+    running: bool,
+    master_starts: Mapping[str, str] = {},
 ) -> list[Child]:
-    """`running` False: no pods (suspended, or no domain to be had), everything else stays."""
-    return [
-        _deployment(component, desired, domain=domain, state=parameters.get(component.name, NONE), running=running)
-        for component in desired.app.spec.components
-    ]
+    """`running` False: no pods (suspended, or no domain to be had), everything else stays. master_starts: by component."""
+    children = []
+    for component in desired.app.spec.components:
+        state, starts = parameters.get(component.name, NONE), master_starts.get(component.name, "")
+        template = pod_template(component, desired, domain=domain, state=state, master_starts=starts)
+        children.append(_deployment(component, desired, template, running=running))
+    return children
 
 
-def _deployment(
-    component: Component, desired: Desired, *, domain: Domain | None, state: ParameterState, running: bool
-) -> Child:
+def _deployment(component: Component, desired: Desired, template: dict[str, Any], *, running: bool) -> Child:
     labels = component_labels(desired, component.name)
-    template = pod_template(component, desired, domain=domain, state=state)
     return Child(
         ref=ChildRef(DEPLOYMENT, desired.name_of(component.name)),
         labels=labels,

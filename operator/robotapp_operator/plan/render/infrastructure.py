@@ -17,6 +17,8 @@ ROUTER_ROLE: Final = "router"
 _LISTEN: Final = f'listen/endpoints=["tcp/[::]:{ZENOH_PORT}","tcp/0.0.0.0:{ZENOH_PORT}"];listen/exit_on_failure=false'
 """Both IP families. The default is IPv6 alone and ends where there is none; where `[::]` serves both, the second fails and may."""
 MASTER_ROLE: Final = "master"
+MASTER_PERIOD_S: Final = 2
+"""Nodes of a master that was started anew are restarted as soon as it is ready."""
 
 
 def infrastructure(desired: Desired, *, running: bool) -> list[Child]:
@@ -113,7 +115,7 @@ def _master(desired: Desired, *, running: bool) -> list[Child]:
         "args": ["roscore", "-p", str(MASTER_PORT)],
         "env": [own_address()],
         "ports": [{"containerPort": MASTER_PORT, "protocol": "TCP"}],
-        "readinessProbe": {"tcpSocket": {"port": MASTER_PORT}},
+        "readinessProbe": {"tcpSocket": {"port": MASTER_PORT}, "periodSeconds": MASTER_PERIOD_S},
     }
     service = role_service(
         desired,

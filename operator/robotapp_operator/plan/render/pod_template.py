@@ -28,13 +28,15 @@ PEER_WAIT_S: Final = 10
 
 
 def pod_template(
-    component: Component, desired: Desired, *, domain: Domain | None, state: ParameterState
+    component: Component, desired: Desired, *, domain: Domain | None, state: ParameterState, master_starts: str = ""
 ) -> dict[str, Any]:
-    """Labels, annotations and spec of the component's pods."""
+    """Labels, annotations and spec of the component's pods. master_starts: those for which they were restarted."""
     template = component.template.spec
     annotations = component.template.metadata.annotations | parameter_annotations(component, state)
     if domain is not None and domain.claim:
         annotations[Annotation.DOMAIN_CLAIM.value] = domain.claim  # spares the scheduler a search
+    if master_starts:
+        annotations[Annotation.MASTER_STARTS.value] = master_starts
     spec = {
         "schedulerName": desired.app.scheduler_name,
         # A robot's process has no business with the API server unless its author gave it an account. `default` is what

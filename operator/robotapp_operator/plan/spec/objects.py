@@ -159,6 +159,7 @@ class Waiting(Struct):
 class Terminated(Struct):
     exit_code: int = 0
     reason: str = ""
+    finished_at: str | None = None
 
 
 class Running(Struct):

@@ -169,29 +169,6 @@ def cut_off(servers: Sequence[Pod], clients: Sequence[Pod]) -> tuple[str, ...]:
     )
 
 
-def unregistered(masters: Sequence[Pod], nodes: Sequence[Pod]) -> tuple[str, ...]:
-    """Returns pods of a ROS 1 app that started well before its master did: a new master knows none of their topics.
-
-    A master restarted in its pod has lost its names as well. A node restarted in its pod has registered anew.
-    """
-    starts = [_started(pod) for pod in masters if not pod.terminal and pod.metadata.deletion_timestamp is None]
-    if not starts:
-        return ()
-    limit = max(starts) - timedelta(seconds=SERVER_LEAD_S)
-    live_pods = (pod for pod in nodes if not pod.terminal and pod.metadata.deletion_timestamp is None)
-    return tuple(sorted(pod.metadata.name for pod in live_pods if _started(pod) < limit))
-
-
-def _started(pod: Pod) -> datetime:
-    """Returns when the pod was made, or its first container last started again."""
-    restarts = [
-        status.state.running.started_at
-        for status in pod.status.container_statuses[:1]
-        if status.restart_count and status.state.running
-    ]
-    return max([_created(pod), *(datetime.fromisoformat(text) for text in restarts if text)])
-
-
 def _created(pod: Pod) -> datetime:
     text = pod.metadata.creation_timestamp
     return datetime.fromisoformat(text) if text else datetime.max.replace(tzinfo=UTC)

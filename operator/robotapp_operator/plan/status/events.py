@@ -61,6 +61,7 @@ TURNS = (
     _Turn(Condition.PLACED, EventReason.NODE_REJECTED, reasons=frozenset({Reason.UNSCHEDULABLE})),
     _Turn(Condition.PROGRESSING, reasons=frozenset({Reason.NEWER_VERSION})),
     _Turn(Condition.BUDGET_MET, reasons=frozenset({Reason.BUDGET_EXCEEDED})),
+    _Turn(Condition.STALLED, reasons=frozenset({Reason.RESTART_NEEDED})),
 )
 
 

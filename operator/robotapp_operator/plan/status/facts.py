@@ -67,7 +67,7 @@ class InstanceFacts:
     links: tuple[LinkView, ...] = ()
     """Addresses of `service.links`."""
     cut_off: tuple[str, ...] = ()
-    """Pods that know no discovery server any more and must restart."""
+    """Pods that a user must restart: their discovery servers were all replaced, or their ROS 1 master too often."""
 
     @property
     def ready(self) -> bool:

@@ -10,6 +10,7 @@ from robotapp_api.model.names import ROBOT_END, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUpEdge
 from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_api.values.quantities.duration import format_us, time_text
+from robotapp_operator.plan.diff.master_restarts import MOST_RESTARTS
 from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.spec.text import clip, shown
 from robotapp_operator.plan.status.facts import AppFacts, Grace, InstanceFacts
@@ -140,7 +141,7 @@ def out_of_sight_text(robot: str) -> str:
 def cut_off_text(instance: InstanceFacts) -> str:
     """What the user must do about pods that know none of the present discovery servers, or that a new master does not know."""
     if any(helper.part.role == MASTER_ROLE for helper in instance.helpers):
-        return f"the master was started anew since {shown(instance.cut_off)} started, and knows none of their topics; delete these pods one by one (kubectl delete pod NAME)"
+        return f"the master was started anew since {shown(instance.cut_off)} started and has none of their topics, and restarts of nodes have reached {MOST_RESTARTS} within 24 hours; find out why the master ends, then delete these pods (kubectl delete pod NAME)"
     return f"all discovery servers were replaced since {shown(instance.cut_off)} started; delete these pods one by one (kubectl delete pod NAME)"
 
 

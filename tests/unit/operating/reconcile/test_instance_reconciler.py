@@ -25,6 +25,7 @@ from robotapp_client.api.resources import (
     ROBOTCLAIMS,
     SERVICES,
 )
+from robotapp_client.tools.event_recorder import EventRecorder
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, Service
 from robotapp_operator.queue.work import StartOver
@@ -54,8 +55,15 @@ class ReconciledServer:
         self.params = ParamsWatch(client, self.cache, queue)
         self.now_s: float | None = None
         self._ticks = itertools.count(step=60.0)
+        self.recorder = EventRecorder(client, controller="robotapp-operator", instance="test")
         self.children = Children(
-            client, self.cache, self.memory, self.params, version=VERSION, clock=lambda: self.now_s or next(self._ticks)
+            client,
+            self.cache,
+            self.memory,
+            self.params,
+            self.recorder,
+            version=VERSION,
+            clock=lambda: self.now_s or next(self._ticks),
         )
 
     async def pool(self, ids: str = "1-101") -> None:

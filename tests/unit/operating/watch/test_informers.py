@@ -393,3 +393,21 @@ def test_served_namespaces_have_watches_of_their_own() -> None:
         return len(found.reflectors)
 
     assert count("a", "b") - count("a") == count() - 4
+
+
+def test_a_master_that_is_ready_or_was_started_anew_has_its_nodes_looked_at(world: InformedQueue) -> None:
+    def master(*, ready: bool, restarts: int = 0) -> Pod:
+        started = {"running": {"startedAt": f"2026-01-01T10:{restarts:02}:30Z"}}
+        status = {
+            "conditions": [{"type": "Ready", "status": str(ready)}],
+            "containerStatuses": [{"name": "master", "restartCount": restarts, "state": started}],
+        }
+        meta = {"labels": {**LABELS, Label.ROLE.value: "master"}, "creationTimestamp": "2026-01-01T10:00:00Z"}
+        return make_pod("x", node="n", status=status, metadata=meta)
+
+    waiting, running, again = master(ready=False), master(ready=True), master(ready=True, restarts=1)
+    assert CHILDREN not in world.see("_pod", None, waiting)
+    assert CHILDREN in world.see("_pod", waiting, running)
+    assert CHILDREN not in world.see("_pod", running, running)
+    assert CHILDREN in world.see("_pod", running, again), "no event came while it was not ready"
+    assert CHILDREN not in world.see("_pod", again, None)

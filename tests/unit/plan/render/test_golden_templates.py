@@ -40,7 +40,7 @@ GOLDEN: dict[str, list[str]] = {
     "on board as a fallback": ["db2c668e58d2ef0b"],
     "cyclone": ["d8763bc859da97dc", "b3a8ba986b65500d"],
     "zenoh": ["144fbeece8844bbb", "5e558dd1604e1ad1", "2a5ec09b559e04c6"],
-    "noetic": ["c6cb627a256248d1", "df945259d7216be1", "b61feba86447e18d"],
+    "noetic": ["b0910314430f6ca3", "df945259d7216be1", "b61feba86447e18d"],
     "foreign scheduler": ["0427c01fb8e3011a"],
 }
 

@@ -127,7 +127,7 @@ def test_the_zenoh_router_comes_from_the_first_component_and_listens_on_ipv4_and
 
 def test_a_managed_master_answers_on_its_port_and_may_be_pinned_to_a_node() -> None:
     deployment, service = parts(ros={"distro": "noetic"}, placement={"masterNode": "edge-1"})
-    assert pod_spec(deployment)["containers"][0]["readinessProbe"] == {"tcpSocket": {"port": 11311}}
+    assert pod_spec(deployment)["containers"][0]["readinessProbe"] == {"tcpSocket": {"port": 11311}, "periodSeconds": 2}
     required = pod_spec(deployment)["affinity"]["nodeAffinity"]["requiredDuringSchedulingIgnoredDuringExecution"]
     assert required["nodeSelectorTerms"] == [
         {"matchFields": [{"key": "metadata.name", "operator": "In", "values": ["edge-1"]}]}

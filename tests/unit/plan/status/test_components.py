@@ -9,7 +9,7 @@ from tests.support.factories import component, make_app, make_deployment, make_p
 from robotapp_api.model.names import Annotation, Reason
 from robotapp_api.values.placement.given_up import GivenUp
 from robotapp_operator.plan.spec.objects import Deployment, Pod
-from robotapp_operator.plan.status.components import ComponentView, component_view, cut_off, unregistered
+from robotapp_operator.plan.status.components import ComponentView, component_view, cut_off
 
 
 def view(deployment: Deployment | None, *pods: Pod, barred: Collection[str] = ()) -> ComponentView:
@@ -175,18 +175,3 @@ def test_what_was_given_up_is_read_from_pods_on_nodes_and_only_in_the_form_of_th
     assert noted(given.text(), node="").given_up == ()
     assert noted("whatever").given_up == ()
     assert view(make_deployment(), make_pod(node="amr-1")).given_up == ()
-
-
-def restarted(name: str, minute: int, *, again: int, restarts: int = 1) -> Pod:
-    """Made in one minute, its container started again in another."""
-    state = {"running": {"startedAt": f"2026-01-01T10:{again:02}:00Z"}}
-    status = {"containerStatuses": [{"name": "main", "restartCount": restarts, "state": state}]}
-    return make_pod(name, metadata={"creationTimestamp": f"2026-01-01T10:{minute:02}:00Z"}, status=status)
-
-
-def test_nodes_that_started_before_their_master_did_are_unknown_to_it() -> None:
-    assert unregistered([born("master", 20)], [born("old", 0), born("new", 20)]) == ("old",)
-    assert unregistered([restarted("master", 0, again=20)], [born("old", 0)]) == ("old",), "restarted in its pod"
-    assert unregistered([born("master", 20)], [restarted("old", 0, again=25)]) == (), "it has registered anew"
-    assert unregistered([restarted("master", 0, again=20, restarts=0)], [born("old", 0)]) == (), "its image took long"
-    assert unregistered([], [born("old", 0)]) == ()
