@@ -146,7 +146,7 @@ class Children:
         domain = cached_domain(app, robot, self._cache, self._memory.outcome(uid, robot))
         if needs_domain(app) and domain is None:
             return False
-        result = self._plan(app, self._wanted(app, robot, domain), observed)
+        result = self._plan(app, self._wanted(app, robot, domain, observed), observed)
         memory.held[robot] = result.held
         settled = not result and not result.foreign
         if settled:
@@ -210,7 +210,8 @@ class Children:
             return await self._write(app, robot, self._plan(app, [], observed), fences)
         if not needs_domain(app):
             self._memory.of(uid).outcomes.pop(robot, None)
-            return await self._write(app, robot, self._plan(app, self._wanted(app, robot, None), observed), fences)
+            wanted = self._wanted(app, robot, None, observed)
+            return await self._write(app, robot, self._plan(app, wanted, observed), fences)
         outcome = await ensure_domain(
             self._client,
             domain_request(app, instance, scope_value=self._scope_value(app, instance)),
@@ -227,7 +228,7 @@ class Children:
             memory.new_domains[robot] = outcome.id
         if outcome.fences != fences:
             raise StartOver("a Deployment changed while the domain was taken")
-        wanted = self._wanted(app, robot, Domain(outcome.id, outcome.claim))
+        wanted = self._wanted(app, robot, Domain(outcome.id, outcome.claim), observed)
         return await self._write(app, robot, self._plan(app, wanted, observed), fences)
 
     async def _stop_if_suspended(self, record: Record, robot: str) -> bool:
@@ -252,7 +253,7 @@ class Children:
             desired = desired_of(app, robot)
             stale = Domain(min(named))
             parameters = parameter_states(app, robot, self._cache.config_maps)
-            stopped = wanted_children(desired, domain=stale, parameters=parameters, running=False)
+            stopped = wanted_children(desired, domain=stale, parameters=parameters, running=False, observed=observed)
             wanted = [child for child in stopped if child.ref in observed]
             await self._write(app, robot, self._plan(app, wanted, observed), fences)
         return outcome.reason != Reason.PENDING
@@ -318,10 +319,15 @@ class Children:
         found: list[Observed] = [*deployments.items, *services.items]
         return {ref_of(item): item for item in found}
 
-    def _wanted(self, app: App, robot: str, domain: Domain | None) -> list[Child]:
-        parameters = parameter_states(app, robot, self._cache.config_maps)
+    def _wanted(
+        self, app: App, robot: str, domain: Domain | None, observed: Mapping[ChildRef, Observed]
+    ) -> list[Child]:
         return wanted_children(
-            desired_of(app, robot), domain=domain, parameters=parameters, running=not app.spec.suspend
+            desired_of(app, robot),
+            domain=domain,
+            parameters=parameter_states(app, robot, self._cache.config_maps),
+            running=not app.spec.suspend,
+            observed=observed,
         )
 
     def _plan(self, app: App, wanted: list[Child], observed: dict[ChildRef, Observed]) -> Plan:

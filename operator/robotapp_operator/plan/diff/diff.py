@@ -15,6 +15,7 @@ from robotapp_operator.plan.render.infrastructure import infrastructure
 from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.render.services import peers_service
 from robotapp_operator.plan.spec.covers import covers
+from robotapp_operator.plan.spec.dependencies import unmet_dependencies
 from robotapp_operator.plan.spec.desired import App, Desired, Domain
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Service, pod_annotations, pod_spec
 
@@ -48,18 +49,27 @@ class Plan:
 
 
 def wanted_children(
-    desired: Desired, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
+    desired: Desired,
+    *,
+    domain: Domain | None,
+    parameters: Mapping[str, ParameterState],
+    running: bool,
+    observed: Mapping[ChildRef, Observed] = {},
 ) -> list[Child]:
     """Everything the instance should have, infrastructure first: it starts while the components are scheduled.
 
-    Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
+    A component that waits for others is not created; where it exists, it gets no pods. Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
     """
     if desired.app.ros_version == 2 and domain is None:
         return []
     children = infrastructure(desired, running=running)
     if desired.app.ros_version == 2 and desired.discovery == "Peers":
         children.append(peers_service(desired))
-    return [*children, *component_deployments(desired, domain=domain, parameters=parameters, running=running)]
+    waiting = unmet_dependencies(desired.app, (item for item in observed.values() if isinstance(item, Deployment)))
+    deployments = component_deployments(
+        desired, domain=domain, parameters=parameters, running=running, waiting=waiting.keys()
+    )
+    return [*children, *(child for child in deployments if child.component not in waiting or child.ref in observed)]
 
 
 def plan(

@@ -1,6 +1,6 @@
 """One Deployment per component per instance."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from robotapp_api.model.app.component import Component
@@ -12,11 +12,22 @@ from robotapp_operator.plan.spec.objects import ChildRef
 
 
 def component_deployments(
-    desired: Desired, *, domain: Domain | None, parameters: Mapping[str, ParameterState], running: bool
+    desired: Desired,
+    *,
+    domain: Domain | None,
+    parameters: Mapping[str, ParameterState],
+    running: bool,
+    waiting: Collection[str] = (),
 ) -> list[Child]:
-    """`running` False: no pods (suspended, or no domain to be had), everything else stays."""
+    """`running` False: no pods (suspended, or no domain to be had), everything else stays. waiting: components without pods so far."""
     return [
-        _deployment(component, desired, domain=domain, state=parameters.get(component.name, NONE), running=running)
+        _deployment(
+            component,
+            desired,
+            domain=domain,
+            state=parameters.get(component.name, NONE),
+            running=running and component.name not in waiting,
+        )
         for component in desired.app.spec.components
     ]
 
@@ -36,14 +47,14 @@ def _deployment(
 def deployment_spec(
     labels: dict[str, str], template: dict[str, Any], *, replicas: int, running: bool
 ) -> dict[str, Any]:
-    """Recreate where there is one replica: two publishers of one command topic must never overlap.
+    """Recreate where there is one replica at most: two publishers of one command topic must never overlap.
 
     revisionHistoryLimit 0: an empty old ReplicaSet would keep naming a domain the instance no longer holds.
     """
     return {
         "replicas": replicas if running else 0,
         "revisionHistoryLimit": 0,
-        "strategy": {"type": "Recreate" if replicas == 1 else "RollingUpdate"},
+        "strategy": {"type": "Recreate" if replicas <= 1 else "RollingUpdate"},
         "selector": {"matchLabels": selector(labels)},
         "template": template,
     }
