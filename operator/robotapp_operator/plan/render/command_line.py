@@ -32,8 +32,9 @@ def render_arguments(component: Component, desired: Desired, state: ParameterSta
     """Returns `args` of the component's container."""
     paths = parameter_paths(component, state)
     if component.run is not None:
-        run_one = _run_ros1 if desired.app.ros_version == 1 else _run_ros2
-        return run_one(component.run, paths, desired)
+        if desired.app.ros_version == 1:
+            return _run_ros1(component.run, paths, desired, node=full_node_name(component, desired))
+        return _run_ros2(component.run, paths, desired)
     if component.launch is not None:
         return _launch(component.launch, paths, desired)
     if _is_told_by_variable(component, desired):
@@ -50,47 +51,41 @@ def parameter_variables(component: Component, desired: Desired, state: Parameter
     return [{"name": OLD_PARAMETERS_VARIABLE, "value": paths}] if paths else []
 
 
+def full_node_name(component: Component, desired: Desired) -> str:
+    """Returns namespace and name that `run` gives the node, "" where it leaves the name to the program."""
+    run = component.run
+    if run is None or run.name is None:
+        return ""
+    texts = (_absolute(run.namespace) or "", run.name)
+    namespace, name = (replace_references(text, _ros_values(desired)) for text in texts)
+    return f"{namespace.rstrip('/')}/{name}"
+
+
 def _is_told_by_variable(component: Component, desired: Desired) -> bool:
     return not desired.app.uses_ros(component) or reads_parameters_variable(component)
 
 
 def _run_ros2(run: Run, paths: list[str], desired: Desired) -> list[str]:
-    remaps = {"__node": run.name, "__ns": _absolute(run.namespace), **run.remaps}
-    names = _ros_values(desired)
-    rules = [f"{name}:={replace_references(target, names)}" for name, target in remaps.items() if target]
-    for_ros = [word for rule in rules for word in ("-r", rule)] + _params_file_arguments(paths)[1:]
-    return [
-        *("ros2", "run", run.package, run.executable),
-        *(replace_references(word, _values(desired)) for word in run.args),
-        *(["--ros-args", *for_ros] if for_ros else []),
-    ]
+    remaps = [word for rule in _remap_rules(run, desired, node="__node") for word in ("-r", rule)]
+    for_ros = [*remaps, *_params_file_arguments(paths)[1:]]
+    return [*_program("ros2", "run", run=run, desired=desired), *(["--ros-args", *for_ros] if for_ros else [])]
 
 
-def _run_ros1(run: Run, paths: list[str], desired: Desired) -> list[str]:
-    names = _ros_values(desired)
-    node, namespace = (replace_references(text or "", names) for text in (run.name, _absolute(run.namespace)))
-    remaps = {
-        "__name": node,
-        "__ns": namespace,
-        **{key: replace_references(to, names) for key, to in run.remaps.items()},
-    }
-    program = [
-        *("rosrun", run.package, run.executable),
-        *(replace_references(word, _values(desired)) for word in run.args),
-        *(f"{name}:={target}" for name, target in remaps.items() if target),
-    ]
+def _run_ros1(run: Run, paths: list[str], desired: Desired, *, node: str) -> list[str]:
+    program = [*_program("rosrun", run=run, desired=desired), *_remap_rules(run, desired, node="__name")]
     if not paths:
         return program
-    return [
-        "sh",
-        "-c",
-        LOAD_PARAMETERS,
-        "robotapp-parameters",
-        f"{namespace.rstrip('/')}/{node}",
-        *paths,
-        "--",
-        *program,
-    ]
+    return [*("sh", "-c", LOAD_PARAMETERS, "robotapp-parameters", node), *paths, "--", *program]
+
+
+def _program(*tool: str, run: Run, desired: Desired) -> list[str]:
+    return [*tool, run.package, run.executable, *(replace_references(word, _values(desired)) for word in run.args)]
+
+
+def _remap_rules(run: Run, desired: Desired, *, node: str) -> list[str]:
+    """Returns the rules `from:=to`, first those of the node itself. node: what its name is called there."""
+    targets = {node: run.name, "__ns": _absolute(run.namespace), **run.remaps}
+    return [f"{name}:={replace_references(target, _ros_values(desired))}" for name, target in targets.items() if target]
 
 
 def _launch(launch: Launch, paths: list[str], desired: Desired) -> list[str]:

@@ -7,7 +7,7 @@ from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import WAITING_STEP, Annotation
 from robotapp_api.model.packed import unpacked
 from robotapp_operator.plan.render.child import component_labels
-from robotapp_operator.plan.render.command_line import parameter_variables, render_arguments
+from robotapp_operator.plan.render.command_line import full_node_name, parameter_variables, render_arguments
 from robotapp_operator.plan.render.environment import join_environment, ros1_environment, ros2_environment
 from robotapp_operator.plan.render.node_affinity import affinity, scheduling_gates, tolerations
 from robotapp_operator.plan.render.parameters import (
@@ -81,7 +81,7 @@ def container(
         resources=component.resources,
         imagePullPolicy=component.image_pull_policy,
         securityContext=component.security_context,
-        readinessProbe=readiness_probe(component, desired.app),
+        readinessProbe=readiness_probe(component, desired.app, node=full_node_name(component, desired)),
         livenessProbe=component.liveness_probe,
         startupProbe=component.startup_probe,
         lifecycle=component.lifecycle,

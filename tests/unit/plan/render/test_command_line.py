@@ -59,6 +59,17 @@ def test_names_remaps_and_arguments_of_an_executable_follow_it_in_the_words_of_r
     ]
 
 
+def test_the_state_of_a_lifecycle_node_is_read_under_the_name_that_run_gives_it() -> None:
+    ready = {"lifecycle": "Active"}
+    for run, node in (
+        (RUN, "/driver"),
+        ({**RUN, "name": "front"}, "/front"),
+        ({**RUN, "name": "front", "namespace": "/$(ROBOTAPP_ROBOT)"}, "/amr_07/front"),
+    ):
+        probe = container_of(run=run, ready=ready)["readinessProbe"]
+        assert probe["exec"]["command"][-3] == node
+
+
 def test_a_launch_file_is_started_with_its_arguments() -> None:
     launch = {**LAUNCH, "arguments": {"use_sim_time": "false", "map": "/maps/a b.yaml"}}
     wanted = ["nav2_bringup", "navigation_launch.py", "use_sim_time:=false", "map:=/maps/a b.yaml"]
