@@ -191,7 +191,7 @@ async def _join(client: Api, request: DomainRequest, owner: AppKey, deployments:
     named = "/".join(owner)
     app = await find_app(client, owner)
     if app is not None and not claims_domain(app):
-        text = f"spec.ros2.shareWith names {named}, which claims no domain (ROS 1, or isolation Discovery): remove it"
+        text = f"spec.ros2.shareWith names {named}, which claims no domain (ROS 1, no ROS, or isolation Discovery): remove it"
         return await _without_id(client, request, DomainOutcome(Reason.INVALID_SPEC, text), deployments)
     claim, claims = None, list[Claim]()
     if app is not None:

@@ -292,6 +292,7 @@ class Component(Object, frozen=True, kw_only=True):
     name: str
     devices: tuple[DeviceRequirement, ...] = ()
     replicas: int = 1
+    ros: str = ""
 
 
 class Ros(Object, frozen=True, kw_only=True):

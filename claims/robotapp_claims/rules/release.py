@@ -4,7 +4,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from enum import StrEnum
 
-from robotapp_api.model.distros import ros_version
+from robotapp_api.model.distros import WITHOUT_ROS, ros_version
 from robotapp_api.model.names import Annotation, ClaimPhase
 from robotapp_claims.rules.domain import wanted_id
 from robotapp_claims.rules.identity import granted_devices, granted_domain
@@ -73,7 +73,10 @@ def is_gone(found: App | Pod | None, uid: str) -> bool:
 
 
 def claims_domain(app: App) -> bool:
-    """Whether the app's domains are claimed at all: ROS 1 has none, and isolation Discovery uses ids without claims."""
+    """Whether the app's domains are claimed at all: ROS 1 and apps without ROS have none, and isolation Discovery uses ids without claims."""
+    components = app.spec.components
+    if components and all(component.ros == WITHOUT_ROS for component in components):
+        return False
     discovery = app.spec.ros2 is not None and app.spec.ros2.isolation == "Discovery"
     ros = app.spec.ros
     return not discovery and (ros is None or ros_version(ros.version, ros.distro) == 2)

@@ -35,6 +35,7 @@ _OF_A_COMPONENT: Final = frozenset(
         "sharedData",
         "colocateWith",
         "separateFrom",
+        "dependsOn",
         "replicas",
         "onDisconnect",
     }

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model import patterns, scalars
+from robotapp_api.model.app.program import NODE_NAME_PATTERN, REMAP_PATTERN
 from robotapp_api.model.app.robots import LABEL_KEY
 from robotapp_cli.lint import old_names
 from robotapp_cli.lint.cel_rules import RULES
@@ -32,10 +33,17 @@ _BY_PATTERN: Final = {
     patterns.SUBDOMAIN_PATTERN: "lower-case letters, digits, - and ., such as camera-driver",
     patterns.IMAGE_PATTERN: "an image without blanks, such as ghcr.io/team/driver:1.2",
     patterns.QUANTITY_PATTERN: "a quantity, such as 20, 500m, 40M or 512Mi",
+    NODE_NAME_PATTERN: "letters, digits and _, such as front or $(ROBOTAPP_ROBOT)",
+    REMAP_PATTERN: "letters, digits, _ and /, such as /front/scan",
     LABEL_KEY: "a label key, such as robotics.io/robot",
 }
 _BY_FIELD: Final = {
-    "distro": "a ROS distribution in lower case, such as jazzy",
+    "distro": "a ROS distribution in lower case, such as jazzy, or none",
+    "package": "the name of a ROS package, such as nav2_bringup",
+    "executable": "the name of an executable of the package, such as talker",
+    "namespace": "letters, digits, _ and /, such as /front or /$(ROBOTAPP_ROBOT)",
+    "file": "the name of a launch file without blanks, such as robot.launch.py",
+    "parametersArgument": "the name of a launch argument, such as params_file",
     "rmw": "the name of a ROS middleware, such as rmw_fastrtps_cpp",
     "topic": "letters, digits, _ and /, such as /cmd_vel",
     "name": "letters, digits, _ and /, such as /odom",

@@ -1,4 +1,7 @@
-"""Finds what a container cannot start with: no entry point of ROS, parameter files that reach nobody, references that nothing replaces."""
+"""Finds what a container cannot start with: no entry point of ROS, parameter files that reach nobody, references that nothing replaces.
+
+`run` and `launch` are looked at here as well.
+"""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -7,9 +10,12 @@ from typing import Any, Final
 from robotapp_api.checks.containers import list_containers
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
+from robotapp_api.model.distros import NO_ROS
+from robotapp_api.model.names import PARAMETERS_PATH, PARAMETERS_VARIABLE
 
 _DEVICE_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\(ROBOTAPP_DEVICE_[A-Za-z0-9_]*\))")
 """A reference that the kubelet would replace; `$$(NAME)` is the text `$(NAME)`."""
+_ROBOT_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\((?:ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\))")
 _OBJECT_NAMES: Final = frozenset({"name", "secretName", "claimName"})
 _BASE_IMAGE: Final = re.compile(r"(?:(?:[a-z0-9.-]+(?::[0-9]+)?/)?(?:library/|osrf/|arm64v8/)?)ros(?::[^/]*)?(?:@.*)?")
 """Images of ROS itself, whose program is bash."""
@@ -20,11 +26,12 @@ def command_line_problems(component: Component, at: str) -> Iterator[Problem]:
     """`at`: where the component stands, such as `spec.components[0]`."""
     yield from _device_reference_problems(component, at)
     yield from _object_name_problems(component, at)
-    if component.parameters and is_launch(component):
+    if component.parameters and is_launch(component) and not reads_parameters_variable(component):
         yield invalid(
             f"{at}.parameters",
             f"parameter files are passed as --ros-args --params-file, which a launch file does not take, so {component.name} would end "
-            "at once; give a launch argument of yours the path, such as args: [bash, -c, 'ros2 launch PACKAGE FILE params:=\"$ROBOTAPP_PARAMETER_FILES\"']",
+            "at once; write launch: {package: PACKAGE, file: FILE, parametersArgument: params_file} in place of command and args, or the argument "
+            f"params_file:=$({PARAMETERS_VARIABLE})",
         )
 
 
@@ -43,6 +50,12 @@ def command_line_notes(component: Component, at: str) -> Iterator[Note]:
             f"{component.image} starts a shell by itself, which ends at once, again and again; write the program, such as args: [ros2, run, "
             "PACKAGE, PROGRAM]",
         )
+
+
+def reads_parameters_variable(component: Component) -> bool:
+    """Whether the program is told its parameter files by ROBOTAPP_PARAMS in its command line or environment, so that none are added."""
+    values = (str(variable.get("value") or "") for variable in component.env)
+    return any(PARAMETERS_VARIABLE in text for text in (*component.command, *component.args, *values))
 
 
 def is_launch(component: Component) -> bool:
@@ -104,3 +117,44 @@ def _list_object_names(item: Any, at: str) -> Iterator[tuple[str, str]]:
                 yield from _list_object_names(member, f"{at}.{key}[{index}]")
         else:
             yield from _list_object_names(value, f"{at}.{key}")
+
+
+def program_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:
+    """`at`: where the component stands, such as `spec.components[0]`."""
+    for field in ("run", "launch"):
+        if getattr(component, field) is not None and ros_version == NO_ROS:
+            yield invalid(f"{at}.{field}", "starts a ROS program, and the component has no ROS; write command or args")
+    launch = component.launch
+    if launch is None:
+        return
+    if launch.parameters_argument and not component.parameters:
+        yield invalid(
+            f"{at}.launch.parametersArgument",
+            f"{launch.parameters_argument} would be given the path of a parameter file, and {component.name} has none; write parameters, or remove it",
+        )
+    takes_paths = any(
+        word in value for value in launch.arguments.values() for word in (PARAMETERS_PATH, PARAMETERS_VARIABLE)
+    )
+    if component.parameters and not launch.parameters_argument and not takes_paths:
+        yield invalid(
+            f"{at}.parameters",
+            "a launch file takes no --params-file; write launch.parametersArgument with the name of its argument that takes the path, such as "
+            "params_file (ros2 launch --show-args, in ROS 1 roslaunch --ros-args, lists them)",
+        )
+    elif launch.parameters_argument and len(component.parameters) > 1:
+        yield invalid(
+            f"{at}.launch.parametersArgument",
+            f"{len(component.parameters)} files do not fit into one launch argument; write launch.arguments with a path for each, "
+            f"{PARAMETERS_PATH}/0.yaml and so on in the order of parameters",
+        )
+
+
+def robot_reference_problems(component: Component, at: str) -> Iterator[Problem]:
+    """Names of robots in `run` and `launch` of a component whose app has no robots."""
+    for field in ("run", "launch"):
+        part = getattr(component, field)
+        if part is not None and (reference := _ROBOT_REFERENCE.search(part.model_dump_json())):
+            yield invalid(
+                f"{at}.{field}",
+                f"{reference[1]} is the name of a robot, but the app has none; write spec.robots, or the name itself",
+            )

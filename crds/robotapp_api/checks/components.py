@@ -6,13 +6,14 @@ from typing import Any, Final
 
 from pydantic.alias_generators import to_snake
 
-from robotapp_api.checks.command_line import command_line_notes, command_line_problems
+from robotapp_api.checks.command_line import command_line_notes, command_line_problems, program_problems
 from robotapp_api.checks.containers import gated_field_notes, gated_field_problems, list_containers
 from robotapp_api.checks.device_names import device_name_notes
 from robotapp_api.checks.parameters import parameter_problems
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robots import LABEL_KEY
+from robotapp_api.model.distros import NO_ROS
 from robotapp_api.model.names import GPU, PARAMETERS_VOLUME, WAITING_STEP
 from robotapp_api.values.label_key import key_problem, value_problem
 from robotapp_api.values.quantities.quantity import parse_milli
@@ -29,7 +30,8 @@ RESERVED_PREFIX: Final = "ROBOTAPP_"
 def component_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:
     """`at`: where the component stands, such as `spec.components[0]`."""
     yield from _resource_problems(component, at)
-    yield from _environment_problems(component, at)
+    yield from _environment_problems(component, at, ros_version=ros_version)
+    yield from program_problems(component, at, ros_version=ros_version)
     yield from parameter_problems(component, at, ros_version=ros_version)
     yield from command_line_problems(component, at)
     yield from gated_field_problems(component, at)
@@ -97,15 +99,22 @@ def _mount_problems(component: Component, at: str) -> Iterator[Problem]:
             )
 
 
-def _environment_problems(component: Component, at: str) -> Iterator[Problem]:
+def _environment_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:
     for container, where in list_containers(component, at):
-        yield from _variable_problems(container.get("env") or (), f"{where}.env", of=container.get("name", ""))
+        name = container.get("name", "")
+        yield from _variable_problems(container.get("env") or (), f"{where}.env", of=name, ros_version=ros_version)
 
 
-def _variable_problems(variables: Iterable[Mapping[str, Any]], field: str, *, of: str) -> Iterator[Problem]:
+def _variable_problems(
+    variables: Iterable[Mapping[str, Any]], field: str, *, of: str, ros_version: int
+) -> Iterator[Problem]:
     for variable in variables:
         name = variable.get("name", "")
-        if name in SET_FOR_ALL:
+        if name in SET_FOR_ALL and ros_version == NO_ROS:
+            yield invalid(
+                field, f"{name} of {of} is for ROS, which the component does without; remove it, or ros: None"
+            )
+        elif name in SET_FOR_ALL:
             yield invalid(field, f"{name} of {of} is set for all components alike; use {SET_FOR_ALL[name]}")
         elif name.startswith(RESERVED_PREFIX):
             yield invalid(field, f"{name} of {of}: {RESERVED_PREFIX}… belongs to the operator; write another name")
@@ -147,6 +156,9 @@ def _device_problems(component: Component, at: str) -> Iterator[Problem]:
 def _ready_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:
     ready = component.ready
     if ready is None:
+        return
+    if ros_version == NO_ROS:
+        yield invalid(f"{at}.ready", "asks ROS, which the component does without; write readinessProbe")
         return
     if ready.lifecycle and ros_version == 1:
         yield invalid(f"{at}.ready.lifecycle", "ROS 1 has no lifecycle nodes; write ready.topic or readinessProbe")

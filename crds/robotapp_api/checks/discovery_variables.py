@@ -11,9 +11,10 @@ from typing import Any, Final
 
 from robotapp_api.checks.middleware import BEFORE_IRON, CONNEXT, CYCLONE, FAST_DDS, ZENOH
 from robotapp_api.checks.problem import Note
-from robotapp_api.checks.ros import NONE, discovery_of, rmw_of, ros_version_of
+from robotapp_api.checks.ros import NONE, discovery_of, rmw_of, ros_version_of, uses_ros
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robotapp import RobotAppSpec
+from robotapp_api.model.distros import NO_ROS
 
 SEPARATORS: Final = {
     "CYCLONEDDS_URI": ",",
@@ -38,6 +39,8 @@ _ZENOH_KEYS: Final = ("mode", "connect/endpoints")
 
 def discovery_variables(spec: RobotAppSpec) -> frozenset[str]:
     """Returns the names of the variables with which the operator decides how the app's processes find each other."""
+    if ros_version_of(spec) == NO_ROS:
+        return frozenset()
     if ros_version_of(spec) == 1:
         return frozenset({"ROS_MASTER_URI", "ROS_IP"})
     mode, rmw = discovery_of(spec), rmw_of(spec)
@@ -69,6 +72,8 @@ def variable_notes(spec: RobotAppSpec) -> Iterator[Note]:
     """Yields what is lost because a container's own variables and those of the operator's discovery meet."""
     operator_names = discovery_variables(spec)
     for index, component in enumerate(spec.components):
+        if not uses_ros(component, spec.ros.distro):
+            continue
         at = f"spec.components[{index}]"
         yield from _container_notes(spec, component.name, component.env, f"{at}.env")
         yield from _micro_ros_notes(spec, component, at)

@@ -6,9 +6,11 @@ from typing import Final
 
 import yaml
 
+from robotapp_api.checks.command_line import reads_parameters_variable
 from robotapp_api.checks.problem import Problem, invalid
 from robotapp_api.model.app.component import Component
-from robotapp_api.model.names import PARAMETERS_PATH
+from robotapp_api.model.distros import NO_ROS
+from robotapp_api.model.names import PARAMETERS_PATH, PARAMETERS_VARIABLE
 from robotapp_api.values import strict_yaml
 
 MOST_INLINE_BYTES: Final = 196_608
@@ -26,9 +28,17 @@ def parameter_problems(component: Component, at: str, *, ros_version: int) -> It
     """`at`: where the component stands, such as `spec.components[0]`."""
     if not component.parameters:
         return
-    if ros_version == 1:
+    if component.run or component.launch or ros_version == NO_ROS or reads_parameters_variable(component):
+        if component.run and ros_version == 1 and component.run.name is None:
+            yield invalid(
+                f"{at}.parameters",
+                "in ROS 1 they are loaded under the name of the node, which only its program has; write run.name",
+            )
+    elif ros_version == 1:
         yield invalid(
-            f"{at}.parameters", "ROS 1 has no parameter files for nodes; mount the ConfigMap and load it with rosparam"
+            f"{at}.parameters",
+            f"ROS 1 has no parameter files for nodes; write run with a name, launch with parametersArgument, or a script that loads ${PARAMETERS_VARIABLE} "
+            "with rosparam",
         )
     elif not (component.command or component.args):
         yield invalid(
@@ -38,7 +48,7 @@ def parameter_problems(component: Component, at: str, *, ros_version: int) -> It
     elif script := _unheeding_script(component):
         yield invalid(
             f"{at}.parameters",
-            f'the shell of {component.name} takes the parameter files as $0, $1 …, and its script {script!r} passes them to nobody; write "$0" "$@" after the program, or use $ROBOTAPP_PARAMETER_FILES',
+            f'the shell of {component.name} takes the parameter files as $0, $1 …, and its script {script!r} passes them to nobody; write "$0" "$@" after the program, or use ${PARAMETERS_VARIABLE}',
         )
     for index, mount in enumerate(component.volume_mounts):
         if mount.get("mountPath", "").rstrip("/") == PARAMETERS_PATH:
@@ -46,10 +56,10 @@ def parameter_problems(component: Component, at: str, *, ros_version: int) -> It
                 f"{at}.volumeMounts[{index}].mountPath",
                 f"{PARAMETERS_PATH} is where the parameter files are; write another path",
             )
-    yield from _inline_problems(component, at)
+    yield from _inline_problems(component, at, ros_version=ros_version)
 
 
-def _inline_problems(component: Component, at: str) -> Iterator[Problem]:
+def _inline_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:
     total = inline_bytes(component)
     if total:
         annotations = component.template.metadata.annotations
@@ -61,7 +71,7 @@ def _inline_problems(component: Component, at: str) -> Iterator[Problem]:
         )
         return
     for index, file in enumerate(component.parameters):
-        wrong = inline_problem(file.inline) if file.inline is not None else ""
+        wrong = inline_problem(file.inline, ros_version) if file.inline is not None else ""
         if wrong:
             yield invalid(f"{at}.parameters[{index}].inline", wrong)
 
@@ -81,12 +91,16 @@ def _unheeding_script(component: Component) -> str:
 
 
 @lru_cache(maxsize=64)
-def inline_problem(text: str) -> str:
-    """Why ROS 2 could not read `text` as a parameter file, "" when it could."""
+def inline_problem(text: str, ros_version: int = 2) -> str:
+    """Why ROS could not read `text` as a parameter file, "" when it could. A program without ROS reads what it likes."""
+    if ros_version == NO_ROS:
+        return ""
     try:
         document = strict_yaml.loads(text)
     except yaml.YAMLError as error:
         return f"is no YAML: {' '.join(str(error).split())}"
+    if ros_version == 1:
+        return "" if isinstance(document, Mapping) else "must be a mapping of parameters, for example rate: 20.0"
     if not isinstance(document, Mapping) or not document:
         return 'must be a mapping of node names, for example "/**: {ros__parameters: {rate: 20.0}}"'
     return _section_problem(document, (), depth=0)

@@ -11,12 +11,12 @@ MOST_BYTES: Final = 512 * 1024
 COMPONENT_BYTES: Final = 4096
 PART_BYTES: Final = 1024
 WORD_BYTES: Final = 96
-_PARTS: Final = ("devices", "requires", "parameters")
+_PARTS: Final = ("devices", "requires", "parameters", "dependsOn")
 _WORDS: Final = ("command", "args", "colocateWith", "separateFrom")
 
 
 class SpecSize(NamedTuple):
-    """`text_bytes`: of the spec as JSON. `parts`: edges, devices, requirements and parameter files. `words`: of command and args, labels,
+    """`text_bytes`: of the spec as JSON. `parts`: edges, devices, requirements, dependencies and parameter files. `words`: of command lines, labels,
     annotations and node selectors.
     """
 
@@ -49,7 +49,7 @@ def size_problem(spec: Mapping[str, Any]) -> Problem | None:
         f"{number} {name} {number * each // 1024} KiB"
         for number, name, each in (
             (size.components, "components", COMPONENT_BYTES),
-            (size.parts, "edges, devices, requirements and parameter files", PART_BYTES),
+            (size.parts, "edges, devices, requirements, dependencies and parameter files", PART_BYTES),
             (size.words, "words, labels and annotations", WORD_BYTES),
         )
         if number
@@ -64,8 +64,16 @@ def size_problem(spec: Mapping[str, Any]) -> Problem | None:
 def _count_words(component: Mapping[str, Any]) -> int:
     template = _fields(component.get("template"))
     metadata, pod = _fields(template.get("metadata")), _fields(template.get("spec"))
-    maps = (metadata.get("labels"), metadata.get("annotations"), pod.get("nodeSelector"))
-    return sum(len(_items(component.get(name))) for name in _WORDS) + 2 * sum(len(_fields(value)) for value in maps)
+    run, launch = _fields(component.get("run")), _fields(component.get("launch"))
+    maps = (
+        metadata.get("labels"),
+        metadata.get("annotations"),
+        pod.get("nodeSelector"),
+        run.get("remaps"),
+        launch.get("arguments"),
+    )
+    words = sum(len(_items(component.get(name))) for name in _WORDS) + len(_items(run.get("args")))
+    return words + 2 * sum(len(_fields(value)) for value in maps)
 
 
 def _items(value: Any) -> Sequence[Any]:

@@ -1,16 +1,17 @@
 """Checks of a whole spec that the API server cannot make: what is wrong, most basic first, and what has no effect yet."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
+from robotapp_api.checks.command_line import robot_reference_problems
 from robotapp_api.checks.components import component_notes, component_problems
 from robotapp_api.checks.discovery_variables import variable_notes
 from robotapp_api.checks.edges import edge_notes, edge_problems
 from robotapp_api.checks.middleware import FAST_DDS, KNOWN, external_problem, mode_problem
 from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
 from robotapp_api.checks.problem import Note, Problem, invalid
-from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
+from robotapp_api.checks.ros import discovery_of, rmw_of, ros_components, ros_version_of, uses_ros
 from robotapp_api.model.app.robotapp import RobotAppSpec
-from robotapp_api.model.distros import DISTROS, nearest
+from robotapp_api.model.distros import DISTROS, NO_DISTRO, NO_ROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
 from robotapp_api.values.label_key import value_problem
 from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
@@ -22,10 +23,12 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
     yield from _ros_problems(spec)
     yield from _middleware_problems(spec)
     for index, component in enumerate(spec.components):
-        yield from component_problems(component, f"spec.components[{index}]", ros_version=ros_version_of(spec))
+        version = ros_version_of(spec) if uses_ros(component, spec.ros.distro) else NO_ROS
+        yield from component_problems(component, f"spec.components[{index}]", ros_version=version)
     yield from _inline_files(spec)
     yield from _keys_without_robot(spec)
     yield from _unknown_names(spec)
+    yield from _dependency_problems(spec)
     yield from _contradictions(spec)
     yield from _values_of_no_label(spec)
     yield from edge_problems(spec.edges)
@@ -53,6 +56,8 @@ def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[No
         yield Note("spec.ros2.transport", f"UDP changes nothing for {rmw_of(spec)}; it is for Fast DDS")
     if spec.ros2 and spec.ros2.transport == "SHM":
         yield Note("spec.ros2.transport", "SHM has no effect yet; pods of one node do not share memory")
+    if spec.ros2 is not None and not ros_components(spec):
+        yield Note("spec.ros2", "has no effect: no component uses ROS (ros: None), so the app takes no domain")
     if our_scheduler:
         yield from edge_notes(spec.edges)
     for index, component in enumerate(spec.components):
@@ -63,6 +68,9 @@ def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[No
 def _ros_problems(spec: RobotAppSpec) -> Iterator[Problem]:
     distro = spec.ros.distro
     known = DISTROS.get(distro)
+    if distro == NO_DISTRO:
+        yield from _settings_without_ros(spec)
+        return
     if known is None:
         near = nearest(distro)
         cure = f'did you mean "{near}"?' if near else f"known are {', '.join(DISTROS)}"
@@ -89,8 +97,17 @@ def _ros_problems(spec: RobotAppSpec) -> Iterator[Problem]:
         )
 
 
+def _settings_without_ros(spec: RobotAppSpec) -> Iterator[Problem]:
+    """Settings of ROS in an app that has none: ros.distro is none."""
+    for field, value in (("ros2", spec.ros2), ("ros1", spec.ros1), ("ros.version", spec.ros.version)):
+        if value is not None:
+            yield invalid(
+                f"spec.{field}", f"an app with ros.distro: {NO_DISTRO} has no ROS; remove it, or write the distribution"
+            )
+
+
 def _middleware_problems(spec: RobotAppSpec) -> Iterator[Problem]:
-    if ros_version_of(spec) == 1:
+    if ros_version_of(spec) != 2:
         return
     mode = discovery_of(spec)
     wrong = mode_problem(mode=mode, rmw=rmw_of(spec), distro=spec.ros.distro)
@@ -98,7 +115,8 @@ def _middleware_problems(spec: RobotAppSpec) -> Iterator[Problem]:
         yield invalid("spec.ros2.discovery.mode", wrong)
     if spec.ros2 and spec.ros2.external and (reason := external_problem(mode)):
         yield invalid("spec.ros2.external", reason)
-    talking = [edge for edge in spec.edges if ROBOT_END not in (edge.from_, edge.to) and edge.from_ != edge.to]
+    names = {component.name for component in ros_components(spec)}
+    talking = [edge for edge in spec.edges if {edge.from_, edge.to} <= names and edge.from_ != edge.to]
     if mode == "Localhost" and talking:
         edge = talking[0]
         yield invalid(
@@ -118,7 +136,7 @@ def _inline_files(spec: RobotAppSpec) -> Iterator[Problem]:
 
 
 def _keys_without_robot(spec: RobotAppSpec) -> Iterator[Problem]:
-    """Names of robots in keys of parameter files, in an app that has none."""
+    """Names of robots in keys of parameter files and in command lines of ROS, in an app that has none."""
     for index, component in enumerate(spec.components if spec.robots is None else ()):
         for position, file in enumerate(component.parameters):
             ref = file.config_map_key_ref or file.secret_key_ref
@@ -127,6 +145,7 @@ def _keys_without_robot(spec: RobotAppSpec) -> Iterator[Problem]:
                     f"spec.components[{index}].parameters[{position}]",
                     f"key {ref.key} names the robot, but the app has none; write spec.robots, or the key as it is",
                 )
+        yield from robot_reference_problems(component, f"spec.components[{index}]")
 
 
 def _unknown_names(spec: RobotAppSpec) -> Iterator[Problem]:
@@ -152,6 +171,45 @@ def _unknown_names(spec: RobotAppSpec) -> Iterator[Problem]:
                     f"spec.edges[{index}].{field}",
                     f'"{end}" is no component of this app; components are {listed_names}, the robot itself is {ROBOT_END}',
                 )
+
+
+def _dependency_problems(spec: RobotAppSpec) -> Iterator[Problem]:
+    """Every component that waits for one that does not exist, and the first circle of components that wait for each other."""
+    names = {component.name for component in spec.components}
+    for index, component in enumerate(spec.components):
+        for dependency in component.depends_on:
+            if dependency.component not in names:
+                yield invalid(
+                    f"spec.components[{index}].dependsOn",
+                    f'"{dependency.component}" is no component of this app; components are {", ".join(sorted(names))}',
+                )
+    circle = find_circle({part.name: [each.component for each in part.depends_on] for part in spec.components})
+    if circle:
+        index = next(index for index, component in enumerate(spec.components) if component.name == circle[0])
+        yield invalid(
+            f"spec.components[{index}].dependsOn",
+            f"{' waits for '.join([*circle, circle[0]])}, so none of them would ever be created; remove one of these names",
+        )
+
+
+def find_circle(dependencies: Mapping[str, Sequence[str]]) -> list[str]:
+    """Returns the names of a circle, each waiting for the next and the last for the first; [] without any."""
+    finished: set[str] = set()
+    for start in dependencies:
+        path: list[str] = []
+        open_names: list[Iterator[str]] = [iter((start,))]
+        while open_names:
+            name = next(open_names[-1], None)
+            if name is None:
+                open_names.pop()
+                if path:
+                    finished.add(path.pop())
+            elif name in path:
+                return path[path.index(name) :]
+            elif name not in finished:
+                path.append(name)
+                open_names.append(iter(dependencies.get(name, ())))
+    return []
 
 
 def _contradictions(spec: RobotAppSpec) -> Iterator[Problem]:

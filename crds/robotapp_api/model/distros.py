@@ -64,6 +64,12 @@ _ALL: Final = (
     Distro("rolling", 2, None, _FAST),
 )
 DISTROS: Final = {distro.name: distro for distro in _ALL}
+NO_DISTRO: Final = "none"
+"""Stands in place of a distribution in an app without ROS."""
+NO_ROS: Final = 0
+"""ROS version of such an app."""
+WITHOUT_ROS: Final = "None"
+"""Value of a component's `ros` that makes it no ROS program."""
 
 
 def as_data() -> list[dict[str, str | int | None]]:
@@ -80,7 +86,9 @@ def as_data() -> list[dict[str, str | int | None]]:
 
 
 def ros_version(written: int | None, distro: str) -> int:
-    """1 or 2: as written, else the distribution's, else 2."""
+    """1 or 2: as written, else the distribution's, else 2; NO_ROS for an app without ROS."""
+    if distro == NO_DISTRO:
+        return NO_ROS
     known = DISTROS.get(distro)
     return written or (known.version if known else 2)
 

@@ -33,7 +33,13 @@ from robotapp_operator.plan.diff.diff import (
     still_running,
     wanted_children,
 )
-from robotapp_operator.plan.diff.master_restarts import describe_restart, is_restart, plan_restarts, read_master_starts
+from robotapp_operator.plan.diff.master_restarts import (
+    describe_restart,
+    is_restart,
+    plan_restarts,
+    read_master_starts,
+    ros_deployments,
+)
 from robotapp_operator.plan.render.child import Child
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
@@ -216,9 +222,8 @@ class Children:
             return await self._write(app, robot, self._plan(app, [], observed), fences)
         if not needs_domain(app):
             self._memory.of(uid).outcomes.pop(robot, None)
-            return await self._write(
-                app, robot, self._plan(app, self._wanted(app, robot, None, observed), observed), fences
-            )
+            wanted = self._wanted(app, robot, None, observed)
+            return await self._write(app, robot, self._plan(app, wanted, observed), fences)
         outcome = await ensure_domain(
             self._client,
             domain_request(app, instance, scope_value=self._scope_value(app, instance)),
@@ -260,7 +265,7 @@ class Children:
             desired = desired_of(app, robot)
             stale = Domain(min(named))
             parameters = parameter_states(app, robot, self._cache.config_maps)
-            stopped = wanted_children(desired, domain=stale, parameters=parameters, running=False)
+            stopped = wanted_children(desired, domain=stale, parameters=parameters, running=False, observed=observed)
             wanted = [child for child in stopped if child.ref in observed]
             await self._write(app, robot, self._plan(app, wanted, observed), fences)
         return outcome.reason != Reason.PENDING
@@ -349,13 +354,14 @@ class Children:
             parameters=parameter_states(app, robot, self._cache.config_maps),
             running=not app.spec.suspend,
             master_starts=self._master_starts(app, robot, observed),
+            observed=observed,
         )
 
     def _master_starts(self, app: App, robot: str, observed: Mapping[ChildRef, Observed]) -> dict[str, str]:
         """Returns by component the starts of its ROS 1 master for which it was restarted, or has to be now."""
         if not app.managed_master:
             return {}
-        deployments = [item for item in observed.values() if isinstance(item, Deployment)]
+        deployments = ros_deployments(app, (item for item in observed.values() if isinstance(item, Deployment)))
         restarts = plan_restarts(deployments, self._cache.pods_by_deployment(app.uid, robot))
         return {name: restart.record for name, restart in restarts.items()}
 

@@ -114,6 +114,7 @@ class Informers:
             or now is None
             or before.metadata.generation != now.metadata.generation
             or _marks(before) != _marks(now)
+            or self._others_may_start(before, now)
         ):
             self._children(item)
         if now is None:
@@ -124,6 +125,12 @@ class Informers:
         if record is not None and (before and deployment_domain(before)) != (now and deployment_domain(now)):
             owner = record.namespace, record.name
             enqueue_joined(self._cache, self._queue, owner, uid=uid, instance=label(item, Label.INSTANCE))
+
+    def _others_may_start(self, before: Deployment, now: Deployment) -> bool:
+        """Whether the component has become ready, or is no longer, and others of its app may wait for it."""
+        record = self._cache.apps.get(label(now, Label.APP_UID))
+        waits = record is not None and record.app is not None and record.app.orders_starts
+        return waits and before.is_ready != now.is_ready
 
     def _service(self, change: Change) -> None:
         item = self._child(self._cache.services, change)

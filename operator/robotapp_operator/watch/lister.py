@@ -5,7 +5,7 @@ So they are computed once for each version of the spec and the nodes.
 """
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import timedelta
 
 from robotapp_api.model.names import Annotation, Label, Reason
@@ -21,18 +21,25 @@ from robotapp_claims.rules.release import claims_domain, wanted_claim
 from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_client.api.times import whole_seconds
 from robotapp_operator.plan.diff.diff import deployment_domain
-from robotapp_operator.plan.diff.master_restarts import plan_restarts
+from robotapp_operator.plan.diff.master_restarts import plan_restarts, ros_deployments
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
 from robotapp_operator.plan.moves.move_record import NO_MOVES, SHOWN_MOVES, parse_moves
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.render.services import DISCOVERY
+from robotapp_operator.plan.spec.dependencies import describe_wait, unmet_dependencies
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.links import LinkView, list_links
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
-from robotapp_operator.plan.status.components import HelperView, component_view, cut_off, helper_part
+from robotapp_operator.plan.status.components import (
+    ComponentView,
+    HelperView,
+    component_view,
+    cut_off,
+    helper_part,
+)
 from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble
 from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, name_of, parse_record
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
@@ -171,19 +178,13 @@ def instance_facts(
     """
     pods = cache.pods_by_deployment(app.uid, instance.robot)
     owned = owned_deployments(app, instance.robot, cache)
-    by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in owned}
-    files = parameter_states(app, instance.robot, cache.config_maps)
-    views = []
-    for component in app.spec.components:
-        deployment = by_component.get(component.name)
-        mine = pods.get(deployment.metadata.uid, ()) if deployment else ()
-        missing = files[component.name].missing if component.name in files else ()
-        lost = [pod.spec.node_name for pod in mine if cache.nodes.lost(pod.spec.node_name)]
-        views.append(component_view(component, deployment, mine, missing=missing, lost=lost, barred=barred))
+    unmet = unmet_dependencies(app, owned)
+    views = list(_view_components(app, instance.robot, cache, barred=barred, unmet=unmet))
     domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
     having = _having(devices, cache)
-    wanted = sum(claims_wanted(component.devices) for component in app.spec.components)
+    begun = [part for part in app.spec.components if part.replicas and part.name not in unmet]
+    wanted = sum(claims_wanted(component.devices) for component in begun)
     placed = {view.name: view.node for view in views if view.node}
     return InstanceFacts(
         instance=instance,
@@ -210,7 +211,7 @@ def instance_facts(
         infrastructure_ready=_infrastructure_ready(owned),
         helpers=tuple(_view_helpers(owned, pods, cache, barred)),
         links=_links(app, instance, placed, cache),
-        cut_off=_not_restarted(owned, pods) if app.managed_master else _cut_off(owned, pods),
+        cut_off=_not_restarted(ros_deployments(app, owned), pods) if app.managed_master else _cut_off(app, owned, pods),
     )
 
 
@@ -225,6 +226,24 @@ def _links(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache
         if service.metadata.controller_uid == app.uid
     }
     return list_links(desired_of(app, instance.robot), services, placed, cache.nodes.find_address)
+
+
+def _view_components(
+    app: App, robot: str, cache: Cache, *, barred: Collection[str], unmet: Mapping[str, Sequence[str]]
+) -> Iterator[ComponentView]:
+    """Yields the components of an instance in the order of the spec. unmet: for which others each waits."""
+    pods = cache.pods_by_deployment(app.uid, robot)
+    by_component = {
+        item.metadata.labels.get(Label.COMPONENT, ""): item for item in owned_deployments(app, robot, cache)
+    }
+    files = parameter_states(app, robot, cache.config_maps)
+    for component in app.spec.components:
+        deployment = by_component.get(component.name)
+        own_pods = pods.get(deployment.metadata.uid, ()) if deployment else ()
+        missing = files[component.name].missing if component.name in files else ()
+        lost = [pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)]
+        wait = describe_wait(app, unmet.get(component.name, ()))
+        yield component_view(component, deployment, own_pods, missing=missing, lost=lost, barred=barred, wait=wait)
 
 
 def _grace(app: App, lost: Lost | None, *, now_s: float) -> Grace | None:
@@ -311,7 +330,7 @@ def _last_joined(app: App, outcome: DomainOutcome | None) -> Domain | None:
 
 
 def _measured(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache) -> list[EdgeView]:
-    return edge_views(app.spec.edges, placed=placed, robot_node=instance.node, round_trips=cache.round_trips)
+    return edge_views(app.edges_in_use, placed=placed, robot_node=instance.node, round_trips=cache.round_trips)
 
 
 def _device_conflict(app: App, instance: Instance, cache: Cache) -> str:
@@ -339,9 +358,9 @@ def owned_deployments(app: App, robot: str, cache: Cache) -> list[Deployment]:
     return sorted(found, key=lambda item: item.metadata.name)
 
 
-def _cut_off(deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]]) -> tuple[str, ...]:
+def _cut_off(app: App, deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]]) -> tuple[str, ...]:
     by_role: defaultdict[str | None, list[Pod]] = defaultdict(list)
-    for item in deployments:
+    for item in ros_deployments(app, deployments):
         by_role[item.metadata.labels.get(Label.ROLE)] += pods.get(item.metadata.uid, ())
     return cut_off(by_role[DISCOVERY], by_role[None])
 
@@ -365,10 +384,10 @@ def _view_helpers(
 
 
 def _infrastructure_ready(deployments: Iterable[Deployment]) -> bool:
-    """Of several equal parts one suffices: that is what the second discovery server is for."""
+    """Of several equal parts one suffices: that is what the second discovery server is for. One that is stopped is not waited for."""
     ready: dict[str, bool] = {}
     for item in deployments:
         role = item.metadata.labels.get(Label.ROLE)
-        if role:
+        if role and item.replicas:
             ready[role] = ready.get(role, False) or item.status.ready_replicas > 0
     return all(ready.values())

@@ -3,6 +3,7 @@
 from collections.abc import MutableMapping
 from typing import Any
 
+from robotapp_api.model.distros import NO_DISTRO, NO_ROS
 from robotapp_claims.rules.objects import App as ClaimsApp
 from robotapp_claims.rules.objects import AppSpec, Meta, Ros, Ros2, SharedApp
 from robotapp_claims.rules.share import AppKey
@@ -71,7 +72,7 @@ def rules_view(app: App) -> ClaimsApp:
             isolation=spec.isolation,
             share_with=shares,
         )
-    ros = Ros(version=app.spec.ros.version, distro=app.distro)
+    ros = Ros(version=app.spec.ros.version, distro=app.distro if app.ros_version != NO_ROS else NO_DISTRO)
     return ClaimsApp(
         metadata=Meta(name=app.name, namespace=app.namespace, uid=app.uid), spec=AppSpec(ros2=ros2, ros=ros)
     )

@@ -24,7 +24,8 @@ COMPONENTS = st.lists(
         NAMES,
         image=st.sampled_from(["r/a:1", "r/b:2"]),
         runsOn=st.lists(st.sampled_from(["Robot", "Edge", "Cloud"]), unique=True),
-        replicas=st.integers(1, 3),
+        replicas=st.integers(0, 3),
+        ros=st.sampled_from([None, None, "None"]),
         args=st.lists(SMALL_TEXT, max_size=2),
         env=st.lists(
             st.builds(lambda name, value: {"name": name, "value": value}, st.sampled_from(["A", "B"]), SMALL_TEXT),
@@ -51,6 +52,7 @@ ROS = st.sampled_from(
         {"ros2": {"rmw": "rmw_zenoh_cpp"}},
         {"ros2": {"discovery": {"mode": "Multicast"}}},
         {"ros": {"distro": "noetic"}},
+        {"ros": {"distro": "none"}},
     ]
 )
 
@@ -182,13 +184,16 @@ def test_names_are_distinct_labels_the_api_server_accepts(wanted: list[Child]) -
 
 @given(apps().flatmap(lambda app: st.tuples(st.just(app), children(app))))
 @settings(deadline=None)
-def test_every_component_pod_of_an_instance_carries_the_same_domain_or_none(case: tuple[App, list[Child]]) -> None:
+def test_every_component_with_ros2_of_an_instance_carries_the_same_domain_and_no_other_component_has_one(
+    case: tuple[App, list[Child]],
+) -> None:
     app, wanted = case
-    found = set()
+    domains: dict[str, str | None] = {}
     for child in wanted:
         if "robotics.io/component" not in child.labels:
             continue
         (main,) = child.spec["template"]["spec"]["containers"]
-        found.add(next((v["value"] for v in main["env"] if v["name"] == "ROS_DOMAIN_ID"), None))
-    assert len(found) == 1
-    assert (None in found) == (app.ros_version == 1)
+        domains[child.component] = next((v["value"] for v in main["env"] if v["name"] == "ROS_DOMAIN_ID"), None)
+    with_ros2 = {part.name for part in app.ros_components} if app.ros_version == 2 else set()
+    assert {name for name, domain in domains.items() if domain is not None} == with_ros2
+    assert len({*domains.values()} - {None}) == bool(with_ros2)

@@ -44,6 +44,22 @@ def full_app() -> dict[str, Any]:
             _full_component(),
             component("mapper", ready={"lifecycle": "Active"}, runsOn=["Edge", "Robot"]),
             component("logger", livenessProbe=_PROBE, readinessProbe=_PROBE, startupProbe=_PROBE),
+            component("store", ros="None", replicas=0),
+            component(
+                "camera",
+                run={
+                    "package": "camera", "executable": "node", "name": "front", "namespace": "/$(ROBOTAPP_ROBOT)",
+                    "remaps": {"image": "/front/image"}, "args": ["--fast"],
+                },
+            ),
+            component(
+                "navigation", parameters=[{"inline": "/**: {ros__parameters: {v: 1.0}}"}],
+                launch={
+                    "package": "nav2_bringup", "file": "navigation_launch.py", "arguments": {"use_sim_time": "true"},
+                    "parametersArgument": "params_file",
+                },
+                dependsOn=[{"component": "driver", "status": "Ready"}],
+            ),
         ],
         edges=[
             edge(

@@ -1,6 +1,6 @@
 """What a component starts and what it calls its devices, as far as the words alone tell that it will not work."""
 
-from typing import Any
+from typing import Any, Final
 
 import pytest
 from tests.support.factories import component, make_app
@@ -51,7 +51,8 @@ def test_what_the_kubelet_would_not_replace_and_other_variables_are_accepted(tex
 )
 def test_parameter_files_of_a_launch_file_are_refused_with_the_argument_that_takes_them(words: dict[str, Any]) -> None:
     (problem,) = list_problems(parameters=INLINE, **words)
-    assert 'params:="$ROBOTAPP_PARAMETER_FILES"' in problem
+    assert "write launch: {package: PACKAGE, file: FILE, parametersArgument: params_file}" in problem
+    assert "params_file:=$(ROBOTAPP_PARAMS)" in problem
 
 
 @pytest.mark.parametrize(
@@ -59,6 +60,8 @@ def test_parameter_files_of_a_launch_file_are_refused_with_the_argument_that_tak
     [
         ["ros2", "run", "package", "launch"],
         ["bash", "-c", 'ros2 launch p f params:="$ROBOTAPP_PARAMETER_FILES"'],
+        ["bash", "-c", 'ros2 launch p f params:="$ROBOTAPP_PARAMS"'],
+        ["ros2", "launch", "p", "f", "params:=$(ROBOTAPP_PARAMS)"],
         ["my-launch"],
     ],
 )
@@ -191,3 +194,112 @@ def test_a_gpu_among_devices_is_told_where_it_comes_from() -> None:
     (note,) = [note for note in list_notes(devices=[{"name": "g", "type": "gpu"}]) if "devices" in note]
     assert "no claim is made for a gpu" in note
     assert not [note for note in list_notes(requires=[{"type": "gpu"}]) if "no claim" in note]
+
+
+RUN: Final = {"run": {"package": "p", "executable": "e"}}
+LAUNCH: Final = {"package": "p", "file": "f.launch.py"}
+NOETIC: Final = {"ros": {"distro": "noetic"}}
+
+
+def list_app_problems(*components: dict[str, Any], **spec: Any) -> list[str]:
+    return [str(problem) for problem in spec_problems(make_app(*components, **spec).spec)]
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {**RUN, "parameters": INLINE * 2},
+        {"launch": {**LAUNCH, "parametersArgument": "params_file"}, "parameters": INLINE},
+        {
+            "launch": {**LAUNCH, "arguments": {"map_params": "/etc/robotapp/parameters/1.yaml"}},
+            "parameters": INLINE * 2,
+        },
+        {"launch": LAUNCH},
+        {"ros": "None", "parameters": [{"inline": "listener 1883"}], "args": ["mosquitto"]},
+        {"ros": "None", "parameters": [{"inline": "a: b: c"}]},
+    ],
+    ids=["run", "launch", "launch with paths", "no parameters", "no ROS", "no ROS and no arguments"],
+)
+def test_parameter_files_have_a_way_to_the_program(fields: dict[str, Any]) -> None:
+    assert list_problems(**fields) == []
+
+
+@pytest.mark.parametrize(
+    ("launch", "files", "cure"),
+    [
+        (LAUNCH, 1, "write launch.parametersArgument with the name of its argument that takes the path"),
+        ({**LAUNCH, "parametersArgument": "params_file"}, 0, "driver has none; write parameters, or remove it"),
+        (
+            {**LAUNCH, "parametersArgument": "params_file"},
+            2,
+            "write launch.arguments with a path for each, /etc/robotapp/parameters/0.yaml",
+        ),
+    ],
+    ids=["no argument", "no file", "two files"],
+)
+def test_parameter_files_that_do_not_reach_a_launch_file_are_refused(
+    launch: dict[str, Any], files: int, cure: str
+) -> None:
+    (problem,) = list_problems(launch=launch, parameters=INLINE * files)
+    assert cure in problem
+
+
+def test_parameters_of_ros1_need_the_name_under_which_they_are_loaded() -> None:
+    file = [{"inline": "rate: 20.0"}]
+    named = {"run": {**RUN["run"], "name": "front"}}
+    assert list_app_problems(component(**named, parameters=file), **NOETIC) == []
+    (problem,) = list_app_problems(component(**RUN, parameters=file), **NOETIC)
+    assert "write run.name" in problem
+    (problem,) = list_app_problems(component(args=["rosrun", "p", "e"], parameters=file), **NOETIC)
+    assert (
+        "write run with a name, launch with parametersArgument, or a script that loads $ROBOTAPP_PARAMS with rosparam"
+        in problem
+    )
+    script = "rosparam load $ROBOTAPP_PARAMS /front; exec rosrun p e __name:=front"
+    assert list_app_problems(component(args=["bash", "-c", script], parameters=file), **NOETIC) == []
+
+
+def test_an_inline_file_of_ros1_is_a_mapping() -> None:
+    named = {"run": {**RUN["run"], "name": "front"}}
+    (problem,) = list_app_problems(component(**named, parameters=[{"inline": "[1, 2]"}]), **NOETIC)
+    assert "must be a mapping of parameters" in problem
+
+
+@pytest.mark.parametrize("reference", ["$(ROBOTAPP_ROBOT)", "$(ROBOTAPP_INSTANCE)"])
+def test_the_name_of_a_robot_needs_robots(reference: str) -> None:
+    run = {"package": "p", "executable": "e", "args": [f"--name={reference}"]}
+    (problem,) = list_problems(run=run)
+    assert f"{reference} is the name of a robot, but the app has none; write spec.robots" in problem
+    assert list_problems(run={**run, "args": [f"--name=${reference}"]}) == []
+    robots = {"nodeSelector": {"matchLabels": {"robotics.io/tier": "robot"}}}
+    assert list_app_problems(component(run=run), robots=robots) == []
+
+
+@pytest.mark.parametrize(
+    ("fields", "field"),
+    [
+        (RUN, "run"),
+        ({"launch": LAUNCH}, "launch"),
+        ({"ready": {"lifecycle": "Active"}}, "ready"),
+        ({"env": [{"name": "ROS_MASTER_URI", "value": "http://m:11311"}]}, "env"),
+    ],
+)
+def test_what_is_for_ros_is_refused_in_an_app_without_ros(fields: dict[str, Any], field: str) -> None:
+    (problem,) = list_app_problems(component(**fields), ros={"distro": "none"})
+    assert problem.startswith(f"spec.components[0].{field}: ")
+
+
+def test_settings_of_ros_are_refused_in_an_app_without_ros_and_noted_where_no_component_uses_it() -> None:
+    assert list_app_problems(component(), ros={"distro": "none"}) == []
+    (problem,) = list_app_problems(component(), ros={"distro": "none"}, ros2={"pool": "default"})
+    assert problem == "spec.ros2: an app with ros.distro: none has no ROS; remove it, or write the distribution"
+    whole = make_app(component(ros="None"), ros2={"pool": "default"})
+    assert "spec.ros2: has no effect: no component uses ROS (ros: None), so the app takes no domain" in map(
+        str, spec_notes(whole.spec)
+    )
+
+
+def test_edges_to_components_without_ros_are_no_topics_that_localhost_keeps_apart() -> None:
+    whole = {"ros2": {"discovery": {"mode": "Localhost"}}, "edges": [{"topic": "/sql", "from": "a", "to": "store"}]}
+    assert list_app_problems(component("a"), component("store", ros="None"), **whole) == []
+    assert len(list_app_problems(component("a"), component("store"), **whole)) == 1

@@ -31,7 +31,7 @@ PLAN = "operator/robotapp_operator/plan"
 CORE = "scheduler/robotapp_scheduler/core"
 
 READERS: Final[Mapping[str, str]] = {
-    f"{CHECKS}/ros.py": "spec.ros.version spec.ros.distro spec.ros2.rmw spec.ros2.discovery.mode",
+    f"{CHECKS}/ros.py": "spec.ros.version spec.ros.distro spec.components.ros spec.ros2.rmw spec.ros2.discovery.mode",
     f"{CHECKS}/edges.py": """
         spec.edges.type
         spec.edges.qos.reliability spec.edges.qos.durability spec.edges.qos.history spec.edges.qos.depth
@@ -55,7 +55,7 @@ READERS: Final[Mapping[str, str]] = {
         spec.ros2.shareWith.name spec.ros1.master spec.schedulerName spec.connectivity.grace spec.suspend
         spec.placement.reschedule.for spec.placement.reschedule.cooldown""",
     f"{PLAN}/spec/validate.py": "spec.ros2.isolation spec.ros2.allowUnsafeDomain",
-    f"{PLAN}/render/ros1.py": "spec.ros1.uri",
+    f"{PLAN}/render/environment.py": "spec.ros1.uri",
     f"{PLAN}/render/infrastructure.py": "spec.placement.masterNode spec.ros2.external.expose",
     f"{PLAN}/render/helper_pods.py": " ".join(
         f"{helper}.{field}"
@@ -80,11 +80,18 @@ READERS: Final[Mapping[str, str]] = {
         spec.components.parameters.configMapKeyRef.name spec.components.parameters.configMapKeyRef.key
         spec.components.parameters.configMapKeyRef.optional
         spec.components.parameters.secretKeyRef.name spec.components.parameters.secretKeyRef.key""",
+    f"{PLAN}/render/command_line.py": """
+        spec.components.args
+        spec.components.run.package spec.components.run.executable spec.components.run.name spec.components.run.namespace
+        spec.components.run.remaps spec.components.run.args
+        spec.components.launch.package spec.components.launch.file spec.components.launch.arguments
+        spec.components.launch.parametersArgument""",
+    f"{PLAN}/spec/dependencies.py": "spec.components.dependsOn.component spec.components.dependsOn.status",
     f"{PLAN}/render/readiness_probes.py": """
         spec.components.ready.topic.name spec.components.ready.topic.minRate
         spec.components.readinessProbe""",
     f"{PLAN}/render/pod_template.py": """
-        spec.components.name spec.components.image spec.components.command spec.components.args
+        spec.components.name spec.components.image spec.components.command
         spec.components.workingDir spec.components.env spec.components.envFrom spec.components.ports
         spec.components.volumeMounts spec.components.resources spec.components.imagePullPolicy
         spec.components.securityContext spec.components.livenessProbe spec.components.startupProbe

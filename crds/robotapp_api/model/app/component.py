@@ -10,6 +10,7 @@ from pydantic import Field
 from robotapp_api.model.app.device import Device, Requirement
 from robotapp_api.model.app.edge import Durability, Liveliness, Reliability
 from robotapp_api.model.app.parameters import ParameterFiles
+from robotapp_api.model.app.program import Launch, Run
 from robotapp_api.model.app.service import ComponentService
 from robotapp_api.model.app.template import Template
 from robotapp_api.model.base import Model
@@ -78,6 +79,15 @@ class Ready(Model):
     """Lifecycle state the node must have reached."""
 
 
+class Dependency(Model):
+    """A component of this app that must be ready before this one is created."""
+
+    component: DnsLabel
+    """Name of the other component."""
+    status: Literal["Ready"] = "Ready"
+    """State the other component must have reached: Ready."""
+
+
 Peers = Annotated[tuple[DnsLabel, ...], ListSet(), Field(max_length=8)]
 
 
@@ -97,7 +107,7 @@ class Component(Model):
             expression="'component %s names itself in colocateWith or separateFrom; remove it there'.format([self.name])",
         ),
         Rule(
-            rule="self.replicas == 1 || !has(self.devices) || self.devices.all(d, d.sharing != 'Exclusive')",
+            rule="self.replicas <= 1 || !has(self.devices) || self.devices.all(d, d.sharing != 'Exclusive')",
             message="an exclusive device allows one replica; write replicas: 1, or sharing: Cluster on the device",
             expression="'component %s: %d replicas cannot share the exclusive device %s; write replicas: 1, or sharing: Cluster on the device'.format([self.name, self.replicas, self.devices.filter(d, d.sharing == 'Exclusive')[0].name])",
             path=".replicas",
@@ -115,6 +125,29 @@ class Component(Model):
             expression="'component %s: ready and readinessProbe both decide when it is ready; write one of them'.format([self.name])",
             path=".ready",
         ),
+        Rule(
+            rule="[has(self.command), has(self.run), has(self.launch)].filter(x, x).size() <= 1",
+            message="command, run and launch each name the program; write one of them",
+            expression="'component %s: command, run and launch each name the program; write one of them'.format([self.name])",
+        ),
+        Rule(
+            rule="!has(self.args) || (!has(self.run) && !has(self.launch))",
+            message="args are those of the image's entry point or of command; write run.args, or launch.arguments",
+            expression="'component %s: args are those of the entry point or of command; write run.args, or launch.arguments'.format([self.name])",
+            path=".args",
+        ),
+        Rule(
+            rule="!has(self.ros) || (!has(self.run) && !has(self.launch) && !has(self.ready))",
+            message="a component with ros: None has no ROS for run, launch and ready; remove ros, or write command or args, and readinessProbe",
+            expression="'component %s: ros: None has no ROS for run, launch and ready; remove ros, or write command or args, and readinessProbe'.format([self.name])",
+            path=".ros",
+        ),
+        Rule(
+            rule="!has(self.dependsOn) || !self.dependsOn.exists(d, d.component == self.name)",
+            message="a component cannot wait for itself; remove its own name from dependsOn",
+            expression="'component %s cannot wait for itself; remove its own name from dependsOn'.format([self.name])",
+            path=".dependsOn",
+        ),
     )
 
     name: DnsLabel
@@ -125,6 +158,13 @@ class Component(Model):
     """Entry point in place of the image's own."""
     args: Annotated[Words, Core("Container", "args")] = ()
     """Arguments of the entry point."""
+    run: Run | None = None
+    """Program in place of command and args: an executable of a ROS package."""
+    launch: Launch | None = None
+    """Program in place of command and args: a launch file."""
+    ros: Literal["None"] | None = None
+    """None for a component without ROS, such as a database or a web server: no domain, no discovery and no ROS variables, everything
+    else as for others. Absent means the app's ROS."""
     working_dir: Annotated[str, Core("Container", "workingDir")] | None = None
     """Directory the entry point starts in."""
     env: Annotated[PackedList, Core("Container", "env")] = PackedList()
@@ -153,7 +193,8 @@ class Component(Model):
     """What runs in the container after its start and before it is asked to stop, for example publishing zero velocity."""
     parameters: ParameterFiles = ()
     """ROS parameter files in the order in which they are passed; a later one wins. A change of what inline and
-    configMapKeyRef hold rolls the pod."""
+    configMapKeyRef hold rolls the pod. They are passed as --params-file, to a launch file by launch.parametersArgument; a program
+    whose command line names $(ROBOTAPP_PARAMS), and one without ROS, reads their paths there."""
     template: Template = Field(default_factory=Template)
     """Everything else of the pod."""
     service: ComponentService | None = None
@@ -184,8 +225,10 @@ class Component(Model):
     """Components that must be on the same node as this one."""
     separate_from: Peers = ()
     """Components that must be on another node than this one."""
-    replicas: Annotated[int, Field(ge=1, le=32)] = 1
-    """Identical copies; more than 1 only without exclusive devices."""
+    depends_on: Annotated[tuple[Dependency, ...], ListMap("component"), Field(max_length=16)] = ()
+    """Components that must be ready before this one is created. One that runs is not stopped when they cease to be ready."""
+    replicas: Annotated[int, Field(ge=0, le=32)] = 1
+    """Identical copies; more than 1 only without exclusive devices. 0 suspends the component: no pod, and its devices are given back."""
     on_disconnect: OnDisconnect | None = None
     """What happens when the node is unreachable for connectivity.grace: Keep the pod; Failover to another node; or Stop: the pod
     ends, and its successor starts when the node is back and the pod there has ended. Absent means Keep where

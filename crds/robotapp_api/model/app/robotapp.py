@@ -63,6 +63,12 @@ class RobotAppSpec(Model):
             advice="write the name of a component; foreign pods belong in sharedData.peerPods",
         ),
         Rule(
+            rule=f"self.components.all(c, !has(c.dependsOn) || sets.contains({_NAMES}, c.dependsOn.map(d, d.component)))",
+            message="dependsOn must name components of this app; write the name of a component",
+            expression=f"'dependsOn of %s names no component of this app; components are %s'.format([self.components.filter(c, has(c.dependsOn) && !sets.contains({_NAMES}, c.dependsOn.map(d, d.component))).map(c, c.name), {_NAMES}])",
+            path=".components",
+        ),
+        Rule(
             rule="self.components.all(c, !has(c.colocateWith) || !self.components.exists(o, has(o.separateFrom) && o.name in c.colocateWith && c.name in o.separateFrom))",
             message="one component wants to be with another that wants to be apart from it; remove one of the two names",
             expression="'colocateWith of %s contradicts separateFrom of the component it names; remove one of the two names'.format([self.components.filter(c, has(c.colocateWith) && self.components.exists(o, has(o.separateFrom) && o.name in c.colocateWith && c.name in o.separateFrom)).map(c, c.name)])",

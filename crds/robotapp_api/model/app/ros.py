@@ -21,14 +21,14 @@ class Ros(Model):
     version: Literal[1, 2] | None = None
     """ROS version, 1 or 2; absent means the one the distribution belongs to."""
     distro: Annotated[str, StringConstraints(min_length=1, max_length=32, pattern=r"^[a-z]+$")]
-    """ROS distribution in lower case, such as humble, jazzy or noetic."""
+    """ROS distribution in lower case, such as humble, jazzy or noetic; none for an app without ROS."""
 
 
 class Discovery(HelperContainer):
     """How participants of the domain find each other, and the pods of discovery servers or router."""
 
     mode: DiscoveryMode = "Auto"
-    """Auto chooses Server for Fast DDS, Peers for Cyclone DDS and Router for Zenoh, and nothing for an app of one pod. Multicast needs a network plug-in
+    """Auto chooses Server for Fast DDS, Peers for Cyclone DDS and Router for Zenoh, and nothing for an app with ROS in one pod. Multicast needs a network plug-in
     that carries it; Localhost keeps everything inside the pod."""
     image: OptionalImage = ""
     """Image of the discovery server or router; empty means the operator's for the distribution, and for a router the first

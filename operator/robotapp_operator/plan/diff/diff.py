@@ -22,6 +22,7 @@ from robotapp_operator.plan.render.infrastructure import infrastructure
 from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.render.services import component_services, peers_service
 from robotapp_operator.plan.spec.covers import covers
+from robotapp_operator.plan.spec.dependencies import unmet_dependencies
 from robotapp_operator.plan.spec.desired import App, Desired, Domain
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Service, pod_annotations, pod_spec
 
@@ -61,11 +62,12 @@ def wanted_children(
     parameters: Mapping[str, ParameterState],
     running: bool,
     master_starts: Mapping[str, str] = {},
+    observed: Mapping[ChildRef, Observed] = {},
 ) -> list[Child]:
     """Everything the instance should have, infrastructure first: it starts while the components are scheduled.
 
-    master_starts: by component, those for which it was restarted.
-    Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
+    master_starts: by component, those of the ROS 1 master for which it was restarted.
+    A component that waits for others is not created; where it exists, it gets no pods. Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
     """
     if desired.app.ros_version == 2 and domain is None:
         return []
@@ -73,10 +75,16 @@ def wanted_children(
     if desired.app.ros_version == 2 and desired.discovery == "Peers":
         children.append(peers_service(desired))
     children += component_services(desired)
-    components = component_deployments(
-        desired, domain=domain, parameters=parameters, running=running, master_starts=master_starts
+    waiting = unmet_dependencies(desired.app, (item for item in observed.values() if isinstance(item, Deployment)))
+    deployments = component_deployments(
+        desired,
+        domain=domain,
+        parameters=parameters,
+        running=running,
+        master_starts=master_starts,
+        waiting=waiting.keys(),
     )
-    return [*children, *components]
+    return [*children, *(child for child in deployments if child.component not in waiting or child.ref in observed)]
 
 
 def plan(

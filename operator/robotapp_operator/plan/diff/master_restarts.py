@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 from robotapp_api.model.names import Annotation, Label
 from robotapp_operator.plan.diff.diff import Change
 from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
+from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import ContainerStatus, Deployment, Pod, pod_annotations
 from robotapp_operator.plan.spec.text import shown
 
@@ -48,6 +49,16 @@ def plan_restarts(deployments: Iterable[Deployment], pods: Mapping[str, Sequence
             components[name] = item
     start = find_start(masters)
     return {name: _plan_restart(item, pods.get(item.metadata.uid, ()), start) for name, item in components.items()}
+
+
+def ros_deployments(app: App, deployments: Iterable[Deployment]) -> list[Deployment]:
+    """Returns the Deployments of the master and of the components that register with it: those that use ROS."""
+    names = {component.name for component in app.ros_components}
+    return [
+        item
+        for item in deployments
+        if item.metadata.labels.get(Label.ROLE) or item.metadata.labels.get(Label.COMPONENT) in names
+    ]
 
 
 def find_start(masters: Sequence[Pod]) -> MasterStart | None:

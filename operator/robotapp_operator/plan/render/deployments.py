@@ -1,6 +1,6 @@
 """One Deployment per component per instance."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from robotapp_api.model.app.component import Component
@@ -18,13 +18,17 @@ def component_deployments(
     parameters: Mapping[str, ParameterState],
     running: bool,
     master_starts: Mapping[str, str] = {},
+    waiting: Collection[str] = (),
 ) -> list[Child]:
-    """`running` False: no pods (suspended, or no domain to be had), everything else stays. master_starts: by component."""
+    """`running` False: no pods (suspended, or no domain to be had), everything else stays. master_starts: by component.
+    waiting: components without pods so far.
+    """
     children = []
     for component in desired.app.spec.components:
         state, starts = parameters.get(component.name, NONE), master_starts.get(component.name, "")
         template = pod_template(component, desired, domain=domain, state=state, master_starts=starts)
-        children.append(_deployment(component, desired, template, running=running))
+        is_running = running and component.name not in waiting
+        children.append(_deployment(component, desired, template, running=is_running))
     return children
 
 
@@ -40,14 +44,14 @@ def _deployment(component: Component, desired: Desired, template: dict[str, Any]
 def deployment_spec(
     labels: dict[str, str], template: dict[str, Any], *, replicas: int, running: bool
 ) -> dict[str, Any]:
-    """Recreate where there is one replica: two publishers of one command topic must never overlap.
+    """Recreate where there is one replica at most: two publishers of one command topic must never overlap.
 
     revisionHistoryLimit 0: an empty old ReplicaSet would keep naming a domain the instance no longer holds.
     """
     return {
         "replicas": replicas if running else 0,
         "revisionHistoryLimit": 0,
-        "strategy": {"type": "Recreate" if replicas == 1 else "RollingUpdate"},
+        "strategy": {"type": "Recreate" if replicas <= 1 else "RollingUpdate"},
         "selector": {"matchLabels": selector(labels)},
         "template": template,
     }

@@ -1,4 +1,4 @@
-"""The ROS 2 environment of a component: domain, middleware and discovery variables.
+"""The ROS environment of a component: domain, middleware and discovery variables; in ROS 1 the master and an address others can reach.
 
 Facts (reference: ROS 2 and vendor documentation). Multicast does not cross most pod networks, so `Auto` never means
 multicast for a known middleware. `ROS_LOCALHOST_ONLY` is the switch up to Humble, `ROS_AUTOMATIC_DISCOVERY_RANGE` since
@@ -16,6 +16,7 @@ from robotapp_operator.plan.spec.desired import Desired, EnvVar
 
 DISCOVERY_SERVER_PORT: Final = 11811
 ZENOH_PORT: Final = 7447
+MASTER_PORT: Final = 11311
 CYCLONE_MAX_INDEX: Final = 32
 """Highest index of a ROS process in a pod, as rmw_cyclonedds_cpp sets it by itself; every peer is probed on so many ports and one.
 
@@ -103,3 +104,23 @@ def _transport(desired: Desired) -> dict[str, str]:
     """UDP alone where the app requires it: Fast DDS tries shared memory with peers it takes for the same host, which pods cannot share."""
     udp_alone = desired.transport == "UDP" and desired.rmw in FAST_DDS
     return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"} if udp_alone else {}
+
+
+# ROS 1
+
+
+def master_uri(desired: Desired) -> str:
+    """Address of the instance's master: our roscore's Service, or what the user wrote."""
+    if desired.app.spec.ros1 and not desired.app.managed_master:
+        return desired.app.spec.ros1.uri
+    return f"http://{desired.master_name}:{MASTER_PORT}"
+
+
+def ros1_environment(desired: Desired) -> list[dict[str, Any]]:
+    """TCPROS peers connect to the address a node advertises, so that must be the pod's own IP, never its host name."""
+    return [{"name": "ROS_MASTER_URI", "value": master_uri(desired)}, own_address()]
+
+
+def own_address() -> dict[str, Any]:
+    """The variable with which a ROS 1 process advertises its pod's IP."""
+    return {"name": "ROS_IP", "valueFrom": {"fieldRef": {"fieldPath": "status.podIP"}}}

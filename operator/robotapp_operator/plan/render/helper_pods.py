@@ -105,7 +105,7 @@ def _choose_container_security(desired: Desired, image_of: Component | None) -> 
     pod_context = unpacked(desired.app.helper_template.spec.security_context) or {}
     if "runAsUser" in pod_context or _read_shared(desired, "security_context", "runAsUser") is not None:
         return {**_RESTRICTED, "runAsNonRoot": True}
-    users = {(unpacked(component.security_context) or {}).get("runAsUser") for component in desired.app.spec.components}
+    users = {(unpacked(component.security_context) or {}).get("runAsUser") for component in desired.app.ros_components}
     user = users.pop() if len(users) == 1 else None
     user = desired.app.helper_defaults.user if user is None else user
     return {**_RESTRICTED, "runAsNonRoot": True, **({"runAsUser": user} if user else {})}
@@ -118,14 +118,14 @@ def _choose_pod_security(desired: Desired, image_of: Component | None) -> dict[s
     if image_of is not None:
         own_context: dict[str, Any] | None = unpacked(image_of.template.spec.security_context)
         return own_context
-    contexts = [unpacked(component.template.spec.security_context) or {} for component in desired.app.spec.components]
+    contexts = [unpacked(component.template.spec.security_context) or {} for component in desired.app.ros_components]
     return _intersect(contexts)
 
 
 def _collect_pull_secrets(desired: Desired) -> list[dict[str, Any]]:
     """Returns the secrets of all components, each once, and those written for helpers."""
     secrets = [
-        secret for component in desired.app.spec.components for secret in component.template.spec.image_pull_secrets
+        secret for component in desired.app.ros_components for secret in component.template.spec.image_pull_secrets
     ]
     secrets += [*desired.app.helper_template.spec.image_pull_secrets]
     return [secret for index, secret in enumerate(secrets) if secret not in secrets[:index]]
@@ -138,7 +138,7 @@ def _collect_tolerations(desired: Desired, *, home: str) -> list[dict[str, Any]]
 
 def _share_entries(desired: Desired, field: str) -> dict[str, str]:
     """Returns labels or annotations that all components have alike: a Service that selects a single component selects no helper."""
-    return _intersect([getattr(component.template.metadata, field) for component in desired.app.spec.components])
+    return _intersect([getattr(component.template.metadata, field) for component in desired.app.ros_components])
 
 
 def _intersect(maps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -148,13 +148,13 @@ def _intersect(maps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def _read_shared(desired: Desired, field: str, key: str = "") -> Any:
     """Returns the value of a pod field, or of an entry of it, that all components have; None for none."""
-    values = [getattr(component.template.spec, field) for component in desired.app.spec.components]
+    values = [getattr(component.template.spec, field) for component in desired.app.ros_components]
     values = [(value or {}).get(key) for value in values] if key else values
     return values[0] if all(value == values[0] for value in values) else None
 
 
 def _read_first(desired: Desired, field: str) -> Any:
-    values = (getattr(component.template.spec, field) for component in desired.app.spec.components)
+    values = (getattr(component.template.spec, field) for component in desired.app.ros_components)
     return next((value for value in values if value), None)
 
 
@@ -182,7 +182,7 @@ def _choose_affinity(desired: Desired, labels: Mapping[str, str], *, home: str, 
 def _choose_node_affinity(desired: Desired, *, home: str, node: str, alone: bool) -> dict[str, Any]:
     if node:
         return require_node(node)
-    components = desired.app.spec.components
+    components = desired.app.ros_components
     if not desired.robot:
         if any(component.runs_on for component in components) and not any(
             may_be_on_robot(component.runs_on, "") for component in components

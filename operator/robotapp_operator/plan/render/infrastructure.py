@@ -5,9 +5,8 @@ from typing import Any, Final
 from robotapp_api.model.names import Label
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child, role_labels
 from robotapp_operator.plan.render.deployments import deployment_spec
-from robotapp_operator.plan.render.environment import DISCOVERY_SERVER_PORT, ZENOH_PORT
+from robotapp_operator.plan.render.environment import DISCOVERY_SERVER_PORT, MASTER_PORT, ZENOH_PORT, own_address
 from robotapp_operator.plan.render.helper_pods import render_helper
-from robotapp_operator.plan.render.ros1 import MASTER_PORT, own_address
 from robotapp_operator.plan.render.services import DISCOVERY, outside_service, role_service, servers_service
 from robotapp_operator.plan.spec.desired import MASTER, ROUTER, SERVERS, Desired
 from robotapp_operator.plan.spec.links import OUTSIDE
@@ -22,7 +21,8 @@ MASTER_PERIOD_S: Final = 2
 
 
 def infrastructure(desired: Desired, *, running: bool) -> list[Child]:
-    """Deployments and Services of the instance's discovery, possibly none."""
+    """Deployments and Services of the instance's discovery, possibly none; stopped while all components with ROS are suspended."""
+    running = running and any(component.replicas for component in desired.app.ros_components)
     if desired.app.ros_version == 1:
         return _master(desired, running=running) if desired.app.managed_master else []
     if desired.discovery == "Server":
@@ -83,7 +83,7 @@ def _fill_image(text: str, desired: Desired) -> str:
 def _router(desired: Desired, *, running: bool) -> list[Child]:
     """Zenoh router from the first component's image, which has rmw_zenoh_cpp or could not run at all."""
     labels = role_labels(desired, ROUTER_ROLE)
-    first = desired.app.spec.components[0]
+    first = desired.app.ros_components[0]
     container = {
         "name": ROUTER_ROLE,
         "image": desired.app.helper_image or first.image,

@@ -49,13 +49,13 @@ def tolerations(component: Component, desired: Desired) -> list[dict[str, Any]]:
 
 def shared_tolerations(desired: Desired) -> list[dict[str, Any]]:
     """What every component tolerates. Servers and routers go where all components may: a tainted pool is then no trap."""
-    first, *others = (component.template.spec.tolerations.unpack() for component in desired.app.spec.components)
+    first, *others = (component.template.spec.tolerations.unpack() for component in desired.app.ros_components)
     return [one for one in first if all(one in other for other in others)]
 
 
 def shared_node_selector(desired: Desired) -> dict[str, str]:
     """Labels that every component requires of its node."""
-    first, *others = desired.app.spec.components
+    first, *others = desired.app.ros_components
     return {
         key: value
         for key, value in first.template.spec.node_selector.items()

@@ -81,11 +81,6 @@ def parameter_paths(component: Component, state: ParameterState) -> list[str]:
     return [f"{PARAMETERS_PATH}/{_name(position)}" for position in present]
 
 
-def parameter_arguments(component: Component, state: ParameterState) -> list[str]:
-    paths = parameter_paths(component, state)
-    return ["--ros-args", *(word for path in paths for word in ("--params-file", path))] if paths else []
-
-
 def parameter_annotations(component: Component, state: ParameterState) -> dict[str, str]:
     """The inline files, and the hash that rolls the pod when a ConfigMap changes."""
     inline = {

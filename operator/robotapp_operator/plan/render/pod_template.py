@@ -7,18 +7,16 @@ from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import WAITING_STEP, Annotation
 from robotapp_api.model.packed import unpacked
 from robotapp_operator.plan.render.child import component_labels
-from robotapp_operator.plan.render.environment import join_environment, ros2_environment
+from robotapp_operator.plan.render.command_line import full_node_name, parameter_variables, render_arguments
+from robotapp_operator.plan.render.environment import join_environment, ros1_environment, ros2_environment
 from robotapp_operator.plan.render.node_affinity import affinity, scheduling_gates, tolerations
 from robotapp_operator.plan.render.parameters import (
     ParameterState,
     parameter_annotations,
-    parameter_arguments,
     parameter_mount,
-    parameter_paths,
     parameter_volume,
 )
 from robotapp_operator.plan.render.readiness_probes import readiness_probe
-from robotapp_operator.plan.render.ros1 import ros1_environment
 from robotapp_operator.plan.spec.desired import Desired, Domain
 
 DEFAULT_ACCOUNT: Final = "default"
@@ -33,7 +31,7 @@ def pod_template(
     """Labels, annotations and spec of the component's pods. master_starts: those for which they were restarted."""
     template = component.template.spec
     annotations = component.template.metadata.annotations | parameter_annotations(component, state)
-    if domain is not None and domain.claim:
+    if domain is not None and domain.claim and desired.app.uses_ros(component):
         annotations[Annotation.DOMAIN_CLAIM.value] = domain.claim  # spares the scheduler a search
     if master_starts:
         annotations[Annotation.MASTER_STARTS.value] = master_starts
@@ -53,7 +51,7 @@ def pod_template(
         "affinity": affinity(component, desired),
         "tolerations": tolerations(component, desired),
         "initContainers": [
-            *_waiting(component, desired),
+            *(_waiting(component, desired) if desired.app.uses_ros(component) else ()),
             *(add_environment(step, component, desired, domain=domain) for step in template.init_containers),
         ],
         "containers": [container(component, desired, domain=domain, state=state)],
@@ -76,7 +74,7 @@ def container(
         name=component.name,
         image=component.image,
         command=list(component.command),
-        args=[*component.args, *parameter_arguments(component, state)],
+        args=render_arguments(component, desired, state),
         workingDir=component.working_dir,
         env=environment(component, desired, domain=domain, state=state),
         envFrom=list(component.env_from),
@@ -85,7 +83,7 @@ def container(
         resources=component.resources,
         imagePullPolicy=component.image_pull_policy,
         securityContext=component.security_context,
-        readinessProbe=readiness_probe(component, desired.app),
+        readinessProbe=readiness_probe(component, desired.app, node=full_node_name(component, desired)),
         livenessProbe=component.liveness_probe,
         startupProbe=component.startup_probe,
         lifecycle=component.lifecycle,
@@ -100,8 +98,7 @@ def environment(
     docs/environment.md is the contract: a variable here is a line there.
     """
     ours = _pod_environment(component, desired, domain=domain)
-    if paths := parameter_paths(component, state):
-        ours.append({"name": "ROBOTAPP_PARAMETER_FILES", "value": ":".join(paths)})
+    ours += parameter_variables(component, desired, state)
     if component.devices:
         ours.append({"name": "ROBOTAPP_DEVICES", "valueFrom": {"fieldRef": {"fieldPath": GRANTED_DEVICES_PATH}}})
     return join_environment(ours, component.env)
@@ -121,22 +118,21 @@ def _pod_environment(component: Component, desired: Desired, *, domain: Domain |
         {"name": "ROBOTAPP_INSTANCE", "value": desired.robot},
         {"name": "ROBOTAPP_ROBOT", "value": desired.robot},
         {"name": "ROBOTAPP_COMPONENT", "value": component.name},
-        {"name": "ROS_DISTRO", "value": desired.distro},
-        *_ros_environment(desired, domain=domain),
+        *(_ros_environment(desired, domain=domain) if desired.app.uses_ros(component) else ()),
     ]
 
 
 def _ros_environment(desired: Desired, *, domain: Domain | None) -> list[dict[str, Any]]:
+    distro = {"name": "ROS_DISTRO", "value": desired.distro}
     if desired.app.ros_version == 1 or domain is None:
-        return ros1_environment(desired)
-    return [
-        {"name": variable.name, "value": variable.value} for variable in ros2_environment(desired, domain=domain.id)
-    ]
+        return [distro, *ros1_environment(desired)]
+    variables = ros2_environment(desired, domain=domain.id)
+    return [distro, *({"name": variable.name, "value": variable.value} for variable in variables)]
 
 
 def _peer_identity(component: Component, desired: Desired) -> dict[str, str]:
     """A DNS name per component, under the headless Service."""
-    if desired.discovery != "Peers":
+    if desired.discovery != "Peers" or not desired.app.uses_ros(component):
         return {}
     return {"hostname": component.name, "subdomain": desired.peers_service}
 

@@ -99,8 +99,11 @@ echo starting; exit 1
 """
 
 
-def readiness_probe(component: Component, app: App) -> dict[str, Any] | None:
-    """The probe of the component's container, None when neither is written (running counts as ready)."""
+def readiness_probe(component: Component, app: App, *, node: str = "") -> dict[str, Any] | None:
+    """The probe of the component's container, None when neither is written (running counts as ready).
+
+    node: the full name that `run` gives its node, "" where it gives none.
+    """
     ready = component.ready
     if ready is None:
         return component.readiness_probe.unpack() if component.readiness_probe is not None else None
@@ -110,8 +113,8 @@ def readiness_probe(component: Component, app: App) -> dict[str, Any] | None:
         rate = parse_milli(ready.topic.min_rate) / 1000 if ready.topic.min_rate is not None else 0
         arguments = ["topic", ready.topic.name, _find_type(app, ready.topic.name), f"{rate:g}"]
     else:
-        # The node is named like its component, with underscores: ROS names have no dashes.
-        arguments = ["lifecycle", f"/{component.name.replace('-', '_')}", "-", "0"]
+        # Without a name of its own the node is named like its component, with underscores: ROS names have no dashes.
+        arguments = ["lifecycle", node or f"/{component.name.replace('-', '_')}", "-", "0"]
     state = f"/dev/shm/robotapp-ready-{component.name}"  # noqa: S108 - within the pod, where / may be read-only
     return {
         "exec": {"command": ["bash", "-c", _PROBE, "robotapp-ready", OBSERVER, state, *arguments]},

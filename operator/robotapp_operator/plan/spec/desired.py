@@ -6,11 +6,13 @@ once, so that rendering, status and `render` agree.
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import timedelta
 from typing import Any, Final, NamedTuple
 
-from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
+from robotapp_api.checks.ros import discovery_of, rmw_of, ros_components, ros_version_of, uses_ros
+from robotapp_api.model.app.component import Component
+from robotapp_api.model.app.edge import Edge
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.app.ros import Discovery, Ros1, Ros2
 from robotapp_api.model.app.template import HelperContainer, HelperTemplate
@@ -86,12 +88,37 @@ class App:
 
     @property
     def ros_version(self) -> int:
-        """1 or 2; as written, else from the distro, else 2."""
+        """1 or 2; as written, else from the distro, else 2; NO_ROS where no component uses ROS."""
         return ros_version_of(self.spec)
+
+    def uses_ros(self, component: Component) -> bool:
+        """Whether the component is a ROS program."""
+        return uses_ros(component, self.distro)
+
+    @property
+    def ros_components(self) -> Sequence[Component]:
+        """The components that use ROS."""
+        return ros_components(self.spec)
+
+    @property
+    def suspended(self) -> bool:
+        """Whether no component may have a pod: by `suspend`, or by `replicas: 0` of each."""
+        return self.spec.suspend or all(component.replicas == 0 for component in self.spec.components)
+
+    @property
+    def orders_starts(self) -> bool:
+        """Whether a component waits for another one."""
+        return any(component.depends_on for component in self.spec.components)
+
+    @property
+    def edges_in_use(self) -> tuple[Edge, ...]:
+        """The edges without those that have an end in a suspended component."""
+        suspended = {component.name for component in self.spec.components if component.replicas == 0}
+        return tuple(edge for edge in self.spec.edges if not {edge.from_, edge.to} & suspended)
 
     @property
     def rmw(self) -> str:
-        """Middleware as written or the distro's default; "" for ROS 1."""
+        """Middleware as written or the distro's default; "" for ROS 1 and without ROS."""
         return rmw_of(self.spec)
 
     @property
@@ -114,7 +141,7 @@ class App:
 
     @property
     def discovery(self) -> str:
-        """Discovery mode with `Auto` decided; "" for ROS 1."""
+        """Discovery mode with `Auto` decided; "" for ROS 1 and without ROS."""
         return discovery_of(self.spec)
 
     @property
@@ -238,8 +265,8 @@ class Desired:
 
     @property
     def peer_names(self) -> tuple[str, ...]:
-        """One DNS name per component, short form: resolved by the pod's search path."""
-        return tuple(f"{component.name}.{self.peers_service}" for component in self.app.spec.components)
+        """One DNS name per component with ROS, short form: resolved by the pod's search path."""
+        return tuple(f"{component.name}.{self.peers_service}" for component in self.app.ros_components)
 
     def names_to_await(self, component: str) -> tuple[str, ...]:
         """DNS names the middleware resolves once, when `component` starts."""

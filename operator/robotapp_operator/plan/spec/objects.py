@@ -93,6 +93,21 @@ class Spec(Struct):
 class Deployment(Spec):
     status: DeploymentStatus = msgspec.field(default_factory=DeploymentStatus)
 
+    @property
+    def replicas(self) -> int:
+        return int(self.spec.get("replicas", 1))
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether all its pods are of the newest template and ready, and there are any."""
+        replicas = self.replicas
+        return self.is_up_to_date(replicas) and self.status.ready_replicas == replicas > 0
+
+    def is_up_to_date(self, replicas: int) -> bool:
+        """Whether it has so many pods, all of the newest template."""
+        current = self.status.observed_generation >= self.metadata.generation
+        return current and self.status.updated_replicas == replicas == self.status.replicas
+
 
 def pod_spec(deployment: Mapping[str, Any]) -> Mapping[str, Any]:
     """The pod's spec in a Deployment's spec, {} where there is none."""
@@ -151,6 +166,10 @@ class ReplicaSet(Struct):
     metadata: TenantMeta
 
 
+MOST_MESSAGE_CHARACTERS: Final = 1024
+"""Of a container's state: a program may write 4 KiB of it, and every pod is kept."""
+
+
 class Waiting(Struct):
     reason: str = ""
     message: str = ""
@@ -159,7 +178,11 @@ class Waiting(Struct):
 class Terminated(Struct):
     exit_code: int = 0
     reason: str = ""
+    message: str = ""
     finished_at: str | None = None
+
+    def __post_init__(self) -> None:
+        self.message = self.message[-MOST_MESSAGE_CHARACTERS:]
 
 
 class Running(Struct):

@@ -8,7 +8,14 @@ from typing import Final, NamedTuple, Protocol
 
 from robotapp_api.model.names import Annotation, Label, Reason
 from robotapp_api.values.placement.given_up import GivenUp, parse_given_up
-from robotapp_operator.plan.spec.objects import ContainerStatus, Deployment, ObjectCondition, Pod, pod_spec
+from robotapp_operator.plan.spec.objects import (
+    ContainerStatus,
+    Deployment,
+    ObjectCondition,
+    Pod,
+    Terminated,
+    pod_spec,
+)
 
 MAX_COMPONENT_CHARACTERS: Final = 1024
 """Of one message; every status clips it further."""
@@ -19,7 +26,10 @@ STOP: Final = "Stop"
 _PULLING = frozenset(
     {"ErrImagePull", "ImagePullBackOff", "InvalidImageName", "ErrImageNeverPull", "RegistryUnavailable"}
 )
-_CONFIG = frozenset({"CreateContainerConfigError", "CreateContainerError", "RunContainerError"})
+_CONFIG = frozenset({"CreateContainerConfigError", "CreateContainerError"})
+_NOT_STARTED: Final = frozenset({"RunContainerError", "StartError", "ContainerCannotRun"})
+"""The program could not be started at all: while the kubelet tries, in containerd's and in Docker's last state."""
+_RUNTIME_STEPS: Final = ("unable to start container process: ", "error during container init: ")
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +48,10 @@ class ComponentView:
     message: str = ""
     given_up: tuple[GivenUp, ...] = ()
     """What was given up when its pods were placed."""
+    suspended: bool = False
+    """Its spec has replicas: 0."""
+    waits: bool = False
+    """It is not started before others are ready (dependsOn)."""
 
     @property
     def node(self) -> str:
@@ -46,7 +60,7 @@ class ComponentView:
     @property
     def badness(self) -> int:
         """0 for ready; worst is what fails by itself, then what finds no node, perhaps because of that, then what starts."""
-        if self.ready:
+        if self.ready or self.suspended:
             return 0
         return {None: 1, Reason.UNSCHEDULABLE: 2}.get(self.reason, 3)
 
@@ -97,23 +111,20 @@ def component_view(
     missing: Sequence[str] = (),
     lost: Sequence[str] = (),
     barred: Collection[str] = (),
+    wait: str = "",
 ) -> ComponentView:
     """pods: those the Deployment owns, terminating and finished ones included. missing: parameter files that do not exist.
-    lost: nodes of these pods that are not Ready. barred: uids of pods that no node admits.
+    lost: nodes of these pods that are not Ready. barred: uids of pods that no node admits. wait: for which others it waits.
     """
     if deployment is None:
-        return ComponentView(
-            name=component.name, replicas=component.replicas, ready=False, exists=False, bound=False, rolling=True
-        )
+        return _view_missing(component, wait)
     live = sorted(
         (pod for pod in pods if not pod.terminal and pod.metadata.deletion_timestamp is None),
         key=lambda pod: pod.metadata.name,
     )
-    replicas = int(deployment.spec.get("replicas", 1))
-    status = deployment.status
-    current = status.observed_generation >= deployment.metadata.generation
-    up_to_date = current and status.updated_replicas == replicas == status.replicas
-    ready = up_to_date and status.ready_replicas == replicas > 0
+    replicas = deployment.replicas
+    up_to_date = deployment.is_up_to_date(replicas)
+    ready = up_to_date and deployment.status.ready_replicas == replicas > 0
     reason, message = (None, "") if ready else _failure(deployment, pods, live, barred)
     if missing and not ready and reason is None:  # the kubelet waits for the file and reports that in an event only
         reason, message = Reason.FAILED_CREATE, f"{'; '.join(missing)}: create it, or write optional: true"
@@ -126,6 +137,8 @@ def component_view(
     away = [pod.spec.node_name for pod in live if pod.spec.node_name in lost]
     if away and not ready and not message:  # nothing starts there, and what runs there cannot report it
         message = f"node {away[0]} is not Ready"
+    if component.replicas == 0 and not message:
+        message = "suspended (replicas: 0)"
     return ComponentView(
         name=component.name,
         replicas=replicas,
@@ -136,8 +149,25 @@ def component_view(
         nodes=tuple(sorted({pod.spec.node_name for pod in live if pod.spec.node_name})),
         restarts=min(MAX_RESTARTS, sum(one.restart_count for pod in live for one in pod.status.container_statuses)),
         reason=reason,
-        message=message[:MAX_COMPONENT_CHARACTERS],
+        message=(message or wait)[:MAX_COMPONENT_CHARACTERS],
         given_up=_given_up(live),
+        suspended=component.replicas == 0,
+        waits=bool(wait),
+    )
+
+
+def _view_missing(component: Part, wait: str) -> ComponentView:
+    """Returns the view of a component without a Deployment."""
+    return ComponentView(
+        name=component.name,
+        replicas=component.replicas,
+        ready=False,
+        exists=False,
+        bound=False,
+        rolling=True,
+        message=wait,
+        suspended=component.replicas == 0,
+        waits=bool(wait),
     )
 
 
@@ -204,6 +234,27 @@ def _failure(
     return None, ""
 
 
+def _quote(last: Terminated | None) -> str:
+    """Returns what the container itself left as its last words (terminationMessagePath), in one line."""
+    words = " ".join(last.message.split()) if last else ""
+    return f": {words}" if words else ""
+
+
+def _describe_start_failure(name: str, message: str) -> str:
+    """Returns why the container's program cannot be started, as the runtime says it, without the names of the runtime's own steps."""
+    cause = message.strip()
+    for step in _RUNTIME_STEPS:
+        cause = cause.rpartition(step)[2]
+    cause = cause.removesuffix(": unknown")
+    cure = (
+        "correct run, command or args, or the image; command replaces the image's entry point, which sets up ROS, so write ROS programs under "
+        "run, launch or args"
+        if "executable file not found" in cause or "no such file" in cause
+        else "correct what it names"
+    )
+    return f"{name} cannot be started: {cause}; {cure}"
+
+
 def not_admitted(namespace: str) -> str:
     """Why a pod keeps our gate. Names neither nodes nor the namespaces that they admit: these are other tenants'."""
     return (
@@ -232,12 +283,16 @@ def _container_failure(container: ContainerStatus) -> tuple[Reason, str] | None:
         return None
     if waiting.reason in _PULLING:
         return Reason.IMAGE_PULL, f"{waiting.reason}: {waiting.message}; check image and imagePullSecrets"
+    if waiting.reason in _NOT_STARTED:
+        return Reason.FAILED_CREATE, _describe_start_failure(container.name, waiting.message)
     if waiting.reason == "CrashLoopBackOff":
         last = container.last_state.terminated
+        if last is not None and last.reason in _NOT_STARTED and last.message:
+            return Reason.FAILED_CREATE, _describe_start_failure(container.name, last.message)
         code = f"exit code {last.exit_code} ({last.reason})" if last else "unknown exit code"
         return (
             Reason.CRASH_LOOP,
-            f"{container.name} restarted {container.restart_count} times, last with {code}; see kubectl logs --previous",
+            f"{container.name} restarted {container.restart_count} times, last with {code}{_quote(last)}; see kubectl logs --previous",
         )
     if waiting.reason in _CONFIG:
         return Reason.FAILED_CREATE, f"{waiting.reason}: {waiting.message}"

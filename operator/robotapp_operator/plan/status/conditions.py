@@ -50,8 +50,10 @@ def ready(facts: AppFacts) -> Verdict:
         return Verdict("False", facts.problems[0].reason, str(facts.problems[0]))
     if facts.app.spec.suspend:
         return Verdict("False", Reason.SUSPENDED, "suspended; set spec.suspend: false to start the pods")
-    total = sum(len(instance.components) for instance in facts.instances)
-    up = sum(component.ready for instance in facts.instances for component in instance.components)
+    if facts.app.suspended:
+        return Verdict("False", Reason.SUSPENDED, "every component is suspended; set replicas: 1 to start its pod")
+    total = sum(len(instance.wanted) for instance in facts.instances)
+    up = sum(component.ready for instance in facts.instances for component in instance.wanted)
     if facts.instances and all(instance.ready for instance in facts.instances):
         return Verdict("True", Reason.ALL_READY, f"{up} of {total} components are ready")
     return Verdict("False", *_why_not_ready(facts, up, total))
@@ -104,7 +106,7 @@ def _devices_missing(facts: AppFacts) -> Verdict | None:
             f"scheduler {facts.app.scheduler_name} claims no devices, so their use is unknown; {_our_scheduler(facts)}"
         )
         return Verdict("Unknown", Reason.NOT_OUR_SCHEDULER, text)
-    if held >= wanted or facts.app.spec.suspend:
+    if held >= wanted or facts.app.suspended:
         return None
     for instance in facts.instances:
         if instance.busy:
@@ -156,9 +158,9 @@ def _devices(facts: AppFacts) -> tuple[int, int]:
 def placed(facts: AppFacts) -> Verdict:
     if facts.problems:
         return _not_accepted(facts)
-    if facts.app.spec.suspend:
+    if facts.app.suspended:
         return Verdict("Unknown", Reason.SUSPENDED, "no pods while suspended")
-    parts = [component for instance in facts.instances for component in instance.components]
+    parts = [component for instance in facts.instances for component in instance.wanted]
     bound = sum(component.bound for component in parts)
     for instance in facts.instances:
         for component in instance.components:
@@ -179,8 +181,10 @@ def placed(facts: AppFacts) -> Verdict:
         if lost:
             return Verdict("True", Reason.FALLBACK_USED, f"{text}; given up: {shown(lost, limit=4)}")
         return Verdict("True", Reason.PLACED, text)
+    waiting = next((component for component in parts if component.waits), None)
+    more = f"; {waiting.name} {waiting.message}" if waiting else ""
     return Verdict(
-        "Unknown", Reason.WAITING_FOR_PODS, f"{bound} of {len(parts)} components have all their pods on nodes"
+        "Unknown", Reason.WAITING_FOR_PODS, f"{bound} of {len(parts)} components have all their pods on nodes{more}"
     )
 
 
@@ -188,7 +192,7 @@ def budget_met(facts: AppFacts) -> Verdict:
     if facts.problems:
         return _not_accepted(facts)
     edges = [edge for instance in facts.instances for edge in instance.edges if edge.budget_us is not None]
-    planned = sum(edge.latency is not None for edge in facts.app.spec.edges)
+    planned = sum(edge.latency is not None for edge in facts.app.edges_in_use)
     if planned and not edges:
         return Verdict("Unknown", Reason.NOT_MEASURED, f"{planned} edges have a budget; there is no instance yet")
     if not edges:
@@ -225,7 +229,7 @@ def progressing(facts: AppFacts) -> Verdict:
             Reason.UPDATE_HELD,
             f"{len(held)} templates of a newer operator wait; annotate {describe_approval(held[0].ours)} to roll them",
         )
-    if facts.problems or facts.app.spec.suspend:
+    if facts.problems or facts.app.suspended:
         return Verdict("False", Reason.UP_TO_DATE, "nothing to roll out")
     stuck = next((instance for instance in facts.instances if instance.trouble), None)
     if stuck is not None and stuck.trouble is not None:

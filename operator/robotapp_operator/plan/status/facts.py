@@ -70,12 +70,17 @@ class InstanceFacts:
     """Pods that a user must restart: their discovery servers were all replaced, or their ROS 1 master too often."""
 
     @property
+    def wanted(self) -> tuple[ComponentView, ...]:
+        """Its components without those that the spec suspends."""
+        return tuple(component for component in self.components if not component.suspended)
+
+    @property
     def ready(self) -> bool:
         """Does everything run as the spec wants it now? Not while the API server refuses a change of it, whatever its predecessor
         does, nor while the robot is out of sight: then the instance will end.
         """
-        running = all(component.ready for component in self.components) and self.infrastructure_ready
-        return bool(self.components) and running and self.trouble is None and not self.instance.missing
+        running = all(component.ready for component in self.wanted) and self.infrastructure_ready
+        return bool(self.wanted) and running and self.trouble is None and not self.instance.missing
 
     @property
     def offline(self) -> bool:
@@ -84,13 +89,19 @@ class InstanceFacts:
 
     @property
     def bound(self) -> bool:
-        return bool(self.components) and all(component.bound for component in self.components)
+        """Are all pods on nodes that exist or are being made?"""
+        begun = [component for component in self.wanted if not component.waits]
+        return bool(begun) and all(component.bound for component in begun)
 
     @property
     def worst(self) -> ComponentView | None:
-        """The component to talk about, None when all are ready."""
-        waiting = [component for component in self.components if not component.ready]
-        return max(waiting, key=lambda component: (component.badness, bool(component.message)), default=None)
+        """The component to talk about, None when all are ready: not one that waits for others while one of these is not ready."""
+        waiting = [component for component in self.wanted if not component.ready]
+        return max(
+            waiting,
+            key=lambda component: (component.badness, not component.waits, bool(component.message)),
+            default=None,
+        )
 
     @property
     def failing_helpers(self) -> list[HelperView]:

@@ -80,7 +80,7 @@ def phase(facts: AppFacts) -> Phase:
     """
     if facts.problems:
         return Phase.FAILED if facts.refused else Phase.PENDING
-    if facts.app.spec.suspend:
+    if facts.app.suspended:
         pods = any(component.nodes for instance in facts.instances for component in instance.components)
         return Phase.STOPPING if pods else Phase.SUSPENDED
     order = (Phase.DEGRADED, Phase.PENDING, Phase.PLACING, Phase.RUNNING)
@@ -138,9 +138,10 @@ def ready_text(facts: AppFacts) -> str:
     """`2/3` components; before there is any instance, those of the spec are what is wanted. `2/3 (1 held)` after a rollback:
     so many templates of a newer operator hold an edit back, and what is ready is not what the spec says.
     """
-    parts = [component for instance in facts.instances for component in instance.components]
+    parts = [component for instance in facts.instances for component in instance.wanted]
     held = len(held_by_newer(facts))
-    up = f"{sum(component.ready for component in parts)}/{len(parts) or len(facts.app.spec.components)}"
+    planned = sum(component.replicas > 0 for component in facts.app.spec.components)
+    up = f"{sum(component.ready for component in parts)}/{len(parts) or planned}"
     return f"{up} ({held} held)" if held else up
 
 

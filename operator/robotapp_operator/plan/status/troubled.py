@@ -64,7 +64,7 @@ class Trouble(NamedTuple):
 
 def troubled(facts: AppFacts) -> list[dict[str, Any]]:
     """The worst instances. Empty for a refused app, whose `Accepted` has the reason, and for a suspended one. Starting is no trouble."""
-    if facts.problems or facts.app.spec.suspend:
+    if facts.problems or facts.app.suspended:
         return []
     found = sorted(trouble for instance in facts.instances if (trouble := trouble_of(instance)))
     return [

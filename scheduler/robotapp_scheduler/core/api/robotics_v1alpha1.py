@@ -31,6 +31,12 @@ class SharedData(Slim):
     claim_names: tuple[str, ...] = ()
 
 
+class Dependency(Slim):
+    """components[].dependsOn[]: the operator reads its state."""
+
+    component: str = ""
+
+
 class Component(Slim):
     """One component of a RobotApp: one Deployment per instance."""
 
@@ -44,6 +50,7 @@ class Component(Slim):
     shared_data: SharedData = msgspec.field(default_factory=SharedData)
     colocate_with: tuple[str, ...] = ()
     separate_from: tuple[str, ...] = ()
+    depends_on: tuple[Dependency, ...] = ()
     replicas: int = 1
     on_disconnect: str = ""
 

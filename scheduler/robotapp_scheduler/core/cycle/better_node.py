@@ -36,7 +36,7 @@ from robotapp_scheduler.core.cycle.re_evaluate import as_waiting
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
 from robotapp_scheduler.core.queue.namespace_turns import NamespaceTurns, TurnQueue
-from robotapp_scheduler.core.robotics.app_index import InstanceKey, Link, budget_for_s
+from robotapp_scheduler.core.robotics.app_index import InstanceKey, Link, budget_for_s, is_complete
 from robotapp_scheduler.core.robotics.edge_times import (
     Late,
     PlacedComponent,
@@ -112,7 +112,7 @@ def settled(core: SchedulerCore, part: PlacedComponent) -> bool:
         return False
     for name, component in app.components.items():
         replicas = cluster.apps.replicas(part.member, name)
-        if len(replicas) != component.replicas:
+        if not is_complete(component, len(replicas)):
             return False
         for replica in replicas:
             meta = replica.pod.metadata

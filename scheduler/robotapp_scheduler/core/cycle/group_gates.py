@@ -15,7 +15,7 @@ from robotapp_scheduler.core.events.cluster_event import NODE, PLACED, Change, E
 from robotapp_scheduler.core.pods.pod_group_index import APIS, GroupRef, group_ref_of, in_group
 from robotapp_scheduler.core.pods.pod_info import Member, PodInfo
 from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus
-from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Replica
+from robotapp_scheduler.core.robotics.app_index import App, AppIndex, Replica, is_complete
 
 GROUP_PLUGIN: Final = "RobotAppGroup"
 KINDS_PLUGIN: Final = "RoboticsKinds"
@@ -131,7 +131,7 @@ class GangGates:
         found = []
         for name, component in app.components.items():
             live = sum(not _terminating(r) for r in self._cluster.apps.replicas(Member(app.uid, instance, name), name))
-            if live < component.replicas:
+            if live < component.replicas and not is_complete(component, live):
                 found.append(f"{name} ({live} of {component.replicas})")
         return found
 

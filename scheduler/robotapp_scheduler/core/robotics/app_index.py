@@ -158,6 +158,11 @@ def _flows(edges: Sequence[Edge], problems: list[str]) -> Iterator[Flow]:
             yield Flow(edge.from_, edge.to, bps)
 
 
+def is_complete(component: Component, pods: int) -> bool:
+    """Whether so many pods are all that a component has for now: one that waits for others (dependsOn) has none until they are ready."""
+    return pods == component.replicas or (pods == 0 and bool(component.depends_on))
+
+
 def on_one_node(app: App, component: str) -> bool:
     """Must all pods of the component be on one node? So it is where a partner has one pod only."""
     partners = app.neighbours.get(component, NO_NEIGHBOURS).together

@@ -62,6 +62,12 @@ APP = [
         'sharedData.with of ["a"] is [["x"]], but the components are ["a", "b", "c"]; write the name of a component; foreign pods belong in sharedData.peerPods',
     ),
     RuleCase(
+        "dependsOn exists",
+        _mates(dependsOn=[{"component": "b"}]),
+        _mates(dependsOn=[{"component": "b"}, {"component": "x"}]),
+        'dependsOn of ["a"] names no component of this app; components are ["a", "b", "c"]',
+    ),
+    RuleCase(
         "the other side does not separate",
         app(components=[component("a", colocateWith=["b"]), component("b", separateFrom=["c"]), component("c")]),
         app(components=[component("a", colocateWith=["b"]), component("b", separateFrom=["a"])]),

@@ -8,6 +8,8 @@ from tests.support.wrong_input.rule_cases.case import Object, RuleCase
 PROBE = {"httpGet": {"path": "/healthz", "port": 8080}}
 FROM_CONFIG_MAP = {"configMapKeyRef": {"name": "drv", "key": "$(ROBOTAPP_ROBOT).yaml", "optional": True}}
 FROM_SECRET = {"secretKeyRef": {"name": "s", "key": "p.yaml"}}
+RUN = {"package": "demo_nodes_cpp", "executable": "talker"}
+LAUNCH = {"package": "bringup", "file": "robot.launch.py"}
 
 
 def _mates(**fields: Any) -> Object:
@@ -65,6 +67,66 @@ COMPONENT = [
         app(components=[component(env=[{"name": "RCUTILS_COLORIZED_OUTPUT", "value": "1"}])]),
         app(components=[component(env=[{"name": "ROS_DOMAIN_ID", "value": "7"}])]),
         "component driver: ROS_DOMAIN_ID is set by the operator from the claimed domain; drop it from env and write spec.ros2.domain if you need a certain number",
+    ),
+    RuleCase(
+        "one program",
+        app(components=[component(command=["driver"], args=["--fast"])]),
+        app(components=[component(command=["driver"], run=RUN)]),
+        "component driver: command, run and launch each name the program; write one of them",
+    ),
+    RuleCase(
+        "a package or a launch file",
+        app(components=[component(run=RUN)]),
+        app(components=[component(launch=LAUNCH, run=RUN)]),
+        "component driver: command, run and launch each name the program; write one of them",
+    ),
+    RuleCase(
+        "arguments of run",
+        app(components=[component(run={**RUN, "args": ["--fast"]})]),
+        app(components=[component(run=RUN, args=["--fast"])]),
+        "component driver: args are those of the entry point or of command; write run.args, or launch.arguments",
+    ),
+    RuleCase(
+        "no ROS, no launch file",
+        app(components=[component(ros="None", args=["postgres"])]),
+        app(components=[component(ros="None", launch=LAUNCH)]),
+        "component driver: ros: None has no ROS for run, launch and ready; remove ros, or write command or args, and readinessProbe",
+    ),
+    RuleCase(
+        "no wait for itself",
+        _mates(dependsOn=[{"component": "b"}]),
+        _mates(dependsOn=[{"component": "a"}]),
+        "component a cannot wait for itself; remove its own name from dependsOn",
+    ),
+    RuleCase(
+        "remapped names",
+        app(components=[component(run={**RUN, "remaps": {"scan": "/front/scan", "~/image": "image"}})]),
+        app(components=[component(run={**RUN, "remaps": {"a b": "/scan"}})]),
+        "a name to remap is no ROS name; write for example {scan: /front/scan}",
+    ),
+    RuleCase(
+        "names of nodes are not remapped",
+        app(components=[component(run={**RUN, "name": "front"})]),
+        app(components=[component(run={**RUN, "remaps": {"__node": "front"}})]),
+        "__node, __name and __ns are no topics; write run.name and run.namespace",
+    ),
+    RuleCase(
+        "a launch file is found",
+        app(components=[component(launch={"file": "/ws/robot.launch.py"})]),
+        app(components=[component(launch={"file": "robot.launch.py"})]),
+        "without package, file is a path in the container; write package, or a path that begins with /",
+    ),
+    RuleCase(
+        "the argument for parameters has one value",
+        app(components=[component(launch={**LAUNCH, "parametersArgument": "params"}, parameters=[FROM_SECRET])]),
+        app(components=[component(launch={**LAUNCH, "arguments": {"params": "/p"}, "parametersArgument": "params"})]),
+        "parametersArgument is given the path of the parameter file; remove this argument from arguments",
+    ),
+    RuleCase(
+        "names of launch arguments",
+        app(components=[component(launch={**LAUNCH, "arguments": {"use_sim_time": "true"}})]),
+        app(components=[component(launch={**LAUNCH, "arguments": {"use sim": "true"}})]),
+        "a name of a launch argument has letters, digits, '_', '.' and '-' only; write for example {use_sim_time: \"true\"}",
     ),
     RuleCase(
         "one check of ROS",

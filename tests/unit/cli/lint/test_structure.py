@@ -218,7 +218,7 @@ class TestValues:
             ({"image": ["acme/driver:1"]}, ".image", 'must be text, but is a list; write "acme/driver:1" without brackets'),
             ({"policies": "fast"}, ".policies", "must be a mapping of fields, but is the text"),
             ({"args": [None]}, ".args[0]", "must be text, but is empty"),
-            ({"replicas": 0}, ".replicas", "is 0; write at least 1"),
+            ({"replicas": -1}, ".replicas", "is -1; write at least 0"),
             ({"replicas": 33}, ".replicas", "is 33; write at most 32"),
             ({"image": ""}, ".image", "must not be empty"),
             ({"colocateWith": [f"c{at}" for at in range(9)]}, ".colocateWith", "has 9 entries; write at most 8"),
@@ -266,7 +266,7 @@ class TestValues:
     @pytest.mark.parametrize(
         ("spec", "cure"),
         [
-            ({"ros": {"distro": 7}}, "write a ROS distribution in lower case, such as jazzy"),
+            ({"ros": {"distro": 7}}, "write a ROS distribution in lower case, such as jazzy, or none"),
             ({"edges": [edge(topic=7)]}, "write letters, digits, _ and /, such as /cmd_vel"),
             ({"edges": [edge(type=True)]}, "write a ROS interface, such as geometry_msgs/msg/Twist"),
             ({"edges": [edge(bandwidth=True)]}, "write bits per second, such as 40M"),

@@ -23,7 +23,7 @@ from robotapp_scheduler.core.queue.queued_pod_info import Rejection
 NODES = ("n0", "n1", "n2")
 
 
-def teleop(core: SchedulerCore, *names: str, **spec: Any) -> None:
+def teleop(core: SchedulerCore, *names: str | dict[str, Any], **spec: Any) -> None:
     components = [{"name": name} if isinstance(name, str) else name for name in names]
     core.cluster.apply_app(app_object(*components, **spec))
     for component in components:
@@ -62,6 +62,31 @@ def test_pods_wait_until_every_component_has_one_and_then_go_together() -> None:
     assert run(core) == {}
     arrive(core, member_pod("planner"))
     assert set(run(core)) == {"driver", "planner"}
+
+
+def test_nobody_waits_for_a_component_that_is_created_when_others_are_ready() -> None:
+    core = make_core(*three_nodes())
+    teleop(core, "driver", {"name": "planner", "dependsOn": [{"component": "driver", "status": "Ready"}]})
+    arrive(core, member_pod("driver"))
+    assert set(run(core)) == {"driver"}
+    arrive(core, member_pod("planner"))
+    assert set(run(core)) == {"planner"}
+
+
+def test_all_replicas_of_such_a_component_are_waited_for_once_it_is_created() -> None:
+    core = make_core(*three_nodes())
+    teleop(core, "driver", {"name": "planner", "dependsOn": [{"component": "driver"}], "replicas": 2})
+    arrive(core, member_pod("driver"), member_pod("planner"))
+    assert run(core) == {}
+    arrive(core, member_pod("planner", uid="planner-2"))
+    assert set(run(core)) == {"driver", "planner"}
+
+
+def test_nobody_waits_for_a_suspended_component() -> None:
+    core = make_core(*three_nodes())
+    teleop(core, "driver", {"name": "planner", "replicas": 0})
+    arrive(core, member_pod("driver"))
+    assert set(run(core)) == {"driver"}
 
 
 def test_pods_wait_for_their_app_for_the_operator_and_for_their_owner_chain() -> None:

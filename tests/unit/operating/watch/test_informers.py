@@ -1,10 +1,11 @@
 """Which change asks for which work."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 import pytest
-from tests.support.factories import app_body, domain_claim, make_app, make_node, make_pod, robots
+from tests.support.factories import app_body, component, domain_claim, make_app, make_node, make_pod, robots
 
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
 from robotapp_claims.rules.objects import Meta, Pool
@@ -63,9 +64,9 @@ def world() -> InformedQueue:
     return made
 
 
-def deployment(**meta: Any) -> Deployment:
-    body = {"metadata": {"name": "x", "namespace": "default", "uid": "d", "generation": 1, "labels": LABELS, **meta}}
-    return msgspec.convert(body, Deployment)
+def deployment(*, spec: Mapping[str, Any] = {}, status: Mapping[str, Any] = {}, **meta: Any) -> Deployment:
+    metadata = {"name": "x", "namespace": "default", "uid": "d", "generation": 1, "labels": LABELS, **meta}
+    return msgspec.convert({"metadata": metadata, "spec": dict(spec), "status": dict(status)}, Deployment)
 
 
 def pod(node: str = "", *, phase: str = "Running", gates: tuple[str, ...] = ()) -> Pod:
@@ -102,6 +103,18 @@ def test_an_edited_deployment_is_looked_at_for_drift(world: InformedQueue) -> No
         deployment(ownerReferences=[{"uid": "o"}]),
     ):
         assert world.see("_deployment", deployment(), edited) == {CHILDREN, *OBSERVED}
+
+
+def test_a_deployment_that_becomes_ready_plans_the_instance_of_an_app_with_an_order_alone(world: InformedQueue) -> None:
+    owner = [{"kind": "RobotApp", "name": "teleop", "uid": "uid-1", "controller": True}]
+    starting = deployment(ownerReferences=owner, spec={"replicas": 1})
+    status = {"observedGeneration": 1, "replicas": 1, "updatedReplicas": 1, "readyReplicas": 1}
+    ready = deployment(ownerReferences=owner, spec={"replicas": 1}, status=status)
+    assert world.see("_deployment", starting, ready) == OBSERVED
+    waits = component("mapper", dependsOn=[{"component": "driver"}])
+    world.cache.update_app(app_body(generation=2, components=[component("driver"), waits]))
+    assert world.see("_deployment", starting, ready) == {CHILDREN, *OBSERVED}
+    assert world.see("_deployment", ready, ready) == OBSERVED
 
 
 def test_a_service_plans_its_instance(world: InformedQueue) -> None:

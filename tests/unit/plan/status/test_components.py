@@ -77,6 +77,54 @@ def test_a_crash_loop_tells_count_and_exit_code() -> None:
     assert found.restarts == 4
 
 
+NOT_FOUND = (
+    "failed to create containerd task: failed to create shim task: OCI runtime create failed: runc create failed: unable to start "
+    'container process: error during container init: exec: "ros2": executable file not found in $PATH: unknown'
+)
+
+
+@pytest.mark.parametrize(
+    "pod",
+    [
+        make_pod(node="e", waiting=("RunContainerError", NOT_FOUND)),
+        make_pod(
+            node="e",
+            waiting=("CrashLoopBackOff", "back-off 10s restarting failed container"),
+            container={"lastState": {"terminated": {"exitCode": 128, "reason": "StartError", "message": NOT_FOUND}}},
+        ),
+    ],
+    ids=["while the kubelet tries", "while it waits"],
+)
+def test_a_program_that_cannot_be_started_keeps_its_reason(pod: Pod) -> None:
+    found = view(make_deployment(), pod)
+    assert found.reason == Reason.FAILED_CREATE
+    assert found.message.startswith(
+        'main cannot be started: exec: "ros2": executable file not found in $PATH; correct run, command'
+    )
+    assert "so write ROS programs under run, launch or args" in found.message
+
+
+def test_the_last_words_of_a_container_are_shown() -> None:
+    last = {"terminated": {"exitCode": 1, "reason": "Error", "message": "no such\n  device"}}
+    state = {"restartCount": 1, "lastState": last}
+    found = view(make_deployment(), make_pod(node="e", waiting=("CrashLoopBackOff", ""), container=state))
+    assert "last with exit code 1 (Error): no such device; see kubectl logs" in found.message
+
+
+def test_a_component_that_waits_for_others_says_for_whom_and_whether_it_exists_or_not() -> None:
+    wait = "waits until driver is Ready (dependsOn)"
+    for deployment in (None, make_deployment(replicas=0)):
+        found = component_view(make_app(component("mapper")).spec.components[0], deployment, (), wait=wait)
+        assert (found.ready, found.waits, found.message, found.reason) == (False, True, wait, None)
+
+
+def test_a_suspended_component_is_neither_ready_nor_bad() -> None:
+    found = component_view(
+        make_app(component("mapper", replicas=0)).spec.components[0], make_deployment(replicas=0), ()
+    )
+    assert (found.ready, found.suspended, found.badness, found.message) == (False, True, 0, "suspended (replicas: 0)")
+
+
 def test_a_missing_config_map_is_a_failure_to_create() -> None:
     found = view(
         make_deployment(), make_pod(node="e", waiting=("CreateContainerConfigError", 'configmap "x" not found'))

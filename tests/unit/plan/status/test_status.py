@@ -252,6 +252,44 @@ def test_without_budgets_nothing_is_exceeded() -> None:
     assert condition(status_of(instance()), Condition.BUDGET_MET) == ("True", Reason.NO_BUDGET)
 
 
+SUSPENDED = dataclasses.replace(WAITING, name="mapper", suspended=True, message="suspended (replicas: 0)")
+LATER = dataclasses.replace(
+    WAITING, name="mapper", exists=False, waits=True, message="waits until driver is Ready (dependsOn)"
+)
+
+
+def test_a_suspended_component_is_not_wanted() -> None:
+    status = status_of(instance(UP, SUSPENDED))
+    assert condition(status, Condition.READY) == ("True", Reason.ALL_READY)
+    assert condition(status, Condition.PLACED) == ("True", Reason.PLACED)
+    assert (status["phase"], status["summary"]["ready"]) == (Phase.RUNNING, "1/1")
+
+
+def test_an_app_whose_components_are_all_suspended_is_suspended() -> None:
+    app = make_app(component("mapper", replicas=0))
+    status = render_status(AppFacts(app=app, instances=(instance(SUSPENDED),), now="2026-01-01T00:00:00Z"))
+    assert condition(status, Condition.READY) == ("False", Reason.SUSPENDED)
+    assert "every component is suspended; set replicas: 1" in message(status, Condition.READY)
+    assert (status["phase"], status["summary"]["ready"]) == (Phase.SUSPENDED, "0/0")
+
+
+def test_a_component_that_waits_is_named_when_what_it_waits_for_has_no_trouble_of_its_own() -> None:
+    status = status_of(instance(UP, LATER))
+    assert (
+        message(status, Condition.READY)
+        == "1 of 2 components are ready; mapper: waits until driver is Ready (dependsOn)"
+    )
+    assert message(status, Condition.PLACED).endswith("; mapper waits until driver is Ready (dependsOn)")
+    assert (status["phase"], status["troubled"]) == (Phase.PLACING, [])
+
+
+def test_what_others_wait_for_is_named_before_them() -> None:
+    failing = dataclasses.replace(STARTING, reason=Reason.CRASH_LOOP, message="restarted 3 times")
+    for driver, text in ((failing, "driver: restarted 3 times"), (STARTING, "driver: is starting")):
+        assert message(status_of(instance(LATER, driver)), Condition.READY) == f"0 of 2 components are ready; {text}"
+    assert status_of(instance(LATER, failing))["phase"] == Phase.DEGRADED
+
+
 def test_suspended_apps_say_how_to_start_them() -> None:
     idle = dataclasses.replace(WAITING, replicas=0)
     status = status_of(instance(idle), app={"suspend": True})
