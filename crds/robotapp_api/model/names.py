@@ -26,6 +26,9 @@ PARAMETERS_VOLUME: Final = "robotapp-parameters"
 """Volume of a component's ROS parameter files."""
 PARAMETERS_PATH: Final = "/etc/robotapp/parameters"
 """Where that volume is mounted."""
+SHARED_MEMORY_VOLUME: Final = "robotapp-shared-memory"
+"""Volume behind /dev/shm of a component with sharedMemory."""
+SHARED_MEMORY_PATH: Final = "/dev/shm"  # noqa: S108 - within the pod
 WAITING_STEP: Final = "wait-for-names"
 """Init container that waits for the names discovery needs."""
 SAFE_IDS: Final = "1-101,215-232"
@@ -149,6 +152,8 @@ class Reason(StrEnum):
     ROBOT_NODE_UNCLEAR = "RobotNodeUnclear"
     """A robot has several nodes, and none or more than one of them is labelled as its primary one."""
     NO_MATCHING_ROBOT = "NoMatchingRobot"
+    HOST_ACCESS_OFF = "HostAccessOff"
+    """The spec has a field that reaches the node, and the operator renders none."""
     # Allocated
     ALLOCATED = "Allocated"
     DOMAIN_EXHAUSTED = "DomainExhausted"

@@ -77,6 +77,8 @@ class App:
     """Scheduler of apps that name none: a setting of the operator."""
     helper_defaults: HelperDefaults = NO_SETTINGS
     """What helper pods are made of where the app writes nothing: settings of the operator."""
+    host_access: bool = False
+    """Whether the operator renders fields that reach the node; the chart sets it together with the policy that guards them."""
 
     @property
     def distro(self) -> str:

@@ -50,6 +50,7 @@ def parse_record(
     known: Record | None = None,
     default_scheduler: str = SCHEDULER_NAME,
     helper_defaults: HelperDefaults = NO_SETTINGS,
+    host_access: bool = False,
 ) -> Record:
     """`known` of the same generation lends its parsed spec: a status write must not cost a validation."""
     meta = body.get("metadata") or {}
@@ -70,6 +71,7 @@ def parse_record(
             created=meta.get("creationTimestamp") or "",
             default_scheduler=default_scheduler,
             helper_defaults=helper_defaults,
+            host_access=host_access,
         )
     else:
         problems = spec
