@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from robotapp_api.checks.host_access.paths import walk_path
 from robotapp_api.checks.host_access.table import GUARDED, GuardedField, HostRight, Level, is_free_apparmor
-from robotapp_api.checks.problem import Problem
+from robotapp_api.checks.problem import Note, Problem
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.app.template import HelperContainer
@@ -70,6 +70,16 @@ def host_access_problems(spec: RobotAppSpec) -> Iterator[Problem]:
             f"{use.owner} {use.field.effect} ({use.field.name}), and this operator was started without --host-access, so it renders no such "
             "field: leave it out, or ask whoever runs the cluster to install the chart with policies.enabled: true, which brings the flag "
             "and the policy that decides who may write it",
+        )
+
+
+def host_access_notes(spec: RobotAppSpec) -> Iterator[Note]:
+    """Yields a note per right that writing the spec takes, for who checks a file without a cluster."""
+    for use in find_rights(spec).values():
+        yield Note(
+            use.at,
+            f"{use.owner} {use.field.effect}: who applies it needs the verb use on {use.field.right.resource} in the namespace, and the "
+            "namespace a Pod Security level that admits it",
         )
 
 
