@@ -16,5 +16,5 @@ def walk_path(node: Any, steps: Sequence[str], at: str) -> Iterator[tuple[str, A
     if not several:
         yield from walk_path(value, steps[1:], f"{at}.{name}")
         return
-    for index, item in enumerate(value):
+    for index, item in enumerate(value if isinstance(value, Sequence) and not isinstance(value, str) else ()):
         yield from walk_path(item, steps[1:], f"{at}.{name}[{index}]")
