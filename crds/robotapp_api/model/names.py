@@ -269,6 +269,7 @@ class EventReason(StrEnum):
     INVALID_SPEC = "InvalidSpec"
     UNKNOWN_DISTRO = "UnknownDistro"
     TOO_LARGE = "TooLarge"
+    HOST_ACCESS_OFF = "HostAccessOff"
     NO_MATCHING_ROBOT = "NoMatchingRobot"
     ROBOT_NOT_READY = "RobotNotReady"
     ROBOT_OFFLINE = "RobotOffline"
