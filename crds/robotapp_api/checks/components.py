@@ -7,7 +7,13 @@ from typing import Any, Final
 from pydantic.alias_generators import to_snake
 
 from robotapp_api.checks.command_line import command_line_notes, command_line_problems
-from robotapp_api.checks.containers import gated_field_notes, gated_field_problems, list_containers, pod_problems
+from robotapp_api.checks.containers import (
+    gated_field_notes,
+    gated_field_problems,
+    list_containers,
+    pod_problems,
+    shared_memory_notes,
+)
 from robotapp_api.checks.device_names import device_name_notes
 from robotapp_api.checks.host_access.network import host_pod_notes, host_pod_problems
 from robotapp_api.checks.parameters import parameter_problems
@@ -54,6 +60,7 @@ def component_notes(component: Component, at: str) -> Iterator[Note]:
     yield from command_line_notes(component, at)
     yield from gated_field_notes(component, at)
     yield from host_pod_notes(component, at)
+    yield from shared_memory_notes(component, at)
     for field in ("durability", "queueSize", "tcpNodelay"):
         if getattr(component.policies, to_snake(field)) is not None:
             yield Note(f"{at}.policies.{field}", "has no effect: the program's own setting counts")

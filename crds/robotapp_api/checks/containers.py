@@ -10,6 +10,7 @@ from robotapp_api.checks.host_access.paths import walk_path
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import PARAMETERS_VOLUME, SHARED_MEMORY_PATH, SHARED_MEMORY_VOLUME, WAITING_STEP
+from robotapp_api.values.quantities.quantity import parse_milli
 
 _STOP_SIGNAL: Final = (
     "needs spec.os of the pod, which RobotApp does not write, so the API server would refuse the pod or drop the field; write "
@@ -113,6 +114,22 @@ def pod_problems(component: Component, at: str) -> Iterator[Problem]:
     """Finds names and paths that are taken in the pod, and names that nothing has."""
     yield from _name_problems(component, at)
     yield from _volume_problems(component, at)
+    if component.shared_memory and parse_milli(component.shared_memory.size) <= 0:
+        yield invalid(
+            f"{at}.sharedMemory.size",
+            f"{component.shared_memory.size} is no size; write for example 512Mi, or remove it",
+        )
+
+
+def shared_memory_notes(component: Component, at: str) -> Iterator[Note]:
+    """Says when the container may not use all of the shared memory, which counts as memory of whoever writes to it."""
+    limit = (component.resources.get("limits") or {}).get("memory")
+    if component.shared_memory and limit and parse_milli(limit) <= parse_milli(component.shared_memory.size):
+        yield Note(
+            f"{at}.sharedMemory.size",
+            f"what {component.name} writes there counts towards its memory limit {limit}, so it ends before {component.shared_memory.size} "
+            "are full; raise resources.limits.memory",
+        )
 
 
 def _name_problems(component: Component, at: str) -> Iterator[Problem]:
