@@ -12,7 +12,6 @@ from typing import Any, Final
 
 from robotapp_api.values.quantities.quantity import parse_milli
 
-
 _DROPPED_WHEN_OFF: Final = frozenset({"readOnly", "stdin", "stdinOnce", "tty", "hostPort"})
 """Fields of core whose false or 0 is not stored; of other flags false differs from absence, as of automountServiceAccountToken."""
 
