@@ -102,7 +102,9 @@ class Operator:
         helper_defaults = HelperDefaults(
             settings.helper_discovery_image, settings.helper_master_image, settings.helper_user
         )
-        self.cache = Cache(default_scheduler=settings.scheduler_name, helper_defaults=helper_defaults)
+        self.cache = Cache(
+            default_scheduler=settings.scheduler_name, helper_defaults=helper_defaults, host_access=settings.host_access
+        )
         self.memory = ReconcileState()
         self.metrics = Metrics()
         self.queue = Queue(

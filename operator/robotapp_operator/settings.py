@@ -41,6 +41,8 @@ class Settings:
     """User id of discovery servers and master where the components share none; 0 leaves it to the platform."""
     lease_namespace: str = ""
     """Namespace of the election Lease; empty means the pod's own, or robotapp-system outside of a cluster."""
+    host_access: bool = False
+    """Render fields that reach the node. A policy must guard them: the chart sets both together."""
     leader_election: bool = True
     """Work only while holding the Lease. It saves work; nothing depends on it."""
     log_format: str = "text"
@@ -100,6 +102,10 @@ _HELP: Final = {
 }
 
 
+def _is_on(environ: Mapping[str, str], name: str) -> bool:
+    return environ.get(f"{PREFIX}{name}", "") in ("1", "true", "yes")
+
+
 def parse(argv: Sequence[str], environ: Mapping[str, str]) -> Settings:
     """Settings from flags, then environment, then defaults. Exits with a sentence on a wrong value."""
     parser = argparse.ArgumentParser(
@@ -109,7 +115,10 @@ def parse(argv: Sequence[str], environ: Mapping[str, str]) -> Settings:
         flag = name.replace("_", "-")
         fallback = environ.get(PREFIX + name.upper())
         parser.add_argument(f"--{flag}", type=kind, default=fallback, help=_HELP[name])
-    off = environ.get(f"{PREFIX}NO_LEADER_ELECTION", "") in ("1", "true", "yes")
+    guarded = _is_on(environ, "HOST_ACCESS")
+    text = "render fields that reach the node, which the chart's policy guards"
+    parser.add_argument("--host-access", action="store_true", default=guarded, help=text)
+    off = _is_on(environ, "NO_LEADER_ELECTION")
     parser.add_argument("--no-leader-election", action="store_true", default=off, help="work without holding the Lease")
     found = vars(parser.parse_args(argv))
     if (found["tls_cert_file"] is None) != (found["tls_private_key_file"] is None):

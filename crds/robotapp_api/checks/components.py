@@ -7,14 +7,21 @@ from typing import Any, Final
 from pydantic.alias_generators import to_snake
 
 from robotapp_api.checks.command_line import command_line_notes, command_line_problems, program_problems
-from robotapp_api.checks.containers import gated_field_notes, gated_field_problems, list_containers
+from robotapp_api.checks.containers import (
+    gated_field_notes,
+    gated_field_problems,
+    list_containers,
+    pod_problems,
+    shared_memory_notes,
+)
 from robotapp_api.checks.device_names import device_name_notes
+from robotapp_api.checks.host_access.network import host_pod_notes, host_pod_problems
 from robotapp_api.checks.parameters import parameter_problems
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robots import LABEL_KEY
 from robotapp_api.model.distros import NO_ROS
-from robotapp_api.model.names import GPU, PARAMETERS_VOLUME, WAITING_STEP
+from robotapp_api.model.names import GPU
 from robotapp_api.values.label_key import key_problem, value_problem
 from robotapp_api.values.quantities.quantity import parse_milli
 
@@ -37,15 +44,9 @@ def component_problems(component: Component, at: str, *, ros_version: int) -> It
     yield from gated_field_problems(component, at)
     yield from _device_problems(component, at)
     yield from _ready_problems(component, at, ros_version=ros_version)
-    yield from _init_container_problems(component, at)
+    yield from pod_problems(component, at)
+    yield from host_pod_problems(component, at)
     yield from _label_problems(component, at)
-    yield from _mount_problems(component, at)
-    for index, volume in enumerate(component.template.spec.volumes):
-        if volume.get("name") == PARAMETERS_VOLUME:
-            yield invalid(
-                f"{at}.template.spec.volumes[{index}].name",
-                f"{PARAMETERS_VOLUME} is the volume of the parameter files; write another name",
-            )
 
 
 def component_notes(component: Component, at: str) -> Iterator[Note]:
@@ -60,6 +61,8 @@ def component_notes(component: Component, at: str) -> Iterator[Note]:
     yield from device_name_notes(component.requires, f"{at}.requires")
     yield from command_line_notes(component, at)
     yield from gated_field_notes(component, at)
+    yield from host_pod_notes(component, at)
+    yield from shared_memory_notes(component, at)
     for field in ("durability", "queueSize", "tcpNodelay"):
         if getattr(component.policies, to_snake(field)) is not None:
             yield Note(f"{at}.policies.{field}", "has no effect: the program's own setting counts")
@@ -89,16 +92,6 @@ def _is_more(requested: str | int, limit: str | int) -> bool:
         return False
 
 
-def _mount_problems(component: Component, at: str) -> Iterator[Problem]:
-    there = {str(volume.get("name", "")) for volume in component.template.spec.volumes} | {PARAMETERS_VOLUME}
-    for index, mount in enumerate(component.volume_mounts):
-        if (name := str(mount.get("name", ""))) not in there:
-            yield invalid(
-                f"{at}.volumeMounts[{index}].name",
-                f'there is no volume "{name}"; write it under template.spec.volumes',
-            )
-
-
 def _environment_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:
     for container, where in list_containers(component, at):
         name = container.get("name", "")
@@ -118,18 +111,6 @@ def _variable_problems(
             yield invalid(field, f"{name} of {of} is set for all components alike; use {SET_FOR_ALL[name]}")
         elif name.startswith(RESERVED_PREFIX):
             yield invalid(field, f"{name} of {of}: {RESERVED_PREFIX}… belongs to the operator; write another name")
-
-
-def _init_container_problems(component: Component, at: str) -> Iterator[Problem]:
-    """Names are unique within a pod, and the component's own container and the operator's waiting step have theirs."""
-    taken = {component.name: "the component itself", WAITING_STEP: "the operator's own step"}
-    for index, container in enumerate(component.template.spec.init_containers):
-        name = container.get("name", "")
-        if name in taken:
-            yield invalid(
-                f"{at}.template.spec.initContainers[{index}].name",
-                f"{name} is the name of {taken[name]}; write another name",
-            )
 
 
 def _label_problems(component: Component, at: str) -> Iterator[Problem]:

@@ -6,8 +6,11 @@ Such a field needs another field of the pod, or a newer Kubernetes.
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from robotapp_api.checks.host_access.paths import walk_path
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
+from robotapp_api.model.names import PARAMETERS_VOLUME, SHARED_MEMORY_PATH, SHARED_MEMORY_VOLUME, WAITING_STEP
+from robotapp_api.values.quantities.quantity import parse_milli
 
 _STOP_SIGNAL: Final = (
     "needs spec.os of the pod, which RobotApp does not write, so the API server would refuse the pod or drop the field; write "
@@ -16,8 +19,34 @@ _STOP_SIGNAL: Final = (
 _UNMASKED: Final = (
     "Unmasked needs a pod with a user namespace of its own, which a RobotApp's pods do not have; leave it out"
 )
-_SINCE: Final = {"restartPolicyRules": "1.35", "fileKeyRef": "1.35"}
-"""Fields that an older API server drops without a word, with the first release that has them on."""
+_PROBES: Final = ("livenessProbe", "readinessProbe", "startupProbe", "lifecycle.postStart", "lifecycle.preStop")
+_USER_GATE: Final = "AtomicWriteVolumeUserFields"
+_FILES: Final = ("configMap", "secret", "downwardAPI")
+_SINCE: Final = {
+    "restartPolicyRules": "1.35",
+    "env[].valueFrom.fileKeyRef": "1.35",
+    "volumeMounts[].bindMountOptions": "VolumeBindMountOptions",
+    **{f"{probe}.grpc.mode": "GRPCContainerProbeTLS" for probe in _PROBES[:3]},
+    **{f"{probe}.httpGet.protocol": "H2CContainerProbe" for probe in _PROBES},
+}
+"""Fields of containers that an API server drops without a word, with the first release that has them on, or the gate that is off in all."""
+_POD_SINCE: Final = {
+    "volumes[].projected.sources[].clusterTrustBundle": "1.37",
+    "volumes[].projected.sources[].podCertificate": "1.37",
+    "securityContext.supplementalGroupsPolicy": "1.33",
+    "securityContext.seLinuxChangePolicy": "1.33",
+    "volumes[].emptyDir.mode": "EmptyDirVolumeMode",
+    **{f"volumes[].{kind}.defaultUser": _USER_GATE for kind in (*_FILES, "projected")},
+    **{f"volumes[].{kind}.items[].user": _USER_GATE for kind in _FILES},
+    **{f"volumes[].projected.sources[].{kind}.items[].user": _USER_GATE for kind in _FILES},
+    **{
+        f"volumes[].projected.sources[].{kind}.user": _USER_GATE
+        for kind in ("clusterTrustBundle", "podCertificate", "serviceAccountToken")
+    },
+}
+"""The same of fields of the pod."""
+
+_OUR_VOLUMES: Final = {PARAMETERS_VOLUME: "the parameter files", SHARED_MEMORY_VOLUME: "sharedMemory"}
 
 
 def gated_field_problems(component: Component, at: str) -> Iterator[Problem]:
@@ -30,30 +59,105 @@ def gated_field_problems(component: Component, at: str) -> Iterator[Problem]:
 
 
 def gated_field_notes(component: Component, at: str) -> Iterator[Note]:
-    """Says which fields an older cluster stores without acting on them."""
+    """Says which fields some clusters drop without acting on them."""
     for container, where in list_containers(component, at):
-        if container.get("restartPolicyRules"):
-            yield _note_age(f"{where}.restartPolicyRules", "restartPolicyRules")
-        for index, variable in enumerate(container.get("env") or ()):
-            if (variable.get("valueFrom") or {}).get("fileKeyRef"):
-                yield _note_age(f"{where}.env[{index}].valueFrom.fileKeyRef", "fileKeyRef")
+        for path, since in _SINCE.items():
+            for place, value in walk_path(container, path.split("."), where):
+                if value:
+                    yield _note_age(place, since)
+    for index, container in enumerate(component.template.spec.containers):
+        if container.get("restartPolicy"):
+            yield _note_age(f"{at}.template.spec.containers[{index}].restartPolicy", "1.35")
+    pod = component.template.spec
+    fields = {"volumes": pod.volumes, "securityContext": pod.security_context}
+    for path, since in _POD_SINCE.items():
+        for place, _ in walk_path(fields, path.split("."), f"{at}.template.spec"):
+            yield _note_age(place, since)
 
 
-def _note_age(field: str, name: str) -> Note:
-    return Note(field, f"needs Kubernetes {_SINCE[name]}; an older API server drops it without a word")
+def _note_age(field: str, since: str) -> Note:
+    if since[0].isdigit():
+        return Note(field, f"needs Kubernetes {since}; an older API server drops it without a word")
+    return Note(
+        field, f"needs the feature gate {since}, which is off unless a cluster switches it on: the API server drops it"
+    )
 
 
 def list_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str, Any], str]]:
-    """Yields the component's own container and its init containers, with core's names, and where each stands."""
+    """Yields the component's own container and all others of its pod, with core's names, and where each stands."""
     own = {
         "name": component.name,
         "command": component.command,
         "args": component.args,
         "envFrom": component.env_from,
         "lifecycle": component.lifecycle,
+        "livenessProbe": component.liveness_probe,
+        "readinessProbe": component.readiness_probe,
+        "startupProbe": component.startup_probe,
         "securityContext": component.security_context,
+        "volumeMounts": component.volume_mounts,
         "env": component.env,
     }
     yield own, at
-    for index, container in enumerate(component.template.spec.init_containers):
-        yield container, f"{at}.template.spec.initContainers[{index}]"
+    yield from list_further_containers(component, at)
+
+
+def list_further_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str, Any], str]]:
+    """Yields what runs before and beside the component in its pod, and where each stands."""
+    pod = component.template.spec
+    for place, containers in (("initContainers", pod.init_containers), ("containers", pod.containers)):
+        for index, container in enumerate(containers):
+            yield container, f"{at}.template.spec.{place}[{index}]"
+
+
+def pod_problems(component: Component, at: str) -> Iterator[Problem]:
+    """Finds names and paths that are taken in the pod, and names that nothing has."""
+    yield from _name_problems(component, at)
+    yield from _volume_problems(component, at)
+    if component.shared_memory and parse_milli(component.shared_memory.size) <= 0:
+        yield invalid(
+            f"{at}.sharedMemory.size",
+            f"{component.shared_memory.size} is no size; write for example 512Mi, or remove it",
+        )
+
+
+def shared_memory_notes(component: Component, at: str) -> Iterator[Note]:
+    """Says when the container may not use all of the shared memory, which counts as memory of whoever writes to it."""
+    limit = (component.resources.get("limits") or {}).get("memory")
+    if component.shared_memory and limit and parse_milli(limit) <= parse_milli(component.shared_memory.size):
+        yield Note(
+            f"{at}.sharedMemory.size",
+            f"what {component.name} writes there counts towards its memory limit {limit}, so it ends before {component.shared_memory.size} "
+            "are full; raise resources.limits.memory",
+        )
+
+
+def _name_problems(component: Component, at: str) -> Iterator[Problem]:
+    """Names are unique within a pod, and the component's own container and the operator's waiting step have theirs."""
+    owners = {component.name: "the component itself", WAITING_STEP: "the operator's own step"}
+    for container, where in list_further_containers(component, at):
+        name = str(container.get("name", ""))
+        if name in owners:
+            yield invalid(f"{where}.name", f"{name} is the name of {owners[name]}; write another name")
+        owners.setdefault(name, "another container of the pod")
+
+
+def _volume_problems(component: Component, at: str) -> Iterator[Problem]:
+    volumes = [str(volume.get("name", "")) for volume in component.template.spec.volumes]
+    for index, name in enumerate(volumes):
+        if name in _OUR_VOLUMES:
+            yield invalid(
+                f"{at}.template.spec.volumes[{index}].name",
+                f"{name} is the volume of {_OUR_VOLUMES[name]}; write another name",
+            )
+    mountable = {*volumes, PARAMETERS_VOLUME}
+    for container, where in list_containers(component, at):
+        for index, mount in enumerate(container.get("volumeMounts") or ()):
+            mount_at = f"{where}.volumeMounts[{index}]"
+            if (name := str(mount.get("name", ""))) not in mountable:
+                yield invalid(f"{mount_at}.name", f'there is no volume "{name}"; write it under template.spec.volumes')
+            if component.shared_memory and str(mount.get("mountPath", "")).rstrip("/") == SHARED_MEMORY_PATH:
+                yield invalid(
+                    f"{mount_at}.mountPath",
+                    f"{SHARED_MEMORY_PATH} is where sharedMemory is; remove this mount, or sharedMemory",
+                )

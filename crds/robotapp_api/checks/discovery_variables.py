@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
+from robotapp_api.checks.containers import list_further_containers
 from robotapp_api.checks.middleware import BEFORE_IRON, CONNEXT, CYCLONE, FAST_DDS, ZENOH
 from robotapp_api.checks.problem import Note
 from robotapp_api.checks.ros import NONE, discovery_of, rmw_of, ros_version_of, uses_ros
@@ -78,8 +79,7 @@ def variable_notes(spec: RobotAppSpec) -> Iterator[Note]:
         yield from _container_notes(spec, component.name, component.env, f"{at}.env")
         yield from _micro_ros_notes(spec, component, at)
         yield from _source_notes(spec, component.env_from, f"{at}.envFrom", operator_names)
-        for position, container in enumerate(component.template.spec.init_containers):
-            path = f"{at}.template.spec.initContainers[{position}]"
+        for container, path in list_further_containers(component, at):
             name = str(container.get("name", ""))
             yield from _container_notes(spec, name, container.get("env") or (), f"{path}.env")
             yield from _source_notes(spec, container.get("envFrom") or (), f"{path}.envFrom", operator_names)

@@ -6,10 +6,12 @@ from robotapp_api.checks.command_line import robot_reference_problems
 from robotapp_api.checks.components import component_notes, component_problems
 from robotapp_api.checks.discovery_variables import variable_notes
 from robotapp_api.checks.edges import edge_notes, edge_problems
+from robotapp_api.checks.host_access.network import host_name_problems, host_network_notes, is_reachable_by_loopback
 from robotapp_api.checks.middleware import FAST_DDS, KNOWN, external_problem, mode_problem
 from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_components, ros_version_of, uses_ros
+from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.distros import DISTROS, NO_DISTRO, NO_ROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
@@ -25,6 +27,7 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
     for index, component in enumerate(spec.components):
         version = ros_version_of(spec) if uses_ros(component, spec.ros.distro) else NO_ROS
         yield from component_problems(component, f"spec.components[{index}]", ros_version=version)
+    yield from host_name_problems(spec)
     yield from _inline_files(spec)
     yield from _keys_without_robot(spec)
     yield from _unknown_names(spec)
@@ -63,6 +66,7 @@ def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[No
     for index, component in enumerate(spec.components):
         yield from component_notes(component, f"spec.components[{index}]")
     yield from variable_notes(spec)
+    yield from host_network_notes(spec)
 
 
 def _ros_problems(spec: RobotAppSpec) -> Iterator[Problem]:
@@ -115,14 +119,27 @@ def _middleware_problems(spec: RobotAppSpec) -> Iterator[Problem]:
         yield invalid("spec.ros2.discovery.mode", wrong)
     if spec.ros2 and spec.ros2.external and (reason := external_problem(mode)):
         yield invalid("spec.ros2.external", reason)
-    names = {component.name for component in ros_components(spec)}
-    talking = [edge for edge in spec.edges if {edge.from_, edge.to} <= names and edge.from_ != edge.to]
+    components = {component.name: component for component in ros_components(spec)}
+    talking = [
+        edge
+        for edge in spec.edges
+        if {edge.from_, edge.to} <= components.keys()
+        and edge.from_ != edge.to
+        and not _share_a_loopback(components.get(edge.from_), components.get(edge.to))
+    ]
     if mode == "Localhost" and talking:
         edge = talking[0]
         yield invalid(
             "spec.ros2.discovery.mode",
             f"Localhost keeps {edge.from_} and {edge.to} apart: every component has its own loopback; write mode: Auto",
         )
+
+
+def _share_a_loopback(first: Component | None, second: Component | None) -> bool:
+    """Decides whether two components are always in the network of one node."""
+    if first is None or second is None or not is_reachable_by_loopback(first, second):
+        return False
+    return second.name in first.colocate_with or first.name in second.colocate_with
 
 
 def _inline_files(spec: RobotAppSpec) -> Iterator[Problem]:

@@ -18,7 +18,7 @@ _API_INTRO: Final = """# API reference: `robotics.io/v1alpha1`
 
 Required fields are marked `*`. Every list, map and string is bounded. A duration is one to three numbers, each with its
 unit: us, ms, s, m or h (`30ms`, `1.5s`, `1m30s`); bandwidth is bit/s as a quantity (`40M`). Fields marked *core* have the
-schema of the Kubernetes field of that name, without host ports, host paths and resource claims; `kubectl explain` shows all of it.
+schema of the Kubernetes field of that name, without addresses of host ports, other volume types and resource claims; `kubectl explain` shows all of it.
 
 Write with `kubectl apply --server-side`: the API server then merges lists of components and edges by their keys and knows
 its own defaults. A plain `kubectl apply` compares on the client, misses the defaults inside lists, and prints

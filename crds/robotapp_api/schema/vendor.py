@@ -2,7 +2,7 @@
 
     kubectl get --raw /openapi/v3/api/v1 | python -m robotapp_api.schema.vendor v1.37.1
 
-writes `core_v1.json`. Added: bounds. Left out: what an app must not reach (host ports, host paths, other volume types),
+writes `core_v1.json`. Added: bounds. Left out: what an app must not reach (addresses of host ports, other volume types),
 defaults that only restate "absent", and all but the first sentence of each description.
 """
 
@@ -22,8 +22,10 @@ Schema = dict[str, Any]
 FILE: Final = Path(__file__).with_name("core_v1.json")
 _CORE: Final = "io.k8s.api.core.v1."
 _REF: Final = "#/components/schemas/"
-_VOLUMES: Final = {"name", "configMap", "secret", "emptyDir", "persistentVolumeClaim", "projected", "downwardAPI"}
-_LEFT_OUT: Final = {"ContainerPort": {"hostPort", "hostIP"}, "ResourceRequirements": {"claims"}}
+_VOLUMES: Final = {
+    "name", "configMap", "secret", "emptyDir", "persistentVolumeClaim", "projected", "downwardAPI", "hostPath", "nfs", "csi",
+}  # fmt: skip
+_LEFT_OUT: Final = {"ContainerPort": {"hostIP"}, "ResourceRequirements": {"claims"}}
 _KEPT: Final = (
     "format",
     "enum",
@@ -34,8 +36,8 @@ _KEPT: Final = (
     "x-kubernetes-map-type",
 )
 _MAX_LENGTH: Final = {"value": 32_768, "name": 253, "key": 317, "command": 4_096, "args": 4_096, "data": 32_768}
-_MAX_ITEMS: Final = {"env": 128, "args": 128, "envFrom": 16, "initContainers": 8}
-_BOUNDS: Final = {"containerPort": {"minimum": 1, "maximum": 65_535}}
+_MAX_ITEMS: Final = {"env": 128, "args": 128, "envFrom": 16, "initContainers": 8, "containers": 8}
+_BOUNDS: Final = {"containerPort": {"minimum": 1, "maximum": 65_535}, "hostPort": {"minimum": 0, "maximum": 65_535}}
 """What the API server checks beside its OpenAPI."""
 _INT_OR_STRING: Final = {
     "x-kubernetes-int-or-string": True,

@@ -121,13 +121,16 @@ def start_operator(
     wait: bool = True,
     env: Mapping[str, str] | None = None,
     program: Sequence[str] = (),
+    host_access: bool = True,
     **flags: object,
 ) -> Process:
     """`python -m robotapp_operator` as the operator's identity. `sweep_seconds=1` becomes `--sweep-seconds 1`, True a bare flag.
 
     `program`: another module, with arguments of its own, that runs the operator; it gets the usual ones behind them.
+    `host_access`: as in the chart, whose policy `install` has applied; by environment, for older versions have no such flag.
     """
     command = [as_in_image.__file__, *program, "robotapp_operator"]
+    env = {**({"ROBOTAPP_OPERATOR_HOST_ACCESS": "1"} if host_access else {}), **(env or {})}
     return _start(cp, command, identity="operator", name=name, wait=wait, flags=flags, env=env)
 
 

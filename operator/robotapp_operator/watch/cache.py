@@ -206,10 +206,15 @@ class Cache:
     """
 
     def __init__(
-        self, *, default_scheduler: str = SCHEDULER_NAME, helper_defaults: HelperDefaults = NO_SETTINGS
+        self,
+        *,
+        default_scheduler: str = SCHEDULER_NAME,
+        helper_defaults: HelperDefaults = NO_SETTINGS,
+        host_access: bool = False,
     ) -> None:
         self._default_scheduler = default_scheduler
         self._helper_defaults = helper_defaults
+        self._host_access = host_access
         self.apps: dict[str, Record] = {}
         self._announced: dict[str, tuple[object, ...]] = {}
         self._numbers = itertools.count(1)
@@ -304,7 +309,11 @@ class Cache:
         """
         known = self.apps.get((body.get("metadata") or {}).get("uid", ""))
         record = parse_record(
-            body, known=known, default_scheduler=self._default_scheduler, helper_defaults=self._helper_defaults
+            body,
+            known=known,
+            default_scheduler=self._default_scheduler,
+            helper_defaults=self._helper_defaults,
+            host_access=self._host_access,
         )
         if known and record.version_number < known.version_number:
             return known

@@ -1,14 +1,21 @@
-"""What a spec runs and what it runs with: images, accounts, Secrets, tokens, priorities. Pure.
+"""What a spec runs and what it runs with: images, accounts, Secrets, tokens, priorities, access to the node. Pure.
 
 A past spec may be somebody else's: who brings it back is asked before it adds one of these.
 """
 
+import json
 from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib import resources
 from typing import Any, Final
 
 _FREE_VALUES: Final = frozenset({"configMapKeyRef", "fieldRef", "fileKeyRef", "resourceFieldRef"})
 _FREE_SOURCES: Final = frozenset({"clusterTrustBundle", "configMap", "downwardAPI"})
-_FREE_VOLUMES: Final = frozenset({"configMap", "downwardAPI", "emptyDir", "name", "persistentVolumeClaim", "projected"})
+_FREE_WINDOWS: Final = frozenset({"hostProcess"})
+_APPARMOR: Final = "container.apparmor.security.beta.kubernetes.io/"
+_FREE_VOLUMES: Final = frozenset(
+    {"configMap", "downwardAPI", "emptyDir", "hostPath", "name", "persistentVolumeClaim", "projected"}
+)
 
 
 def find_additions(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
@@ -37,7 +44,8 @@ def _uses_of(component: Mapping[str, Any]) -> Iterator[str]:
     service = _object(component.get("service"))
     if _object(service.get("spec")).get("type", "ClusterIP") != "ClusterIP":
         yield f"Service of type {_object(service['spec'])['type']}"
-    for container in (component, *map(_object, _list(pod.get("initContainers")))):
+    containers = (component, *_further_containers(pod))
+    for container in containers:
         if container.get("image"):
             yield f"image {container['image']}"
         yield from _values_of(container)
@@ -47,8 +55,39 @@ def _uses_of(component: Mapping[str, Any]) -> Iterator[str]:
         yield from _named(volume, _FREE_VOLUMES)
         for source in map(_object, _list(_object(volume.get("projected")).get("sources"))):
             yield from _named(source, _FREE_SOURCES)
-    for context in (component, pod, *map(_object, _list(pod.get("initContainers")))):
-        yield from _named(_object(_object(context.get("securityContext")).get("windowsOptions")), frozenset())
+    for context in (*containers, pod):
+        yield from _named(_object(_object(context.get("securityContext")).get("windowsOptions")), _FREE_WINDOWS)
+    for field in _guarded_fields():
+        for holder in (pod,) if field["level"] == "pod" else containers:
+            if any(value not in field["free"] for value in _walk(holder, field["path"].split("."))):
+                yield f"{field['effect']} ({field['path'].replace('[]', '')})"
+    for key, value in _object(_object(_object(component.get("template")).get("metadata")).get("annotations")).items():
+        if key.startswith(_APPARMOR):
+            yield f"AppArmor profile {value}"
+
+
+def _further_containers(pod: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    for place in ("initContainers", "containers"):
+        yield from map(_object, _list(pod.get(place)))
+
+
+@cache
+def _guarded_fields() -> list[dict[str, Any]]:
+    """Returns the fields that reach the node, as the operator's own table has them."""
+    fields: list[dict[str, Any]] = json.loads((resources.files("rigel_bridge") / "data/host_access.json").read_text())
+    return fields
+
+
+def _walk(node: Any, steps: list[str]) -> Iterator[Any]:
+    """Yields the values at a path, in which `[]` means every item of a list."""
+    if not steps:
+        yield node
+        return
+    value = _object(node).get(steps[0].removesuffix("[]"))
+    if value is None:
+        return
+    for item in _list(value) if steps[0].endswith("[]") else [value]:
+        yield from _walk(item, steps[1:])
 
 
 def _values_of(container: Mapping[str, Any]) -> Iterator[str]:

@@ -141,7 +141,9 @@ def _component(workload: Workload, work: _Work, index: int, *, names: Mapping[st
     if len(containers) > 1:
         more = ", ".join(str(each["name"]) for each in containers[1:])
         raise _wrong(
-            workload, f"has more containers than one ({more}): a component has one, so split the Deployment first"
+            workload,
+            f"has more containers than one ({more}), of which migration carries over one: split the Deployment first, or write the "
+            "RobotApp by hand with the others under template.spec.containers",
         )
     found = fields(workload.template)
     target = work.draft.spec["components"][index]

@@ -83,7 +83,8 @@ def _container(container: Section, draft: Draft, notes: list[Note], *, version: 
     name = container.text("name")
     if name not in (None, _CONTAINER):
         raise container.node.fail(
-            f"container {str(name)[:80]!r} is a second one; a RobotApp has one container per component: make it a package"
+            f"container {str(name)[:80]!r} is a second one, which has no place here: make it a package, or add it to the rendered app under "
+            "template.spec.containers"
         )
     known = robotapp_schema()["properties"]["spec"]["properties"]["components"]["items"]["properties"]
     container.refuse_unknown([key for key in known if key != "template"])

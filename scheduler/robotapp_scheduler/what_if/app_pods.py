@@ -143,8 +143,9 @@ def _pod(app: RobotApp, component: dict[str, Any], robot: str, *, number: int, s
             "nodeSelector": spec.get("nodeSelector") or None,
             "tolerations": _tolerations(component, spec, robot),
             "affinity": _affinity(component, robot),
-            "initContainers": [_container(each) for each in spec.get("initContainers") or ()],
-            "containers": [_container(component)],
+            "hostNetwork": spec.get("hostNetwork") is True,
+            "initContainers": [_container(each, spec) for each in spec.get("initContainers") or ()],
+            "containers": [_container(each, spec) for each in (component, *(spec.get("containers") or ()))],
             "volumes": spec.get("volumes") or [],
         },
     }
@@ -154,11 +155,14 @@ _DECIDING: Final = ("restartPolicy", "restartPolicyRules", "volumeMounts")
 """What else the rules read of a container."""
 
 
-def _container(written: Mapping[str, Any]) -> dict[str, Any]:
-    """The API server's default: what is not requested is requested up to its limit."""
+def _container(written: Mapping[str, Any], pod: Mapping[str, Any]) -> dict[str, Any]:
+    """The API server's defaults: what is not requested is requested up to its limit, and in the node's network each port is the node's."""
     resources = written.get("resources") or {}
     requests = {**(resources.get("limits") or {}), **(resources.get("requests") or {})}
     found = {"name": written.get("name", ""), "image": written.get("image", ""), "resources": {"requests": requests}}
+    if ports := written.get("ports"):
+        hosted = pod.get("hostNetwork") is True
+        found["ports"] = [{**port, "hostPort": port["containerPort"]} if hosted else port for port in ports]
     return found | {name: written[name] for name in _DECIDING if written.get(name)}
 
 

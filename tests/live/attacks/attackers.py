@@ -100,7 +100,7 @@ def attacked(plane: ControlPlane, own: str, victim: str) -> Iterator[Attackers]:
         namespaces = {"own": own, "victim": victim, "system": "robotapp-system"}
         attackers = Attackers(plane.api, apis, namespaces)
         try:
-            _await_references(attackers)
+            _await_policies(attackers)
             yield attackers
         finally:
             for api in apis.values():
@@ -126,23 +126,23 @@ def _token(plane: ControlPlane, name: str) -> str:
     return str(loaded["users"][0]["user"]["token"])
 
 
-def _await_references(attackers: Attackers) -> None:
-    """The API server compiles a new policy in the background; it is the only one that `product.install` cannot wait for."""
+def _await_policies(attackers: Attackers) -> None:
+    """The API server compiles a new policy in the background; `product.install` cannot wait for those of RobotApps."""
     until = time.monotonic() + _POLICIES_S
-    probe = {
-        "apiVersion": kinds.ROBOTAPP.version,
-        "kind": kinds.ROBOTAPP.kind,
-        "metadata": {"name": "probe"},
-        **kinds.templated(serviceAccountName="deployer"),
-    }
-    path = f"{kinds.ROBOTAPP.path(attackers.namespaces['own'])}?dryRun=All"
-    while True:
-        try:
-            attackers.apis["clerk"].create(path, probe)
-        except ApiStatusError as error:
-            if "ValidatingAdmissionPolicy" in error.message:
-                return
-            raise
-        if time.monotonic() > until:
-            raise TimeoutError(f"the policy robotapp-references did not decide within {_POLICIES_S:.0f} s")
-        time.sleep(0.1)
+    for name, pod in (("references", {"serviceAccountName": "deployer"}), ("host-access", {"hostNetwork": True})):
+        body = {"apiVersion": kinds.ROBOTAPP.version, "kind": kinds.ROBOTAPP.kind, "metadata": {"name": "probe"}}
+        path = f"{kinds.ROBOTAPP.path(attackers.namespaces['own'])}?dryRun=All"
+        while not _is_refused(attackers.apis["clerk"], path, {**body, **kinds.templated(**pod)}):
+            if time.monotonic() > until:
+                raise TimeoutError(f"the policy robotapp-{name} did not decide within {_POLICIES_S:.0f} s")
+            time.sleep(0.1)
+
+
+def _is_refused(api: Api, path: str, body: Json) -> bool:
+    try:
+        api.create(path, body)
+    except ApiStatusError as error:
+        if "ValidatingAdmissionPolicy" in error.message:
+            return True
+        raise
+    return False

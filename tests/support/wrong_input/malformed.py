@@ -86,7 +86,10 @@ def full_app() -> dict[str, Any]:
 
 
 def _full_helper() -> dict[str, Any]:
-    left_out = ("volumes", "initContainers", "terminationGracePeriodSeconds")
+    left_out = {
+        "volumes", "initContainers", "containers", "terminationGracePeriodSeconds", "hostNetwork", "hostIPC", "hostPID",
+        "shareProcessNamespace", "hostAliases", "hostname", "dnsConfig",
+    }  # fmt: skip
     return {
         "imagePullPolicy": "Always",
         "resources": {"requests": {"cpu": "50m"}},
@@ -120,6 +123,7 @@ def _full_component() -> dict[str, Any]:
                 "sharing": "Exclusive", "onLoss": "Keep"}
         ],
         requires=[{"type": "gpu", "model": "nvidia", "interface": "pcie"}],
+        stdin=True, tty=True, sharedMemory={"size": "512Mi"},
         sharedData={"with": ["mapper"], "peerPods": ["foreign"], "claimNames": ["map-pvc"]},
         service={
             "metadata": {"labels": {"team": "a"}, "annotations": {"example.com/a": "b"}},
@@ -140,6 +144,14 @@ def _full_pod() -> dict[str, Any]:
         "volumes": [{"name": "v", "emptyDir": {}}],
         "imagePullSecrets": [{"name": "pull"}],
         "initContainers": [{"name": "init", "image": "ros:jazzy"}],
+        "containers": [{"name": "beside", "image": "ros:jazzy"}],
+        "hostNetwork": True,
+        "hostIPC": True,
+        "hostPID": True,
+        "shareProcessNamespace": True,
+        "hostAliases": [{"ip": "10.0.0.1", "hostnames": ["lidar"]}],
+        "hostname": "driver",
+        "dnsConfig": {"nameservers": ["10.0.0.2"]},
         "tolerations": [{"key": "robot", "operator": "Exists"}],
         "nodeSelector": {"disk": "ssd"},
         "priorityClassName": "high",

@@ -95,7 +95,10 @@ READERS: Final[Mapping[str, str]] = {
         spec.components.workingDir spec.components.env spec.components.envFrom spec.components.ports
         spec.components.volumeMounts spec.components.resources spec.components.imagePullPolicy
         spec.components.securityContext spec.components.livenessProbe spec.components.startupProbe
-        spec.components.lifecycle
+        spec.components.lifecycle spec.components.stdin spec.components.tty spec.components.sharedMemory.size
+        spec.components.template.spec.containers spec.components.template.spec.hostNetwork spec.components.template.spec.hostIPC
+        spec.components.template.spec.hostPID spec.components.template.spec.shareProcessNamespace
+        spec.components.template.spec.hostAliases spec.components.template.spec.hostname spec.components.template.spec.dnsConfig
         spec.components.template.metadata.labels spec.components.template.metadata.annotations
         spec.components.template.spec.volumes spec.components.template.spec.imagePullSecrets
         spec.components.template.spec.initContainers spec.components.template.spec.nodeSelector

@@ -107,21 +107,10 @@ def test_keys_of_keyed_lists_are_required_or_have_a_default() -> None:
                 assert key in items.get("required", ()) or "default" in items["properties"][key], f"{path}.{key}"
 
 
-def test_an_app_cannot_reach_the_host() -> None:
+def test_an_app_has_no_field_that_would_pass_the_scheduler_or_the_policies_by() -> None:
     paths = [path for path, _ in nodes(crd.schema_of(RobotApp))]
-    withheld = {
-        "hostPath",
-        "hostPort",
-        "hostIP",
-        "hostNetwork",
-        "hostPID",
-        "hostIPC",
-        "claims",
-        "nfs",
-        "csi",
-        "ephemeral",
-    }
-    assert [path for path in paths if path.split(".")[-1] in withheld - {"claims"}] == []
+    withheld = {"hostIP", "hostUsers", "ephemeral", "iscsi", "flexVolume", "affinity", "serviceAccount", "priority"}
+    assert [path for path in paths if path.split(".")[-1] in withheld] == []
     assert [path for path in paths if path.endswith("resources.claims")] == []
 
 

@@ -50,7 +50,7 @@ def test_keys_of_keyed_lists_become_required_when_their_default_is_dropped() -> 
 
 
 @pytest.mark.parametrize(
-    ("kind", "field"), [("ContainerPort", "hostPort"), ("Volume", "hostPath"), ("ResourceRequirements", "claims")]
+    ("kind", "field"), [("ContainerPort", "hostIP"), ("Volume", "iscsi"), ("ResourceRequirements", "claims")]
 )
 def test_what_reaches_the_host_is_left_out(kind: str, field: str) -> None:
     schema = {"type": "object", "properties": {field: {"type": "string"}, "name": {"type": "string"}}}

@@ -8,6 +8,7 @@ from tests.live.attacks.table.lending import FREE_FIELDS, LEVELS, PLAIN, fields_
 
 LOOKED_AT = {"serviceAccountName", "imagePullSecrets", "priorityClassName"}
 """Fields whose values the policy looks at: an empty one lends nothing."""
+CONTAINERS = (LEVELS["initContainers"], f"{LEVELS['podSpec']}.containers")
 HELPERS = ("ros1", "ros2.discovery")
 """Where the spec describes pods of the operator's own: a master, discovery servers."""
 
@@ -25,19 +26,24 @@ def test_the_policy_leaves_a_writer_the_plain_fields_and_no_other(level: str) ->
 def test_every_object_below_which_something_is_lent_has_a_level() -> None:
     """The policy looks at these places alone; `windowsOptions` and the three looked-at fields have a variable of their own."""
     parents = {path.rpartition(".")[0].removeprefix("spec.") for path in lending_paths(robotapp_spec(), "spec")}
-    windows = {f"{parent}.securityContext" for parent in ("components", LEVELS["podSpec"], LEVELS["initContainers"])}
+    windows = {f"{parent}.securityContext" for parent in ("components", LEVELS["podSpec"], *CONTAINERS)}
     helpers = {
         f"{helper}{place}"
         for helper in HELPERS
         for place in (".securityContext", ".template.spec", ".template.spec.securityContext")
     }
-    init = {f"{LEVELS['initContainers']}.env.valueFrom", f"{LEVELS['initContainers']}.envFrom"}
-    assert parents == {*LEVELS.values(), *windows, *helpers, *init} - {
+    further = {f"{place}{field}" for place in CONTAINERS for field in (".env.valueFrom", ".envFrom")}
+    assert parents == {*LEVELS.values(), *windows, *helpers, *further} - {
         "components",
         "components.template",
         LEVELS["initContainers"],
         *HELPERS,
     }
+
+
+def test_further_containers_have_the_fields_of_init_containers_by_whose_list_they_are_looked_at() -> None:
+    first, second = map(fields_at, CONTAINERS)
+    assert first == second
 
 
 @pytest.mark.parametrize("helper", HELPERS)

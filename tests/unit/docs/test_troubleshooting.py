@@ -16,7 +16,8 @@ FINE: Final = {
     *(Reason.WITHIN_BUDGET, Reason.ALL_READY, Reason.ROLLING_OUT, Reason.UP_TO_DATE, Reason.NOT_STALLED),
 }
 """Reasons of conditions that need no cure."""
-FROM_KUBECTL: Final = {'no matches for kind "RobotApp"'}
+FROM_KUBECTL: Final = {'no matches for kind "RobotApp"', "needs the verb use on robotapps/"}
+"""Sentences of kubectl itself, and of the chart's policies."""
 GAP: Final = "\0"
 
 

@@ -32,6 +32,16 @@ COMPONENTS = {
             "spec": {"initContainers": [{"name": "i", "restartPolicyRules": [{"action": "RestartAllContainers"}]}]}
         }
     },
+    "host port": {"ports": [{"containerPort": 80, "hostPort": 8080}, {"containerPort": 81}]},
+    "network of the node": {
+        "ports": [{"containerPort": 80}],
+        "template": {
+            "spec": {"hostNetwork": True, "containers": [{"name": "w", "image": "w", "ports": [{"containerPort": 9}]}]}
+        },
+    },
+    "further containers": {
+        "template": {"spec": {"containers": [{"name": "w", "image": "w", "resources": {"requests": {"cpu": "2"}}}]}}
+    },
     "template": {
         "template": {
             "metadata": {"labels": {"team": "a"}},
@@ -49,6 +59,9 @@ COMPONENTS = {
 def of_operator(written: dict[str, Any], robot: str) -> Pod:
     app = make_app(component(**written), **({"robots": SELECTOR} if robot else {}))
     found = pod_template(app.spec.components[0], desired_of(app, robot), domain=None, state=NONE)
+    for each in found["spec"]["containers"] if found["spec"].get("hostNetwork") else ():
+        for port in each.get("ports", ()):
+            port["hostPort"] = port["containerPort"]  # as the API server defaults it
     pod = msgspec.convert(found, Pod)
     for each in (*pod.spec.containers, *(pod.spec.init_containers or ())):  # as the API server defaults them
         limits = found["spec"]["containers"][0].get("resources", {}).get("limits", {}) if each.name == "driver" else {}
@@ -76,6 +89,7 @@ def deciding(spec: PodSpec) -> dict[str, Any]:
         "tolerations": [each for each in spec.tolerations if each.key not in DISCONNECTED],
         "requests": [each.resources.requests or {} for each in spec.containers],
         "init": [each.resources.requests or {} for each in spec.init_containers or ()],
+        "ports": [(port.host_port, port.protocol) for each in spec.containers for port in each.ports or ()],
         "images": [each.image for each in spec.containers],
         "features": required_features_of(spec),
         "volumes": [each.name for each in spec.volumes or ()],

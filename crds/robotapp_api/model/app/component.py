@@ -88,6 +88,13 @@ class Dependency(Model):
     """State the other component must have reached: Ready."""
 
 
+class SharedMemory(Model):
+    """The shared memory of a component's pod, /dev/shm."""
+
+    size: Quantity
+    """How much may be in it, such as 512Mi. What is in it counts towards the memory limits of the containers."""
+
+
 Peers = Annotated[tuple[DnsLabel, ...], ListSet(), Field(max_length=8)]
 
 
@@ -172,7 +179,7 @@ class Component(Model):
     env_from: Annotated[PackedList, Core("Container", "envFrom")] = PackedList()
     """ConfigMaps and Secrets of this namespace whose keys become environment variables."""
     ports: Annotated[PackedList, Core("Container", "ports")] = PackedList()
-    """Ports of the container; host ports are not possible."""
+    """Ports of the container; a hostPort takes the verb use on robotapps/hostnetwork."""
     volume_mounts: Annotated[PackedList, Core("Container", "volumeMounts")] = PackedList()
     """Where the volumes of template.spec appear in the container."""
     resources: Annotated[PackedMap, Core("Container", "resources")] = PackedMap()
@@ -191,6 +198,12 @@ class Component(Model):
     """Check that must succeed once before the others begin."""
     lifecycle: Annotated[PackedMap, Core("Container", "lifecycle")] | None = None
     """What runs in the container after its start and before it is asked to stop, for example publishing zero velocity."""
+    stdin: Annotated[bool, Core("Container", "stdin")] | None = None
+    """The container keeps its standard input open, for kubectl attach -i."""
+    tty: Annotated[bool, Core("Container", "tty")] | None = None
+    """The container has a terminal, for programs that draw on one; with stdin for kubectl attach -it."""
+    shared_memory: SharedMemory | None = None
+    """Size of /dev/shm in all containers of the pod; absent means what the container runtime gives, usually 64 MiB."""
     parameters: ParameterFiles = ()
     """ROS parameter files in the order in which they are passed; a later one wins. A change of what inline and
     configMapKeyRef hold rolls the pod. They are passed as --params-file, to a launch file by launch.parametersArgument; a program

@@ -56,11 +56,15 @@ class TemplateSpec(Model):
     """Fields of the pod with core's names and meaning."""
 
     volumes: Annotated[PackedList, Core("PodSpec", "volumes")] = PackedList()
-    """Volumes of the pod: configMap, secret, emptyDir, persistentVolumeClaim, projected or downwardAPI."""
+    """Volumes of the pod: configMap, secret, emptyDir, persistentVolumeClaim, projected, downwardAPI, nfs, csi, or hostPath,
+    which takes the verb use on robotapps/hostpath."""
     image_pull_secrets: Annotated[PackedList, Core("PodSpec", "imagePullSecrets")] = PackedList()
     """Secrets of this namespace that let the node pull the image."""
     init_containers: Annotated[PackedList, Core("PodSpec", "initContainers")] = PackedList()
-    """Containers that run before the component."""
+    """Containers that run before the component, and with restartPolicy: Always beside it. They get the variables of ROS as the
+    component does."""
+    containers: Annotated[PackedList, Core("PodSpec", "containers")] = PackedList()
+    """Containers that run beside the component in its pod, with the variables of ROS as the component has them."""
     tolerations: Annotated[PackedList, Core("PodSpec", "tolerations")] = PackedList()
     """Node taints the component puts up with."""
     node_selector: Annotated[dict[str, str], Core("PodSpec", "nodeSelector")] = Field(default_factory=dict)
@@ -76,6 +80,20 @@ class TemplateSpec(Model):
     """RuntimeClass the pod runs with."""
     termination_grace_period_seconds: Annotated[int, Core("PodSpec", "terminationGracePeriodSeconds")] | None = None
     """Seconds between the request to stop and the kill."""
+    host_network: Annotated[bool, Core("PodSpec", "hostNetwork")] | None = None
+    """The pod has the network and the address of its node. Takes the verb use on robotapps/hostnetwork."""
+    host_ipc: Annotated[Annotated[bool, Core("PodSpec", "hostIPC")] | None, Field(alias="hostIPC")] = None
+    """The pod has the shared memory of its node. Takes the verb use on robotapps/hostipc."""
+    host_pid: Annotated[Annotated[bool, Core("PodSpec", "hostPID")] | None, Field(alias="hostPID")] = None
+    """The pod sees the processes of its node. Takes the verb use on robotapps/hostpid."""
+    share_process_namespace: Annotated[bool, Core("PodSpec", "shareProcessNamespace")] | None = None
+    """Containers of the pod see each other's processes."""
+    host_aliases: Annotated[PackedList, Core("PodSpec", "hostAliases")] = PackedList()
+    """Lines of the pod's /etc/hosts: names of machines that no DNS server has."""
+    hostname: Annotated[str, Core("PodSpec", "hostname")] | None = None
+    """Host name inside the pod; absent means the pod's own name."""
+    dns_config: Annotated[PackedMap, Core("PodSpec", "dnsConfig")] | None = None
+    """DNS servers, search domains and options beside those of the cluster."""
     node_name: Annotated[
         Annotated[str, StringConstraints(max_length=253)] | None,
         _refused("nodeName", "write nodeSelector, or robots and runsOn of the component", empty="self == ''"),

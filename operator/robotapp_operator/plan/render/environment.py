@@ -26,12 +26,15 @@ _OWN_PREFIX: Final = "ROBOTAPP_OWN_"
 """Begins the name under which a value from a ConfigMap or Secret is kept, so that the joined one can refer to it."""
 
 
-def ros2_environment(desired: Desired, *, domain: int) -> list[EnvVar]:
-    """Variables of every ROS 2 container of an instance, in a fixed order."""
+def ros2_environment(desired: Desired, *, domain: int, shares_memory: bool = True) -> list[EnvVar]:
+    """Returns the variables of a ROS 2 container of an instance, in a fixed order.
+
+    shares_memory: false for a pod that Fast DDS takes for the host of others with which it shares no memory.
+    """
     variables = {ROS_DOMAIN_ID: str(domain), "RMW_IMPLEMENTATION": desired.rmw}
     variables |= _discovery_range(desired)
     variables |= _discovery(desired)
-    variables |= _transport(desired)
+    variables |= _transport(desired, shares_memory=shares_memory)
     return [EnvVar(name, value) for name, value in variables.items()]
 
 
@@ -100,9 +103,13 @@ def cyclone_config(peers: Sequence[str], *, distro: str) -> str:
     )
 
 
-def _transport(desired: Desired) -> dict[str, str]:
-    """UDP alone where the app requires it: Fast DDS tries shared memory with peers it takes for the same host, which pods cannot share."""
-    udp_alone = desired.transport == "UDP" and desired.rmw in FAST_DDS
+def _transport(desired: Desired, *, shares_memory: bool) -> dict[str, str]:
+    """UDP alone where the app requires it or the pod cannot do otherwise.
+
+    Fast DDS takes processes with the same network interfaces for one host and sends to them by shared memory. Pods in their node's
+    network with a /dev/shm each would list each other's topics and receive nothing.
+    """
+    udp_alone = desired.rmw in FAST_DDS and (desired.transport == "UDP" or not shares_memory)
     return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"} if udp_alone else {}
 
 

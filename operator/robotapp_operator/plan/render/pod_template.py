@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
+from robotapp_api.checks.host_access.network import shares_memory
 from robotapp_api.model.app.component import Component
-from robotapp_api.model.names import WAITING_STEP, Annotation
+from robotapp_api.model.names import SHARED_MEMORY_PATH, SHARED_MEMORY_VOLUME, WAITING_STEP, Annotation
 from robotapp_api.model.packed import unpacked
 from robotapp_operator.plan.render.child import component_labels
 from robotapp_operator.plan.render.command_line import full_node_name, parameter_variables, render_arguments
@@ -52,11 +53,18 @@ def pod_template(
         "tolerations": tolerations(component, desired),
         "initContainers": [
             *(_waiting(component, desired) if desired.app.uses_ros(component) else ()),
-            *(add_environment(step, component, desired, domain=domain) for step in template.init_containers),
+            *(_further_container(step, component, desired, domain=domain) for step in template.init_containers),
         ],
-        "containers": [container(component, desired, domain=domain, state=state)],
-        "volumes": [*template.volumes, *parameter_volume(component, desired, state)],
+        "containers": [
+            container(component, desired, domain=domain, state=state),
+            *(_further_container(sidecar, component, desired, domain=domain) for sidecar in template.containers),
+        ],
+        "volumes": [*template.volumes, *parameter_volume(component, desired, state), *_shared_memory(component)],
+        "hostAliases": list(template.host_aliases),
+        "dnsConfig": template.dns_config,
+        "hostname": template.hostname,
         **_peer_identity(component, desired),
+        **_host_namespaces(component),
         **scheduling_gates(desired),
     }
     labels = component.template.metadata.labels | component_labels(desired, component.name)
@@ -79,7 +87,13 @@ def container(
         env=environment(component, desired, domain=domain, state=state),
         envFrom=list(component.env_from),
         ports=list(component.ports),
-        volumeMounts=[*component.volume_mounts, *parameter_mount(component, state)],
+        volumeMounts=[
+            *component.volume_mounts,
+            *parameter_mount(component, state),
+            *_shared_memory_mount(component),
+        ],
+        stdin=component.stdin or None,
+        tty=component.tty or None,
         resources=component.resources,
         imagePullPolicy=component.image_pull_policy,
         securityContext=component.security_context,
@@ -104,6 +118,15 @@ def environment(
     return join_environment(ours, component.env)
 
 
+def _further_container(
+    written: Mapping[str, Any], component: Component, desired: Desired, *, domain: Domain | None
+) -> dict[str, Any]:
+    """Returns an init container or sidecar of the component as it runs: with the variables of ROS and the pod's shared memory."""
+    result = add_environment(written, component, desired, domain=domain)
+    mount = _shared_memory_mount(component)
+    return {**result, "volumeMounts": [*(written.get("volumeMounts") or ()), *mount]} if mount else result
+
+
 def add_environment(
     step: Mapping[str, Any], component: Component, desired: Desired, *, domain: Domain | None
 ) -> dict[str, Any]:
@@ -118,16 +141,50 @@ def _pod_environment(component: Component, desired: Desired, *, domain: Domain |
         {"name": "ROBOTAPP_INSTANCE", "value": desired.robot},
         {"name": "ROBOTAPP_ROBOT", "value": desired.robot},
         {"name": "ROBOTAPP_COMPONENT", "value": component.name},
-        *(_ros_environment(desired, domain=domain) if desired.app.uses_ros(component) else ()),
+        *(_ros_environment(component, desired, domain=domain) if desired.app.uses_ros(component) else ()),
     ]
 
 
-def _ros_environment(desired: Desired, *, domain: Domain | None) -> list[dict[str, Any]]:
+def _ros_environment(component: Component, desired: Desired, *, domain: Domain | None) -> list[dict[str, Any]]:
     distro = {"name": "ROS_DISTRO", "value": desired.distro}
     if desired.app.ros_version == 1 or domain is None:
         return [distro, *ros1_environment(desired)]
-    variables = ros2_environment(desired, domain=domain.id)
+    variables = ros2_environment(desired, domain=domain.id, shares_memory=shares_memory(component))
     return [distro, *({"name": variable.name, "value": variable.value} for variable in variables)]
+
+
+def _host_namespaces(component: Component) -> dict[str, Any]:
+    """Returns which namespaces of its node the pod has in place of its own, and whether its containers share processes.
+
+    A pod in its node's network would ask the node's DNS servers, which know no Service.
+    """
+    pod = component.template.spec
+    written = {
+        "hostNetwork": pod.host_network,
+        "hostIPC": pod.host_ipc,
+        "hostPID": pod.host_pid,
+        "shareProcessNamespace": pod.share_process_namespace,
+    }
+    fields: dict[str, Any] = {name: True for name, is_on in written.items() if is_on}
+    return fields | ({"dnsPolicy": "ClusterFirstWithHostNet"} if pod.host_network else {})
+
+
+def _shared_memory(component: Component) -> list[dict[str, Any]]:
+    """Returns the volume behind /dev/shm of the size that the component wants; without it the runtime gives 64 MiB."""
+    if component.shared_memory is None:
+        return []
+    return [
+        {
+            "name": SHARED_MEMORY_VOLUME,
+            "emptyDir": {"medium": "Memory", "sizeLimit": str(component.shared_memory.size)},
+        }
+    ]
+
+
+def _shared_memory_mount(component: Component) -> list[dict[str, Any]]:
+    if component.shared_memory is None:
+        return []
+    return [{"name": SHARED_MEMORY_VOLUME, "mountPath": SHARED_MEMORY_PATH}]
 
 
 def _peer_identity(component: Component, desired: Desired) -> dict[str, str]:

@@ -85,18 +85,23 @@ while True:
 
 # $1: the observer's program, $2: the file, the rest: the observer's arguments. Its environment is that of the container's first
 # process, which the image's entry point has sourced. An observer that died is started again after 15 s.
-_PROBE: Final = """\
+_SCRIPT: Final = """\
 program=$1; file=$2; shift 2; [ -w /tmp ] && file=/tmp/${file##*/}; now=$(date +%s)
 if [ -f "$file" ] && [ $((now - $(stat -c %Y "$file"))) -le 3 ]; then read -r line <"$file"; echo "$line"; [ "$line" = ready ]; exit; fi
 if [ -f "$file.log" ] && [ $((now - $(stat -c %Y "$file.pid"))) -le 15 ]; then tail -n 1 "$file.log"; echo starting; exit 1; fi
 [ -f "$file.pid" ] && grep -qs "${file##*/}" "/proc/$(cat "$file.pid")/cmdline" && kill -9 "$(cat "$file.pid")"
-[ -r /proc/1/environ ] && while IFS= read -r -d '' line; do export "$line"; done </proc/1/environ 2>/dev/null
-python3 -c 'import sys, importlib.util as u; sys.exit(u.find_spec("rclpy") is None)' || . "/opt/ros/$ROS_DISTRO/setup.bash"
+@environment@python3 -c 'import sys, importlib.util as u; sys.exit(u.find_spec("rclpy") is None)' || . "/opt/ros/$ROS_DISTRO/setup.bash"
 [ -w "${HOME:-/}" ] || export ROS_LOG_DIR=/dev/shm
 export ROS_SUPER_CLIENT=TRUE
 setsid python3 -c "$program" "$file" "$@" </dev/null >"$file.log" 2>&1 & echo $! >"$file.pid"
 echo starting; exit 1
 """
+_FIRST_ENVIRONMENT: Final = """\
+[ -r /proc/1/environ ] && while IFS= read -r -d '' line; do export "$line"; done </proc/1/environ 2>/dev/null
+"""
+_PROBE: Final = _SCRIPT.replace("@environment@", _FIRST_ENVIRONMENT)
+_PROBE_AMONG_OTHERS: Final = _SCRIPT.replace("@environment@", "")
+"""For a container that sees other processes: the first one is the pause container's, or the node's."""
 
 
 def readiness_probe(component: Component, app: App, *, node: str = "") -> dict[str, Any] | None:
@@ -115,9 +120,13 @@ def readiness_probe(component: Component, app: App, *, node: str = "") -> dict[s
     else:
         # Without a name of its own the node is named like its component, with underscores: ROS names have no dashes.
         arguments = ["lifecycle", node or f"/{component.name.replace('-', '_')}", "-", "0"]
-    state = f"/dev/shm/robotapp-ready-{component.name}"  # noqa: S108 - within the pod, where / may be read-only
+    pod = component.template.spec
+    # With the shared memory of the node the file is beside those of other apps.
+    owner = f"{app.uid}-" if pod.host_ipc else ""
+    state = f"/dev/shm/robotapp-ready-{owner}{component.name}"  # noqa: S108 - within the pod, where / may be read-only
+    script = _PROBE_AMONG_OTHERS if pod.host_pid or pod.share_process_namespace else _PROBE
     return {
-        "exec": {"command": ["bash", "-c", _PROBE, "robotapp-ready", OBSERVER, state, *arguments]},
+        "exec": {"command": ["bash", "-c", script, "robotapp-ready", OBSERVER, state, *arguments]},
         "periodSeconds": PERIOD_S,
         "timeoutSeconds": TIMEOUT_S,
         "failureThreshold": 1,

@@ -8,9 +8,12 @@ has an equal value in the observed object, and the content hash that was written
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 from robotapp_api.values.quantities.quantity import parse_milli
+
+_DROPPED_WHEN_OFF: Final = frozenset({"readOnly", "stdin", "stdinOnce", "tty", "hostPort"})
+"""Fields of core whose false or 0 is not stored; of other flags false differs from absence, as of automountServiceAccountToken."""
 
 
 def content_hash(content: Any) -> str:
@@ -34,7 +37,8 @@ def covers(observed: Any, wanted: Any) -> bool:
 
 def _covers_field(observed: Mapping[str, Any], key: str, value: Any) -> bool:
     # The server drops empty maps, empty lists and "" of optional fields.
-    return (key not in observed and value in ({}, [], "", None)) or covers(observed.get(key), value)
+    is_dropped = value in ({}, [], "", None) or (not value and key in _DROPPED_WHEN_OFF)
+    return (key not in observed and is_dropped) or covers(observed.get(key), value)
 
 
 def _same_quantity(observed: Any, wanted: Any) -> bool:

@@ -81,6 +81,8 @@ class App:
     """What helper pods are made of where the app writes nothing: settings of the operator."""
     unknown_fields: tuple[str, ...] = ()
     """Fields of the stored spec that a later version brought."""
+    host_access: bool = False
+    """Whether the operator renders fields that reach the node; the chart sets it together with the policy that guards them."""
 
     @property
     def distro(self) -> str:

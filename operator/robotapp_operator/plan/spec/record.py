@@ -51,6 +51,7 @@ def parse_record(
     known: Record | None = None,
     default_scheduler: str = SCHEDULER_NAME,
     helper_defaults: HelperDefaults = NO_SETTINGS,
+    host_access: bool = False,
 ) -> Record:
     """`known` of the same generation lends its parsed spec: a status write must not cost a validation."""
     meta = body.get("metadata") or {}
@@ -72,6 +73,7 @@ def parse_record(
             default_scheduler=default_scheduler,
             helper_defaults=helper_defaults,
             unknown_fields=find_unknown_fields(spec, body["spec"]),
+            host_access=host_access,
         )
     else:
         problems = spec

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 
 from robotapp_api.checks.edges import bandwidth_field
+from robotapp_api.checks.host_access.guarded import host_access_problems
 from robotapp_api.checks.pool import pool_notes
 from robotapp_api.checks.problem import Problem
 from robotapp_api.checks.spec import spec_notes, spec_problems
@@ -21,7 +22,8 @@ __all__ = ["Problem", "domain_problems", "limit_note", "notes_of", "problems_alo
 
 def problems_alone(app: App) -> tuple[Problem, ...]:
     """Problems of the spec alone, whatever nodes there are."""
-    return tuple(spec_problems(app.spec))
+    guarded = () if app.host_access else host_access_problems(app.spec)
+    return (*spec_problems(app.spec), *guarded)
 
 
 def problems_with(app: App, nodes: Mapping[str, Node]) -> tuple[Problem, ...]:

@@ -209,6 +209,16 @@ def over_quota(message: str) -> bool:
     return "exceeded quota" in message
 
 
+def _refusal_cure(message: str) -> str:
+    """Returns what helps against a refusal of a pod."""
+    if "violates PodSecurity" in message:
+        return (
+            "leave these fields out, or ask whoever runs the cluster for a namespace whose label "
+            "pod-security.kubernetes.io/enforce admits them"
+        )
+    return "mend what the API server refuses"
+
+
 def _failure(
     deployment: Deployment, pods: Sequence[Pod], live: Sequence[Pod], barred: Collection[str]
 ) -> tuple[Reason | None, str]:
@@ -216,7 +226,7 @@ def _failure(
     for condition in deployment.status.conditions:
         if condition.type == "ReplicaFailure" and condition.status == "True":
             quota = over_quota(condition.message)
-            cure = "raise the quota or lower the requests" if quota else "mend what the API server refuses"
+            cure = "raise the quota or lower the requests" if quota else _refusal_cure(condition.message)
             return (Reason.QUOTA_REFUSED if quota else Reason.FAILED_CREATE), f"{condition.message}; {cure}"
     for pod in live:
         for container in (*pod.status.init_container_statuses, *pod.status.container_statuses):

@@ -20,6 +20,7 @@ NOT_ACCEPTED: Final = frozenset(
         Reason.INVALID_SPEC,
         Reason.TOO_LARGE,
         Reason.UNKNOWN_DISTRO,
+        Reason.HOST_ACCESS_OFF,
         Reason.NO_MATCHING_ROBOT,
     }
 )

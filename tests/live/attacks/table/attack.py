@@ -30,6 +30,7 @@ class Stop(Enum):
     ESCALATION = ("RBAC's escalation check", r"attempting to grant RBAC permissions not currently held")
     REFERENCES = ("policy `robotapp-references`", r"needs the right to create pods in namespace")
     SERVICES = ("policy `robotapp-services`", r"needs the right to create services in namespace")
+    HOST = ("policy `robotapp-host-access`", r"needs the verb use on robotapps/\w+ in namespace")
     TEMPLATE = ("rule in the CRD", r"cannot be set in the template")
     RULE = ("rule in the CRD", r"is invalid|Invalid value|Forbidden:")
     SCHEMA = ("no such field: refused in strict mode, else dropped", r"unknown field|field not declared in schema")
@@ -46,7 +47,7 @@ class Stop(Enum):
 
     REVISION = (
         "policy `robotapp-revisions`, RBAC",
-        r"is not the past spec of a RobotApp|needs the right to create pods in namespace|cannot (update|patch) resource",
+        r"is not the past spec of a RobotApp|needs the right to create pods in namespace|needs the verb use on|cannot (update|patch) resource",
     )
     AGENT = (
         "policy `robotapp-agent`, RBAC",

@@ -115,6 +115,25 @@ REFERENCES: Final = (
         "the same for an init container",
         {f"{_POD}.initContainers": _init(securityContext=_GMSA)},
     ),
+    _reference(
+        "windows-beside",
+        "the same for a further container",
+        {f"{_POD}.containers": _init(securityContext=_GMSA)},
+    ),
+    _reference(
+        "csi-volume",
+        "mount a volume of a CSI driver with its Secret",
+        {
+            f"{_POD}.volumes": [
+                {"name": "v", "csi": {"driver": "d", "nodePublishSecretRef": {"name": "s"}}},
+            ]
+        },
+    ),
+    _reference(
+        "nfs-volume",
+        "have the node mount files of another host",
+        {f"{_POD}.volumes": [{"name": "v", "nfs": {"server": "10.0.0.1", "path": "/"}}]},
+    ),
     _reference("secret-pull", "use a pull secret", {f"{_POD}.imagePullSecrets": [{"name": "registry"}]}),
     _reference(
         "priority-helper",
@@ -184,6 +203,14 @@ REFERENCES: Final = (
         {f"{_POD}.initContainers": _init(envFrom=[{"secretRef": {"name": "s"}}])},
     ),
     _reference(
+        "secret-beside-env", "a further container with a Secret's key", {f"{_POD}.containers": _init(env=_FROM_SECRET)}
+    ),
+    _reference(
+        "secret-beside-env-from",
+        "a further container with all of a Secret",
+        {f"{_POD}.containers": _init(envFrom=[{"secretRef": {"name": "s"}}])},
+    ),
+    _reference(
         "account-later",
         "name the ServiceAccount in a later component",
         {"spec.components[1]": _OTHER | {"template": {"spec": {"serviceAccountName": "deployer"}}}},
@@ -251,44 +278,20 @@ FIELDS: Final = (
         {f"{_POD}.ephemeralContainers": [{"name": "e"}]},
         stop=Stop.TEMPLATE,
     ),
-    _field("host-network", "the node's network", {f"{_POD}.hostNetwork": True}),
-    _field("host-pid", "the node's processes", {f"{_POD}.hostPID": True}),
-    _field("host-ipc", "the node's shared memory", {f"{_POD}.hostIPC": True}),
     _field("host-users", "the node's users", {f"{_POD}.hostUsers": True}),
-    _field("shared-processes", "processes of containers beside it", {f"{_POD}.shareProcessNamespace": True}),
-    _field("host-aliases", "names of other hosts", {f"{_POD}.hostAliases": [{"ip": "10.0.0.1", "hostnames": ["api"]}]}),
     _field("account-alias", "a ServiceAccount by its old name", {f"{_POD}.serviceAccount": "deployer"}),
     _field("mounted-token", "a mounted token", {f"{_POD}.automountServiceAccountToken": True}),
     _field("priority", "a priority without its class", {f"{_POD}.priority": 2000000000}),
     _field("affinity", "placement by pods of other namespaces", {f"{_POD}.affinity": {"podAffinity": {}}}),
-    _volume("host-path", "files of the node", hostPath={"path": "/"}),
-    _volume(
-        "csi-volume",
-        "a volume of a CSI driver with its Secret",
-        csi={"driver": "d", "nodePublishSecretRef": {"name": "s"}},
-    ),
-    _volume("nfs-volume", "files of another host", nfs={"server": "10.0.0.1", "path": "/"}),
     _volume("iscsi-volume", "a disk of another host", iscsi={"targetPortal": "10.0.0.1", "iqn": "i", "lun": 0}),
     _volume("flex-volume", "a volume of a FlexVolume driver", flexVolume={"driver": "d/e"}),
     _volume("ephemeral-volume", "a claim of storage made for the pod", ephemeral={"volumeClaimTemplate": {}}),
     _volume("git-volume", "a clone made by the kubelet", gitRepo={"repository": "r"}),
     _field(
-        "host-port",
-        "a port of the node",
-        {f"{_C}.ports[0].hostPort": 22},
-        app(ports=[{"containerPort": 80, "protocol": "TCP"}]),
-    ),
-    _field(
         "host-ip",
         "an address of the node",
         {f"{_C}.ports[0].hostIP": "10.0.0.1"},
         app(ports=[{"containerPort": 80, "protocol": "TCP"}]),
-    ),
-    _field(
-        "init-host-port",
-        "a port of the node by an init container",
-        {f"{_POD}.initContainers[0].ports[0].hostPort": 22},
-        templated(initContainers=_init(ports=[{"containerPort": 80, "protocol": "TCP"}])),
     ),
     _field("block-device", "a block device", {f"{_C}.volumeDevices": [{"name": "d", "devicePath": "/dev/sda"}]}),
     _field(
@@ -353,8 +356,11 @@ def _role(key: str, text: str, group: str, resource: str, verb: str) -> Attack:
 RIGHTS: Final = (
     _bound("bind-operator", "bind the operator's role in one's namespace", "robotapp-operator"),
     _bound("bind-scheduler", "bind the scheduler's role in one's namespace", "robotapp-scheduler"),
+    _bound("bind-host-path", "bind the role that may use files of the node", "robotapp-use-hostpath"),
     _bound("bind-admin", "bind cluster-admin in one's namespace", "cluster-admin"),
     _role("role-binding-pods", "a role that may bind pods", "", "pods/binding", "create"),
+    _role("role-host-path", "a role that may use files of the node", "robotics.io", "robotapps/hostpath", "use"),
+    _role("role-privileged", "a role that may run privileged", "robotics.io", "robotapps/privileged", "use"),
     _role("role-claims", "a role that may make claims", "robotics.io", "robotclaims", "create"),
     _role("role-instances", "a role that may write instances", "robotics.io", "robotappinstances/status", "patch"),
     _role("role-pod-status", "a role that may write the status of pods", "", "pods/status", "patch"),
@@ -487,6 +493,15 @@ REVISIONS: Final = (
         "revision-token",
         "a past spec with the token of `default`",
         volumes=[{"name": "v", "projected": {"sources": [_TOKEN]}}],
+    ),
+    _planted(
+        "revision-host-path", "a past spec with files of the node", volumes=[{"name": "v", "hostPath": {"path": "/"}}]
+    ),
+    _planted("revision-host-network", "a past spec in the network of the node", hostNetwork=True),
+    _planted(
+        "revision-privileged",
+        "a past spec with a privileged init container",
+        initContainers=_init(securityContext={"privileged": True}),
     ),
     _planted("revision-unknown", "a past spec with a field of a later version", identity="deployer"),
     _planted_helper(

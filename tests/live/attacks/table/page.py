@@ -7,11 +7,14 @@ from typing import Final
 from tests.live.attacks.table.attack import Attack
 from tests.live.attacks.table.escalations import FIELDS, REFERENCES, REVISIONS, RIGHTS, SERVICES
 from tests.live.attacks.table.grants import OBJECTS, PODS, SPECS
+from tests.live.attacks.table.host_access import matrix
 from tests.live.attacks.table.stolen_agents import AGENT, LABELLER
 
 PAGE: Final = Path(__file__).resolve().parents[4] / "docs" / "security.md"
 BEGIN: Final = "<!-- attacks: written by python -m tests.live.attacks.table.page -->"
 END: Final = "<!-- end of attacks -->"
+BEGIN_MATRIX: Final = "<!-- host access: written by python -m tests.live.attacks.table.page -->"
+END_MATRIX: Final = "<!-- end of host access -->"
 _WHO: Final = {
     "operator": "operator's token",
     "scheduler": "scheduler's token",
@@ -38,10 +41,15 @@ def table() -> str:
 
 
 def page(text: str) -> str:
-    """The text of the page with the table between its two marks."""
-    before, _, rest = text.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    return f"{before}{BEGIN}\n{table()}{END}{after}"
+    """The text of the page with the tables between their marks."""
+    with_matrix = _between(text, BEGIN_MATRIX, matrix(), END_MATRIX)
+    return _between(with_matrix, BEGIN, table(), END)
+
+
+def _between(text: str, begin: str, table_text: str, end: str) -> str:
+    before, _, rest = text.partition(begin)
+    _, _, after = rest.partition(end)
+    return f"{before}{begin}\n{table_text}{end}{after}"
 
 
 def _section(title: str, attacks: Sequence[Attack]) -> str:

@@ -197,12 +197,12 @@ def test_what_cannot_be_one_component_says_what_to_do() -> None:
 
 
 def test_fields_without_a_place_are_named_and_labels_of_ours_go() -> None:
-    made = deployment("a", TELEOP, container(tty=True), hostPID=True, hostIPC=False)
+    made = deployment("a", TELEOP, container(terminationMessagePath="/m"), hostUsers=True, setHostnameAsFQDN=False)
     made["spec"]["template"]["metadata"]["labels"] |= {"robotics.io/app": "x", "pod-template-hash": "y"}
     (app,) = planned(made).apps
     assert app.lost == (
-        "deployment fleet/a: spec.containers[0].tty",
-        "deployment fleet/a: spec.hostPID",
+        "deployment fleet/a: spec.containers[0].terminationMessagePath",
+        "deployment fleet/a: spec.hostUsers",
         "deployment fleet/a: metadata.labels.robotics.io/app",
     )
 

@@ -25,7 +25,7 @@ def block(settings: str) -> str:
         ("additional_k8s_params: {aplication: {}}", "(did you mean application?)"),
         ("additional_k8s_params: {application: {spec: {template: {spec: {containers: [{name: helper}]}}}}}", "container 'helper' is a second one"),
         ("additional_k8s_params: {application: {spec: {template: {spec: {containers: [{imag: x}]}}}}}", "(did you mean image?)"),
-        ("additional_k8s_params: {application: {spec: {template: {spec: {hostNetwork: true}}}}}", "template.spec.hostNetwork is not a field"),
+        ("additional_k8s_params: {application: {spec: {template: {spec: {hostUsers: true}}}}}", "template.spec.hostUsers is not a field"),
     ],
 )  # fmt: skip
 def test_a_setting_that_cannot_be_meant_is_refused_with_its_line(settings: str, message: str) -> None:

@@ -98,6 +98,13 @@ def test_what_has_no_effect_yet_is_a_warning() -> None:
     assert "has no effect yet" in note.message
 
 
+def test_what_reaches_the_node_is_a_warning_that_names_the_right() -> None:
+    component = {"name": "a", "image": "x", "securityContext": {"privileged": True}}
+    (note,) = found(app(components=[component]))
+    assert (note.severity, note.path) == (Severity.WARNING, "spec.components[0].securityContext.privileged")
+    assert "component a runs privileged: who applies it needs the verb use on robotapps/privileged" in note.message
+
+
 def test_a_limit_of_a_pool_without_effect_is_a_warning_in_the_operators_words() -> None:
     (note,) = found(pool(maxParticipantsPerHost=20))
     assert (note.severity, note.path) == (Severity.WARNING, "spec.maxParticipantsPerHost")

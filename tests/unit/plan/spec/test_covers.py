@@ -33,6 +33,14 @@ def test_covers(observed: Any, wanted: Any, same: bool) -> None:
     assert covers(observed, wanted) is same
 
 
+def test_flags_that_core_does_not_store_when_they_are_off_are_covered_by_absence() -> None:
+    mount = {"name": "v", "mountPath": "/v"}
+    assert covers(mount, mount | {"readOnly": False})
+    assert not covers(mount | {"readOnly": True}, mount | {"readOnly": False})
+    assert covers({"containerPort": 80}, {"containerPort": 80, "hostPort": 0})
+    assert not covers({}, {"automountServiceAccountToken": False}), "whoever takes it off mounts a token"
+
+
 def test_the_hash_ignores_key_order_only() -> None:
     assert content_hash({"a": 1, "b": [1, 2]}) == content_hash({"b": [1, 2], "a": 1})
     assert content_hash({"a": [1, 2]}) != content_hash({"a": [2, 1]})
