@@ -8,6 +8,7 @@ import msgspec
 from aiohttp import web
 
 from robotapp_client.serving.access import Access, Caller, TooManyError, certified
+from robotapp_client.serving.server import read_network
 from robotapp_client.transport.errors import ClientError
 
 WHO_ARE_YOU: Final = "send a bearer token of the cluster (Authorization: Bearer $(kubectl create token ...)) or a client certificate of it"
@@ -63,10 +64,19 @@ def caller(request: web.Request) -> Caller:
     certificate = request.transport.get_extra_info("peercert") if request.transport else None
     user = certified(certificate.get("subject")) if certificate else None
     if user is not None:
-        return Caller(user=user, address=request.remote or "")
+        return Caller(user=user, address=find_network(request))
     scheme, _, token = request.headers.get("Authorization", "").partition(" ")
     is_token = scheme.lower() == "bearer" and token.isascii()  # else the API server would be sent what is no text
-    return Caller(token=token.strip() if is_token else "", address=request.remote or "")
+    return Caller(token=token.strip() if is_token else "", address=find_network(request))
+
+
+def find_network(request: web.Request) -> str:
+    """Returns what counts as one address of the peer, as for its connections: a host with IPv6 has many to ask from."""
+    peer = request.remote or ""
+    try:
+        return read_network(peer)
+    except ValueError:  # it came by a socket of this machine
+        return peer
 
 
 def as_json(value: Any, status: int = 200) -> web.Response:

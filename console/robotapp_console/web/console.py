@@ -12,6 +12,7 @@ from aiohttp import web
 
 from robotapp_api.values.quantities.buckets import Buckets
 from robotapp_client import Endpoint
+from robotapp_client.serving.pages import find_network
 from robotapp_client.serving.server import read_network
 from robotapp_client.transport.credentials import Credentials
 from robotapp_console.cluster.config_store import Place
@@ -112,7 +113,7 @@ class Console:
             hop = ",".join(request.headers.getall("X-Forwarded-For", [])).rpartition(",")[2].strip()
             with contextlib.suppress(ValueError):
                 return read_network(hop)
-        return request.remote or ""
+        return find_network(request)
 
     def has_met(self, caller: Caller) -> bool:
         """Returns whether the caller's token was accepted before: a proxy hands over whatever it is given."""
