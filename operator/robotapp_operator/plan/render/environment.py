@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 from robotapp_api.checks.discovery_variables import is_joined, join_values
 from robotapp_api.checks.middleware import BEFORE_IRON, CONNEXT, CYCLONE, CYCLONE_11, FAST_DDS
 from robotapp_claims.rules.objects import ROS_DOMAIN_ID
-from robotapp_operator.plan.spec.desired import Desired, EnvVar
+from robotapp_operator.plan.spec.desired import IPV6, Desired, EnvVar
 
 DISCOVERY_SERVER_PORT: Final = 11811
 ZENOH_PORT: Final = 7447
@@ -74,7 +74,8 @@ def _discovery(desired: Desired) -> dict[str, str]:
             # 0 = wait for the router: a session that starts without one would join the graph at an unknown time.
             return {"ZENOH_CONFIG_OVERRIDE": endpoint, "ZENOH_ROUTER_CHECK_ATTEMPTS": "0"}
         case "Peers" if desired.rmw in CYCLONE:
-            return {"CYCLONEDDS_URI": cyclone_config(desired.peer_names, distro=desired.distro)}
+            transport = "udp6" if _is_ipv6(desired) else ""
+            return {"CYCLONEDDS_URI": cyclone_config(desired.peer_names, distro=desired.distro, transport=transport)}
         case "Peers" if desired.rmw in CONNEXT:
             return {"NDDS_DISCOVERY_PEERS": ",".join(f"udpv4://{peer}" for peer in desired.peer_names)}
         case "Peers":
@@ -83,16 +84,18 @@ def _discovery(desired: Desired) -> dict[str, str]:
             return {}
 
 
-def cyclone_config(peers: Sequence[str], *, distro: str) -> str:
+def cyclone_config(peers: Sequence[str], *, distro: str, transport: str = "") -> str:
     """Inline Cyclone DDS configuration: unicast discovery towards `peers`.
 
     One DNS name per component, because Cyclone takes only the first address a name resolves to. From 11 on Cyclone stops
     asking peers that did not answer for 30 s, for good: pods that start while their link is cut would never meet.
+    transport: `udp6` where names have IPv6 addresses alone, which end a process that speaks IPv4 at its start.
     """
     prune_delay = "<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>" if distro in CYCLONE_11 else ""
+    general = "<AllowMulticast>false</AllowMulticast>" + (f"<Transport>{transport}</Transport>" if transport else "")
     names = "".join(f"<Peer Address={quoteattr(peer)}/>" for peer in peers)
     return (
-        '<CycloneDDS><Domain Id="any"><General><AllowMulticast>false</AllowMulticast></General>'
+        f'<CycloneDDS><Domain Id="any"><General>{general}</General>'
         "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
         f"<MaxAutoParticipantIndex>{CYCLONE_MAX_INDEX}</MaxAutoParticipantIndex>"
         f"{prune_delay}<Peers>{names}</Peers></Discovery></Domain></CycloneDDS>"
@@ -100,6 +103,16 @@ def cyclone_config(peers: Sequence[str], *, distro: str) -> str:
 
 
 def _transport(desired: Desired) -> dict[str, str]:
-    """UDP alone where the app requires it: Fast DDS tries shared memory with peers it takes for the same host, which pods cannot share."""
-    udp_alone = desired.transport == "UDP" and desired.rmw in FAST_DDS
-    return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"} if udp_alone else {}
+    """UDP alone where the app requires it: Fast DDS tries shared memory with peers it takes for the same host, which pods cannot share.
+
+    With IPv6 always: Fast DDS speaks IPv4 by itself, and takes all pods for one host whose addresses are IPv6 alone.
+    """
+    if desired.rmw not in FAST_DDS:
+        return {}
+    if _is_ipv6(desired) and desired.discovery != "Localhost":
+        return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv6"}
+    return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"} if desired.transport == "UDP" else {}
+
+
+def _is_ipv6(desired: Desired) -> bool:
+    return desired.app.helper_defaults.ip_family == IPV6

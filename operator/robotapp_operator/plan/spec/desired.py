@@ -38,13 +38,22 @@ LONGEST_S: Final = 10 * 365 * 86_400.0
 """Longer durations count as this one where a moment is computed from them."""
 
 
+IPV4: Final = "IPv4"
+IPV6: Final = "IPv6"
+
+
 class HelperDefaults(NamedTuple):
-    """Images and user of helper pods: discovery servers, router and master. `{distro}` stands for the app's distribution."""
+    """Images and user of helper pods: discovery servers, router and master. `{distro}` stands for the app's distribution.
+
+    Also the IP family of the pods, which their middleware must speak.
+    """
 
     discovery_image: str = DISCOVERY_IMAGE
     master_image: str = MASTER_IMAGE
     user: int = HELPER_USER
     """User id of their processes where the components share none; 0 leaves it to the platform."""
+    ip_family: str = IPV4
+    """That of the pods' first address, and so of the names under which they find each other."""
 
 
 NO_SETTINGS: Final = HelperDefaults()
