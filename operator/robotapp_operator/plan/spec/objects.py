@@ -124,6 +124,7 @@ class Waiting(Struct):
 class Terminated(Struct):
     exit_code: int = 0
     reason: str = ""
+    message: str = ""
 
 
 class Running(Struct):

@@ -19,7 +19,11 @@ STOP: Final = "Stop"
 _PULLING = frozenset(
     {"ErrImagePull", "ImagePullBackOff", "InvalidImageName", "ErrImageNeverPull", "RegistryUnavailable"}
 )
-_CONFIG = frozenset({"CreateContainerConfigError", "CreateContainerError", "RunContainerError"})
+_NEVER_RAN = frozenset({"StartError", "ContainerCannotRun"})
+"""Reasons of a container whose program was never started."""
+_RUNTIME_PREFIX = "unable to start container process: "
+_LONGEST_RUNTIME_TEXT = 300
+_CONFIG = frozenset({"CreateContainerConfigError", "CreateContainerError"})
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -250,18 +254,37 @@ def _unscheduled(pod: Pod, condition: ObjectCondition) -> str:
 
 
 def _container_failure(container: ContainerStatus) -> tuple[Reason, str] | None:
-    waiting = container.state.waiting
+    waiting, ended = container.state.waiting, container.state.terminated
+    if ended and ended.reason in _NEVER_RAN:
+        return _never_ran(container, ended.message or ended.reason)
     if waiting is None:
         return None
     if waiting.reason in _PULLING:
         return Reason.IMAGE_PULL, f"{waiting.reason}: {waiting.message}; check image and imagePullSecrets"
     if waiting.reason == "CrashLoopBackOff":
-        last = container.last_state.terminated
-        code = f"exit code {last.exit_code} ({last.reason})" if last else "unknown exit code"
-        return (
-            Reason.CRASH_LOOP,
-            f"{container.name} restarted {container.restart_count} times, last with {code}; see kubectl logs --previous",
-        )
+        return _crash(container)
+    if waiting.reason == "RunContainerError":
+        return _never_ran(container, waiting.message)
     if waiting.reason in _CONFIG:
         return Reason.FAILED_CREATE, f"{waiting.reason}: {waiting.message}"
     return None
+
+
+def _crash(container: ContainerStatus) -> tuple[Reason, str]:
+    """Why a container waits for its next start. One that never ran has no log, and keeps the reason of its first start."""
+    last = container.last_state.terminated
+    if last and last.reason in _NEVER_RAN:
+        return _never_ran(container, last.message or last.reason)
+    code = f"exit code {last.exit_code} ({last.reason})" if last else "unknown exit code"
+    cure = "see kubectl logs --previous"
+    if last and last.reason == "OOMKilled":
+        cure = "raise resources.limits.memory"
+    elif last and last.exit_code == 0:
+        cure = "its program ends by itself, and a component must run on: a program that ends is a Job"
+    return Reason.CRASH_LOOP, f"{container.name} restarted {container.restart_count} times, last with {code}; {cure}"
+
+
+def _never_ran(container: ContainerStatus, message: str) -> tuple[Reason, str]:
+    """The end of what a container runtime writes says what is wrong with this container; the rest is how it got there."""
+    text = message.rpartition(_RUNTIME_PREFIX)[2][:_LONGEST_RUNTIME_TEXT]
+    return Reason.FAILED_CREATE, f"{container.name} cannot be started: {text}; mend its command or image"

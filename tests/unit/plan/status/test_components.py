@@ -77,6 +77,48 @@ def test_a_crash_loop_tells_count_and_exit_code() -> None:
     assert found.restarts == 4
 
 
+RUNTIME = (
+    "failed to create containerd task: failed to create shim task: OCI runtime create failed: runc create failed: "
+    'unable to start container process: exec: "ros2": executable file not found in $PATH'
+)
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        {"state": {"waiting": {"reason": "RunContainerError", "message": RUNTIME}}},
+        {"state": {"terminated": {"exitCode": 128, "reason": "StartError", "message": RUNTIME}}},
+        {
+            "state": {"waiting": {"reason": "CrashLoopBackOff", "message": "back-off 10s"}},
+            "restartCount": 2,
+            "lastState": {"terminated": {"exitCode": 128, "reason": "StartError", "message": RUNTIME}},
+        },
+    ],
+    ids=["first", "between", "later"],
+)
+def test_a_container_that_cannot_start_keeps_its_reason_from_the_first_start_on(state: dict[str, Any]) -> None:
+    found = view(make_deployment(), make_pod(node="e", waiting=("", ""), container=state))
+    assert found.reason == Reason.FAILED_CREATE
+    assert found.message == (
+        'main cannot be started: exec: "ros2": executable file not found in $PATH; mend its command or image'
+    )
+
+
+@pytest.mark.parametrize(
+    ("ended", "cure"),
+    [
+        ({"exitCode": 0, "reason": "Completed"}, "a program that ends is a Job"),
+        ({"exitCode": 137, "reason": "OOMKilled"}, "raise resources.limits.memory"),
+        ({"exitCode": 1, "reason": "Error"}, "see kubectl logs --previous"),
+    ],
+)
+def test_a_crash_loop_has_the_cure_of_its_cause(ended: dict[str, Any], cure: str) -> None:
+    state = {"restartCount": 1, "lastState": {"terminated": ended}}
+    found = view(make_deployment(), make_pod(node="e", waiting=("CrashLoopBackOff", ""), container=state))
+    assert found.reason == Reason.CRASH_LOOP
+    assert found.message.endswith(cure)
+
+
 def test_a_missing_config_map_is_a_failure_to_create() -> None:
     found = view(
         make_deployment(), make_pod(node="e", waiting=("CreateContainerConfigError", 'configmap "x" not found'))
