@@ -7,12 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, MASTER_IMAGE
+from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, IPV6, MASTER_IMAGE
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_api.model.scalars import IMAGE_PATTERN
 from robotapp_api.values import arguments
 from robotapp_claims.protocol.sweeper import HANDOVER_S, PERIOD_S
-from robotapp_operator.plan.spec.desired import IPV4, IPV6
 
 PREFIX: Final = "ROBOTAPP_OPERATOR_"
 

@@ -11,8 +11,9 @@ from xml.sax.saxutils import quoteattr
 
 from robotapp_api.checks.discovery_variables import is_joined, join_values
 from robotapp_api.checks.middleware import BEFORE_IRON, CONNEXT, CYCLONE, CYCLONE_11, FAST_DDS
+from robotapp_api.model.distros import IPV6
 from robotapp_claims.rules.objects import ROS_DOMAIN_ID
-from robotapp_operator.plan.spec.desired import IPV6, Desired, EnvVar
+from robotapp_operator.plan.spec.desired import Desired, EnvVar
 
 DISCOVERY_SERVER_PORT: Final = 11811
 ZENOH_PORT: Final = 7447

@@ -2,6 +2,7 @@
 
 from typing import Any, Final
 
+from robotapp_api.model.distros import IPV6
 from robotapp_api.model.names import Label
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child, role_labels
 from robotapp_operator.plan.render.deployments import deployment_spec
@@ -9,7 +10,7 @@ from robotapp_operator.plan.render.environment import DISCOVERY_SERVER_PORT, ZEN
 from robotapp_operator.plan.render.helper_pods import render_helper
 from robotapp_operator.plan.render.ros1 import MASTER_PORT, own_address
 from robotapp_operator.plan.render.services import DISCOVERY, role_service, servers_service
-from robotapp_operator.plan.spec.desired import IPV6, MASTER, ROUTER, SERVERS, Desired
+from robotapp_operator.plan.spec.desired import MASTER, ROUTER, SERVERS, Desired
 from robotapp_operator.plan.spec.objects import ChildRef
 
 ROUTER_ROLE: Final = "router"

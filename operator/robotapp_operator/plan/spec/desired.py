@@ -14,7 +14,7 @@ from robotapp_api.checks.ros import discovery_of, rmw_of, ros_version_of
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.app.ros import Discovery, Ros1, Ros2
 from robotapp_api.model.app.template import HelperContainer, HelperTemplate
-from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, MASTER_IMAGE
+from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, MASTER_IMAGE
 from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME
 from robotapp_api.values.naming import child_name
 from robotapp_api.values.quantities.duration import parse_us
@@ -36,10 +36,6 @@ NEVER: Final = "Never"
 """Value of `placement.reschedule.when`."""
 LONGEST_S: Final = 10 * 365 * 86_400.0
 """Longer durations count as this one where a moment is computed from them."""
-
-
-IPV4: Final = "IPv4"
-IPV6: Final = "IPv6"
 
 
 class HelperDefaults(NamedTuple):
