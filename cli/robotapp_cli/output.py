@@ -17,6 +17,8 @@ from rich.text import Text
 from robotapp_api.values.printable import printable
 
 _UNLIMITED: Final = 400
+_WORTH_NAMING: Final = 40
+"""Characters from which on a repeated text is not printed again."""
 _BAR: Final = 12
 _GAP: Final = 3
 _NARROWEST: Final = 24
@@ -128,3 +130,12 @@ def arrow() -> str:
 
 def _speaks_unicode() -> bool:
     return "utf" in (sys.stdout.encoding or "").lower()
+
+
+def name_repeated(names: Sequence[str], texts: Sequence[str]) -> list[str]:
+    """Returns the texts of a table's rows; a long one that an earlier row has becomes `as NAME`, so that one cause is read once."""
+    first: dict[str, str] = {}
+    return [
+        text if len(text) < _WORTH_NAMING or (of := first.setdefault(text, name)) == name else f"as {of}"
+        for name, text in zip(names, texts, strict=True)
+    ]

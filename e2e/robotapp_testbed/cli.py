@@ -204,7 +204,7 @@ def _up(arguments: argparse.Namespace) -> int:
             f"the cluster {cluster.name!r} runs already and stays as it is; to start another one in its place, `down` it first",
             file=sys.stderr,
         )
-        return _tell(running)
+        return _tell(running, arguments.name)
     cli_nodes.check(arguments)
     plane = _plane(arguments, Assets(base_urls=dict(arguments.release_url)))
     plane.get_binaries()  # here, so that the user sees the progress
@@ -215,13 +215,18 @@ def _up(arguments: argparse.Namespace) -> int:
         cli_nodes.prepare(arguments)
     began_s = time.monotonic()
     state = cluster.up(_passed_on(arguments))
-    return _tell(state, cli_nodes.advice(arguments, began_s) if arguments.nodes else "")
+    return _tell(state, arguments.name, cli_nodes.advice(arguments, began_s) if arguments.nodes else "")
 
 
-def _tell(state: State, advice: str = "") -> int:
+def _tell(state: State, name: str, advice: str = "") -> int:
     print(f"{state.server_url} serves, logs in {state.run_dir}/logs", file=sys.stderr)
-    if advice:
-        print(advice, file=sys.stderr)
+    option = _name_option(name)
+    print(
+        advice
+        or f'next: eval "$(python -m robotapp_testbed env{option})", then kubectl and kubectl robotapp work; `down{option}` ends it. '
+        "Simulated nodes run no programs: kubectl logs and exec have nothing to answer",
+        file=sys.stderr,
+    )
     print(f"export KUBECONFIG={shlex.quote(str(state.kubeconfig('admin')))}")
     return 0
 
@@ -305,11 +310,15 @@ def _replay(arguments: argparse.Namespace) -> int:
     return 3 if state is None else cli_nodes.replay(arguments, state)
 
 
+def _name_option(name: str) -> str:
+    return "" if name == "default" else f" --name {name}"
+
+
 def _running(name: str) -> State | None:
     state = Cluster(name).state()
     if state is None:
         print(
-            f"no cluster {name!r} runs: start one with `python -m robotapp_testbed up`",
+            f"no cluster {name!r} runs: start one with `python -m robotapp_testbed up{_name_option(name)}`",
             file=sys.stderr,
         )
     return state

@@ -100,7 +100,7 @@ class Operator:
         identity = candidate_identity(os.environ)
         self.identity = identity
         helper_defaults = HelperDefaults(
-            settings.helper_discovery_image, settings.helper_master_image, settings.helper_user
+            settings.helper_discovery_image, settings.helper_master_image, settings.helper_user, settings.ip_family
         )
         self.cache = Cache(
             default_scheduler=settings.scheduler_name, helper_defaults=helper_defaults, host_access=settings.host_access

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, MASTER_IMAGE
+from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, IPV6, MASTER_IMAGE
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_api.model.patterns import IMAGE_PATTERN
 from robotapp_api.values import arguments
@@ -39,6 +39,8 @@ class Settings:
     """Image of the ROS 1 master, likewise."""
     helper_user: int = HELPER_USER
     """User id of discovery servers and master where the components share none; 0 leaves it to the platform."""
+    ip_family: str = IPV4
+    """IPv4 or IPv6: the family of the pods' first address."""
     lease_namespace: str = ""
     """Namespace of the election Lease; empty means the pod's own, or robotapp-system outside of a cluster."""
     host_access: bool = False
@@ -64,6 +66,12 @@ def _parse_user(text: str) -> int:
     return int(text)
 
 
+def _parse_family(text: str) -> str:
+    if text not in (IPV4, IPV6):
+        raise argparse.ArgumentTypeError(f"{text} is neither {IPV4} nor {IPV6}")
+    return text
+
+
 def _log_format(text: str) -> str:
     if text not in ("text", "json"):
         raise argparse.ArgumentTypeError(f"{text} is neither text nor json")
@@ -82,6 +90,7 @@ _KINDS: Final[Mapping[str, Callable[[str], Any]]] = {
     "helper_discovery_image": _parse_image,
     "helper_master_image": _parse_image,
     "helper_user": _parse_user,
+    "ip_family": _parse_family,
     "lease_namespace": arguments.name,
     "log_format": _log_format,
 }
@@ -97,6 +106,7 @@ _HELP: Final = {
     "helper_discovery_image": "image of Fast DDS discovery servers; {distro} stands for the app's distribution",
     "helper_master_image": "image of the ROS 1 master, likewise",
     "helper_user": "user id of their processes where an app's components share none; 0: left to the platform",
+    "ip_family": "IPv4 or IPv6: what the pods speak (default: the family of $KUBERNETES_SERVICE_HOST)",
     "lease_namespace": "namespace of the election Lease",
     "log_format": "text or json",
 }
@@ -123,5 +133,7 @@ def parse(argv: Sequence[str], environ: Mapping[str, str]) -> Settings:
     found = vars(parser.parse_args(argv))
     if (found["tls_cert_file"] is None) != (found["tls_private_key_file"] is None):
         parser.error("--tls-cert-file and --tls-private-key-file belong together")
+    if found["ip_family"] is None and ":" in environ.get("KUBERNETES_SERVICE_HOST", ""):
+        found["ip_family"] = IPV6
     election = not found.pop("no_leader_election")
     return Settings(leader_election=election, **{name: value for name, value in found.items() if value is not None})

@@ -4,7 +4,17 @@ from collections.abc import Iterator
 from typing import Final
 
 from robotapp_api.model.names import Condition, Phase
-from robotapp_cli.output import Column, Output, arrow, bar, blank_line, print_line, print_table, write_structured
+from robotapp_cli.output import (
+    Column,
+    Output,
+    arrow,
+    bar,
+    blank_line,
+    name_repeated,
+    print_line,
+    print_table,
+    write_structured,
+)
 from robotapp_cli.reading.fields import Json, age, elapsed, meta, milliseconds, plain, short_ms, status
 from robotapp_cli.reading.instances import Instance, chosen, in_full, instances_of
 from robotapp_cli.reading.session import Session
@@ -144,15 +154,11 @@ def _print_instance(app: Json, instance: Instance, *, wide: bool) -> None:
     wrong = _wrong(app, instance)
     if wrong:
         print_line(f"  {wrong}", style="yellow")
+    components = instance.components
+    messages = name_repeated([c["name"] for c in components], [c.get("message", "") for c in components])
     rows = [
-        [
-            c["name"],
-            c.get("node", ""),
-            "yes" if c.get("ready") else "no",
-            str(c.get("restarts", 0)),
-            c.get("message", ""),
-        ]
-        for c in instance.components
+        [c["name"], c.get("node", ""), "yes" if c.get("ready") else "no", str(c.get("restarts", 0)), message]
+        for c, message in zip(components, messages, strict=True)
     ]
     if rows:
         print_table(["COMPONENT", "NODE", "READY", "RESTARTS", Column("MESSAGE", wraps=True)], rows, indent=2)

@@ -17,7 +17,7 @@ from robotapp_api.values.placement.explanation import (
 from robotapp_cli.commands.apps import print_edges, with_percentiles
 from robotapp_cli.commands.reasons import with_what_is_known
 from robotapp_cli.failures import CliError, Exit
-from robotapp_cli.output import Column, Output, blank_line, print_line, print_table, write_structured
+from robotapp_cli.output import Column, Output, blank_line, name_repeated, print_line, print_table, write_structured
 from robotapp_cli.reading.fields import Json, condition, label, meta, status
 from robotapp_cli.reading.instances import Instance, chosen, in_full, instances_of
 from robotapp_cli.reading.scheduler_link import Link, connect
@@ -233,7 +233,10 @@ def _print(app: Json, view: InstanceView, *, wide: bool) -> None:
     print_line(", ".join(title), style="bold")
     shown = [row for row in view.components if wide or row.failing or not row.component.startswith("(")]
     columns = [Column("COMPONENT"), Column("NODE"), Column("RUNNER-UP"), Column("NODES REFUSED", wraps=True)]
-    rows = [[row.component, row.node or "waiting", row.runner_up, "\n".join(row.reasons)] for row in shown]
+    reasons = name_repeated([row.component for row in shown], ["\n".join(row.reasons) for row in shown])
+    rows = [
+        [row.component, row.node or "waiting", row.runner_up, text] for row, text in zip(shown, reasons, strict=True)
+    ]
     if wide:
         columns.append(Column("SCORES", wraps=True))
         rows = [

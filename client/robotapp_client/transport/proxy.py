@@ -49,12 +49,12 @@ def find_proxy(server: str, environ: Mapping[str, str], *, proxy_url: str = "", 
         return parse_proxy(proxy_url, f"{where}: proxy-url" if where else "proxy-url", needs_scheme=True)
     parts = urlsplit(server)
     name = f"{parts.scheme.upper()}_PROXY"
-    stated = environ.get(name) or environ.get(name.lower(), "")
-    if not stated.strip():
+    address = environ.get(name) or environ.get(name.lower(), "")
+    if not address.strip():
         return None
     no_proxy = environ.get("NO_PROXY") or environ.get("no_proxy", "")
     port = parts.port or _PORTS.get(parts.scheme, 0)
-    return None if is_direct(parts.hostname or "", port, no_proxy) else parse_proxy(stated, name)
+    return None if is_direct(parts.hostname or "", port, no_proxy) else parse_proxy(address, name)
 
 
 def parse_proxy(text: str, name: str, *, needs_scheme: bool = False) -> Proxy:
@@ -95,12 +95,12 @@ def _matches(entry: str, host: str, address: ipaddress.IPv4Address | ipaddress.I
     network = _network(entry)
     if network is not None:
         return address is not None and address in network
-    name, stated = _split_port(entry)
-    if not name or (stated and stated != str(port)):
+    name, entry_port = _split_port(entry)
+    if not name or (entry_port and entry_port != str(port)):
         return False
-    listed = _address(name)
-    if listed is not None:
-        return address == listed
+    entry_address = _address(name)
+    if entry_address is not None:
+        return address == entry_address
     suffix = name.removeprefix("*")
     return host.endswith(suffix) if suffix.startswith(".") else host == suffix or host.endswith(f".{suffix}")
 
@@ -126,5 +126,5 @@ def _address(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
         address = ipaddress.ip_address(text)
     except ValueError:
         return None
-    mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
-    return mapped or address
+    ipv4_address = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
+    return ipv4_address or address

@@ -85,8 +85,8 @@ class _StreamTalk:
 
 async def _ask_to_connect(talk: _SocketTalk | _StreamTalk, proxy: Proxy, host: str, port: int) -> None:
     """Sends CONNECT and reads the head of the answer, byte by byte: what follows is the server's."""
-    where = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-    lines = [f"CONNECT {where} HTTP/1.1", f"Host: {where}"]
+    target = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+    lines = [f"CONNECT {target} HTTP/1.1", f"Host: {target}"]
     lines += [f"Proxy-Authorization: {proxy.authorization}"] if proxy.authorization else []
     await talk.send("\r\n".join([*lines, "", ""]).encode())
     head = b""
@@ -102,7 +102,7 @@ async def _ask_to_connect(talk: _SocketTalk | _StreamTalk, proxy: Proxy, host: s
         cure = "refuses the user and password in its address" if proxy.authorization else "wants a user and password"
         raise ProxyError(f"the proxy {proxy} {cure}: http://USER:PASSWORD@HOST:PORT")
     if words[1] != "200":
-        raise ProxyError(f"the proxy {proxy} does not connect to {where}: {' '.join(words[1:])[:200]}")
+        raise ProxyError(f"the proxy {proxy} does not connect to {target}: {' '.join(words[1:])[:200]}")
 
 
 async def _greet_socks(talk: _SocketTalk | _StreamTalk, proxy: Proxy, host: str, port: int) -> None:
@@ -145,16 +145,16 @@ async def _open_secure_tunnel(sock: socket.socket, proxy: Proxy, host: str, port
     reader, writer = await asyncio.open_connection(sock=sock, ssl=context, server_hostname=proxy.host)
     try:
         await _ask_to_connect(_StreamTalk(reader, writer), proxy, host, port)
-        ours, theirs = socket.socketpair()
-        ours.setblocking(False)
-        theirs.setblocking(False)
+        tls_end, relay_end = socket.socketpair()
+        tls_end.setblocking(False)
+        relay_end.setblocking(False)
     except BaseException:
         writer.transport.abort()
         raise
-    relay = asyncio.ensure_future(_relay(theirs, reader, writer))
+    relay = asyncio.ensure_future(_relay(relay_end, reader, writer))
     _RELAYS.add(relay)
     relay.add_done_callback(_RELAYS.discard)
-    return ours
+    return tls_end
 
 
 async def _relay(sock: socket.socket, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -177,7 +177,10 @@ def _fast_dds_text(spec: RobotAppSpec, name: str, value: str, *, mode: str) -> s
         if value in ("NONE", "SHM"):
             return f"{value} reaches no other pod, because pods share no memory; remove it"
         if value.startswith(_WITHOUT_IPV4) and mode == "Server":
-            return f"{value} does not reach the operator's discovery servers, which speak UDP over IPv4; write UDPv4"
+            return (
+                f"{value} does not reach the operator's discovery servers, which speak UDP over the pods' IP family; write UDPv4, or on a "
+                "cluster of IPv6 leave it out"
+            )
     if name in _PROFILE_FILES and mode == "Server":
         return (
             "a discoveryProtocol CLIENT or SERVER in its default participant profile replaces the operator's two servers, so "

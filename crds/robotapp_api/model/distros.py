@@ -29,6 +29,9 @@ DISCOVERY_IMAGE: Final = "ros:{distro}-ros-base"
 """Image of Fast DDS discovery servers where nobody writes one."""
 MASTER_IMAGE: Final = "ros:{distro}-ros-core"
 """Image of a ROS 1 master where nobody writes one."""
+IPV4: Final = "IPv4"
+IPV6: Final = "IPv6"
+"""The family of the first address of pods, as Kubernetes writes both."""
 HELPER_USER: Final = 65532
 """User id of both where an app's components share none."""
 

@@ -117,7 +117,12 @@ class SimulatedTelemetry:
             "seq": agent.sequence,
             "arch": node.arch,
             "kernel": {"realtime": node.realtime},
-            "devices": [_device_status(device, present=device.id not in agent.absent) for device in node.devices],
+            "devices": [
+                _device_status(
+                    device, present=device.id not in agent.absent, is_usb=device in _first_of_usb(node.devices)
+                )
+                for device in node.devices
+            ],
             "rtt": [self._rtt_status(name, peer) for peer in self._peers(name, asked)],
         }
         if agent.load:
@@ -204,11 +209,17 @@ def create(cp: ControlPlane, name: str, *, uid: str, labels: Mapping[str, str]) 
             raise
 
 
-def _device_status(device: Device, *, present: bool) -> dict[str, Any]:
+def _first_of_usb(devices: Iterable[Device]) -> tuple[Device, ...]:
+    """The first function of every USB device, which an agent names `usb` as well."""
+    return tuple({device.identity: device for device in reversed(list(devices)) if device.identity}.values())
+
+
+def _device_status(device: Device, *, present: bool, is_usb: bool) -> dict[str, Any]:
     texts = {"model": device.model, "interface": device.interface, "identity": device.identity, "path": device.path}
     return {
         "id": device.id,
         "type": device.type,
         "present": present,
+        **({"names": ["usb"]} if is_usb and device.type != "usb" else {}),
         **{key: value for key, value in texts.items() if value},
     }

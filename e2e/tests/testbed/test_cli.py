@@ -96,6 +96,8 @@ def test_up_gets_the_binaries_of_its_nodes_and_no_others(
 def test_without_a_cluster_it_says_how_to_start_one(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main([command]) == 3
     assert "start one with `python -m robotapp_testbed up`" in capsys.readouterr().err
+    assert cli.main([command, "--name", "newuser"]) == 3
+    assert "start one with `python -m robotapp_testbed up --name newuser`" in capsys.readouterr().err
 
 
 def test_down_without_a_cluster_is_no_failure(capsys: pytest.CaptureFixture[str]) -> None:

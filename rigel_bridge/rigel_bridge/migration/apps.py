@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -154,8 +154,18 @@ def _component(workload: Workload, work: _Work, index: int, *, names: Mapping[st
     _wishes(workload, work, index, names)
     _lift_variables(workload, work)
     kept = [entry for entry in found.env if not _belongs_to_app(entry, version=ros_version(work.draft.spec))]
+    kept += list(_brokers(workload, work))
     if kept:
         target["env"] = kept
+
+
+def _brokers(workload: Workload, work: _Work) -> Iterator[dict[str, str]]:
+    """Yields the servers and routers of `envFrom` as variables of the component: the operator's own would replace them."""
+    for name in ("ROS_DISCOVERY_SERVER", "ZENOH_CONFIG_OVERRIDE"):
+        variable = workload.variables.by_name.get(name)
+        if variable and variable.is_inherited and variable.text and ros_version(work.draft.spec) == 2:
+            work.notes.append(f"{workload.title}: {name} of {variable.source} becomes env, where it counts")
+            yield {"name": name, "value": variable.text}
 
 
 def _wishes(workload: Workload, work: _Work, index: int, names: Mapping[str, str]) -> None:

@@ -20,6 +20,8 @@ class Variable:
     text: str | None
     source: str = ""
     """Such as `ConfigMap ros-env`; empty for a value of `env` itself."""
+    is_inherited: bool = False
+    """It comes by `envFrom`, over which the operator's variables win."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +49,7 @@ def read_variables(container: Mapping[str, Any], namespace: str, config_maps: Co
             continue
         for key, text in texts.items():
             if prefix + key in ROS_VARIABLES and isinstance(text, str):
-                by_name[prefix + key] = Variable(text, f"ConfigMap {name}")
+                by_name[prefix + key] = Variable(text, f"ConfigMap {name}", is_inherited=True)
     for entry in container.get("env", ()):
         if entry["name"] in ROS_VARIABLES:
             by_name[entry["name"]] = _read_entry(entry, namespace, config_maps)

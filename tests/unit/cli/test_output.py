@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.console import Console
 
-from robotapp_cli.output import Column, Output, print_table, write_structured
+from robotapp_cli.output import Column, Output, name_repeated, print_table, write_structured
 
 CELL = st.text("abcdefgh -", max_size=40).map(str.strip)
 
@@ -55,3 +55,9 @@ def test_structured_output_has_letters_of_all_languages_as_they_are(capsys: pyte
     for output in (Output.JSON, Output.YAML):
         write_structured({"note": "größer → 30 µs"}, output)
         assert "größer → 30 µs" in capsys.readouterr().out
+
+
+def test_a_cause_that_several_rows_share_is_printed_once() -> None:
+    cause, other = "amr-07: didn't have the required hardware (asked for: usb 8086:0b3a)", "short"
+    texts = [cause, other, cause, "", cause + "!", other]
+    assert name_repeated(list("abcdef"), texts) == [cause, other, "as a", "", cause + "!", other]

@@ -36,6 +36,13 @@ def test_every_flag_is_understood() -> None:
     )
 
 
+def test_the_family_of_the_pods_is_that_of_the_api_server_unless_a_flag_names_it() -> None:
+    assert parse([], {"KUBERNETES_SERVICE_HOST": "10.96.0.1"}).ip_family == "IPv4"
+    assert parse([], {"KUBERNETES_SERVICE_HOST": "fd00::1"}).ip_family == "IPv6"
+    assert parse(["--ip-family=IPv4"], {"KUBERNETES_SERVICE_HOST": "fd00::1"}).ip_family == "IPv4"
+    assert parse([], {"ROBOTAPP_OPERATOR_IP_FAMILY": "IPv6"}).ip_family == "IPv6"
+
+
 def test_the_environment_sets_what_no_flag_does() -> None:
     environ = {
         "ROBOTAPP_OPERATOR_KUBECONFIG": "/k",
@@ -55,6 +62,7 @@ def test_the_environment_sets_what_no_flag_does() -> None:
     [
         "--sweep-seconds=0",
         "--handover-seconds=nan",
+        "--ip-family=ipv6",
         "--health-port=70000",
         "--namespaces=a,b c",
         "--lease-namespace=a/b",

@@ -40,3 +40,19 @@ def test_every_object_is_labelled_as_simulated_and_fits_the_model() -> None:
     for obj in api.created:
         parsed = NodeTelemetry.model_validate({**obj, "status": api.statuses[obj["metadata"]["name"]]})
         assert len(parsed.status.rtt) == 4
+
+
+def test_the_first_function_of_a_usb_device_has_the_further_name_usb() -> None:
+    api = RecordingApi()
+    of_usb = [Device(name, kind, identity="8086:0b3a:7") for name, kind in (("video-1", "video"), ("sound-1", "sound"))]
+    devices = [*of_usb, Device("usb-2", "usb", identity="1234:5678:1"), Device("can0", "can", interface="can0")]
+    with SimulatedTelemetry(
+        cast(ControlPlane, SimpleNamespace(api=api)), fleet(devices={"robot-1": devices})
+    ) as agents:
+        reported = agents.status("robot-1")["devices"]
+    assert {each["id"]: each.get("names") for each in reported} == {
+        "video-1": ["usb"],
+        "sound-1": None,
+        "usb-2": None,
+        "can0": None,
+    }

@@ -11,6 +11,7 @@ from xml.sax.saxutils import quoteattr
 
 from robotapp_api.checks.discovery_variables import is_joined, join_values
 from robotapp_api.checks.middleware import BEFORE_IRON, CONNEXT, CYCLONE, CYCLONE_11, FAST_DDS
+from robotapp_api.model.distros import IPV6
 from robotapp_claims.rules.objects import ROS_DOMAIN_ID
 from robotapp_operator.plan.spec.desired import Desired, EnvVar
 
@@ -78,7 +79,8 @@ def _discovery(desired: Desired) -> dict[str, str]:
             # 0 = wait for the router: a session that starts without one would join the graph at an unknown time.
             return {"ZENOH_CONFIG_OVERRIDE": endpoint, "ZENOH_ROUTER_CHECK_ATTEMPTS": "0"}
         case "Peers" if desired.rmw in CYCLONE:
-            return {"CYCLONEDDS_URI": cyclone_config(desired.peer_names, distro=desired.distro)}
+            transport = "udp6" if _is_ipv6(desired) else ""
+            return {"CYCLONEDDS_URI": cyclone_config(desired.peer_names, distro=desired.distro, transport=transport)}
         case "Peers" if desired.rmw in CONNEXT:
             return {"NDDS_DISCOVERY_PEERS": ",".join(f"udpv4://{peer}" for peer in desired.peer_names)}
         case "Peers":
@@ -87,16 +89,18 @@ def _discovery(desired: Desired) -> dict[str, str]:
             return {}
 
 
-def cyclone_config(peers: Sequence[str], *, distro: str) -> str:
+def cyclone_config(peers: Sequence[str], *, distro: str, transport: str = "") -> str:
     """Inline Cyclone DDS configuration: unicast discovery towards `peers`.
 
     One DNS name per component, because Cyclone takes only the first address a name resolves to. From 11 on Cyclone stops
     asking peers that did not answer for 30 s, for good: pods that start while their link is cut would never meet.
+    transport: `udp6` where names have IPv6 addresses alone, which end a process that speaks IPv4 at its start.
     """
     prune_delay = "<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>" if distro in CYCLONE_11 else ""
+    general = "<AllowMulticast>false</AllowMulticast>" + (f"<Transport>{transport}</Transport>" if transport else "")
     names = "".join(f"<Peer Address={quoteattr(peer)}/>" for peer in peers)
     return (
-        '<CycloneDDS><Domain Id="any"><General><AllowMulticast>false</AllowMulticast></General>'
+        f'<CycloneDDS><Domain Id="any"><General>{general}</General>'
         "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
         f"<MaxAutoParticipantIndex>{CYCLONE_MAX_INDEX}</MaxAutoParticipantIndex>"
         f"{prune_delay}<Peers>{names}</Peers></Discovery></Domain></CycloneDDS>"
@@ -108,9 +112,17 @@ def _transport(desired: Desired, *, shares_memory: bool) -> dict[str, str]:
 
     Fast DDS takes processes with the same network interfaces for one host and sends to them by shared memory. Pods in their node's
     network with a /dev/shm each would list each other's topics and receive nothing.
+    With IPv6 always: Fast DDS speaks IPv4 by itself, and takes all pods for one host whose addresses are IPv6 alone.
     """
-    udp_alone = desired.rmw in FAST_DDS and (desired.transport == "UDP" or not shares_memory)
-    return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"} if udp_alone else {}
+    if desired.rmw not in FAST_DDS:
+        return {}
+    if _is_ipv6(desired) and desired.discovery != "Localhost":
+        return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv6"}
+    return {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"} if desired.transport == "UDP" or not shares_memory else {}
+
+
+def _is_ipv6(desired: Desired) -> bool:
+    return desired.app.helper_defaults.ip_family == IPV6
 
 
 # ROS 1

@@ -2,6 +2,7 @@
 
 from typing import Any, Final
 
+from robotapp_api.model.distros import IPV6
 from robotapp_api.model.names import Label
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child, role_labels
 from robotapp_operator.plan.render.deployments import deployment_spec
@@ -15,6 +16,7 @@ from robotapp_operator.plan.spec.objects import ChildRef
 ROUTER_ROLE: Final = "router"
 _LISTEN: Final = f'listen/endpoints=["tcp/[::]:{ZENOH_PORT}","tcp/0.0.0.0:{ZENOH_PORT}"];listen/exit_on_failure=false'
 """Both IP families. The default is IPv6 alone and ends where there is none; where `[::]` serves both, the second fails and may."""
+_POD_IP: Final = "ROBOTAPP_POD_IP"
 MASTER_ROLE: Final = "master"
 MASTER_PERIOD_S: Final = 2
 """Nodes of a master that was started anew are restarted as soon as it is ready."""
@@ -69,11 +71,19 @@ def _server(desired: Desired, index: int, *, running: bool) -> Child:
         "args": ["fastdds", "discovery", "-i", str(index), "-p", str(DISCOVERY_SERVER_PORT)],
         "ports": [{"containerPort": DISCOVERY_SERVER_PORT, "protocol": "UDP"}],
     }
+    if desired.app.helper_defaults.ip_family == IPV6:
+        _listen_on_ipv6(container)
     # The first server stays with the robot, so that its components find each other while it is out of reach.
     home = desired.robot if index == 0 else ""
     identity = {"hostname": desired.server_hosts[index], "subdomain": desired.servers_service}
     template = render_helper(desired, container, labels, home=home, identity=identity)
     return _deployment(desired, SERVERS[index], labels, template, running=running)
+
+
+def _listen_on_ipv6(container: dict[str, Any]) -> None:
+    """Has the server listen on the pod's own address: by itself it takes IPv4 alone, and `-l ::` it cannot (Fast DDS 2.9)."""
+    container["args"] += ["-l", f"$({_POD_IP})"]
+    container["env"] = [{"name": _POD_IP, "valueFrom": {"fieldRef": {"fieldPath": "status.podIP"}}}]
 
 
 def _fill_image(text: str, desired: Desired) -> str:

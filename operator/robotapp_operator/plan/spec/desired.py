@@ -16,7 +16,7 @@ from robotapp_api.model.app.edge import Edge
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.app.ros import Discovery, Ros1, Ros2
 from robotapp_api.model.app.template import HelperContainer, HelperTemplate
-from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, MASTER_IMAGE
+from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, MASTER_IMAGE
 from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME
 from robotapp_api.values.naming import child_name
 from robotapp_api.values.quantities.duration import parse_us
@@ -41,12 +41,17 @@ LONGEST_S: Final = 10 * 365 * 86_400.0
 
 
 class HelperDefaults(NamedTuple):
-    """Images and user of helper pods: discovery servers, router and master. `{distro}` stands for the app's distribution."""
+    """Images and user of helper pods: discovery servers, router and master. `{distro}` stands for the app's distribution.
+
+    Also the IP family of the pods, which their middleware must speak.
+    """
 
     discovery_image: str = DISCOVERY_IMAGE
     master_image: str = MASTER_IMAGE
     user: int = HELPER_USER
     """User id of their processes where the components share none; 0 leaves it to the platform."""
+    ip_family: str = IPV4
+    """That of the pods' first address, and so of the names under which they find each other."""
 
 
 NO_SETTINGS: Final = HelperDefaults()

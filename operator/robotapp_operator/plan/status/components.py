@@ -288,7 +288,9 @@ def _unscheduled(pod: Pod, condition: ObjectCondition) -> str:
 
 
 def _container_failure(container: ContainerStatus) -> tuple[Reason, str] | None:
-    waiting = container.state.waiting
+    waiting, ended = container.state.waiting, container.state.terminated
+    if ended and ended.reason in _NOT_STARTED:
+        return Reason.FAILED_CREATE, _describe_start_failure(container.name, ended.message or ended.reason)
     if waiting is None:
         return None
     if waiting.reason in _PULLING:
@@ -296,14 +298,22 @@ def _container_failure(container: ContainerStatus) -> tuple[Reason, str] | None:
     if waiting.reason in _NOT_STARTED:
         return Reason.FAILED_CREATE, _describe_start_failure(container.name, waiting.message)
     if waiting.reason == "CrashLoopBackOff":
-        last = container.last_state.terminated
-        if last is not None and last.reason in _NOT_STARTED and last.message:
-            return Reason.FAILED_CREATE, _describe_start_failure(container.name, last.message)
-        code = f"exit code {last.exit_code} ({last.reason})" if last else "unknown exit code"
-        return (
-            Reason.CRASH_LOOP,
-            f"{container.name} restarted {container.restart_count} times, last with {code}{_quote(last)}; see kubectl logs --previous",
-        )
+        return _explain_crash(container)
     if waiting.reason in _CONFIG:
         return Reason.FAILED_CREATE, f"{waiting.reason}: {waiting.message}"
     return None
+
+
+def _explain_crash(container: ContainerStatus) -> tuple[Reason, str]:
+    """Returns why a container waits for its next start. One that never ran has no log, and keeps the reason of its first start."""
+    last = container.last_state.terminated
+    if last and last.reason in _NOT_STARTED:
+        return Reason.FAILED_CREATE, _describe_start_failure(container.name, last.message or last.reason)
+    code = f"exit code {last.exit_code} ({last.reason})" if last else "unknown exit code"
+    cure = "see kubectl logs --previous"
+    if last and last.reason == "OOMKilled":
+        cure = "raise resources.limits.memory"
+    elif last and last.exit_code == 0:
+        cure = "its program ends by itself, and a component must run on: a program that ends is a Job"
+    text = f"{container.name} restarted {container.restart_count} times, last with {code}{_quote(last)}; {cure}"
+    return Reason.CRASH_LOOP, text

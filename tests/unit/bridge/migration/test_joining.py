@@ -125,6 +125,17 @@ def test_workloads_of_two_distributions_go_on_with_their_discovery_servers() -> 
     assert not apart(found)
 
 
+def test_servers_of_a_config_map_stay_those_of_the_component() -> None:
+    """By envFrom the operator's own servers would count."""
+    config = CONFIG | {"data": {"ROS_DISCOVERY_SERVER": "ds:11811"}}
+    sources = [{"configMapRef": {"name": "ros-env"}}]
+    app = spec(
+        config, node_with("talker", envFrom=sources), node("listener", LISTENER, ROS_DISCOVERY_SERVER="ds:11811")
+    )
+    server = [{"name": "ROS_DISCOVERY_SERVER", "value": "ds:11811"}]
+    assert [component["env"] for component in app["components"]] == [server, server]
+
+
 def test_apps_of_two_namespaces_name_each_other_for_a_common_domain() -> None:
     found = planned(node("a", namespace="fleet", ROS_DOMAIN_ID="7"), node("b", namespace="lab", ROS_DOMAIN_ID="7"))
     assert [app.app["spec"]["ros2"] for app in found.apps] == [

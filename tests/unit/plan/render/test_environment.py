@@ -1,5 +1,6 @@
 """ROS 2 variables per middleware, discovery mode and distribution."""
 
+from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 import pytest
@@ -7,7 +8,7 @@ from tests.support.factories import component, make_app
 
 from robotapp_api.checks.middleware import resolve_mode
 from robotapp_operator.plan.render.environment import cyclone_config, ros2_environment
-from robotapp_operator.plan.spec.desired import Desired, desired_of
+from robotapp_operator.plan.spec.desired import Desired, HelperDefaults, desired_of
 
 
 def desired(rmw: str | None = None, *, distro: str = "humble", mode: str = "Auto", **ros2: object) -> Desired:
@@ -118,3 +119,23 @@ def test_udp_transport_turns_shared_memory_off_for_fast_dds_only() -> None:
 def test_the_middleware_defaults_to_the_distributions() -> None:
     assert desired(distro="galactic").rmw == "rmw_cyclonedds_cpp"
     assert desired(distro="jazzy").rmw == "rmw_fastrtps_cpp"
+
+
+def on_ipv6(rmw: str, **ros2: object) -> dict[str, str]:
+    app = desired(rmw, **ros2).app
+    return variables(desired_of(replace(app, helper_defaults=HelperDefaults(ip_family="IPv6")), "amr-07"))
+
+
+@pytest.mark.parametrize("ros2", [{}, {"transport": "UDP"}, {"mode": "Multicast"}])
+def test_fast_dds_speaks_ipv6_alone_where_the_pods_do(ros2: dict[str, object]) -> None:
+    """With DEFAULTv6 servers are found and no data arrives between pods, as seen with Fast DDS 2.14."""
+    assert on_ipv6("rmw_fastrtps_cpp", **ros2)["FASTDDS_BUILTIN_TRANSPORTS"] == "UDPv6"
+    assert "FASTDDS_BUILTIN_TRANSPORTS" not in on_ipv6("rmw_cyclonedds_cpp")
+    assert "FASTDDS_BUILTIN_TRANSPORTS" not in on_ipv6("rmw_fastrtps_cpp", mode="Localhost")
+
+
+def test_cyclone_speaks_ipv6_to_peers_whose_names_have_no_other_address() -> None:
+    config = ET.fromstring(on_ipv6("rmw_cyclonedds_cpp")["CYCLONEDDS_URI"])  # noqa: S314 - our own text
+    assert config.findtext("Domain/General/Transport") == "udp6"
+    assert config.findtext("Domain/General/AllowMulticast") == "false"
+    assert "Transport" not in variables(desired("rmw_cyclonedds_cpp"))["CYCLONEDDS_URI"]

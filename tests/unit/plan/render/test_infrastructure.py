@@ -1,5 +1,6 @@
 """Discovery servers, router and roscore."""
 
+from dataclasses import replace
 from typing import Any
 
 from tests.support.factories import make_app
@@ -8,7 +9,7 @@ from robotapp_api.model.names import SCHEDULING_GATE, Label
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.infrastructure import infrastructure
 from robotapp_operator.plan.render.services import peers_service
-from robotapp_operator.plan.spec.desired import LONGEST_SERVER_NAME, desired_of
+from robotapp_operator.plan.spec.desired import LONGEST_SERVER_NAME, HelperDefaults, desired_of
 
 
 def parts(robot: str = "", **spec: Any) -> list[Child]:
@@ -151,3 +152,15 @@ def test_the_headless_service_publishes_starting_pods_of_the_instance() -> None:
 def test_infrastructure_of_a_stopped_instance_has_no_pods() -> None:
     stopped = infrastructure(desired_of(make_app(), ""), running=False)
     assert {child.spec["replicas"] for child in stopped if child.ref.kind == DEPLOYMENT} == {0}
+
+
+def test_servers_listen_on_the_pods_own_address_where_that_is_ipv6() -> None:
+    """By itself a server listens on IPv4 alone, and `-l ::` ends it, as seen with Fast DDS 2.9."""
+    app = replace(make_app(), helper_defaults=HelperDefaults(ip_family="IPv6"))
+    for child in deployments(infrastructure(desired_of(app, ""), running=True)):
+        (container,) = pod_spec(child)["containers"]
+        assert container["args"][-2:] == ["-l", "$(ROBOTAPP_POD_IP)"]
+        address = {"name": "ROBOTAPP_POD_IP", "valueFrom": {"fieldRef": {"fieldPath": "status.podIP"}}}
+        assert address in container["env"]
+    for child in deployments(parts()):
+        assert "-l" not in pod_spec(child)["containers"][0]["args"]

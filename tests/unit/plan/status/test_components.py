@@ -89,11 +89,16 @@ NOT_FOUND = (
         make_pod(node="e", waiting=("RunContainerError", NOT_FOUND)),
         make_pod(
             node="e",
+            waiting=("", ""),
+            container={"state": {"terminated": {"exitCode": 128, "reason": "StartError", "message": NOT_FOUND}}},
+        ),
+        make_pod(
+            node="e",
             waiting=("CrashLoopBackOff", "back-off 10s restarting failed container"),
             container={"lastState": {"terminated": {"exitCode": 128, "reason": "StartError", "message": NOT_FOUND}}},
         ),
     ],
-    ids=["while the kubelet tries", "while it waits"],
+    ids=["while the kubelet tries", "between two tries", "while it waits"],
 )
 def test_a_program_that_cannot_be_started_keeps_its_reason(pod: Pod) -> None:
     found = view(make_deployment(), pod)
@@ -123,6 +128,21 @@ def test_a_suspended_component_is_neither_ready_nor_bad() -> None:
         make_app(component("mapper", replicas=0)).spec.components[0], make_deployment(replicas=0), ()
     )
     assert (found.ready, found.suspended, found.badness, found.message) == (False, True, 0, "suspended (replicas: 0)")
+
+
+@pytest.mark.parametrize(
+    ("ended", "cure"),
+    [
+        ({"exitCode": 0, "reason": "Completed"}, "a program that ends is a Job"),
+        ({"exitCode": 137, "reason": "OOMKilled"}, "raise resources.limits.memory"),
+        ({"exitCode": 1, "reason": "Error"}, "see kubectl logs --previous"),
+    ],
+)
+def test_a_crash_loop_has_the_cure_of_its_cause(ended: dict[str, Any], cure: str) -> None:
+    state = {"restartCount": 1, "lastState": {"terminated": ended}}
+    found = view(make_deployment(), make_pod(node="e", waiting=("CrashLoopBackOff", ""), container=state))
+    assert found.reason == Reason.CRASH_LOOP
+    assert found.message.endswith(cure)
 
 
 def test_a_missing_config_map_is_a_failure_to_create() -> None:
