@@ -22,7 +22,7 @@ AT_ONCE: Final = 8
 MOST_ANSWER: Final = 8 << 20
 """Bytes; the scheduler sends no more."""
 Tunnel = Callable[[], AbstractAsyncContextManager[int]]
-NO_ADDRESS: Final = "The console does not know where the scheduler's port is: start it with --scheduler-url. The chart does so where scheduler.enabled is true."
+NO_ADDRESS: Final = "The console has no address of the scheduler's port: start it with --scheduler-url. The chart does so where scheduler.enabled is true."
 
 
 class SchedulerPortError(Exception):
@@ -141,7 +141,7 @@ def _read_answer(status: int, content: bytes, *, cure: str) -> dict[str, Any]:
     if status == HTTPStatus.TOO_MANY_REQUESTS:
         raise SchedulerPortError(f"The scheduler is busy with other questions: {reason}. Ask again in some seconds.")
     if status == HTTPStatus.NOT_FOUND:
-        raise SchedulerPortError("The scheduler knows no such question: it is older than the console.")
+        raise SchedulerPortError("The scheduler has no such question: it is older than the console.")
     if status in (HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN):
         raise SchedulerPortError(f"The scheduler refuses: {reason}. {cure}")
     raise SchedulerPortError(f"The scheduler answers {status}: {reason}.")

@@ -33,6 +33,7 @@ CHANGED: Final = (
     "Somebody else changed the configuration since you loaded it. Nothing was written. The marked lines below are the "
     "difference between yours and theirs now."
 )
+_ACTIONS: Final = frozenset({"preview", "replay", "apply", "undo", "text", "restore"})
 _SHORT_FORM: Final = "The form arrived incomplete. Load the page again."
 
 
@@ -116,6 +117,8 @@ async def _read_draft(
         return await tuner.draft(stored, version.text, None), Message(
             f"This is version {version.number}. Nothing is written until you apply it."
         )
+    if action not in _ACTIONS:
+        raise web.HTTPBadRequest(text=f"This page has no button for {action[:40]!r}: {', '.join(sorted(_ACTIONS))}.")
     if "complete" not in fields:
         raise web.HTTPBadRequest(text=_SHORT_FORM)
     return await tuner.draft(stored, fields.get("base", "").replace("\r\n", "\n"), fields), None

@@ -186,7 +186,8 @@ def test_why_here_names_the_holder_of_the_device_for_which_a_pod_waits(page: Pag
     page.goto(f"/apps/{fleet.namespace}/can-rival/why")
     reasons = page.locator("table.why tbody tr")
     expect(reasons.get_by_role("cell").nth(0)).to_have_text("waits")
-    expect(reasons).to_contain_text(f"{fleet.namespace}/can-holder")
+    expect(reasons).to_contain_text("amr-07: had no free device for the pod")
+    expect(page.locator("main .error")).to_contain_text(f"held by {fleet.namespace}/can-holder")
 
 
 def test_why_here_without_a_way_to_the_scheduler_has_what_the_pods_say_and_the_command(

@@ -23,7 +23,7 @@ from tests.unit.console.objects import (
 
 from robotapp_api.model.names import Annotation, EventReason, Label
 from robotapp_console.views.app.page import build_app, build_events
-from robotapp_console.views.app.reasons import build_reasons, select_pods
+from robotapp_console.views.app.reasons import build_reasons, find_trouble, select_pods
 from robotapp_console.views.app.timeline import build_timeline
 from robotapp_console.views.fleet import STATES, build_fleet, draw_links, read_fleet_query, take_fleet_page
 from robotapp_console.views.links import read_zones
@@ -211,6 +211,7 @@ def build_why_page(text: str) -> dict[str, Any]:
         "name": clean(text, 63),
         "robot": clean(text, 63) or "x",
         "problem": clean(text) or "x",
+        "trouble": find_trouble({"status": {"troubled": [{"instance": text, "message": text}]}}, text) or "x",
     }
     page = {"caller": None, "csrf": "c", "screen": "", "notice": ""}
     return (

@@ -257,6 +257,13 @@ async def test_a_refusal_of_the_scheduler_is_shown(monkeypatch: pytest.MonkeyPat
         assert "&lt;script&gt;" in page.text
 
 
+async def test_a_button_that_the_page_does_not_have_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with opened(monkeypatch) as stage:
+        browser = await signed_in(stage)
+        answer = await browser.post("/scheduler", fill(await browser.get("/scheduler"), action="dance"))
+        assert (answer.status, "no button for" in answer.text) == (400, True)
+
+
 async def test_a_form_that_arrives_incomplete_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     async with opened(monkeypatch) as stage:
         browser = await signed_in(stage)

@@ -44,6 +44,13 @@ def select_pods(pods: Iterable[AppPod], robot: str) -> tuple[AppPod, ...]:
     return tuple(sorted(pods_of_robot, key=lambda pod: (_name_component(pod), pod.metadata.name))[:MOST_PODS])
 
 
+def find_trouble(app: Json, robot: str) -> str:
+    """Returns the operator's sentence about an instance that needs somebody, such as who holds the device it waits for."""
+    troubled = (app.get("status") or {}).get("troubled") or []
+    messages = (str(item.get("message") or "") for item in troubled if item.get("instance", "") == robot)
+    return clean(next(messages, ""))
+
+
 def build_reasons(
     app: dict[str, Any], pods: Sequence[AppPod], records: Mapping[str, dict[str, Any]], *, robot: str
 ) -> tuple[ReasonRow, ...]:

@@ -9,9 +9,9 @@ from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, is_new
 
 
 class DefaultPreemptionArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """How many candidates are enough: the larger of a share of the nodes that may help and a number.
+    """On how many nodes an eviction is tried: the larger of a share of those that may help and a number.
 
-    compatVersion "1.35" speaks as that release.
+    compatVersion "1.35": messages have the words of that release of Kubernetes.
     """
 
     min_candidate_nodes_percentage: int = 10

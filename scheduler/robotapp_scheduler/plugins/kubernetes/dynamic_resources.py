@@ -18,7 +18,7 @@ ELSEWHERE: Final = "resourceclaim not available on the node"
 
 
 class DynamicResourcesArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """Upstream's limits of an allocation: there are none to limit, so anything but its defaults is refused."""
+    """Times that kube-scheduler gives the allocation of resource claims. Here nothing is allocated, so only its defaults are taken."""
 
     filter_timeout: str | None = None
     binding_timeout: str | None = None

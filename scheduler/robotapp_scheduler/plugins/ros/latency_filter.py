@@ -40,7 +40,7 @@ UNKNOWN_RULES: Final = ("Allow", "Deny")
 
 
 class LatencyFilterArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """maxLatency is the ceiling of connections without a budget; outlierFactor 0 switches that check off."""
+    """maxLatency: budget of connections that have none. outlierFactor: nodes this many times slower than the median are refused; 0 = off."""
 
     max_latency: str = "100ms"
     unknown: Annotated[str, one_of(UNKNOWN_RULES)] = "Allow"

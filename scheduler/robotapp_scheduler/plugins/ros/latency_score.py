@@ -18,7 +18,7 @@ FORMS: Final = ("Budget", "MinMax")
 
 
 class LatencyScoreArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """normalize: Budget measures against the budget, MinMax against the other nodes (the thesis' form; not for apps that balance load)."""
+    """normalize: Budget compares a time with its budget, MinMax with the other nodes, as the thesis did (not for apps that balance load)."""
 
     normalize: Annotated[str, one_of(FORMS)] = "Budget"
 

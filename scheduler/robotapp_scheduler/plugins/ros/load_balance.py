@@ -21,7 +21,7 @@ SOURCES: Final = ("Requests", "Telemetry")
 
 
 class LoadBalanceArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """source: Requests counts what pods ask for, Telemetry what agents measure (requests where they do not)."""
+    """source: Requests counts what pods request, Telemetry what agents measure (requests where they do not)."""
 
     source: Annotated[str, one_of(SOURCES)] = "Requests"
 

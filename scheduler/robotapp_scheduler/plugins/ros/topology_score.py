@@ -11,7 +11,7 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 
 
 class TopologyScoreArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """masterNodeWeight is the uniform score of ROS pods that name no topology."""
+    """masterNodeWeight: score of every node for ROS pods that name no topology."""
 
     master_node_weight: int = 80
 

@@ -152,6 +152,19 @@ async def test_without_a_way_to_the_scheduler_pods_speak_for_themselves_and_the_
         assert "kubectl robotapp explain teleop -n team-a --robot amr-07" in page.text
 
 
+async def test_what_the_operator_says_of_an_instance_in_trouble_stands_above() -> None:
+    held = "device can0 on amr-07 is held by team-b/other"
+    async with staged() as stage:
+        body = app(
+            "teleop", namespace="team-a", troubled=[{"instance": "amr-07", "reason": "DeviceBusy", "message": held}]
+        )
+        stage.api.put(APPS, body)
+        browser = stage.browser()
+        await browser.sign_in(TENANT, home="team-a")
+        assert held in (await browser.get(f"{PAGE}?robot=amr-07")).text
+        assert held not in (await browser.get(f"{PAGE}?robot=amr-08")).text
+
+
 async def test_all_pods_are_asked_about_through_one_tunnel_that_ends() -> None:
     openings: list[str] = []
 

@@ -12,7 +12,7 @@ from robotapp_scheduler.plugins.kubernetes.common.arguments import NEW, is_new
 
 
 class DeclaredFeaturesArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """compatVersion "1.35" does not look at features."""
+    """compatVersion "1.35": as in that release of Kubernetes, features of nodes do not count."""
 
     compat_version: str = NEW
 

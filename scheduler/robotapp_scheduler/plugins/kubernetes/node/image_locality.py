@@ -19,7 +19,7 @@ MOST_BYTES: Final = 1000 * MIB
 
 
 class ImageLocalityArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """compatVersion "1.35" does not count image volumes."""
+    """compatVersion "1.35": as in that release of Kubernetes, images of volumes do not count."""
 
     compat_version: str = NEW
 

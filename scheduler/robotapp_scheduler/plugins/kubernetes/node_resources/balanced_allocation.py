@@ -33,8 +33,9 @@ _HALVED: Final = np.array(1, dtype=np.int64)
 
 
 class BalancedArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """Arguments as upstream, no resources meaning the `USUAL` ones; compatVersion "1.35" scores the balance itself, "1.37"
-    the change in balance.
+    """resources: those whose use is to be even; empty: cpu and memory.
+
+    compatVersion "1.35" scores how even they are with the pod, "1.37" how much the pod changes that.
     """
 
     resources: tuple[ResourceWeight, ...] = ()

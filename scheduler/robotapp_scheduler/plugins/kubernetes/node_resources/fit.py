@@ -50,7 +50,7 @@ class ScoringStrategy(msgspec.Struct, frozen=True, forbid_unknown_fields=True, r
 
 
 class FitArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """Arguments as upstream; ignored names only apply to extended resources."""
+    """ignoredResources, ignoredResourceGroups: extended resources that are not looked at. scoringStrategy: how fullness becomes a score."""
 
     ignored_resources: tuple[str, ...] = ()
     ignored_resource_groups: tuple[str, ...] = ()

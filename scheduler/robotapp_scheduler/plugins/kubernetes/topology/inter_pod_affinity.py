@@ -32,7 +32,10 @@ _SELF_AFFINITY: Final = ("self_affinity",)
 
 
 class AffinityArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """Arguments as upstream."""
+    """hardPodAffinityWeight (0 to 100): score of a node for each running pod whose required affinity asks for this one.
+
+    ignorePreferredTermsOfExistingPods: preferred terms of running pods count only for pods that have affinity themselves.
+    """
 
     hard_pod_affinity_weight: int = 1
     ignore_preferred_terms_of_existing_pods: bool = False

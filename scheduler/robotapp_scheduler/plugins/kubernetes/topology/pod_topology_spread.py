@@ -43,7 +43,7 @@ COME_OR_GONE: Final = Change.POD_ADDED | Change.POD_REMOVED | Change.NOMINATED
 
 
 class SpreadArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """Constraints for pods without any: the system's, or (defaultingType List) these."""
+    """Constraints of pods that have none: those of Kubernetes with defaultingType System, defaultConstraints with List."""
 
     default_constraints: tuple[DefaultConstraint, ...] = ()
     defaulting_type: str = "System"

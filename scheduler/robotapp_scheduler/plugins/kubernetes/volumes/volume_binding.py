@@ -38,7 +38,7 @@ TEXTS = tuple(tuple(text for i, text in enumerate(REASONS) if bits >> i & 1) for
 
 
 class VolumeBindingArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """Arguments as upstream: how long a claim may take to be bound, and the score per used percent (0 to 10)."""
+    """bindTimeoutSeconds: how long a claim may take to be bound. shape: the score (0 to 10) of a volume by how much of it is used."""
 
     bind_timeout_seconds: int = 600
     shape: tuple[ShapePoint, ...] = ()

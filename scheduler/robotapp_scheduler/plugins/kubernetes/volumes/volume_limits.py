@@ -20,7 +20,7 @@ FULL: Final = "node(s) exceed max volume count"
 
 
 class VolumeLimitsArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
-    """compatVersion "1.35" does not look whether a driver is installed."""
+    """compatVersion "1.35": as in that release of Kubernetes, a node without the driver is not refused."""
 
     compat_version: str = NEW
 
