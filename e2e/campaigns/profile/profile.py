@@ -1,12 +1,14 @@
 """Profile: how often the package analyser is right on labelled public packages (accuracy, hardware, calibration).
 
-    scripts/bench profile --labels FILE.jsonl --checkouts DIR --json FILE
+    scripts/bench profile --labels FILE.jsonl --checkouts DIR --json FILE [--half unseen]
 
-`DIR` holds a folder `<owner>+<repo>` per repository, at the commit of the label. Exit 0 only when the targets are met.
+`--half` measures the labels whose `half` is this one: `mended`, which rules were mended with, or `unseen`, which they never
+were. `DIR` holds a folder `<owner>+<repo>` per repository, at the commit of the label. Exit 0 only when the targets are met.
 """
 
 import argparse
 import json
+import math
 import sys
 import time
 import zlib
@@ -75,6 +77,12 @@ def figures(cases: Sequence[Case]) -> dict[str, Any]:
         "classes": per_class,
         "hardware_exact": _share([c.hardware_right for c in cases]),
         "hardware_bearing_exact": _share([c.hardware_right for c in bearing]),
+        "hardware_bearing": len(bearing),
+        "intervals": {
+            "qos": interval([c.class_right for c in cases]),
+            "hardware_exact": interval([c.hardware_right for c in cases]),
+            "hardware_bearing_exact": interval([c.hardware_right for c in bearing]),
+        },
         "both": _share([c.class_right and c.hardware_right for c in cases]),
         "placement": _share([c.got_placement == c.want_placement for c in placed]),
         "abstained": sum(not c.got_class for c in cases),
@@ -91,6 +99,17 @@ def figures(cases: Sequence[Case]) -> dict[str, Any]:
 
 def _share(right: Sequence[bool]) -> float:
     return round(sum(right) / len(right), 4) if right else 0.0
+
+
+def interval(right: Sequence[bool]) -> tuple[float, float]:
+    """Returns the 95 % interval of a share, after Wilson."""
+    count = len(right)
+    if not count:
+        return 0.0, 1.0
+    share, z = sum(right) / count, 1.96
+    middle = (share + z * z / (2 * count)) / (1 + z * z / count)
+    half = z * math.sqrt(share * (1 - share) / count + z * z / (4 * count * count)) / (1 + z * z / count)
+    return round(max(0.0, middle - half), 4), round(min(1.0, middle + half), 4)
 
 
 def _precision_recall(cases: Sequence[Case], name: str) -> dict[str, float]:
@@ -157,6 +176,8 @@ def report(name: str, found: dict[str, Any]) -> str:
         f"  {key:15} n {entry['n']:3}  precision {entry['precision']:.2f}  recall {entry['recall']:.2f}  F1 {entry['f1']:.2f}"
         for key, entry in found["classes"].items()
     ]
+    shares = "; ".join(f"{key} {low:.0%} to {high:.0%}" for key, (low, high) in found["intervals"].items())
+    lines.append(f"95 % intervals (Wilson): {shares}, of {found['hardware_bearing']} with hardware")
     lines.append(
         f"calibration error {found['calibration_error']:.3f} (hardware {found['hardware_calibration_error']:.3f})"
     )
@@ -199,7 +220,8 @@ class Label:
     confidence: str
 
 
-def labels(file: Path) -> list[Label]:
+def labels(file: Path, half: str = "") -> list[Label]:
+    """Returns the labels of a file, or those of one half of it."""
     found = []
     for number, line in enumerate(file.read_text().splitlines(), start=1):
         if not line.strip():
@@ -208,6 +230,8 @@ def labels(file: Path) -> list[Label]:
         missing = {"id", "repo", "path", "qos_class", "hardware"} - row.keys()
         if missing or row["qos_class"] not in CLASSES:
             sys.exit(f"{file}:{number}: needs id, repo, path, hardware and a qos_class of {', '.join(CLASSES)}")
+        if half and row.get("half") != half:
+            continue
         hardware = tuple(sorted(row["hardware"]))
         found.append(
             Label(
@@ -289,7 +313,7 @@ def _case(label: Label, package: PackageProfile | None) -> Case:
 
 def main(arguments: Iterable[str] | None = None) -> int:
     options = _options().parse_args(list(arguments) if arguments is not None else None)
-    cases, spent = measured(labels(options.labels), options.checkouts)
+    cases, spent = measured(labels(options.labels, options.half), options.checkouts)
     result: dict[str, Any] = {"cpu_s": round(spent, 2), "variants": {}}
     for name, found in cases.items():
         result["variants"][name] = figures(found) | {"folds": folds(found)}
@@ -320,6 +344,7 @@ def _options() -> argparse.ArgumentParser:
     parser.add_argument(
         "--checkouts", type=Path, required=True, help="folder with a folder <owner>+<repo> per repository"
     )
+    parser.add_argument("--half", choices=("mended", "unseen"), default="", help="measure only labels of this half")
     parser.add_argument("--json", type=Path, help="where the figures go")
     parser.add_argument("--misses", action="store_true", help="print what was judged wrong")
     return parser

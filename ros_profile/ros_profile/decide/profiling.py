@@ -100,6 +100,7 @@ def _with_launches(assessment: Assessment, launches: Sequence[LaunchProfile], un
         return started
     if (
         assessment.qos_class is None
+        or assessment.qos_class.value is QosClass.BEST_EFFORT
         or assessment.qos_class.confidence >= SURE
         or not _starts_others(launches, unit.package.name)
     ):

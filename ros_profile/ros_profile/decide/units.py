@@ -18,6 +18,8 @@ from ros_profile.read.parameters import text_facts
 CODE: Final = frozenset({"cpp", "python"})
 """Languages of what runs in a node."""
 OTHERS_WEIGHT: Final = 0.5
+IMPORTED_WEIGHT: Final = 0.6
+"""What a module imports in its turn is often not used by who imports the module."""
 _ARGUMENT: Final = re.compile(r"\$\((?:var|arg) ([\w.-]+)")
 _SIGNS = {">": Role.PUBLISHER, "<": Role.SUBSCRIPTION, "?": Role.SERVICE_CLIENT, "!": Role.SERVICE_SERVER}
 _KIND = {
@@ -73,7 +75,8 @@ def module_units(package: Package) -> Iterator[tuple[str, Unit]]:
         name = file.removesuffix(".py").removesuffix("/__init__")
         _, inside, below = name.partition(f"{package.name}/")
         dotted = f"{package.name}.{below}".replace("/", ".") if inside else name.rpartition("/")[2]
-        reached = [by_file[one] for one in closure((file,), by_file)]
+        others = (by_file[one] for one in closure((file,), by_file) if one != file)
+        reached = [by_file[file], *(_weighed(source, IMPORTED_WEIGHT) for source in others)]
         yield dotted, _unit(package, dotted, "library", reached, ())
 
 

@@ -101,7 +101,7 @@ ROLE_SYMBOLS: tuple[tuple[re.Pattern[str], str], ...] = tuple(
             "display",
         ),
         (
-            r"^(?:gz|ignition)/(?:transport|sim|gazebo|sensors|msgs)(?:/|\.hh)|^gazebo/|^webots/|^gz(?:\.|_)sim|^controller\.Robot",
+            r"^(?:gz|ignition)/(?:transport|sim|gazebo|sensors|msgs)(?:/|\.hh)|^gazebo/|^webots/|^gz(?:\.|_)sim|^controller\.Robot|^(?:gymnasium|pybullet|mujoco|isaacgym|stable_baselines3)\b|^mujoco/|^G[ZA]_REGISTER_\w+_PLUGIN",
             "simulation",
         ),
         (r"^rosbag2?(?:_cpp|_py)?(?:::|\.)(?:Bag|Writer|Reader|Recorder|Sequential\w+)", "recording"),

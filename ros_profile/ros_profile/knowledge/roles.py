@@ -23,6 +23,8 @@ MEASURED_COMMAND_TYPES = frozenset(
 COMMAND_TOPIC = re.compile(
     r"(?:^|[/_])(?:cmd|cmds|command|commands|setpoint|set_point|set_(?:position|velocity|speed|angle|effort|torque)|twist_mux|e_?stop|duty_cycle|throttle|steering|ref|reference|desired)(?:[/_]|$|\d)"
 )
+SIGNAL_TYPES = frozenset({"std_msgs/msg/String", "std_msgs/msg/Empty", "std_msgs/msg/Bool"})
+"""A command in one of these names an action or switches something; it carries no set point."""
 ACTUATOR_TOPIC = re.compile(
     r"(?:^|[/_])(?:motors?|thrusters?|thrust|pwm|servos?|actuators?|brakes?|gripper|spin|drive|move|stop|halt|kill|kill_?switch|deadman|emergency|heartbeat)(?:[/_](?:raw|values?|speeds?|goals?|targets?|inputs?|left|right|front|back|rear|\d+))*$"
 )
@@ -105,7 +107,11 @@ PLUGIN_BASES: tuple[tuple[re.Pattern[str], str], ...] = tuple(
             r"^(?:rviz_common|rviz|rviz_default_plugins|rviz_rendering)::|^rqt_gui\w*(?:::|\.)|^qt_gui|^rqt_\w+::",
             "display",
         ),
-        (r"^gazebo::|^gz::sim|^ignition::gazebo|^ros2cli|CommandExtension|VerbExtension|^webots", "tool"),
+        (
+            r"^gazebo(?:_ros)?::|^(?:gz::sim|ignition::gazebo)|^(?:gz|ignition)::sensors|^webots|^mujoco\w*::",
+            "simulator",
+        ),
+        (r"^ros2cli|CommandExtension|VerbExtension", "tool"),
         (r"^diagnostic_aggregator::|^diagnostic_updater::DiagnosticTask", "monitor"),
         (r"^rosbag2?_|^rosbag2_storage", "tool"),
     )

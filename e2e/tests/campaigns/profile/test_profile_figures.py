@@ -1,8 +1,10 @@
 """Figures of the profile bench: accuracy, calibration and the targets."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
-from campaigns.profile.profile import Case, calibration_error, figures, folds, reliability
+from campaigns.profile.profile import Case, calibration_error, figures, folds, interval, labels, reliability
 
 GOOD = Case("r/p", "o/r", "high", "realtime", "realtime", 0.95, ("serial",), ("serial",), 0.9, "robot", "robot")
 
@@ -33,3 +35,19 @@ def test_the_calibration_error_is_the_distance_of_stated_and_seen() -> None:
 def test_a_repository_is_in_one_fold_only() -> None:
     cases = [replace(GOOD, repo=f"o/{index % 7}") for index in range(30)]
     assert sum(fold["packages"] for fold in folds(cases)) == 30
+
+
+def test_an_interval_holds_the_share_and_shrinks_with_the_number_of_packages() -> None:
+    few, many = interval([True] * 8 + [False] * 2), interval([True] * 80 + [False] * 20)
+    assert few == (0.4902, 0.9433)
+    assert few[0] < many[0] < 0.8 < many[1] < few[1]
+    assert interval([]) == (0.0, 1.0)
+
+
+def test_one_half_of_the_labels_is_measured_alone(tmp_path: Path) -> None:
+    row = {"repo": "o/r", "path": ".", "qos_class": "realtime", "hardware": []}
+    rows = [{**row, "id": "r/a", "half": "mended"}, {**row, "id": "r/b", "half": "unseen"}, {**row, "id": "r/c"}]
+    file = tmp_path / "labels.jsonl"
+    file.write_text("".join(json.dumps(one) + "\n" for one in rows))
+    assert [label.id for label in labels(file, "unseen")] == ["r/b"]
+    assert len(labels(file)) == 3

@@ -31,7 +31,7 @@ def classify(unit: Unit, *, curated: bool, libraries: Mapping[str, Devices] | No
     wanted = needed(opened)
     for estimate in wanted:
         found.add(f"hardware:{estimate.value.type}", estimate.evidence[0])
-        if estimate.value.model == "joystick":
+        if estimate.value.model == "joystick" and not estimate.reason.startswith("links "):
             found.add("shape:operator_device", estimate.evidence[0])
     _after_hardware(found, unit)
     only_hardware = Assessment(

@@ -22,6 +22,8 @@ _SERVED = {
     Role.SERVICE_CLIENT: "call:service",
     Role.ACTION_CLIENT: "call:action",
 }
+MOST_WORDS = 40
+"""Of a description; what follows is about other packages."""
 _CLI_EXPORT = re.compile(r"ros2cli|ros2_?\w*\.(?:command|verb)")
 
 
@@ -128,7 +130,7 @@ def _stream(endpoint: Endpoint, *, publishes_sensor: bool) -> Iterator[str]:
     measured = kind in roles.MEASURED_COMMAND_TYPES and (publishes_sensor or not named)
     if kind in roles.COMMAND_TYPES and not measured:
         yield "command"
-    elif named and kind.startswith("std_msgs/msg/String"):
+    elif named and kind in roles.SIGNAL_TYPES:
         yield "command_text"
     elif named:
         yield "command" if not kind or kind.startswith(("std_msgs/", "geometry_msgs/")) else "command_name"
@@ -161,7 +163,7 @@ def _own_message(kind: str, topic: str) -> str:
     if roles.COMMAND_TYPE_NAME.search(kind):
         return "command_name"
     if roles.ACTUATOR_TOPIC.search(topic.lower()):
-        return "command_text" if kind.startswith("std_msgs/msg/String") else "command_name"
+        return "command_text" if kind == "std_msgs/msg/String" else "command_name"
     if roles.MEASURED_TYPE_NAME.search(kind) or roles.MEASURED_TOPIC.search(topic.lower()):
         return "measured"
     return "other"
@@ -205,6 +207,15 @@ def name_roles(name: str) -> tuple[str, ...]:
     return tuple(role for _, _, role in sorted(scored, reverse=True))
 
 
+@lru_cache(maxsize=MEMORY)
+def described_roles(description: str, name: str) -> tuple[str, ...]:
+    """Returns the role of the first telling word of a description that is not the name's, and simulation wherever it stands."""
+    own = {"description", *name.lower().split("_")}
+    words = [word for word in re.findall(r"[a-z0-9]+", description.lower())[:MOST_WORDS] if word not in own]
+    found = [role for word in words for role, listed in roles.WORDS if word in listed.split()]
+    return tuple(dict.fromkeys([*found[:1], *(role for role in found if role == "simulation")]))
+
+
 def _from_words(found: Features, unit: Unit) -> None:
     named = name_roles(unit.package.name)
     for index, role in enumerate(named[:3]):
@@ -213,6 +224,8 @@ def _from_words(found: Features, unit: Unit) -> None:
             f"word:{role}" if place == "last" else f"word2:{role}",
             Fact(Kind.NAME, unit.package.name, role, unit.package.file),
         )
+    for role in described_roles(unit.package.description, unit.package.name):
+        found.add(f"told:{role}", Fact(Kind.NAME, unit.package.description[:80], role, unit.package.file))
     if unit.kind != "package":
         for role in name_roles(unit.name)[:1]:
             found.add(f"program:{role}", Fact(Kind.NAME, unit.name, role))

@@ -53,6 +53,7 @@ _FORMS = {
     "word": "is named like {}",
     "word2": "is named like {}",
     "program": "is named like {}",
+    "told": "is described as {}",
     "hardware": "opens {}",
     "curated": "is well known as {}",
 }

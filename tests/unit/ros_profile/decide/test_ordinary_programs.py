@@ -229,3 +229,49 @@ def test_confidence_grows_with_probability() -> None:
     stated = [calibrated(number / 200) for number in range(201)]
     assert stated == sorted(stated)
     assert (stated[0], stated[-1]) == (0.0, 0.99)
+
+
+@pytest.mark.parametrize(
+    ("kind", "wanted"), [("std_msgs::msg::Empty", "sensor_data"), ("std_msgs::msg::Float64", "realtime")]
+)
+def test_a_signal_to_a_sensor_is_no_set_point(tmp_path: Path, kind: str, wanted: str) -> None:
+    files = cpp(
+        f's = n->create_subscription<{kind}>("zero_command", 1, f);'
+        'p = n->create_publisher<sensor_msgs::msg::FluidPressure>("pressure", 1);'
+    )
+    assert class_of(judged(tmp_path, files, depends=("geometry_msgs",)).assessment) == wanted
+
+
+@pytest.mark.parametrize("base", ["gazebo::SensorPlugin", "gz::sim::System", "mujoco_ros::MujocoPlugin"])
+def test_a_sensor_of_a_simulator_is_a_simulation(tmp_path: Path, base: str) -> None:
+    text = f'class A : public {base} {{ void f() {{ n->create_publisher<sensor_msgs::msg::Imu>("imu", 1); }} }};'
+    files = {"CMakeLists.txt": "project(p)\nadd_library(a SHARED src/a.cpp)\n", "src/a.cpp": text}
+    assert class_of(judged(tmp_path, files, name="robot_sensors").assessment) == "best_effort"
+
+
+DESCRIBED = "<package format='3'><name>{name}</name><version>1.0.0</version><description>{text}</description>"
+REST = "<maintainer email='a@example.org'>A</maintainer><license>MIT</license></package>"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "wanted"),
+    [
+        ("lift", "Lifts of the simulation", "best_effort"),
+        ("lift", "TODO: Package description", "system_default"),
+        ("simulation_lift", "The simulation_lift package", "best_effort"),
+    ],
+)
+def test_a_description_tells_a_simulation_that_the_name_does_not(
+    tmp_path: Path, name: str, text: str, wanted: str
+) -> None:
+    files = cpp('s = n->create_service<my_msgs::srv::Call>("call", f);')
+    manifest = DESCRIBED.format(name=name, text=text) + REST
+    assert class_of(judged(tmp_path, {**files, "package.xml": manifest}, name=name).assessment) == wanted
+
+
+def test_a_window_is_no_control_loop_whatever_its_launch_file_starts(tmp_path: Path) -> None:
+    window = "import rclpy, tkinter\ndef main():\n    rclpy.create_node('panel')\n    tkinter.Tk()\n"
+    files = {"setup.py": HELPER["setup.py"], "nav/goals.py": window, "launch/n.launch.py": NAVIGATION}
+    package(tmp_path, "nav", files)
+    (found,) = generate_profile(tmp_path).packages
+    assert class_of(found.assessment) == "best_effort"
