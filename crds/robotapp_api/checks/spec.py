@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 
 from robotapp_api.checks.components import component_notes, component_problems
+from robotapp_api.checks.containers import shared_memory_notes
 from robotapp_api.checks.discovery_variables import variable_notes
 from robotapp_api.checks.edges import edge_notes, edge_problems
 from robotapp_api.checks.middleware import FAST_DDS, KNOWN, mode_problem
@@ -58,6 +59,7 @@ def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[No
     for index, component in enumerate(spec.components):
         yield from component_notes(component, f"spec.components[{index}]")
     yield from variable_notes(spec)
+    yield from shared_memory_notes(spec)
 
 
 def _ros_problems(spec: RobotAppSpec) -> Iterator[Problem]:
