@@ -1,6 +1,7 @@
 """Recipes of the images with Python: Debian's interpreter below, locked wheels and our code above."""
 
 import hashlib
+import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -136,6 +137,18 @@ class Ros1(RosNodes):
     packages = (*_SHELL, *_ROS_1)
 
 
+def _link_copies(folder: Path) -> None:
+    """Puts links for libraries that are there several times, because wheels can hold no links."""
+    seen: dict[bytes, Path] = {}
+    for path in sorted(folder.rglob("*.so*")):
+        if path.is_symlink() or not path.is_file():
+            continue
+        first = seen.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
+        if first != path:
+            path.unlink()
+            path.symlink_to(os.path.relpath(first, path.parent))
+
+
 class Ros2Jazzy(RosNodes):
     """ROS 2 Jazzy with rclpy, Fast DDS and its discovery server, laid out and started like the official images.
 
@@ -146,6 +159,9 @@ class Ros2Jazzy(RosNodes):
     selection = ("--only-group", "rclpy", "--no-emit-package", "empy", "--no-emit-package", "setuptools")
     entrypoint = ("/ros_entrypoint.sh",)
 
+    def inputs(self) -> bytes:
+        return super().inputs() + repr((_SETUP, _JAZZY_PROGRAMS, _JAZZY_LEFT_OUT, "links")).encode()
+
     def wheel_layer(self, base: Path, layer: Path) -> Path:
         home = layer / _JAZZY
         home.mkdir(parents=True)
@@ -153,6 +169,7 @@ class Ros2Jazzy(RosNodes):
         wheels.install(wheels.requirements(*self.selection), home, python=python, programs=_JAZZY_PROGRAMS)
         for folder in _JAZZY_LEFT_OUT:
             shutil.rmtree(home / folder)
+        _link_copies(home)
         libraries = ":".join(f"/{path.relative_to(layer)}" for path in (home / "lib", *sorted(home.glob("*.libs"))))
         packages = f"/{_JAZZY}/lib/python{python}/site-packages:/{_JAZZY}"
         (home / "setup.bash").write_text(_SETUP.format(home=f"/{_JAZZY}", libraries=libraries, packages=packages))

@@ -26,144 +26,140 @@ pytestmark = [
     pytest.mark.skipif(pins.platform_names()["arch"] != "amd64", reason="wheels of rclpy are for amd64 alone"),
 ]
 
+PLACE = "real-ros"
 TOPIC = "/chatter"
-STARTED_S = 60.0
+STARTED_S = 90.0
 FOLLOWS_S = 5.0
 """Time within which readiness follows the messages, where `slowness` is 1."""
 HEALS_S = 20.0
 """Time after which a pair talks again whose master was replaced, where `slowness` is 1."""
+LISTEN = ["python3", "-m", "ros_nodes.chatter", "listener", TOPIC]
+TALK = ["python3", "-m", "ros_nodes.chatter", "talker", TOPIC]
+SOURCE = "source /opt/ros/$ROS_DISTRO/setup.bash"
+
+
+def part(name: str, node: str, args: Sequence[str], image: str = "jazzy", **spec: Any) -> dict[str, Any]:
+    """A component on this node; `spec` are fields of its pod."""
+    own = {"image": images.reference(image), "imagePullPolicy": "IfNotPresent", "args": list(args)}
+    return {"name": name, **own, "template": {"spec": {"nodeSelector": {"kubernetes.io/hostname": node}, **spec}}}
+
+
+def chat(name: str, ros2: Mapping[str, Any], *, distro: str, talker: Any, listener: Sequence[str]) -> dict[str, Any]:
+    """An app whose listener is ready while it hears the talker."""
+    hearer = {**part("listener", "robot-1", listener), "ready": {"topic": {"name": TOPIC}}}
+    spec = {"ros": {"distro": distro}, "ros2": ros2, "components": [talker, hearer]}
+    return {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "metadata": {"name": name}, "spec": spec}
+
+
+def fast_dds(name: str, **discovery: Any) -> dict[str, Any]:
+    """With a sidecar of the talker that listens."""
+    image = {"image": images.reference("jazzy"), "imagePullPolicy": "IfNotPresent"}
+    talker = part(
+        "talker",
+        "edge-1",
+        TALK,
+        initContainers=[{"name": "sidecar", **image, "restartPolicy": "Always", "args": LISTEN}],
+    )
+    return chat(
+        name, {"rmw": "rmw_fastrtps_cpp", "discovery": discovery}, distro="jazzy", talker=talker, listener=LISTEN
+    )
+
+
+def cyclone_dds(name: str) -> dict[str, Any]:
+    """With the operator's peers for the talker; the listener is of another middleware and names its peer itself."""
+    variables = ["RMW_IMPLEMENTATION=rmw_fastrtps_cpp", f"ROS_STATIC_PEERS=talker.{child_name(name, '', PEERS)}"]
+    talker = part("talker", "edge-1", ["python3", "-m", "ros_nodes.dds_talker", TOPIC], "ros2")
+    ros2 = {"rmw": "rmw_cyclonedds_cpp", "discovery": {"mode": "Peers"}}
+    return chat(name, ros2, distro="lyrical", talker=talker, listener=["env", *variables, *LISTEN])
+
+
+CHATS = {
+    "server": fast_dds("server", mode="Server", image=images.reference("jazzy"), imagePullPolicy="IfNotPresent"),
+    "peers": fast_dds("peers", mode="Peers"),
+    "cyclone": cyclone_dds("cyclone"),
+}
 
 
 @pytest.fixture(scope="module")
 def cluster(real_machine: type[RealNodes]) -> Iterator[RealNodes]:
+    """All apps start at once."""
     nodes, delays = [robot("robot-1"), edge("edge-1")], {("robot-1", "edge-1"): 2}
     with real_machine(nodes, delays=delays, images=("jazzy", "ros2", "ros1"), kube_scheduler=True) as cp:
         product.install(cp)
         product.start_operator(cp)
         product.start_scheduler(cp)
-        yield cp
+        with created(cp, PLACE):
+            pair = teleop.app("pair", ros=1, nodes={"operator": "edge-1", "robot": "robot-1"})
+            teleop.apply(cp, PLACE, [pair, *CHATS.values()])
+            yield cp
 
 
-@pytest.fixture
-def place(cluster: RealNodes) -> Iterator[str]:
-    with created(cluster, f"ros-{time.monotonic_ns() % 100_000}") as name:
-        yield name
-
-
-def part(name: str, node: str, args: Sequence[str], image: str = "jazzy", **fields: Any) -> dict[str, Any]:
-    """A component on this node."""
-    spec = {"nodeSelector": {"kubernetes.io/hostname": node}, **fields.pop("spec", {})}
-    common = {"image": images.reference(image), "imagePullPolicy": "IfNotPresent", "template": {"spec": spec}}
-    return {"name": name, "args": ["python3", "-m", *args], **common, **fields}
-
-
-def chatter(ros2: Mapping[str, Any], *, talker: Mapping[str, Any], listener: Mapping[str, Any], distro: str) -> Any:
-    """An app whose listener is ready while it hears the talker."""
-    ready = {"ready": {"topic": {"name": TOPIC}}}
-    spec = {
-        "ros": {"distro": distro},
-        "ros2": ros2,
-        "components": [{**talker}, {**listener, **ready}],
-    }
-    return {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "metadata": {"name": "chat"}, "spec": spec}
-
-
-def is_ready(cp: RealNodes, place: str, component: str) -> bool:
-    pod = teleop.pods(cp, place, "chat").get(component, {"status": {}})
+def is_ready(cp: RealNodes, app: str) -> bool:
+    """Whether the app's listener is ready."""
+    pod = teleop.pods(cp, PLACE, app).get("listener", {"status": {}})
     return any(each["type"] == "Ready" and each["status"] == "True" for each in pod["status"].get("conditions", ()))
 
 
-def run_in(cp: RealNodes, place: str, component: str, line: str) -> str:
-    """Runs a line as somebody who opened a shell in the component's container."""
-    pod = teleop.pods(cp, place, "chat")[component]["metadata"]["name"]
-    return cp.kubectl("exec", "-n", place, pod, "-c", component, "--", "bash", "-c", line)
+def run_in(cp: RealNodes, app: str, component: str, line: str, *, program: str = "sh") -> str:
+    """Runs a line in a shell in the component's container."""
+    pod = teleop.pods(cp, PLACE, app)[component]["metadata"]["name"]
+    return cp.kubectl("exec", "-n", PLACE, pod, "-c", component, "--", program, "-c", line)
 
 
-def assert_readiness_follows(cp: RealNodes, place: str) -> None:
-    """The listener becomes ready, not ready and ready again as the talker speaks."""
-    assert wait_until(lambda: is_ready(cp, place, "listener"), timeout_s=STARTED_S, poll_s=0.2)
-    for line, wanted in (("touch /tmp/silence", False), ("rm /tmp/silence", True)):
-        run_in(cp, place, "talker", line)
-        follows_s = FOLLOWS_S * slowness(seconds=0.2)
-        assert wait_until(lambda wanted=wanted: is_ready(cp, place, "listener") is wanted, timeout_s=follows_s), line  # type: ignore[misc] # mypy sees no type for a default
+def list_ready(cp: RealNodes, wanted: Sequence[str], *, within_s: float) -> list[str]:
+    """Returns the apps whose listener is ready, when they are these or the time has passed."""
+    wait_until(lambda: [app for app in CHATS if is_ready(cp, app)] == wanted, timeout_s=within_s, poll_s=0.2)
+    return [app for app in CHATS if is_ready(cp, app)]
 
 
-@pytest.mark.parametrize("mode", ["Server", "Peers"])
-def test_with_fast_dds_readiness_follows_messages_a_sidecar_hears_its_component_and_commands_see_the_graph(
-    cluster: RealNodes, place: str, mode: str
-) -> None:
-    listen = ["ros_nodes.chatter", "listener", TOPIC]
-    sidecar = {
-        "name": "sidecar",
-        "image": images.reference("jazzy"),
-        "imagePullPolicy": "IfNotPresent",
-        "restartPolicy": "Always",
-        "args": ["python3", "-m", *listen],
-    }
-    helper = {"image": images.reference("jazzy"), "imagePullPolicy": "IfNotPresent"} if mode == "Server" else {}
-    app = chatter(
-        {"rmw": "rmw_fastrtps_cpp", "discovery": {"mode": mode, **helper}},
-        talker=part("talker", "edge-1", ["ros_nodes.chatter", "talker", TOPIC], spec={"initContainers": [sidecar]}),
-        listener=part("listener", "robot-1", listen),
-        distro="jazzy",
-    )
-    teleop.apply(cluster, place, [app])
-    assert_readiness_follows(cluster, place)
-    pod = teleop.pods(cluster, place, "chat")["talker"]["metadata"]["name"]
-    assert "heard" in cluster.kubectl("logs", "-n", place, pod, "-c", "sidecar")
-    shell = "source /opt/ros/$ROS_DISTRO/setup.bash; "
-    listed = run_in(
-        *(cluster, place, "talker"),
-        f"{shell} touch /tmp/silence; ROS_SUPER_CLIENT=TRUE python3 -m ros_nodes.chatter topics 3",
-    )
-    assert f"{TOPIC} std_msgs/msg/String" in listed.splitlines()
-    echo = f"{shell} (sleep 3; rm /tmp/silence) & python3 -m ros_nodes.chatter listener {TOPIC} | head -n 1"
-    assert "heard" in run_in(cluster, place, "talker", echo)
+def test_readiness_follows_messages_with_servers_with_peers_and_with_cyclone_dds(cluster: RealNodes) -> None:
+    assert list_ready(cluster, list(CHATS), within_s=STARTED_S) == list(CHATS)
+    for line, wanted in (("touch /tmp/silence", []), ("rm /tmp/silence", list(CHATS))):
+        for app in CHATS:
+            run_in(cluster, app, "talker", line)
+        assert list_ready(cluster, wanted, within_s=FOLLOWS_S * slowness(seconds=0.2)) == wanted, line
 
 
-def test_with_cyclone_dds_and_peers_readiness_follows_messages(cluster: RealNodes, place: str) -> None:
-    """A listener in another middleware names its peers itself."""
-    peers = f"talker.{child_name('chat', '', PEERS)}"
-    variables = {"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", "ROS_STATIC_PEERS": peers}
-    env = [{"name": name, "value": value} for name, value in variables.items()]
-    app = chatter(
-        {"rmw": "rmw_cyclonedds_cpp", "discovery": {"mode": "Peers"}},
-        talker=part("talker", "edge-1", ["ros_nodes.dds_talker", TOPIC], "ros2"),
-        listener=part("listener", "robot-1", ["ros_nodes.chatter", "listener", TOPIC], env=env),
-        distro="lyrical",  # whose Cyclone DDS is the image's
-    )
-    teleop.apply(cluster, place, [app])
-    assert_readiness_follows(cluster, place)
+@pytest.mark.parametrize("app", ["server", "peers"])
+def test_a_sidecar_hears_its_component_and_a_shell_sees_the_graph(cluster: RealNodes, app: str) -> None:
+    pod = teleop.pods(cluster, PLACE, app)["talker"]["metadata"]["name"]
+    assert "heard" in cluster.kubectl("logs", "-n", PLACE, pod, "-c", "sidecar")
+    listed = f"{SOURCE}; ROS_SUPER_CLIENT=TRUE python3 -m ros_nodes.chatter topics 3"
+    assert f"{TOPIC} std_msgs/msg/String" in run_in(cluster, app, "listener", listed, program="bash").splitlines()
+    echoed = f"{SOURCE}; python3 -m ros_nodes.chatter listener {TOPIC} | head -n 1"
+    assert "heard" in run_in(cluster, app, "listener", echoed, program="bash")
 
 
 @pytest.mark.parametrize("how", ["pod", "container"])
-def test_a_pair_of_ros_1_talks_again_after_its_master_was_replaced(cluster: RealNodes, place: str, how: str) -> None:
-    teleop.first_trip_s(cluster, place, teleop.app("pair", ros=1, nodes={"operator": "edge-1", "robot": "robot-1"}))
-    before = teleop.pods(cluster, place, "pair")
+def test_a_pair_of_ros_1_talks_again_after_its_master_was_started_anew(cluster: RealNodes, how: str) -> None:
+    assert wait_until(lambda: bool(teleop.trips(cluster, PLACE, "pair")), timeout_s=STARTED_S, poll_s=0.2)
+    before = uids_of_pair(cluster)
     time.sleep(START_LEAD.total_seconds() + 1)
-    lose_master(cluster, place, how)
+    lose_master(cluster, how)
 
     def talks_anew() -> bool:
-        pods = teleop.pods(cluster, place, "pair")
-        replaced = all(pods[name]["metadata"]["uid"] != before[name]["metadata"]["uid"] for name in before)
-        return replaced and bool(teleop.trips(cluster, place, "pair"))
+        return len(uids_of_pair(cluster) - before) == 2 and bool(teleop.trips(cluster, PLACE, "pair"))
 
     assert wait_until(talks_anew, timeout_s=HEALS_S * slowness(), poll_s=0.2)
-    path = f"/apis/events.k8s.io/v1/namespaces/{place}/events"
+    path = f"/apis/events.k8s.io/v1/namespaces/{PLACE}/events"
 
-    def told() -> list[str]:
+    def read_notes() -> list[str]:
         return [each["note"] for each in cluster.api.get(path)["items"] if each["reason"] == "MasterRestarted"]
 
-    assert wait_until(lambda: bool(told()), timeout_s=10)
-    assert told()[0].endswith("operator, robot restarted")
+    assert wait_until(lambda: bool(read_notes()), timeout_s=10)
+    assert read_notes()[0].endswith("operator, robot restarted")
 
 
-def lose_master(cp: RealNodes, place: str, how: str) -> None:
-    """Deletes its pod, or ends its container."""
+def uids_of_pair(cp: RealNodes) -> set[str]:
+    return {pod["metadata"]["uid"] for pod in teleop.pods(cp, PLACE, "pair").values()}
+
+
+def lose_master(cp: RealNodes, how: str) -> None:
+    """Deletes the pod of the pair's master, or ends its container."""
     selector = "robotics.io/app=pair,robotics.io/role=master"
-    (pod,) = cp.api.get(f"/api/v1/namespaces/{place}/pods?labelSelector={selector}")["items"]
+    (pod,) = cp.api.get(f"/api/v1/namespaces/{PLACE}/pods?labelSelector={selector}")["items"]
     if how == "pod":
-        cp.kubectl("delete", "pod", "-n", place, pod["metadata"]["name"], "--wait=false")
+        cp.kubectl("delete", "pod", "-n", PLACE, pod["metadata"]["name"], "--wait=false")
     else:
         (container,) = pod["status"]["containerStatuses"]
         cp.node(pod["spec"]["nodeName"]).kill_container(container["containerID"])
