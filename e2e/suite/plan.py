@@ -175,7 +175,11 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "e2e/cluster_dns/": ("tests/live/nodes/",),
     "e2e/pause/": ("tests/live/nodes/",),
     "e2e/latency_switch/": ("e2e/tests/live/switch/",),
-    "e2e/ros_nodes/": ("e2e/tests/ros_nodes/", "tests/live/nodes/test_teleoperation.py"),
+    "e2e/ros_nodes/": (
+        "e2e/tests/ros_nodes/",
+        "tests/live/nodes/test_teleoperation.py",
+        "tests/live/nodes/test_real_ros.py",
+    ),
     "e2e/suite/": ("e2e/tests/suite/",),
     "e2e/journeys/": ("e2e/tests/live/testbed/",),
     "e2e/campaigns/": ("e2e/tests/campaigns/",),

@@ -7,8 +7,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from robotapp_api.checks.host_access.paths import walk_path
+from robotapp_api.checks.middleware import FAST_DDS
 from robotapp_api.checks.problem import Note, Problem, invalid
+from robotapp_api.checks.ros import rmw_of, ros_version_of
 from robotapp_api.model.app.component import Component
+from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.names import PARAMETERS_VOLUME, SHARED_MEMORY_PATH, SHARED_MEMORY_VOLUME, WAITING_STEP
 from robotapp_api.values.quantities.quantity import parse_milli
 
@@ -47,6 +50,7 @@ _POD_SINCE: Final = {
 """The same of fields of the pod."""
 
 _OUR_VOLUMES: Final = {PARAMETERS_VOLUME: "the parameter files", SHARED_MEMORY_VOLUME: "sharedMemory"}
+_TRANSPORTS: Final = "FASTDDS_BUILTIN_TRANSPORTS"
 
 
 def gated_field_problems(component: Component, at: str) -> Iterator[Problem]:
@@ -81,6 +85,33 @@ def _note_age(field: str, since: str) -> Note:
     return Note(
         field, f"needs the feature gate {since}, which is off unless a cluster switches it on: the API server drops it"
     )
+
+
+def different_user_notes(spec: RobotAppSpec) -> Iterator[Note]:
+    """Says which sidecars do not hear their component over Fast DDS.
+
+    Processes of one pod count as on one host, so Fast DDS 2 sends between them through shared memory alone, whose files
+    another user may not open: topics are listed, and no message comes.
+    """
+    if ros_version_of(spec) == 1 or rmw_of(spec) not in FAST_DDS or (spec.ros2 and spec.ros2.transport == "UDP"):
+        return
+    for index, component in enumerate(spec.components):
+        pod_context: Mapping[str, Any] = component.template.spec.security_context or {}
+        (own, _), *steps = list_containers(component, f"spec.components[{index}]")
+        for container, where in steps:
+            users = [
+                (each.get("securityContext") or {}).get("runAsUser", pod_context.get("runAsUser"))
+                for each in (own, container)
+            ]
+            chosen = {str(variable.get("name")) for each in (own, container) for variable in each.get("env") or ()}
+            is_beside = container.get("restartPolicy") == "Always" or ".template.spec.containers[" in where
+            if is_beside and len(set(users)) == 2 and _TRANSPORTS not in chosen:
+                mine, other = ("the user of its image" if user is None else f"user {user}" for user in users)
+                yield Note(
+                    f"{where}.securityContext.runAsUser",
+                    f"{component.name} runs as {mine} and {container.get('name')} as {other}: Fast DDS uses shared memory within "
+                    "a pod, so they see each other's topics and get no messages; write the same user, or ros2.transport: UDP",
+                )
 
 
 def list_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str, Any], str]]:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from robotapp_api.checks.command_line import robot_reference_problems
 from robotapp_api.checks.components import component_notes, component_problems
+from robotapp_api.checks.containers import different_user_notes
 from robotapp_api.checks.discovery_variables import variable_notes
 from robotapp_api.checks.edges import edge_notes, edge_problems
 from robotapp_api.checks.host_access.network import host_name_problems, host_network_notes, is_reachable_by_loopback
@@ -67,6 +68,7 @@ def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[No
         yield from component_notes(component, f"spec.components[{index}]")
     yield from variable_notes(spec)
     yield from host_network_notes(spec)
+    yield from different_user_notes(spec)
 
 
 def _ros_problems(spec: RobotAppSpec) -> Iterator[Problem]:

@@ -1,6 +1,8 @@
 """Recipes of the images with Python: Debian's interpreter below, locked wheels and our code above."""
 
 import hashlib
+import os
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -19,6 +21,16 @@ _ROS_1: Final = (
     *("python3-std-msgs", "python3-geometry-msgs", "python3-sensor-msgs"),
 )
 _HOME: Final = "opt/robotapp"
+_JAZZY: Final = "opt/ros/jazzy"
+_JAZZY_PROGRAMS: Final = ("fastdds", "fast-discovery-server", "fast-discovery-server-1.0.1")
+_JAZZY_LEFT_OUT: Final = ("include", "lib64")
+_SETUP: Final = """\
+export AMENT_PREFIX_PATH={home}
+export LD_LIBRARY_PATH={libraries}
+export PATH={home}/bin:$PATH
+export PYTHONPATH={packages}:$PYTHONPATH
+export ROS_VERSION=2 ROS_DISTRO=jazzy _ROS_WHEELS_BOOTSTRAP_COMPLETE=1
+"""
 _ROS_NODES: Final = pins.REPOSITORY / "e2e" / "ros_nodes"
 
 
@@ -50,7 +62,7 @@ class Pythonic(Recipe):
         if self.packages:
             layers.append(self._debian_layer(base, scratch / "packages"))
         if self.selection:
-            layers.append(self._wheel_layer(base, scratch / "wheels"))
+            layers.append(self.wheel_layer(base, scratch / "wheels"))
         if self.code():
             layers.append(self._code_layer(base, scratch / "code"))
         return layers
@@ -71,7 +83,7 @@ class Pythonic(Recipe):
         bytecode.compile_all(base, layer, "usr/lib")
         return layer
 
-    def _wheel_layer(self, base: Path, layer: Path) -> Path:
+    def wheel_layer(self, base: Path, layer: Path) -> Path:
         (layer / _HOME).mkdir(parents=True)
         wheels.install(wheels.requirements(*self.selection), layer / _HOME, python=bytecode.python_version(base))
         bytecode.compile_all(base, layer, _HOME)
@@ -123,3 +135,48 @@ class Ros1(RosNodes):
     """Debian's own ROS 1: roscore, rospy and message packages."""
 
     packages = (*_SHELL, *_ROS_1)
+
+
+def _link_copies(folder: Path) -> None:
+    """Puts links for libraries that are there several times, because wheels can hold no links."""
+    seen: dict[bytes, Path] = {}
+    for path in sorted(folder.rglob("*.so*")):
+        if path.is_symlink() or not path.is_file():
+            continue
+        first = seen.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
+        if first != path:
+            path.unlink()
+            path.symlink_to(os.path.relpath(first, path.parent))
+
+
+class Ros2Jazzy(RosNodes):
+    """ROS 2 Jazzy with rclpy, Fast DDS and its discovery server, laid out and started like the official images.
+
+    Its variables are set by the entry point, not by the image: what the kubelet starts in the container does without them.
+    """
+
+    packages = (*_SHELL, "bash", "grep", "util-linux", "libpython3.11")
+    selection = ("--only-group", "rclpy", "--no-emit-package", "empy", "--no-emit-package", "setuptools")
+    entrypoint = ("/ros_entrypoint.sh",)
+
+    def inputs(self) -> bytes:
+        return super().inputs() + repr((_SETUP, _JAZZY_PROGRAMS, _JAZZY_LEFT_OUT, "links")).encode()
+
+    def wheel_layer(self, base: Path, layer: Path) -> Path:
+        home = layer / _JAZZY
+        home.mkdir(parents=True)
+        python = bytecode.python_version(base)
+        wheels.install(wheels.requirements(*self.selection), home, python=python, programs=_JAZZY_PROGRAMS)
+        for folder in _JAZZY_LEFT_OUT:
+            shutil.rmtree(home / folder)
+        _link_copies(home)
+        libraries = ":".join(f"/{path.relative_to(layer)}" for path in (home / "lib", *sorted(home.glob("*.libs"))))
+        packages = f"/{_JAZZY}/lib/python{python}/site-packages:/{_JAZZY}"
+        (home / "setup.bash").write_text(_SETUP.format(home=f"/{_JAZZY}", libraries=libraries, packages=packages))
+        (layer / "ros_entrypoint.sh").write_text(f'#!/bin/bash\nset -e\n. "/{_JAZZY}/setup.bash"\nexec "$@"\n')
+        (layer / "ros_entrypoint.sh").chmod(0o755)
+        return layer
+
+    def config(self) -> Config:
+        env = {"PATH": PATH, "PYTHONUNBUFFERED": "1", "PYTHONPATH": f"/{_HOME}"}
+        return Config(entrypoint=self.entrypoint, architecture=pins.platform_names()["arch"], env=env)

@@ -23,15 +23,18 @@ def requirements(*selection: str) -> str:
     return _run(command, cwd=pins.REPOSITORY)
 
 
-def install(wanted: str, target: Path, *, python: str) -> None:
-    """Unpack the wheels of `wanted` (text of `requirements`) for Python `python` ("3.11") into `target`."""
+def install(wanted: str, target: Path, *, python: str, programs: Sequence[str] = ()) -> None:
+    """Unpack the wheels of `wanted` (text of `requirements`) for Python `python` ("3.11") into `target`.
+
+    programs: what is kept of its `bin`; the rest are scripts that name the installing interpreter.
+    """
     listed = target.with_suffix(".requirements")
     listed.write_text(wanted)
     command = [str(_UV), "pip", "install", "--quiet", "--no-deps", "--require-hashes", "--only-binary=:all:"]
     command += [f"--python-version={python}", f"--python-platform={_PLATFORMS[pins.platform_names()['arch']]}"]
     _run([*command, f"--target={target}", f"--requirements={listed}"], cwd=target.parent)
     listed.unlink()
-    _forget_the_machine(target)
+    _forget_the_machine(target, programs)
 
 
 def install_ours(target: Path) -> None:
@@ -52,8 +55,12 @@ def sources() -> list[Path]:
     return [project, pins.REPOSITORY / "README.md", *code]
 
 
-def _forget_the_machine(target: Path) -> None:
-    shutil.rmtree(target / "bin", ignore_errors=True)  # scripts that name the installing interpreter
+def _forget_the_machine(target: Path, programs: Sequence[str] = ()) -> None:
+    for script in (target / "bin").glob("*"):
+        if script.name not in programs:
+            script.unlink()
+    if not programs:
+        shutil.rmtree(target / "bin", ignore_errors=True)
     (target / ".lock").unlink(missing_ok=True)
     for metadata in target.glob("*.dist-info"):
         for path in metadata.iterdir():

@@ -1,7 +1,7 @@
 """Locked wheels as image content."""
 
 from robotapp_testbed.images import wheels
-from robotapp_testbed.images.pythonic import Component, Ros2
+from robotapp_testbed.images.pythonic import Component, Ros2, Ros2Jazzy
 
 
 def test_requirements_are_those_of_the_lock_file_with_hashes() -> None:
@@ -10,6 +10,7 @@ def test_requirements_are_those_of_the_lock_file_with_hashes() -> None:
     assert "numpy" not in text
     assert text.count("--hash=sha256:") > 10
     assert "cyclonedds==11" in wheels.requirements(*Ros2.selection)
+    assert "ros-jazzy-rclpy==7.1" in wheels.requirements(*Ros2Jazzy.selection)
 
 
 def test_our_wheel_is_made_from_all_its_packages_and_the_project_file() -> None:

@@ -10,7 +10,11 @@ from tests.support.clients import client_for
 from tests.unit.operating.reconcile.test_instance_reconciler import ReconciledServer
 
 from robotapp_api.model.names import Annotation, Label
+from robotapp_operator.plan.diff.master_restarts import MOST_RESTARTS
 from robotapp_operator.plan.spec.objects import Deployment, Pod, ReplicaSet
+from robotapp_operator.plan.status.conditions import conditions
+from robotapp_operator.plan.status.facts import AppFacts
+from robotapp_operator.watch.lister import instance_facts, wanted_instances
 
 
 @pytest.fixture
@@ -25,13 +29,7 @@ async def test_nodes_of_a_master_that_was_replaced_are_restarted_once_with_an_ev
     uid = await world.app(ros={"distro": "noetic"}, ros2=None)
     assert await world.children.reconcile(uid, "")
     await world.mirror()
-    parts = {
-        item.metadata.labels.get(Label.COMPONENT, "master"): item for item in world.cache.deployments.of(uid).values()
-    }
-    for name, item in parts.items():
-        minute = 20 if name == "master" else 0
-        world.cache.put_replica_set(replica_set(name, item))
-        world.cache.pods.put(uid, name, running_pod(name, item, minute=minute))
+    put_pods(world, uid, master=20, nodes=0)
     before = world.writes()
     assert await world.children.reconcile(uid, "")
     assert world.writes() > before
@@ -51,6 +49,38 @@ async def test_nodes_of_a_master_that_was_replaced_are_restarted_once_with_an_ev
     written = world.writes()
     assert await world.children.reconcile(uid, "")
     assert world.writes() == written
+
+
+async def test_a_master_that_ends_again_and_again_is_named_in_the_status_with_the_pods_to_delete(
+    world: ReconciledServer,
+) -> None:
+    events: list[str] = []
+    world.recorder.event = lambda _, **event: events.append(event["reason"])  # type: ignore[method-assign]
+    uid = await world.app(ros={"distro": "noetic"}, ros2=None)
+    assert await world.children.reconcile(uid, "")
+    for start in range(MOST_RESTARTS + 1):
+        await world.mirror()
+        put_pods(world, uid, master=start + 10, nodes=start)
+        assert await world.children.reconcile(uid, "")
+    assert events == ["MasterRestarted"] * MOST_RESTARTS
+    app = world.cache.apps[uid].app
+    assert app is not None
+    (instance,) = wanted_instances(app, world.cache)
+    facts = instance_facts(app, instance, world.cache, outcome=None, trouble=None, held=(), now_s=0.0)
+    assert facts.cut_off == ("driver", "operator")
+    whole = AppFacts(app=app, instances=(facts,), now="2026-01-01T11:00:00Z")
+    stalled = next(item for item in conditions(whole) if item["type"] == "Stalled")
+    assert (stalled["status"], stalled["reason"]) == ("True", "RestartNeeded")
+    assert "the master was started anew since driver, operator started" in stalled["message"]
+
+
+def put_pods(world: ReconciledServer, uid: str, *, master: int, nodes: int) -> None:
+    """Puts a pod of each Deployment into the cache: the master's and the nodes' were made in these minutes."""
+    for item in world.cache.deployments.of(uid).values():
+        name = item.metadata.labels.get(Label.COMPONENT, "master")
+        world.cache.put_replica_set(replica_set(name, item))
+        minute = master if name == "master" else nodes
+        world.cache.pods.put(uid, name, running_pod(name, item, minute=minute))
 
 
 def replica_set(name: str, owner: Deployment) -> ReplicaSet:

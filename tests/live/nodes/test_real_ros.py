@@ -1,0 +1,165 @@
+"""What real ROS makes of our rendering: rclpy with Fast DDS, Cyclone DDS and ROS 1 in containers on real nodes.
+
+rmw_cyclonedds and rmw_zenoh are in no package index, so with Cyclone DDS the listener is rclpy with Fast DDS.
+"""
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import pytest
+from tests.support.work_unit import slowness
+
+from campaigns.nodes import teleop_app as teleop
+from robotapp_api.values.naming import child_name
+from robotapp_operator.plan.diff.master_restarts import START_LEAD
+from robotapp_operator.plan.spec.desired import PEERS
+from robotapp_testbed import images, wait_until
+from robotapp_testbed.binaries import pins
+from robotapp_testbed.control_plane import product
+from robotapp_testbed.control_plane.namespaces import created
+from robotapp_testbed.machines.nodes import edge, robot
+from robotapp_testbed.real import RealNodes
+
+pytestmark = [
+    pytest.mark.live,
+    pytest.mark.skipif(pins.platform_names()["arch"] != "amd64", reason="wheels of rclpy are for amd64 alone"),
+]
+
+PLACE = "real-ros"
+TOPIC = "/chatter"
+STARTED_S = 90.0
+FOLLOWS_S = 5.0
+"""Time within which readiness follows the messages, where `slowness` is 1."""
+HEALS_S = 20.0
+"""Time after which a pair talks again whose master was replaced, where `slowness` is 1."""
+LISTEN = ["python3", "-m", "ros_nodes.chatter", "listener", TOPIC]
+TALK = ["python3", "-m", "ros_nodes.chatter", "talker", TOPIC]
+SOURCE = "source /opt/ros/$ROS_DISTRO/setup.bash"
+
+
+def part(name: str, node: str, args: Sequence[str], image: str = "jazzy", **spec: Any) -> dict[str, Any]:
+    """A component on this node; `spec` are fields of its pod."""
+    own = {"image": images.reference(image), "imagePullPolicy": "IfNotPresent", "args": list(args)}
+    return {"name": name, **own, "template": {"spec": {"nodeSelector": {"kubernetes.io/hostname": node}, **spec}}}
+
+
+def chat(name: str, ros2: Mapping[str, Any], *, distro: str, talker: Any, listener: Sequence[str]) -> dict[str, Any]:
+    """An app whose listener is ready while it hears the talker."""
+    hearer = {**part("listener", "robot-1", listener), "ready": {"topic": {"name": TOPIC}}}
+    spec = {"ros": {"distro": distro}, "ros2": ros2, "components": [talker, hearer]}
+    return {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "metadata": {"name": name}, "spec": spec}
+
+
+def fast_dds(name: str, **discovery: Any) -> dict[str, Any]:
+    """With a sidecar of the talker that listens."""
+    image = {"image": images.reference("jazzy"), "imagePullPolicy": "IfNotPresent"}
+    talker = part(
+        "talker",
+        "edge-1",
+        TALK,
+        initContainers=[{"name": "sidecar", **image, "restartPolicy": "Always", "args": LISTEN}],
+    )
+    return chat(
+        name, {"rmw": "rmw_fastrtps_cpp", "discovery": discovery}, distro="jazzy", talker=talker, listener=LISTEN
+    )
+
+
+def cyclone_dds(name: str) -> dict[str, Any]:
+    """With the operator's peers for the talker; the listener is of another middleware and names its peer itself."""
+    variables = ["RMW_IMPLEMENTATION=rmw_fastrtps_cpp", f"ROS_STATIC_PEERS=talker.{child_name(name, '', PEERS)}"]
+    talker = part("talker", "edge-1", ["python3", "-m", "ros_nodes.dds_talker", TOPIC], "ros2")
+    ros2 = {"rmw": "rmw_cyclonedds_cpp", "discovery": {"mode": "Peers"}}
+    return chat(name, ros2, distro="lyrical", talker=talker, listener=["env", *variables, *LISTEN])
+
+
+CHATS = {
+    "server": fast_dds("server", mode="Server", image=images.reference("jazzy"), imagePullPolicy="IfNotPresent"),
+    "peers": fast_dds("peers", mode="Peers"),
+    "cyclone": cyclone_dds("cyclone"),
+}
+
+
+@pytest.fixture(scope="module")
+def cluster(real_machine: type[RealNodes]) -> Iterator[RealNodes]:
+    """All apps start at once."""
+    nodes, delays = [robot("robot-1"), edge("edge-1")], {("robot-1", "edge-1"): 2}
+    with real_machine(nodes, delays=delays, images=("jazzy", "ros2", "ros1"), kube_scheduler=True) as cp:
+        product.install(cp)
+        product.start_operator(cp)
+        product.start_scheduler(cp)
+        with created(cp, PLACE):
+            pair = teleop.app("pair", ros=1, nodes={"operator": "edge-1", "robot": "robot-1"})
+            teleop.apply(cp, PLACE, [pair, *CHATS.values()])
+            yield cp
+
+
+def is_ready(cp: RealNodes, app: str) -> bool:
+    """Whether the app's listener is ready."""
+    pod = teleop.pods(cp, PLACE, app).get("listener", {"status": {}})
+    return any(each["type"] == "Ready" and each["status"] == "True" for each in pod["status"].get("conditions", ()))
+
+
+def run_in(cp: RealNodes, app: str, component: str, line: str, *, program: str = "sh") -> str:
+    """Runs a line in a shell in the component's container."""
+    pod = teleop.pods(cp, PLACE, app)[component]["metadata"]["name"]
+    return cp.kubectl("exec", "-n", PLACE, pod, "-c", component, "--", program, "-c", line)
+
+
+def list_ready(cp: RealNodes, wanted: Sequence[str], *, within_s: float) -> list[str]:
+    """Returns the apps whose listener is ready, when they are these or the time has passed."""
+    wait_until(lambda: [app for app in CHATS if is_ready(cp, app)] == wanted, timeout_s=within_s, poll_s=0.2)
+    return [app for app in CHATS if is_ready(cp, app)]
+
+
+def test_readiness_follows_messages_with_servers_with_peers_and_with_cyclone_dds(cluster: RealNodes) -> None:
+    assert list_ready(cluster, list(CHATS), within_s=STARTED_S) == list(CHATS)
+    for line, wanted in (("touch /tmp/silence", []), ("rm /tmp/silence", list(CHATS))):
+        for app in CHATS:
+            run_in(cluster, app, "talker", line)
+        assert list_ready(cluster, wanted, within_s=FOLLOWS_S * slowness(seconds=0.2)) == wanted, line
+
+
+@pytest.mark.parametrize("app", ["server", "peers"])
+def test_a_sidecar_hears_its_component_and_a_shell_sees_the_graph(cluster: RealNodes, app: str) -> None:
+    pod = teleop.pods(cluster, PLACE, app)["talker"]["metadata"]["name"]
+    assert "heard" in cluster.kubectl("logs", "-n", PLACE, pod, "-c", "sidecar")
+    listed = f"{SOURCE}; ROS_SUPER_CLIENT=TRUE python3 -m ros_nodes.chatter topics 3"
+    assert f"{TOPIC} std_msgs/msg/String" in run_in(cluster, app, "listener", listed, program="bash").splitlines()
+    echoed = f"{SOURCE}; python3 -m ros_nodes.chatter listener {TOPIC} | head -n 1"
+    assert "heard" in run_in(cluster, app, "listener", echoed, program="bash")
+
+
+@pytest.mark.parametrize("how", ["pod", "container"])
+def test_a_pair_of_ros_1_talks_again_after_its_master_was_started_anew(cluster: RealNodes, how: str) -> None:
+    assert wait_until(lambda: bool(teleop.trips(cluster, PLACE, "pair")), timeout_s=STARTED_S, poll_s=0.2)
+    before = uids_of_pair(cluster)
+    time.sleep(START_LEAD.total_seconds() + 1)
+    lose_master(cluster, how)
+
+    def talks_anew() -> bool:
+        return len(uids_of_pair(cluster) - before) == 2 and bool(teleop.trips(cluster, PLACE, "pair"))
+
+    assert wait_until(talks_anew, timeout_s=HEALS_S * slowness(), poll_s=0.2)
+    path = f"/apis/events.k8s.io/v1/namespaces/{PLACE}/events"
+
+    def read_notes() -> list[str]:
+        return [each["note"] for each in cluster.api.get(path)["items"] if each["reason"] == "MasterRestarted"]
+
+    assert wait_until(lambda: bool(read_notes()), timeout_s=10)
+    assert read_notes()[0].endswith("operator, robot restarted")
+
+
+def uids_of_pair(cp: RealNodes) -> set[str]:
+    return {pod["metadata"]["uid"] for pod in teleop.pods(cp, PLACE, "pair").values()}
+
+
+def lose_master(cp: RealNodes, how: str) -> None:
+    """Deletes the pod of the pair's master, or ends its container."""
+    selector = "robotics.io/app=pair,robotics.io/role=master"
+    (pod,) = cp.api.get(f"/api/v1/namespaces/{PLACE}/pods?labelSelector={selector}")["items"]
+    if how == "pod":
+        cp.kubectl("delete", "pod", "-n", PLACE, pod["metadata"]["name"], "--wait=false")
+    else:
+        (container,) = pod["status"]["containerStatuses"]
+        cp.node(pod["spec"]["nodeName"]).kill_container(container["containerID"])
