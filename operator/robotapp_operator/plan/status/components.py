@@ -301,7 +301,9 @@ def _unscheduled(pod: Pod, condition: ObjectCondition) -> str:
 
 
 def _container_failure(container: ContainerStatus) -> tuple[Reason, str] | None:
-    waiting = container.state.waiting
+    waiting, ended = container.state.waiting, container.state.terminated
+    if ended is not None and ended.reason in _NOT_STARTED:
+        return Reason.FAILED_CREATE, _describe_start_failure(container.name, ended.message)
     if waiting is None:
         return None
     if waiting.reason in _PULLING:
