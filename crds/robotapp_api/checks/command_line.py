@@ -41,7 +41,7 @@ def command_line_notes(component: Component, at: str) -> Iterator[Note]:
     if program in _ROS_TOOLS:
         yield Note(
             f"{at}.command",
-            f"replaces the image's entry point, which sets up ROS, so {program} is not found in the usual images; write these words under args",
+            f"replaces the image's entry point, which sets up ROS, so {program} is not found in the usual images; write these words under args, or run or launch",
         )
 
     if not component.command and not component.args and _BASE_IMAGE.fullmatch(component.image):

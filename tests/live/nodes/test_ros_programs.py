@@ -21,7 +21,7 @@ NODE: Final = """\
 #!/usr/bin/env python3
 import json, sys, rospy
 from std_msgs.msg import String
-rospy.init_node("unnamed", disable_signals=True)
+rospy.init_node("unnamed")
 publisher = rospy.Publisher("said", String, queue_size=1, latch=True)
 publisher.publish(json.dumps({"name": rospy.get_name(), "topic": publisher.resolved_name, "rate": rospy.get_param("~rate", None),
     "words": rospy.myargv(sys.argv)[1:]}))

@@ -76,7 +76,8 @@ class Ros2(Model):
     pool: AppName = "default"
     """DomainPool the domain comes from."""
     isolation: Isolation = "Domain"
-    """Domain gives every instance a domain of its own; Discovery shares one and separates apps by discovery."""
+    """Domain gives every instance a domain of its own; Discovery shares one and separates apps by discovery: with discovery Auto, one
+    pod with ROS alone stays within itself."""
     rmw: Rmw | None = None
     """ROS middleware implementation, such as rmw_cyclonedds_cpp; absent means the default of the distribution."""
     discovery: Discovery = Discovery()

@@ -18,7 +18,8 @@ OLD_PARAMETERS_VARIABLE: Final = "ROBOTAPP_PARAMETER_FILES"
 """Variable of components with `command` or `args` that had parameters before there was ROBOTAPP_PARAMS: a new one would restart them."""
 
 LOAD_PARAMETERS: Final = """\
-until rosparam list >/dev/null 2>&1; do sleep 1; done
+command -v rosparam >/dev/null || { echo "parameters need rosparam, which this image does not have" >&2; exit 127; }
+until rosparam list >/dev/null 2>&1; do echo "waiting for the master at $ROS_MASTER_URI"; sleep 1; done
 name=$1; while [ "$2" != -- ]; do rosparam load "$2" "$name" || exit 1; shift; done
 shift 2; exec "$@"
 """

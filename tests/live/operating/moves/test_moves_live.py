@@ -254,3 +254,26 @@ def test_a_pod_whose_device_vanishes_moves_to_a_node_with_a_free_one(
         eventually(lambda: moves(user, "looking") == [("driver", 1)], what=lambda: user.instances("looking"))
     finally:
         network.plug(here, CAMERA.id)
+
+
+def devices_held(user: Tenant) -> list[str]:
+    return [claim["metadata"]["name"] for claim in user.claims() if "device" in claim["spec"]]
+
+
+@pytest.mark.usefixtures("network")
+def test_a_suspended_component_gives_its_device_back_and_the_gang_waits_for_no_component_that_is_created_later(
+    user: Tenant,
+) -> None:
+    camera = part("camera", runsOn=["Edge"], devices=[{"name": "cam", "type": "usb"}])
+    viewer = part("viewer", runsOn=["Edge"], dependsOn=[{"component": "camera"}])
+    user.apply("watch", camera, viewer)
+    user.wait_ready("watch")
+    assert len(devices_held(user)) == 1
+    seen = pod_of(user, "viewer")["metadata"]["uid"]
+    user.edit("watch", components=[{**camera, "replicas": 0}, viewer])
+    eventually(lambda: not devices_held(user), what=user.claims)
+    assert user.wait_ready("watch")["status"]["summary"]["ready"] == "1/1"
+    assert pod_of(user, "viewer")["metadata"]["uid"] == seen
+    user.edit("watch", components=[camera, viewer])
+    eventually(lambda: devices_held(user), what=user.claims)
+    assert user.wait_ready("watch")["status"]["summary"]["ready"] == "2/2"

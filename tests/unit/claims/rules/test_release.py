@@ -6,7 +6,7 @@ from tests.support.claims.objects import claim, device_claim, domain_claim, pod,
 
 from robotapp_api.model.names import ClaimPhase
 from robotapp_claims.rules import release
-from robotapp_claims.rules.objects import App, AppSpec, Meta, Pod, Ros, Ros2, SharedApp
+from robotapp_claims.rules.objects import App, AppSpec, Component, Meta, Pod, Ros, Ros2, SharedApp
 from robotapp_claims.rules.release import Release, release_domain
 
 
@@ -90,6 +90,22 @@ def test_of_two_claims_exactly_one_is_wanted_and_it_is_the_one_the_deployments_n
 
 def test_an_app_without_a_ros2_section_never_wants_a_device_claim_as_domain() -> None:
     assert not release.wants_domain(app(), device_claim(), [], named=())
+
+
+@pytest.mark.parametrize(
+    ("ros", "components", "claims"),
+    [
+        ("jazzy", ["", ""], True),
+        ("jazzy", ["", "None"], True),
+        ("jazzy", ["None", "None"], False),
+        ("none", [""], False),
+        ("noetic", [""], False),
+    ],
+)
+def test_an_app_claims_a_domain_while_a_component_uses_ros_2(ros: str, components: list[str], claims: bool) -> None:
+    parts = tuple(Component(name=f"c{number}", ros=value) for number, value in enumerate(components))
+    found = App(metadata=Meta(uid="app-1"), spec=AppSpec(ros=Ros(distro=ros), components=parts))
+    assert release.claims_domain(found) is claims
 
 
 @pytest.mark.parametrize(

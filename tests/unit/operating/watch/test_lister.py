@@ -365,3 +365,24 @@ def test_the_cache_forgets_what_is_dropped() -> None:
     cache.services.drop(app.uid, "never there")
     assert cache.instance_keys(app.uid) == set()
     assert repr(cache) == "<Cache: 0 apps, 0 nodes, 0 pods>"
+
+
+BUS = [{"name": "bus", "type": "can"}]
+
+
+def test_a_component_that_waits_is_said_to_and_its_devices_are_not_wanted_yet() -> None:
+    parts = [component("driver", devices=BUS), component("arm", devices=BUS, dependsOn=[{"component": "driver"}])]
+    found = facts_of(Cache(), app_body(components=parts))
+    assert [(view.name, view.waits, view.message) for view in found.components] == [
+        ("driver", False, ""),
+        ("arm", True, "waits until driver is Ready (dependsOn)"),
+    ]
+    assert found.devices_wanted == 1
+
+
+def test_a_suspended_component_wants_no_devices_and_its_edges_are_not_judged() -> None:
+    edges = [{"topic": "/joints", "from": "arm", "to": "driver", "latency": {"budget": "30ms"}}]
+    parts = [component("driver"), component("arm", devices=BUS, replicas=0)]
+    found = facts_of(Cache(), app_body(components=parts, edges=edges))
+    assert (found.devices_wanted, found.edges) == (0, ())
+    assert [view.name for view in found.wanted] == ["driver"]

@@ -160,11 +160,19 @@ def test_the_script_that_loads_parameters_becomes_the_program_or_ends_when_a_fil
         (tmp_path / name).chmod(0o755)
     done = subprocess.run(
         ["sh", "-c", LOAD_PARAMETERS, "robotapp-parameters", "/front", "0.yaml", "1.yaml", "--", "program", "a", "b"],
-        env={"PATH": f"{tmp_path}:/usr/bin:/bin"},
+        env={"PATH": f"{tmp_path}:/usr/bin:/bin", "ROS_MASTER_URI": "http://master:11311"},
         capture_output=True,
         text=True,
         timeout=30,
         check=False,
     )
-    assert (done.stdout.strip(), done.returncode) == (wanted, 1 if refused else 0)
+    waited, *program = done.stdout.splitlines()
+    assert waited == "waiting for the master at http://master:11311"
+    assert (program, done.returncode) == ([wanted] if wanted else [], 1 if refused else 0)
     assert calls.read_text().split("\n")[2:4] == ["load 0.yaml /front", "load 1.yaml /front"]
+
+
+def test_an_image_without_rosparam_is_named_by_the_script() -> None:
+    words = ["/bin/sh", "-c", LOAD_PARAMETERS, "robotapp-parameters", "/front", "0.yaml", "--", "program"]
+    done = subprocess.run(words, env={"PATH": "/nowhere"}, capture_output=True, text=True, timeout=30, check=False)
+    assert (done.returncode, done.stderr) == (127, "parameters need rosparam, which this image does not have\n")

@@ -83,22 +83,21 @@ NOT_FOUND = (
 )
 
 
+START_ERROR = {"exitCode": 128, "reason": "StartError", "message": NOT_FOUND}
+
+
 @pytest.mark.parametrize(
     "pod",
     [
         make_pod(node="e", waiting=("RunContainerError", NOT_FOUND)),
         make_pod(
             node="e",
-            waiting=("", ""),
-            container={"state": {"terminated": {"exitCode": 128, "reason": "StartError", "message": NOT_FOUND}}},
-        ),
-        make_pod(
-            node="e",
             waiting=("CrashLoopBackOff", "back-off 10s restarting failed container"),
-            container={"lastState": {"terminated": {"exitCode": 128, "reason": "StartError", "message": NOT_FOUND}}},
+            container={"lastState": {"terminated": START_ERROR}},
         ),
+        make_pod(node="e", status={"containerStatuses": [{"name": "main", "state": {"terminated": START_ERROR}}]}),
     ],
-    ids=["while the kubelet tries", "between two tries", "while it waits"],
+    ids=["while the kubelet tries", "while it waits", "between the two"],
 )
 def test_a_program_that_cannot_be_started_keeps_its_reason(pod: Pod) -> None:
     found = view(make_deployment(), pod)
