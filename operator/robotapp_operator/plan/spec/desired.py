@@ -50,6 +50,18 @@ class HelperDefaults(NamedTuple):
 NO_SETTINGS: Final = HelperDefaults()
 
 
+class Abilities(NamedTuple):
+    """What of a pod the operator may render in this cluster: settings of the operator."""
+
+    host_access: bool = False
+    """Fields that reach the node; the chart sets it together with the policy that guards them."""
+    stop_signals: bool = False
+    """`lifecycle.stopSignal`, whose feature gate is off unless a cluster switches it on."""
+
+
+NO_ABILITIES: Final = Abilities()
+
+
 class EnvVar(NamedTuple):
     name: str
     value: str
@@ -77,8 +89,7 @@ class App:
     """Scheduler of apps that name none: a setting of the operator."""
     helper_defaults: HelperDefaults = NO_SETTINGS
     """What helper pods are made of where the app writes nothing: settings of the operator."""
-    host_access: bool = False
-    """Whether the operator renders fields that reach the node; the chart sets it together with the policy that guards them."""
+    abilities: Abilities = NO_ABILITIES
 
     @property
     def distro(self) -> str:
