@@ -29,7 +29,7 @@ from robotapp_client.tools.restart import RESTORED, start_again
 from robotapp_client.transport.proxy import SOCKS
 from robotapp_operator import __version__
 from robotapp_operator.health import Health
-from robotapp_operator.plan.spec.desired import HelperDefaults
+from robotapp_operator.plan.spec.desired import Abilities, HelperDefaults
 from robotapp_operator.queue.work import BACKGROUND
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.reconcile.controller import Controller
@@ -102,8 +102,9 @@ class Operator:
         helper_defaults = HelperDefaults(
             settings.helper_discovery_image, settings.helper_master_image, settings.helper_user, settings.ip_family
         )
+        abilities = Abilities(settings.host_access, settings.stop_signals)
         self.cache = Cache(
-            default_scheduler=settings.scheduler_name, helper_defaults=helper_defaults, host_access=settings.host_access
+            default_scheduler=settings.scheduler_name, helper_defaults=helper_defaults, abilities=abilities
         )
         self.memory = ReconcileState()
         self.metrics = Metrics()

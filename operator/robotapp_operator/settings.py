@@ -45,6 +45,8 @@ class Settings:
     """Namespace of the election Lease; empty means the pod's own, or robotapp-system outside of a cluster."""
     host_access: bool = False
     """Render fields that reach the node. A policy must guard them: the chart sets both together."""
+    stop_signals: bool = False
+    """Render stop signals: the cluster has the feature gate ContainerStopSignals on."""
     leader_election: bool = True
     """Work only while holding the Lease. It saves work; nothing depends on it."""
     log_format: str = "text"
@@ -128,6 +130,9 @@ def parse(argv: Sequence[str], environ: Mapping[str, str]) -> Settings:
     guarded = _is_on(environ, "HOST_ACCESS")
     text = "render fields that reach the node, which the chart's policy guards"
     parser.add_argument("--host-access", action="store_true", default=guarded, help=text)
+    signals = _is_on(environ, "STOP_SIGNALS")
+    text = "render lifecycle.stopSignal: the cluster has the feature gate ContainerStopSignals on"
+    parser.add_argument("--stop-signals", action="store_true", default=signals, help=text)
     off = _is_on(environ, "NO_LEADER_ELECTION")
     parser.add_argument("--no-leader-election", action="store_true", default=off, help="work without holding the Lease")
     found = vars(parser.parse_args(argv))

@@ -15,9 +15,10 @@ from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.names import PARAMETERS_VOLUME, SHARED_MEMORY_PATH, SHARED_MEMORY_VOLUME, WAITING_STEP
 from robotapp_api.values.quantities.quantity import parse_milli
 
-_STOP_SIGNAL: Final = (
-    "needs spec.os of the pod, which RobotApp does not write, so the API server would refuse the pod or drop the field; write "
-    "preStop: {exec: {command: [sh, -c, 'kill -INT 1; sleep 10']}}, with which the program has 10 s to end on SIGINT"
+STOP_SIGNAL: Final = ".lifecycle.stopSignal"
+_NO_STOP_SIGNAL: Final = (
+    "needs the feature gate ContainerStopSignals, which is off unless a cluster switches it on and says so to the operator (--stop-signals); "
+    "write preStop: {exec: {command: [sh, -c, 'kill -INT 1; sleep 10']}}, with which the program has 10 s to end on SIGINT"
 )
 _UNMASKED: Final = (
     "Unmasked needs a pod with a user namespace of its own, which a RobotApp's pods do not have; leave it out"
@@ -57,7 +58,7 @@ def gated_field_problems(component: Component, at: str) -> Iterator[Problem]:
     """`at`: where the component stands, such as `spec.components[0]`."""
     for container, where in list_containers(component, at):
         if "stopSignal" in (container.get("lifecycle") or {}):
-            yield invalid(f"{where}.lifecycle.stopSignal", _STOP_SIGNAL)
+            yield invalid(f"{where}{STOP_SIGNAL}", _NO_STOP_SIGNAL)
         if (container.get("securityContext") or {}).get("procMount") == "Unmasked":
             yield invalid(f"{where}.securityContext.procMount", _UNMASKED)
 

@@ -23,6 +23,12 @@ _PODS: Final = (
 )
 """Pods of a spec: components, discovery servers or router, master; each with the containers that are written for it."""
 
+_SETS: Final = {
+    values: f"free{number}"
+    for number, values in enumerate(dict.fromkeys(field.free for field in GUARDED if len(field.free) > 1))
+}
+"""Free values of fields that have several, by the variable that holds them."""
+
 
 def policy_variables() -> list[dict[str, str]]:
     """Returns variables of a ValidatingAdmissionPolicy that has the spec as `variables.spec`.
@@ -31,6 +37,7 @@ def policy_variables() -> list[dict[str, str]]:
     of its own, because what one expression may cost is limited.
     """
     variables = [{"name": "pods", "expression": _PODS}]
+    variables += [{"name": name, "expression": _set_of(values)} for values, name in _SETS.items()]
     for number, field in enumerate(GUARDED):
         expression = f"variables.pods.filter(p, {_guards(field)})"
         variables.append({"name": _name(number), "expression": expression})
@@ -71,7 +78,7 @@ def _guards(field: GuardedField) -> str:
     if field.level is Level.ANNOTATIONS:
         value = "p.annotations[k]"
         return (
-            f"p.annotations.exists(k, k.startsWith('{APPARMOR_PREFIX}') && !({value} in {_literals(FREE_APPARMOR)})"
+            f"p.annotations.exists(k, k.startsWith('{APPARMOR_PREFIX}') && !({value} in {list(FREE_APPARMOR)})"
             f" && !{value}.startsWith('{FREE_APPARMOR_PREFIX}'))"
         )
     steps = field.path.split(".")
@@ -88,19 +95,27 @@ def _condition(holder: str, steps: list[str], field: GuardedField, *, depth: int
             item = f"i{depth}"
             items = f"{holder}{_select(names)}.orValue([])"
             rest = steps[index + 1 :]
-            inner = _condition(item, rest, field, depth=depth + 1) if rest else f"!({item} in {_literals(field.free)})"
+            inner = _condition(item, rest, field, depth=depth + 1) if rest else _is_not_free(item, field)
             return f"{items}.exists({item}, {inner})"
     if not field.free:
         return f"{holder}{_select(names)}.hasValue()"
-    return f"!({holder}{_select(names)}.orValue({_literal(field.free[0])}) in {_literals(field.free)})"
+    return _is_not_free(f"{holder}{_select(names)}.orValue({_literal(field.free[0])})", field)
+
+
+def _is_not_free(value: str, field: GuardedField) -> str:
+    """Returns the condition that a value is none of the field's free ones. A list literal would cost ten at every comparison."""
+    if len(field.free) == 1:
+        return f"{value} != {_literal(field.free[0])}"
+    return f"!({value} in variables.{_SETS[field.free]})"
 
 
 def _select(names: list[str]) -> str:
     return "".join(f".?{name}" for name in names)
 
 
-def _literals(values: tuple[str | int | bool, ...]) -> str:
-    return f"[{', '.join(map(_literal, values))}]"
+def _set_of(values: tuple[str | int | bool, ...]) -> str:
+    """Returns a map of which the values are the keys: a look-up costs one, in a list as much as the list is long."""
+    return f"{{{', '.join(f'{_literal(value)}: true' for value in values)}}}"
 
 
 def _literal(value: str | int | bool) -> str:

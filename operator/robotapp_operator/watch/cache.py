@@ -10,7 +10,7 @@ from robotapp_api.values.placement.round_trips import RoundTrips, without_round_
 from robotapp_claims.rules.objects import Claim, Pool
 from robotapp_operator.plan.diff.diff import Observed, ref_of
 from robotapp_operator.plan.render.instance_object import AppInstance
-from robotapp_operator.plan.spec.desired import NO_SETTINGS, App, HelperDefaults
+from robotapp_operator.plan.spec.desired import NO_ABILITIES, NO_SETTINGS, Abilities, App, HelperDefaults
 from robotapp_operator.plan.spec.objects import (
     ChildRef,
     ConfigMap,
@@ -210,11 +210,11 @@ class Cache:
         *,
         default_scheduler: str = SCHEDULER_NAME,
         helper_defaults: HelperDefaults = NO_SETTINGS,
-        host_access: bool = False,
+        abilities: Abilities = NO_ABILITIES,
     ) -> None:
         self._default_scheduler = default_scheduler
         self._helper_defaults = helper_defaults
-        self._host_access = host_access
+        self._abilities = abilities
         self.apps: dict[str, Record] = {}
         self._announced: dict[str, tuple[object, ...]] = {}
         self._numbers = itertools.count(1)
@@ -313,7 +313,7 @@ class Cache:
             known=known,
             default_scheduler=self._default_scheduler,
             helper_defaults=self._helper_defaults,
-            host_access=self._host_access,
+            abilities=self._abilities,
         )
         if known and record.version_number < known.version_number:
             return known

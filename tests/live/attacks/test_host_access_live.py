@@ -77,13 +77,13 @@ def attack_of(key: str) -> Attack:
     return next(attack for attack in HOST if attack.key == key)
 
 
-@pytest.mark.parametrize("field", GUARDED, ids=key_of)
+@pytest.mark.parametrize("field", GUARDED, ids=lambda field: f"{field.level.value}: {field.path}")
 def test_with_the_right_a_guarded_field_is_admitted_over_every_road_in_every_place(
     attackers: Attackers, holders: Mapping[HostRight, Api], field: Any
 ) -> None:
     whole = Attackers(attackers.admin, {"holder": holders[field.right]}, attackers.namespaces)
     for kind in places_of(field):
-        attack = attack_of(f"host-{key_of(field)}-{kind.replace(' ', '-')}")
+        attack = attack_of(key_of(field, kind))
         for road in Road:
             stored = whole.attempt(attack, road, who="holder", suffix="-held")
             assert attack.holds(stored)
@@ -95,7 +95,7 @@ def test_a_right_is_good_for_its_own_fields_alone(
 ) -> None:
     for attack in HOST:
         needed = re.search(r"robotapps/(\w+)", attack.says)
-        if needed and needed[1] == right.value and attack.key.endswith("-component"):
+        if needed and needed[1] == right.value and attack.key.endswith("-own"):
             for other in set(HostRight) - {right}:
                 whole = Attackers(attackers.admin, {"holder": holders[other]}, attackers.namespaces)
                 with pytest.raises(ApiStatusError, match=attack.message):

@@ -18,6 +18,7 @@ from tests.live.chart.chart import (
     rules,
 )
 
+from robotapp_api.checks.host_access.table import HostRight
 from robotapp_api.model.names import FLEET_CONFIG_MAP, SCHEDULER_NAME, SYSTEM_NAMESPACE
 from robotapp_operator.plan.status.fleet import MAX_SHARDS
 from robotapp_testbed.failures import CommandError
@@ -460,3 +461,26 @@ def test_policies_name_the_account_of_this_release(chart: Chart) -> None:
 
 def test_lint_is_clean(chart: Chart) -> None:
     assert "0 chart(s) failed" in chart.plane.helm("lint", "--strict", str(CHART))
+
+
+@pytest.mark.parametrize("enabled", ["true", "false"])
+def test_the_operator_renders_access_to_the_node_only_beside_the_policy_that_guards_it(
+    chart: Chart, enabled: str
+) -> None:
+    objects = chart.render({"policies.enabled": enabled})
+    policies = {item["metadata"]["name"] for item in of_kind(objects, "ValidatingAdmissionPolicyBinding")}
+    flagged = "--host-access" in pod_spec(objects, "operator")["containers"][0]["args"]
+    assert flagged is ("robotapp-host-access" in policies) is (enabled == "true")
+
+
+def test_the_rights_to_the_node_are_roles_of_their_own_that_nobody_is_given(rendered: list[Object]) -> None:
+    uses = {role: rule for role, rule in rules(rendered) if "use" in rule["verbs"]}
+    assert {role.removeprefix("ClusterRole/robotapp-use-"): rule["resources"] for role, rule in uses.items()} == {
+        right.value: [right.resource] for right in HostRight
+    }
+    assert all(rule["verbs"] == ["use"] for rule in uses.values())
+    names = {role.partition("/")[2] for role in uses}
+    assert not any(item["roleRef"]["name"] in names for item in of_kind(rendered, "ClusterRoleBinding", "RoleBinding"))
+    for name in names:
+        labels = named(rendered, "ClusterRole", name)["metadata"]["labels"]
+        assert not any(label.startswith("rbac.authorization.k8s.io/aggregate") for label in labels)

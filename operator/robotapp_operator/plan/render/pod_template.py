@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
+from robotapp_api.checks.containers import list_containers
 from robotapp_api.checks.host_access.network import shares_memory
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import SHARED_MEMORY_PATH, SHARED_MEMORY_VOLUME, WAITING_STEP, Annotation
@@ -65,6 +66,7 @@ def pod_template(
         "hostname": template.hostname,
         **_peer_identity(component, desired),
         **_host_namespaces(component),
+        **_operating_system(component),
         **scheduling_gates(desired),
     }
     labels = component.template.metadata.labels | component_labels(desired, component.name)
@@ -167,6 +169,13 @@ def _host_namespaces(component: Component) -> dict[str, Any]:
     }
     fields: dict[str, Any] = {name: True for name, is_on in written.items() if is_on}
     return fields | ({"dnsPolicy": "ClusterFirstWithHostNet"} if pod.host_network else {})
+
+
+def _operating_system(component: Component) -> dict[str, Any]:
+    """Returns the operating system of the pod, without which the API server takes no stop signal."""
+    if any("stopSignal" in (each.get("lifecycle") or {}) for each, _ in list_containers(component, "")):
+        return {"os": {"name": "linux"}}
+    return {}
 
 
 def _shared_memory(component: Component) -> list[dict[str, Any]]:

@@ -57,6 +57,18 @@ class HelperDefaults(NamedTuple):
 NO_SETTINGS: Final = HelperDefaults()
 
 
+class Abilities(NamedTuple):
+    """What of a pod the operator may render in this cluster: settings of the operator."""
+
+    host_access: bool = False
+    """Fields that reach the node; the chart sets it together with the policy that guards them."""
+    stop_signals: bool = False
+    """`lifecycle.stopSignal`, whose feature gate is off unless a cluster switches it on."""
+
+
+NO_ABILITIES: Final = Abilities()
+
+
 class EnvVar(NamedTuple):
     name: str
     value: str
@@ -86,8 +98,7 @@ class App:
     """What helper pods are made of where the app writes nothing: settings of the operator."""
     unknown_fields: tuple[str, ...] = ()
     """Fields of the stored spec that a later version brought."""
-    host_access: bool = False
-    """Whether the operator renders fields that reach the node; the chart sets it together with the policy that guards them."""
+    abilities: Abilities = NO_ABILITIES
 
     @property
     def distro(self) -> str:

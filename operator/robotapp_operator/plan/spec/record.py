@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from robotapp_api.checks.size import size_problem
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Reason
-from robotapp_operator.plan.spec.desired import NO_SETTINGS, App, HelperDefaults
+from robotapp_operator.plan.spec.desired import NO_ABILITIES, NO_SETTINGS, Abilities, App, HelperDefaults
 from robotapp_operator.plan.spec.objects import version_number
 from robotapp_operator.plan.spec.unknown_fields import find_unknown_fields
 from robotapp_operator.plan.spec.validate import Problem
@@ -51,7 +51,7 @@ def parse_record(
     known: Record | None = None,
     default_scheduler: str = SCHEDULER_NAME,
     helper_defaults: HelperDefaults = NO_SETTINGS,
-    host_access: bool = False,
+    abilities: Abilities = NO_ABILITIES,
 ) -> Record:
     """`known` of the same generation lends its parsed spec: a status write must not cost a validation."""
     meta = body.get("metadata") or {}
@@ -73,7 +73,7 @@ def parse_record(
             default_scheduler=default_scheduler,
             helper_defaults=helper_defaults,
             unknown_fields=find_unknown_fields(spec, body["spec"]),
-            host_access=host_access,
+            abilities=abilities,
         )
     else:
         problems = spec

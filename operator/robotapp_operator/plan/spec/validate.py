@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from robotapp_api.checks.containers import STOP_SIGNAL
 from robotapp_api.checks.edges import bandwidth_field
 from robotapp_api.checks.host_access.guarded import host_access_problems
 from robotapp_api.checks.pool import pool_notes
@@ -22,8 +23,11 @@ __all__ = ["Problem", "domain_problems", "limit_note", "notes_of", "problems_alo
 
 def problems_alone(app: App) -> tuple[Problem, ...]:
     """Problems of the spec alone, whatever nodes there are."""
-    guarded = () if app.host_access else host_access_problems(app.spec)
-    return (*spec_problems(app.spec), *guarded)
+    problems = spec_problems(app.spec)
+    if app.abilities.stop_signals:
+        problems = (problem for problem in problems if not problem.field.endswith(STOP_SIGNAL))
+    guarded = () if app.abilities.host_access else host_access_problems(app.spec)
+    return (*problems, *guarded)
 
 
 def problems_with(app: App, nodes: Mapping[str, Node]) -> tuple[Problem, ...]:

@@ -30,6 +30,10 @@ _PODS: Final[Mapping[str, str]] = {
 _ANNOTATIONS: Final[Mapping[str, str]] = {
     kind: place.removesuffix("spec") + "metadata.annotations" for kind, place in _PODS.items()
 }
+_SHORT: Final = {
+    "component": "own", "init container": "init", "sidecar": "side", "further container": "beside", "later component": "later",
+    "discovery server": "server", "master": "master",
+}  # fmt: skip
 _HELPERS: Final = ("discovery server", "master")
 BAD: Final[Mapping[str, Any]] = {
     "hostNetwork": True,
@@ -134,7 +138,7 @@ def _attacks() -> Iterator[Attack]:
     for field in GUARDED:
         for kind, place in places_of(field).items():
             yield Attack(
-                key=f"host-{key_of(field)}-{kind.replace(' ', '-')}",
+                key=key_of(field, kind),
                 text=f"{field.name} of a {kind}" + ("'s pod" if field.level is Level.POD else ""),
                 who="editor",
                 kind=kinds.ROBOTAPP,
@@ -145,10 +149,9 @@ def _attacks() -> Iterator[Attack]:
             )
 
 
-def key_of(field: GuardedField) -> str:
-    """A name of the field for tests: `pod-seccompProfile-type`."""
-    path = field.name.removeprefix("securityContext.").removeprefix("annotation ").partition(".beta")[0]
-    return f"{field.level.value}-{path}".replace(".", "-")
+def key_of(field: GuardedField, kind: str) -> str:
+    """A name for an app with the field in this kind of container: names of RobotApps are short."""
+    return f"host{GUARDED.index(field)}-{_SHORT[kind]}"
 
 
 HOST: Final = tuple(_attacks())

@@ -1,5 +1,6 @@
 """Pods with namespaces of their node, further containers, shared memory: what is rendered, and that nothing changes for others."""
 
+import dataclasses
 from typing import Any
 
 import pytest
@@ -8,7 +9,8 @@ from tests.support.factories import component, make_app
 from robotapp_operator.plan.render.parameters import NONE
 from robotapp_operator.plan.render.pod_template import pod_template
 from robotapp_operator.plan.render.readiness_probes import readiness_probe
-from robotapp_operator.plan.spec.desired import Domain, desired_of
+from robotapp_operator.plan.spec.desired import Abilities, Domain, desired_of
+from robotapp_operator.plan.spec.validate import problems_alone
 
 Json = dict[str, Any]
 
@@ -96,6 +98,20 @@ def test_names_and_terminals_are_passed_on() -> None:
     pod = pod_of(driver(hostAliases=aliases, dnsConfig=dns, hostname="base") | {"stdin": True, "tty": True})
     assert (pod["hostAliases"], pod["dnsConfig"], pod["hostname"]) == (aliases, dns, "base")
     assert (pod["containers"][0]["stdin"], pod["containers"][0]["tty"]) == (True, True)
+
+
+@pytest.mark.parametrize("container", ["component", "sidecar"])
+def test_a_stop_signal_is_rendered_with_the_operating_system_where_the_cluster_has_the_gate(container: str) -> None:
+    lifecycle = {"lifecycle": {"stopSignal": "SIGINT"}}
+    sidecar = {"name": "beside", "image": "x", **(lifecycle if container == "sidecar" else {})}
+    body = driver(containers=[sidecar]) | (lifecycle if container == "component" else {})
+    app = make_app(body, component("other"))
+    (refusal,) = problems_alone(app)
+    assert "ContainerStopSignals" in refusal.message
+    able = dataclasses.replace(app, abilities=Abilities(stop_signals=True))
+    assert problems_alone(able) == ()
+    assert pod_of(body)["os"] == {"name": "linux"}
+    assert "os" not in pod_of(component("driver"))
 
 
 @pytest.mark.parametrize("field", ["hostPID", "shareProcessNamespace"])
