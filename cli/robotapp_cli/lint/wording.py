@@ -30,6 +30,8 @@ _TYPES: Final = {
 _BY_PATTERN: Final = {
     scalars.LABEL_PATTERN: "lower-case letters, digits and -, such as camera-driver",
     scalars.SUBDOMAIN_PATTERN: "lower-case letters, digits, - and ., such as camera-driver",
+    scalars.NAME_OF_ROBOT: "lower-case letters, digits, - and ., and $(ROBOTAPP_ROBOT), such as params-$(ROBOTAPP_ROBOT)",
+    scalars.LABEL_VALUE_OF_ROBOT: "at most 63 letters, digits, -, _ and ., and $(ROBOTAPP_ROBOT), such as team-a",
     scalars.IMAGE_PATTERN: "an image without blanks, such as ghcr.io/team/driver:1.2",
     scalars.QUANTITY_PATTERN: "a quantity, such as 20, 500m, 40M or 512Mi",
     LABEL_KEY: "a label key, such as robotics.io/robot",

@@ -10,6 +10,8 @@ LABEL_PATTERN = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$"
 LABEL_VALUE_PATTERN = r"^(([A-Za-z0-9][-A-Za-z0-9_.]*)?[A-Za-z0-9])?$"
 SUBDOMAIN_PATTERN = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?(\.[a-z0-9]([-a-z0-9]*[a-z0-9])?)*$"
 DURATION_PATTERN = r"^([0-9]{1,6}([.][0-9]{1,3})?(us|ms|s|m|h)){1,3}$"
+ROBOT_REFERENCE: Final = r"\$\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\)"
+"""The names of robot and instance, which the operator writes in the reference's place."""
 QUANTITY_PATTERN = r"^(([0-9]{1,15}(\.[0-9]{0,9})?)|(\.[0-9]{1,9}))(([KMGTPE]i)|[numkMGTPE]|([eE][+-]?[0-9]{1,2}))?$"
 
 
@@ -20,6 +22,14 @@ def is_duration(expression: str) -> str:
 
 DnsLabel = Annotated[str, StringConstraints(min_length=1, max_length=63, pattern=LABEL_PATTERN)]
 DnsName = Annotated[str, StringConstraints(min_length=1, max_length=253, pattern=SUBDOMAIN_PATTERN)]
+_NAME_END: Final = f"([a-z0-9]|{ROBOT_REFERENCE})"
+_NAME_PART: Final = f"{_NAME_END}(([-a-z0-9]|{ROBOT_REFERENCE})*{_NAME_END})?"
+NAME_OF_ROBOT: Final = rf"^{_NAME_PART}(\.{_NAME_PART})*$"
+NameOfRobot = Annotated[str, StringConstraints(min_length=1, max_length=253, pattern=NAME_OF_ROBOT)]
+"""Name of an object that may differ from robot to robot."""
+_VALUE_END: Final = f"([A-Za-z0-9]|{ROBOT_REFERENCE})"
+LABEL_VALUE_OF_ROBOT: Final = f"^(({_VALUE_END}([-A-Za-z0-9_.]|{ROBOT_REFERENCE})*)?{_VALUE_END})?$"
+"""Value of a label that may differ from robot to robot."""
 AppName = Annotated[str, StringConstraints(min_length=1, max_length=40, pattern=LABEL_PATTERN)]
 """Name of a RobotApp or DomainPool: names of children and claims are derived from it."""
 

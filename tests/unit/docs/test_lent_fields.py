@@ -32,7 +32,10 @@ def test_every_object_below_which_something_is_lent_has_a_level() -> None:
         for place in (".securityContext", ".template.spec", ".template.spec.securityContext")
     }
     init = {f"{LEVELS['initContainers']}.env.valueFrom", f"{LEVELS['initContainers']}.envFrom"}
-    assert parents == {*LEVELS.values(), *windows, *helpers, *init} - {
+    overrides = {f"{LEVELS['overriddenComponents']}.env.valueFrom", f"{LEVELS['overriddenComponents']}.parameters"}
+    assert parents == {*LEVELS.values(), *windows, *helpers, *init, *overrides} - {
+        "overrides",
+        LEVELS["overriddenComponents"],
         "components",
         "components.template",
         LEVELS["initContainers"],

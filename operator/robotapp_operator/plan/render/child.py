@@ -15,12 +15,16 @@ _API_VERSIONS: Final = {DEPLOYMENT: "apps/v1", SERVICE: "v1"}
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Child:
-    """A wanted object, not to be changed. `hash` covers labels and spec; it is written as an annotation and compared before any write."""
+    """A wanted object, not to be changed. `hash` covers labels and spec; it is written as an annotation and compared before any write.
+
+    change: which ConfigMaps or Secrets have changed, so that its pods start anew; "" for none.
+    """
 
     ref: ChildRef
     labels: dict[str, str]
     spec: dict[str, Any]
     annotations: dict[str, str] = dataclasses.field(default_factory=dict)
+    change: str = ""
     hash: str = dataclasses.field(init=False)
 
     def __post_init__(self) -> None:
@@ -39,6 +43,8 @@ class Child:
             Annotation.SPEC_HASH.value: app.spec_hashes[self.component],
             Annotation.CONTENT_HASH.value: self.hash,
         }
+        if overrides := app.overrides.get(self.component):
+            ours[Annotation.OVERRIDES.value] = ",".join(overrides)
         return {
             "apiVersion": _API_VERSIONS[self.ref.kind],
             "kind": self.ref.kind,

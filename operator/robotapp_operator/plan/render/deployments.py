@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robotapp_api.model.app.component import Component
+from robotapp_api.model.names import Annotation
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child, component_labels, selector
 from robotapp_operator.plan.render.parameters import NONE, ParameterState
 from robotapp_operator.plan.render.pod_template import pod_template
@@ -30,6 +31,8 @@ def _deployment(
         ref=ChildRef(DEPLOYMENT, desired.name_of(component.name)),
         labels=labels,
         spec=deployment_spec(labels, template, replicas=component.replicas, running=running),
+        annotations={Annotation.CONFIG.value: state.record} if state.record else {},
+        change=state.change,
     )
 
 

@@ -77,6 +77,8 @@ class App:
     """Scheduler of apps that name none: a setting of the operator."""
     helper_defaults: HelperDefaults = NO_SETTINGS
     """What helper pods are made of where the app writes nothing: settings of the operator."""
+    overrides: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+    """By component: the overrides that made the spec what it is for one robot."""
 
     @property
     def distro(self) -> str:
@@ -179,6 +181,7 @@ class App:
             "suspend": True,
             "update": True,
             "edges": True,
+            "overrides": True,  # what they change is in the components already
             "ros2": {"domain", "pool", "share_with"},
             "components": {"__all__": {"image", "replicas"}},
         }

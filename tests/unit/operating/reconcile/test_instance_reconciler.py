@@ -33,7 +33,7 @@ from robotapp_operator.reconcile import instance_reconciler
 from robotapp_operator.reconcile.instance_reconciler import Children
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.config_maps import ParamsWatch
+from robotapp_operator.watch.config.config_maps import ParamsWatch
 from robotapp_operator.watch.out_of_sight import OutOfSight
 
 VERSION = "1.2.0"
