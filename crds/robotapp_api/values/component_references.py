@@ -34,9 +34,11 @@ def list_object_references(component: Component, at: str) -> Iterator[ObjectRefe
 
 
 def list_further_containers(component: Component) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yields init containers, and the field and position of each."""
-    for index, container in enumerate(component.template.spec.init_containers):
-        yield f"initContainers[{index}]", container
+    """Yields the containers beside the component's own, and the field and position of each."""
+    pod = component.template.spec
+    for field, attribute in (("initContainers", "init_containers"), ("containers", "containers")):
+        for index, container in enumerate(getattr(pod, attribute, ())):
+            yield f"{field}[{index}]", container
 
 
 def list_expanded_texts(component: Component, at: str) -> Iterator[ExpandedText]:

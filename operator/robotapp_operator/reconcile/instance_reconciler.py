@@ -156,8 +156,11 @@ class Children:
 
     def due_s(self, uid: str, robot: str) -> float:
         """Seconds after which a restart for a change of a ConfigMap may be made, 0 when none waits."""
-        due = self._memory.of(uid).config_due.get(robot)
-        return max(1.0, (due - self._now()).total_seconds()) if due else 0.0
+        dates = self._memory.of(uid).config_due
+        due_s = (dates[robot] - self._now()).total_seconds() if robot in dates else 0.0
+        if due_s <= 0:  # the look that has just been made saw it, unless the app may not run
+            dates.pop(robot, None)
+        return max(0.0, due_s)
 
     def _settled(self, uid: str, robot: str) -> bool:
         """Do the caches already show what we would write?"""

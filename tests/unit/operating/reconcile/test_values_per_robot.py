@@ -149,3 +149,23 @@ async def test_a_nodes_new_label_wakes_the_instance_whose_overrides_it_changes_a
     world.cache.nodes["n-a"] = make_node("n-a", robot="a", zone="slow")
     await world.handle(Key(Work.ROBOTS, "uid-1"))
     assert {key for key in world.due(60) if key.work == Work.CHILDREN} == {Key(Work.CHILDREN, "uid-1", "a")}
+
+
+async def test_a_change_that_waits_is_looked_at_when_its_time_has_come_and_not_again_and_again(fleet: Fleet) -> None:
+    await fleet.client.create(CONFIGMAPS, configmap("speeds", max="0"))
+    fleet.cache.nodes.update(robots("a"))
+    uid = await fleet.app(components=[component("driver", envFrom=[{"configMapRef": {"name": "speeds"}}])])
+    templates = [await fleet.reconcile(uid, "a")]
+    for number in range(1, 6):  # a minute apart, so that the fourth restart has to wait for two
+        before = fleet.cache.config_maps["default/speeds"]
+        await fleet.client.patch(CONFIGMAPS, "speeds", {"data": {"max": str(number)}}, namespace="default")
+        await until(lambda before=before: fleet.cache.config_maps["default/speeds"] != before)
+        templates.append(await fleet.reconcile(uid, "a"))
+    assert templates[5] == templates[4] != templates[3]
+    assert len(fleet.events) == 4
+    due_s = fleet.children.due_s(uid, "a")
+    assert 0 < due_s <= 120
+    fleet.now += timedelta(seconds=due_s)
+    assert fleet.children.due_s(uid, "a") == 0
+    assert await fleet.reconcile(uid, "a") != templates[5]
+    assert len(fleet.events) == 5
