@@ -33,7 +33,7 @@ READ_S: Final = 10.0
 AT_ONCE: Final = 4
 """ConfigMaps of up to a mebibyte that are in hand at the same time."""
 PAUSE_S: Final = 1.0
-"""After a ConfigMap that could not be read."""
+"""Between two reads of one ConfigMap, so that one that changes all the time costs little, and after one that could not be read."""
 SETTLE_S: Final = 1.0
 """Between a change and the work on the instances that it concerns: files of one directory are applied one after another."""
 
@@ -55,7 +55,9 @@ class ParamsWatch:
     `data` in the cache has a hash in place of each file.
     """
 
-    def __init__(self, client: ApiClient, cache: Cache, queue: Queue, *, read_s: float = READ_S) -> None:
+    def __init__(
+        self, client: ApiClient, cache: Cache, queue: Queue, *, read_s: float = READ_S, pause_s: float = PAUSE_S
+    ) -> None:
         self._client = client
         self._heads = ApiClient(
             client.endpoint,
@@ -69,6 +71,7 @@ class ParamsWatch:
         self._cache = cache
         self._queue = queue
         self._read_s = read_s
+        self._pause_s = pause_s
         self._followed: dict[str, Followed] = {}
         self._named: dict[str, dict[str, frozenset[str]]] = {}
         """Per app uid and instance: keys of the ConfigMaps it names."""
@@ -77,6 +80,8 @@ class ParamsWatch:
         self._reading: dict[str, asyncio.Task[None]] = {}
         self._read: dict[str, Head] = {}
         """Per key: what was known of the ConfigMap when it was read last."""
+        self._last_read_s: dict[str, float] = {}
+        """Per key: when its content was read last, by the monotonic clock."""
         self._turns = asyncio.Semaphore(AT_ONCE)
         self._group: asyncio.TaskGroup | None = None
         self._running = asyncio.Event()
@@ -105,8 +110,10 @@ class ParamsWatch:
                 self._follow(app.uid, robot, keys)
                 for namespace in {_namespace(key) for key in keys}:
                     await self._followed[namespace].synced.wait()
-                if tasks := [task for key in sorted(keys) if (task := self._refresh(key))]:
-                    await asyncio.wait(tasks)
+                tasks = {key: task for key in sorted(keys) if (task := self._refresh(key))}
+                # Who has an older content goes on with it, and is woken by the newer one: what changes all the time keeps nobody.
+                if awaited := [task for key, task in tasks.items() if key not in self._cache.config_maps]:
+                    await asyncio.wait(awaited)
         except TimeoutError as late:
             missing = ", ".join(sorted(keys))
             raise StartOver(f"ConfigMaps not read within {self._read_s:.0f} s: {missing}") from late
@@ -191,6 +198,7 @@ class ParamsWatch:
     def _drop(self, key: str) -> None:
         self._cache.config_maps.pop(key, None)
         self._read.pop(key, None)
+        self._last_read_s.pop(key, None)
 
     def _enqueue_waiting(self, key: str) -> None:
         for uid, robot in self._users(key):
@@ -212,6 +220,11 @@ class ParamsWatch:
     async def _read_again(self, key: str) -> None:
         try:
             while (head := self._unread(key)) is not None:
+                pause_s = self._last_read_s.get(key, float("-inf")) + self._pause_s - self._client.clock()
+                if pause_s > 0:
+                    await self._client.sleep(pause_s)
+                    head = self._unread(key) or head
+                self._last_read_s[key] = self._client.clock()
                 await self._read_once(key, head)
         except NotFound:
             pass  # the watch will report it
@@ -227,7 +240,7 @@ class ParamsWatch:
             raise
         except ClientError as error:
             log.warning("ConfigMap %s, which an app names, cannot be read: %s", key, error)
-            await self._client.sleep(PAUSE_S)
+            await self._client.sleep(self._pause_s)
             return
         if self._users(key):
             self._read[key] = head

@@ -43,7 +43,7 @@ class Fleet:
         self.cache = Cache()
         self.now = START
         self.events: list[PendingEvent] = []
-        self.params = ParamsWatch(client, self.cache, Queue(clock=lambda: 0.0, jitter=lambda: 0.0))
+        self.params = ParamsWatch(client, self.cache, Queue(clock=lambda: 0.0, jitter=lambda: 0.0), pause_s=0.0)
         self.children = Children(
             client,
             self.cache,

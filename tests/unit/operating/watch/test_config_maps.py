@@ -142,3 +142,15 @@ async def test_a_file_that_cannot_be_read_gives_the_turn_to_others() -> None:
         watch = ParamsWatch(client, Cache(), Queue(clock=lambda: 0.0, jitter=lambda: 0.0), read_s=0.01)
         with pytest.raises(StartOver, match="default/drv"):
             await watch.read(app("uid-1", "drv"), "")
+
+
+async def test_a_config_map_that_changes_all_the_time_is_read_once_a_second(world: WatchedParameters) -> None:
+    await world.write("drv", "0")
+    await world.watch.read(app("uid-1", "drv"), "")
+    await until(lambda: world.api.watching == 1)
+    for text in range(1, 50):
+        await world.client.patch(CONFIGMAPS, "drv", {"data": {"params.yaml": str(text)}}, namespace="default")
+        await world.watch.read(app("uid-1", "drv"), "")
+    assert len(gets(world)) <= 3
+    wanted = hashlib.sha256(b"49").hexdigest()[:32]
+    await until(lambda: world.cache.config_maps["default/drv"].data["params.yaml"] == wanted)
