@@ -173,9 +173,9 @@ class Children:
         instance = find_instance(wanted_instances(app, self._cache), robot)
         if instance is None:
             return not self._plan(app, [], observed)
-        app = app_of_instance(app, instance, self._cache)
         if problems_now(app, self._cache):
             return not (record.suspended and still_running(uid, observed))
+        app = app_of_instance(app, instance, self._cache)
         if _must_not_start(instance, observed):
             return True
         memory = self._memory.of(uid)

@@ -247,11 +247,18 @@ def test_a_missing_secret_is_named_within_five_seconds_of_the_pods_start_and_hea
             took_s = time.monotonic() - bound_s
             # A pull is tried first, and fails when the registry's name does.
             assert took_s < NAMED_S or name == "pull", f"{name}: {pod} was named {took_s:.1f} s after it was bound"
+        volume = {"name": "v", "persistentVolumeClaim": {"claimName": "bags"}}
+        multicast = {"pool": ids, "discovery": {"mode": "Multicast"}}
+        tenant.apply("claim", component("driver", template={"spec": {"volumes": [volume]}}), ros2=multicast)
+        eventually(
+            lambda: 'persistentvolumeclaim "bags" not found' in tenant.condition("claim", "Ready")["message"],
+            timeout_s=READY_S,
+        )
         secret = {"apiVersion": "v1", "kind": "Secret", "metadata": {"name": "tokens"}, "stringData": {"k": "v"}}
         plane.kubectl("apply", "-n", real_namespace, "-f", "-", stdin=secret)
         for name in ("volume", "env"):
             tenant.wait_ready(name, timeout_s=READY_S)
-        for name, _, _ in MISSING:
+        for name in ("claim", *(name for name, _, _ in MISSING)):
             tenant.delete(name)
         eventually(lambda: not tenant.claims(), timeout_s=READY_S)
 

@@ -21,6 +21,7 @@ from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.reconcile.instance_reconciler import Children
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
+from robotapp_operator.watch import lister
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config.config_maps import ParamsWatch
 
@@ -169,3 +170,23 @@ async def test_a_change_that_waits_is_looked_at_when_its_time_has_come_and_not_a
     assert fleet.children.due_s(uid, "a") == 0
     assert await fleet.reconcile(uid, "a") != templates[5]
     assert len(fleet.events) == 5
+
+
+async def test_overrides_of_one_robot_leave_what_is_computed_for_all_of_the_app(
+    fleet: Fleet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The spec is checked once for all robots, however many variants of it there are."""
+    checked: list[App] = []
+    check = lister.problems_alone
+
+    def count(app: App) -> Any:
+        checked.append(app)
+        return check(app)
+
+    monkeypatch.setattr(lister, "problems_alone", count)
+    uid = await fleet.app(components=[component("driver")], overrides=[SLOW])
+    fleet.cache.nodes.update({"n-a": make_node("n-a", robot="a", zone="slow"), **robots("b")})
+    for _ in range(3):
+        for robot in ("a", "b"):
+            await fleet.reconcile(uid, robot)
+    assert len(checked) == 1
