@@ -13,7 +13,7 @@ from collections.abc import AsyncIterator, Callable, Coroutine, Iterable
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE
+from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SYSTEM_NAMESPACE
 from robotapp_claims.protocol.repair import make_lost_claims
 from robotapp_claims.protocol.sweeper import Sweeper
 from robotapp_claims.rules.objects import Claim
@@ -23,13 +23,14 @@ from robotapp_client.serving.access import Gatekeeper
 from robotapp_client.serving.logs import set_up as set_up_logs
 from robotapp_client.serving.server import PortError
 from robotapp_client.serving.tls import TlsPort, loaded
-from robotapp_client.tools.event_recorder import EventRecorder
+from robotapp_client.tools.event_recorder import EventRecorder, reference
 from robotapp_client.tools.leader_election import LeaderElection, candidate_identity
 from robotapp_client.tools.restart import RESTORED, start_again
 from robotapp_client.transport.proxy import SOCKS
 from robotapp_operator import __version__
 from robotapp_operator.health import Health
-from robotapp_operator.plan.spec.desired import Abilities, HelperDefaults
+from robotapp_operator.plan.spec.desired import Abilities, App, HelperDefaults
+from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.queue.work import BACKGROUND
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.reconcile.controller import Controller
@@ -43,15 +44,16 @@ from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.probe_targets import Probes
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates
-from robotapp_operator.reconcile.status_reporter import Reporter
+from robotapp_operator.reconcile.status_reporter import ACTION, Reporter
 from robotapp_operator.settings import Settings, parse
 from robotapp_operator.watch.app_list import list_apps
 from robotapp_operator.watch.app_watch import AppWatch
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.config_maps import ParamsWatch
+from robotapp_operator.watch.config.config_maps import ParamsWatch
 from robotapp_operator.watch.enqueue import enqueue_status
 from robotapp_operator.watch.informers import Informers
 from robotapp_operator.watch.kopf_handlers import observe
+from robotapp_operator.watch.pod_events import PodEvents
 from robotapp_operator.watch.sweep_callbacks import Conflicts, granted_pods
 
 log = logging.getLogger(__name__)
@@ -151,7 +153,14 @@ class Operator:
             memory,
             self.metrics,
             children=Children(
-                client, cache, memory, self.params, self.recorder, version=__version__, clock=time.monotonic
+                client,
+                cache,
+                memory,
+                self.params,
+                version=__version__,
+                clock=time.monotonic,
+                now=_now,
+                announce=self._announce,
             ),
             objects=InstanceObjects(client, cache, memory, self.observer, **shared),
             mover=Mover(
@@ -166,6 +175,7 @@ class Operator:
             ),
             reporter=Reporter(client, cache, memory, self.observer, self.recorder, **shared),
             fleet=self.fleet,
+            pod_events=PodEvents(client, cache, self.queue, clock=time.monotonic),
             gates=Gates(client, cache, memory),
             probes=Probes(client, cache),
             pools=Pools(client, cache, now=_now),
@@ -175,6 +185,12 @@ class Operator:
 
     def _enqueue_status(self, uid: str, instance: str) -> None:
         enqueue_status(self.queue, uid, instance)
+
+    def _announce(self, app: App, event: PendingEvent) -> None:
+        about = reference(api_version=API_VERSION, kind="RobotApp", name=app.name, namespace=app.namespace, uid=app.uid)
+        self.recorder.event(
+            about, reason=event.reason.value, note=event.note[:1000], action=ACTION, warning=event.warning
+        )
 
     def ready(self) -> bool:
         """Caches are filled; a process that waits for the Lease is ready to take over."""

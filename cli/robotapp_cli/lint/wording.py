@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 from robotapp_api.model import patterns, scalars
 from robotapp_api.model.app.program import NODE_NAME_PATTERN, REMAP_PATTERN
 from robotapp_api.model.app.robots import LABEL_KEY
+from robotapp_api.model.app.service import LINK_PATH
 from robotapp_cli.lint import old_names
 from robotapp_cli.lint.cel_rules import RULES
 from robotapp_cli.lint.findings import Path
@@ -35,6 +36,9 @@ _BY_PATTERN: Final = {
     patterns.QUANTITY_PATTERN: "a quantity, such as 20, 500m, 40M or 512Mi",
     NODE_NAME_PATTERN: "letters, digits and _, such as front or $(ROBOTAPP_ROBOT)",
     REMAP_PATTERN: "letters, digits, _ and /, such as /front/scan",
+    patterns.NAME_OF_ROBOT: "lower-case letters, digits, - and ., and $(ROBOTAPP_ROBOT), such as params-$(ROBOTAPP_ROBOT)",
+    patterns.LABEL_VALUE_OF_ROBOT: "at most 63 letters, digits, -, _ and ., and $(ROBOTAPP_ROBOT), such as team-a",
+    LINK_PATH: "a path that begins with /, such as /vnc.html",
     LABEL_KEY: "a label key, such as robotics.io/robot",
 }
 _BY_FIELD: Final = {

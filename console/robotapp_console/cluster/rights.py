@@ -7,11 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from robotapp_client import ApiClient, ClientError
-from robotapp_client.api.resources import Resource
+from robotapp_client.api.resources import SELF_ACCESS_REVIEWS, Resource
 
-SELF_ACCESS_REVIEWS: Final = Resource(
-    "authorization.k8s.io", "v1", "selfsubjectaccessreviews", "SelfSubjectAccessReview", namespaced=False
-)
 KEPT_S: Final = 30.0
 _MOST_KEPT: Final = 1024
 

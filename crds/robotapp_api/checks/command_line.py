@@ -4,19 +4,20 @@
 """
 
 import re
-from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from collections.abc import Iterator
+from typing import Final
 
 from robotapp_api.checks.containers import list_containers
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.distros import NO_ROS
 from robotapp_api.model.names import PARAMETERS_PATH, PARAMETERS_VARIABLE
+from robotapp_api.values.component_references import expanded_problem, list_expanded_texts
+from robotapp_api.values.robot_references import has_reference, unknown_reference
 
 _DEVICE_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\(ROBOTAPP_DEVICE_[A-Za-z0-9_]*\))")
 """A reference that the kubelet would replace; `$$(NAME)` is the text `$(NAME)`."""
 _ROBOT_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\((?:ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\))")
-_OBJECT_NAMES: Final = frozenset({"name", "secretName", "claimName"})
 _BASE_IMAGE: Final = re.compile(r"(?:(?:[a-z0-9.-]+(?::[0-9]+)?/)?(?:library/|osrf/|arm64v8/)?)ros(?::[^/]*)?(?:@.*)?")
 """Images of ROS itself, whose program is bash."""
 _ROS_TOOLS: Final = frozenset({"ros2", "roslaunch", "rosrun"})
@@ -25,7 +26,7 @@ _ROS_TOOLS: Final = frozenset({"ros2", "roslaunch", "rosrun"})
 def command_line_problems(component: Component, at: str) -> Iterator[Problem]:
     """`at`: where the component stands, such as `spec.components[0]`."""
     yield from _device_reference_problems(component, at)
-    yield from _object_name_problems(component, at)
+    yield from _reference_problems(component, at)
     if component.parameters and is_launch(component) and not reads_parameters_variable(component):
         yield invalid(
             f"{at}.parameters",
@@ -36,15 +37,21 @@ def command_line_problems(component: Component, at: str) -> Iterator[Problem]:
 
 
 def command_line_notes(component: Component, at: str) -> Iterator[Note]:
-    """Says when the image's entry point is passed by, which sets up ROS in the usual images, and when nothing is started."""
+    """Yields that the image's entry point is passed by, which sets up ROS in the usual images, paths with unknown references, and an image without a program."""
     program = component.command[0].rpartition("/")[2] if component.command else ""
     if program in _ROS_TOOLS:
         yield Note(
             f"{at}.command",
             f"replaces the image's entry point, which sets up ROS, so {program} is not found in the usual images; write these words under args, or run or launch",
         )
-
-    if not component.command and not component.args and _BASE_IMAGE.fullmatch(component.image):
+    for text in list_expanded_texts(component, at):
+        if text.kind == "path" and (unknown := unknown_reference(text.text)):
+            yield Note(
+                text.path,
+                f"{unknown} is not replaced in subPath; write subPathExpr, in which the kubelet replaces variables",
+            )
+    has_program = component.command or component.args or component.run or component.launch
+    if not has_program and _BASE_IMAGE.fullmatch(component.image):
         yield Note(
             f"{at}.args",
             f"{component.image} starts a shell by itself, which ends at once, again and again; write the program, such as args: [ros2, run, "
@@ -87,38 +94,6 @@ def _device_reference_problems(component: Component, at: str) -> Iterator[Proble
             )
 
 
-def _object_name_problems(component: Component, at: str) -> Iterator[Problem]:
-    """Names of objects in core's fields are taken as they stand: nothing replaces a reference there, and no object has such a name."""
-    spec = component.template.spec
-    fields = [
-        (f"{at}.env", component.env),
-        (f"{at}.envFrom", component.env_from),
-        (f"{at}.template.spec.volumes", spec.volumes),
-        (f"{at}.template.spec.imagePullSecrets", spec.image_pull_secrets),
-    ]
-    for field, items in fields:
-        for index, item in enumerate(items):
-            for path, name in _list_object_names(item, f"{field}[{index}]"):
-                if "$(" in name:
-                    yield invalid(
-                        path,
-                        f"{name} is taken as it stands: nothing is replaced in names of objects, and none is called so; write the name itself, "
-                        "or an app for each robot",
-                    )
-
-
-def _list_object_names(item: Any, at: str) -> Iterator[tuple[str, str]]:
-    """Yields path and text of each name of an object below `item`."""
-    for key, value in item.items() if isinstance(item, Mapping) else ():
-        if isinstance(value, str) and key in _OBJECT_NAMES:
-            yield f"{at}.{key}", value
-        elif isinstance(value, list | tuple):
-            for index, member in enumerate(value):
-                yield from _list_object_names(member, f"{at}.{key}[{index}]")
-        else:
-            yield from _list_object_names(value, f"{at}.{key}")
-
-
 def program_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:
     """`at`: where the component stands, such as `spec.components[0]`."""
     for field in ("run", "launch"):
@@ -158,3 +133,18 @@ def robot_reference_problems(component: Component, at: str) -> Iterator[Problem]
                 f"{at}.{field}",
                 f"{reference[1]} is the name of a robot, but the app has none; write spec.robots, or the name itself",
             )
+
+
+def _reference_problems(component: Component, at: str) -> Iterator[Problem]:
+    """References in names, keys, labels and paths: the operator expands two of them, and nothing expands the rest."""
+    for text in list_expanded_texts(component, at):
+        if text.kind == "path":
+            continue  # taken as it stands, which a note says
+        if unknown := unknown_reference(text.text):
+            yield invalid(
+                text.path,
+                f"{unknown} in {text.text} is taken as it stands: in a {text.kind} only $(ROBOTAPP_ROBOT) and $(ROBOTAPP_INSTANCE) are "
+                "replaced; write one of these, or the text itself",
+            )
+        elif has_reference(text.text) and (wrong := expanded_problem(text, "r")):
+            yield invalid(text.path, f"{text.text}: {wrong}")

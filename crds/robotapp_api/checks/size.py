@@ -16,7 +16,7 @@ _WORDS: Final = ("command", "args", "colocateWith", "separateFrom")
 
 
 class SpecSize(NamedTuple):
-    """`text_bytes`: of the spec as JSON. `parts`: edges, devices, requirements, dependencies and parameter files. `words`: of command lines, labels,
+    """`text_bytes`: of the spec as JSON. `parts`: edges, devices, requirements, dependencies, parameter files, overrides and their components. `words`: of command and args, labels,
     annotations and node selectors.
     """
 
@@ -34,7 +34,10 @@ class SpecSize(NamedTuple):
 def measure_spec(spec: Mapping[str, Any]) -> SpecSize:
     """Measures a spec as it is stored; whatever is no list or object counts as its text alone."""
     components = [item for item in _items(spec.get("components")) if isinstance(item, Mapping)]
-    parts = len(_items(spec.get("edges"))) + sum(len(_items(item.get(name))) for item in components for name in _PARTS)
+    overrides = [item for item in _items(spec.get("overrides")) if isinstance(item, Mapping)]
+    changed = [part for item in overrides for part in _items(item.get("components")) if isinstance(part, Mapping)]
+    parts = len(_items(spec.get("edges"))) + len(overrides) + len(changed)
+    parts += sum(len(_items(item.get(name))) for item in (*components, *changed) for name in _PARTS)
     text = json.dumps(spec, separators=(",", ":"), ensure_ascii=False)
     size = len(text.encode("utf-8", "surrogatepass"))
     return SpecSize(size, len(components), parts, sum(map(_count_words, components)))
@@ -49,7 +52,7 @@ def size_problem(spec: Mapping[str, Any]) -> Problem | None:
         f"{number} {name} {number * each // 1024} KiB"
         for number, name, each in (
             (size.components, "components", COMPONENT_BYTES),
-            (size.parts, "edges, devices, requirements, dependencies and parameter files", PART_BYTES),
+            (size.parts, "edges, devices, requirements, dependencies, parameter files and overrides", PART_BYTES),
             (size.words, "words, labels and annotations", WORD_BYTES),
         )
         if number

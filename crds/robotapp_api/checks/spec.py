@@ -16,9 +16,12 @@ from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.distros import DISTROS, NO_DISTRO, NO_ROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
+from robotapp_api.values.component_references import list_expanded_texts
 from robotapp_api.values.label_key import value_problem
+from robotapp_api.values.overrides import merge_component
 from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
 from robotapp_api.values.placement.tiers import ROBOT
+from robotapp_api.values.robot_references import has_reference, unknown_reference
 
 
 def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
@@ -30,7 +33,8 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
         yield from component_problems(component, f"spec.components[{index}]", ros_version=version)
     yield from host_name_problems(spec)
     yield from _inline_files(spec)
-    yield from _keys_without_robot(spec)
+    yield from _references_without_robot(spec)
+    yield from _override_problems(spec)
     yield from _unknown_names(spec)
     yield from _dependency_problems(spec)
     yield from _contradictions(spec)
@@ -147,6 +151,12 @@ def _share_a_loopback(first: Component | None, second: Component | None) -> bool
 def _inline_files(spec: RobotAppSpec) -> Iterator[Problem]:
     """All inline files are read whenever a spec is: an app has to leave time for others."""
     total = sum(map(inline_bytes, spec.components))
+    total += sum(
+        len((file.inline or "").encode())
+        for item in spec.overrides
+        for part in item.components
+        for file in part.parameters
+    )
     if total > MOST_APP_INLINE_BYTES:
         yield invalid(
             "spec.components",
@@ -154,17 +164,42 @@ def _inline_files(spec: RobotAppSpec) -> Iterator[Problem]:
         )
 
 
-def _keys_without_robot(spec: RobotAppSpec) -> Iterator[Problem]:
-    """Names of robots in keys of parameter files and in command lines of ROS, in an app that has none."""
+def _references_without_robot(spec: RobotAppSpec) -> Iterator[Problem]:
+    """Names of robots in texts that the operator expands, in an app that has none."""
     for index, component in enumerate(spec.components if spec.robots is None else ()):
-        for position, file in enumerate(component.parameters):
-            ref = file.config_map_key_ref or file.secret_key_ref
-            if ref is not None and "$(" in ref.key:
+        for text in list_expanded_texts(component, f"spec.components[{index}]"):
+            if has_reference(text.text) and not unknown_reference(text.text):
                 yield invalid(
-                    f"spec.components[{index}].parameters[{position}]",
-                    f"key {ref.key} names the robot, but the app has none; write spec.robots, or the key as it is",
+                    text.path,
+                    f"{text.kind} {text.text} names the robot, but the app has none; write spec.robots, or the {text.kind} as it is",
                 )
         yield from robot_reference_problems(component, f"spec.components[{index}]")
+
+
+def _override_problems(spec: RobotAppSpec) -> Iterator[Problem]:
+    """What is wrong with overrides, and with the components as each of them makes them."""
+    if spec.overrides and spec.robots is None:
+        yield invalid(
+            "spec.overrides",
+            "overrides are for some of the app's robots, and the app has none; write spec.robots, or the values in the components",
+        )
+    components = {component.name: component for component in spec.components}
+    for index, override in enumerate(spec.overrides):
+        for position, part in enumerate(override.components):
+            at = f"spec.overrides[{index}].components[{position}]"
+            component = components.get(part.name)
+            if component is None:
+                yield invalid(
+                    f"{at}.name",
+                    f'"{part.name}" is no component of this app; components are {", ".join(sorted(components))}',
+                )
+                continue
+            version = ros_version_of(spec) if uses_ros(component, spec.ros.distro) else NO_ROS
+            before = {problem.message for problem in component_problems(component, at, ros_version=version)}
+            merged = merge_component(component, part)
+            for problem in component_problems(merged, at, ros_version=version):
+                if problem.message not in before:
+                    yield problem
 
 
 def _unknown_names(spec: RobotAppSpec) -> Iterator[Problem]:

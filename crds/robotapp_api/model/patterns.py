@@ -14,3 +14,13 @@ QUANTITY_PATTERN: Final = (
 )
 IMAGE_PATTERN: Final = r"^\S*$"
 """No image name has blanks; without this rule the kubelet would say so after the pod was placed."""
+
+ROBOT_REFERENCE: Final = r"\$\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\)"
+"""The names of robot and instance, which the operator writes in the reference's place."""
+_NAME_END: Final = f"([a-z0-9]|{ROBOT_REFERENCE})"
+_NAME_PART: Final = f"{_NAME_END}(([-a-z0-9]|{ROBOT_REFERENCE})*{_NAME_END})?"
+NAME_OF_ROBOT: Final = rf"^{_NAME_PART}(\.{_NAME_PART})*$"
+"""Name of an object that may differ from robot to robot."""
+_VALUE_END: Final = f"([A-Za-z0-9]|{ROBOT_REFERENCE})"
+LABEL_VALUE_OF_ROBOT: Final = f"^(({_VALUE_END}([-A-Za-z0-9_.]|{ROBOT_REFERENCE})*)?{_VALUE_END})?$"
+"""Value of a label that may differ from robot to robot."""

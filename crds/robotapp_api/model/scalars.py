@@ -9,6 +9,7 @@ from robotapp_api.model.patterns import (
     DURATION_PATTERN,
     IMAGE_PATTERN,
     LABEL_PATTERN,
+    NAME_OF_ROBOT,
     QUANTITY_PATTERN,
     SUBDOMAIN_PATTERN,
 )
@@ -21,6 +22,8 @@ def is_duration(expression: str) -> str:
 
 DnsLabel = Annotated[str, StringConstraints(min_length=1, max_length=63, pattern=LABEL_PATTERN)]
 DnsName = Annotated[str, StringConstraints(min_length=1, max_length=253, pattern=SUBDOMAIN_PATTERN)]
+NameOfRobot = Annotated[str, StringConstraints(min_length=1, max_length=253, pattern=NAME_OF_ROBOT)]
+"""Name of an object that may differ from robot to robot."""
 AppName = Annotated[str, StringConstraints(min_length=1, max_length=40, pattern=LABEL_PATTERN)]
 """Name of a RobotApp or DomainPool: names of children and claims are derived from it."""
 

@@ -17,7 +17,7 @@ from robotapp_client.transport.kubeconfig import load
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.config_maps import ParamsWatch
+from robotapp_operator.watch.config.config_maps import ParamsWatch
 
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
@@ -48,7 +48,7 @@ async def follow(kubeconfig: Path, apps: int, names: int, namespaces: list[str])
         before = rss_bytes()
         task = asyncio.create_task(watch.run())
         for each in made:
-            await watch.read(each)
+            await watch.read(each, "")
         await asyncio.sleep(1)  # all watches stand
         after = rss_bytes()
         task.cancel()

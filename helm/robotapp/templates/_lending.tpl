@@ -24,6 +24,12 @@ the sentence about the first thing beyond the lists, '' if there is none.
     (has(c.env) && c.env.exists(e, has(e.valueFrom) && {{ include "robotapp.beyond" (list $free "e.valueFrom" "valueFrom") }}))
     || (has(c.envFrom) && c.envFrom.exists(e, {{ include "robotapp.beyond" (list $free "e" "envFrom") }}))
     || (has(c.parameters) && c.parameters.exists(p, {{ include "robotapp.beyond" (list $free "p" "parameters") }})))
+- name: overrides
+  expression: >-
+    variables.spec.?overrides.orValue([]).filter(o, {{ include "robotapp.beyond" (list $free "o" "overrides") }}
+    || o.components.exists(c, {{ include "robotapp.beyond" (list $free "c" "overriddenComponents") }}
+    || (has(c.env) && c.env.exists(e, has(e.valueFrom) && {{ include "robotapp.beyond" (list $free "e.valueFrom" "valueFrom") }}))
+    || (has(c.parameters) && c.parameters.exists(p, {{ include "robotapp.beyond" (list $free "p" "parameters") }}))))
 {{- range list "containers" "initContainers" }}
 - name: {{ . }}Values
   expression: >-
@@ -67,6 +73,7 @@ the sentence about the first thing beyond the lists, '' if there is none.
     : size(variables.priorities) > 0
     ? 'component ' + variables.priorities[0].name + ' names PriorityClass ' + variables.priorities[0].template.spec.priorityClassName
     : size(variables.values) > 0 ? 'component ' + variables.values[0].name + ' reads a Secret (env, envFrom or parameters)'
+    : size(variables.overrides) > 0 ? 'override ' + variables.overrides[0].name + ' reads a Secret (env or parameters), or has a field that is not free for every writer'
     : size(variables.containersValues) > 0 ? 'component ' + variables.containersValues[0].name + ' reads a Secret (containers)'
     : size(variables.initContainersValues) > 0 ? 'component ' + variables.initContainersValues[0].name + ' reads a Secret (initContainers)'
     : size(variables.volumes) > 0 ? 'component ' + variables.volumes[0].name + ' has a volume with a Secret, a token or a certificate, or of another host or driver'

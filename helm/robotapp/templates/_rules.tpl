@@ -44,7 +44,7 @@
 - apiGroups: [""]
   resources: [services]
   verbs: [get, list, watch, create, patch, delete]
-# Parameter files: metadata watched per namespace in use, contents read by name; who needs which only an app can say.
+# What apps mount or read: metadata watched per namespace in use, contents read by name; who needs which only an app can say.
 - apiGroups: [""]
   resources: [configmaps]
   verbs: [get, list, watch]
@@ -72,9 +72,10 @@
 - apiGroups: [""]
   resources: [pods/eviction]
   verbs: [create]
+# list: why a pod does not get to its containers, such as a Secret that is missing, is in the kubelet's events about it alone.
 - apiGroups: [events.k8s.io]
   resources: [events]
-  verbs: [create, patch]
+  verbs: [create, patch, list]
 {{- end -}}
 
 {{/* Rules of the operator on cluster-scoped objects. */}}

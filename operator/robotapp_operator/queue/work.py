@@ -23,6 +23,8 @@ class Work(StrEnum):
     """Group: pool. Instances without a domain try again, if their app takes its domain from this pool or from another app."""
     POOL = "pool"
     """Group: pool. Its status is its occupancy."""
+    POD_EVENTS = "pod-events"
+    """Group: namespace. Events of pods there that do not get to their containers."""
     FLEET = "fleet"
     """Group: namespace. The fleet ConfigMap."""
     PROBES = "probes"

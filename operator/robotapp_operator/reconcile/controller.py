@@ -23,7 +23,8 @@ from robotapp_operator.reconcile.status_reporter import Reporter
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.enqueue import enqueue_status
 from robotapp_operator.watch.informers import ORPHAN_S
-from robotapp_operator.watch.lister import problems_now, wanted_instances
+from robotapp_operator.watch.lister import chosen_overrides, problems_now, wanted_instances
+from robotapp_operator.watch.pod_events import PodEvents
 
 log = logging.getLogger(__name__)
 
@@ -68,6 +69,7 @@ class Controller:
         mover: Mover,
         reporter: Reporter,
         fleet: FleetView,
+        pod_events: PodEvents,
         gates: Gates,
         probes: Probes,
         pools: Pools,
@@ -83,6 +85,7 @@ class Controller:
         self._mover = mover
         self._reporter = reporter
         self._fleet = fleet
+        self._pod_events = pod_events
         self._gates = gates
         self._probes = probes
         self._pools = pools
@@ -100,6 +103,7 @@ class Controller:
             Work.WAITING: self._waiting,
             Work.POOL: self._pool,
             Work.FLEET: self._fleet_view,
+            Work.POD_EVENTS: self._read_pod_events,
             Work.PROBES: self._probe,
             Work.RESYNC: self._resync,
         }
@@ -204,7 +208,8 @@ class Controller:
         # Also when the spec has problems, instances of robots that are no longer the app's are removed, and a suspended app
         # stops.
         refused = problems_now(app, self._cache)
-        self._memory.of(uid).chosen = instances, refused
+        memory = self._memory.of(uid)
+        memory.chosen, memory.overrides = (instances, refused), dict(chosen_overrides(app, self._cache))
         self._look_again(app)
         present = self._cache.instance_keys(uid)
         kept = wanted if refused and not record.suspended else set()
@@ -233,6 +238,7 @@ class Controller:
         memory = self._memory.of(key.group)
         now = wanted_instances(record.app, self._cache), problems_now(record.app, self._cache)
         self._look_again(record.app)
+        self._follow_overrides(record.app)
         if memory.chosen == now:
             return ROBOTS_REST_S
         if memory.chosen is None or bool(memory.chosen[1]) != bool(now[1]):
@@ -250,6 +256,14 @@ class Controller:
         self._fleet_later(record.namespace)
         return ROBOTS_REST_S
 
+    def _follow_overrides(self, app: App) -> None:
+        """Adds the keys of instances whose node chooses other overrides than before."""
+        memory = self._memory.of(app.uid)
+        for robot, names in chosen_overrides(app, self._cache).items():
+            if memory.overrides.get(robot) != names:
+                memory.overrides[robot] = names
+                self._add_children(app, robot)
+
     async def _instance_children(self, key: Key) -> float | None:
         before = self._shown_results(key)
         done = await self._children.reconcile(key.group, key.instance)
@@ -258,6 +272,8 @@ class Controller:
                 enqueue_status(self._queue, key.group, key.instance)
             if awaits_s := self._children.awaits_s(key.group, key.instance):
                 self._queue.add(key, delay_s=awaits_s)
+            if due_s := self._children.due_s(key.group, key.instance):
+                self._queue.add(key, delay_s=due_s)
         return 0.0 if done else None
 
     def _shown_results(self, key: Key) -> tuple[object, ...]:
@@ -269,6 +285,7 @@ class Controller:
             memory.outcomes,
             memory.troubles,
             memory.held,
+            memory.config_held,
             memory.barred,
             memory.new_domains,
         )
@@ -323,6 +340,12 @@ class Controller:
 
     async def _fleet_view(self, key: Key) -> float | None:
         return FLEET_REST_S if await self._fleet.publish(name_of(key.group)) else None
+
+    async def _read_pod_events(self, key: Key) -> float:
+        again_s = await self._pod_events.look(key.group)
+        if again_s is not None:
+            self._queue.add(key, delay_s=again_s)
+        return 0.0
 
     async def _probe(self, _: Key) -> float:
         await self._probes.publish()

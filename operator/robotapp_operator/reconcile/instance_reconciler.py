@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import msgspec
 
-from robotapp_api.model.names import API_VERSION, EventReason, Label, Reason
+from robotapp_api.model.names import EventReason, Label, Reason
 from robotapp_claims.protocol.domain_allocation import capacity_of, full_pool
 from robotapp_claims.protocol.domains import ensure_domain
 from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, Fence, check_request, quota_of
@@ -21,8 +21,9 @@ from robotapp_claims.rules.objects import App as ClaimsApp
 from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
 from robotapp_client import ApiClient, NotFound
 from robotapp_client.api.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SERVICES
-from robotapp_client.tools.event_recorder import EventRecorder, reference
+from robotapp_client.api.times import Now, utc_now
 from robotapp_client.transport.errors import means_gone
+from robotapp_operator.plan.diff.config_rollout import plan_config
 from robotapp_operator.plan.diff.diff import (
     Change,
     Observed,
@@ -41,19 +42,36 @@ from robotapp_operator.plan.diff.master_restarts import (
     ros_deployments,
 )
 from robotapp_operator.plan.render.child import Child
-from robotapp_operator.plan.render.parameters import parameter_states
+from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.instances import allowed_robots
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Service, version_number
 from robotapp_operator.plan.spec.record import Record
+from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.queue.work import StartOver
-from robotapp_operator.reconcile.apply_plan import execute, stop
+from robotapp_operator.reconcile.apply_plan import Written, execute, stop
 from robotapp_operator.reconcile.reconcile_state import ReconcileState, Unseen
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.config_maps import ParamsWatch
-from robotapp_operator.watch.lister import cached_domain, needs_domain, problems_now, wanted_instances
+from robotapp_operator.watch.config.config_maps import ParamsWatch
+from robotapp_operator.watch.lister import (
+    app_of_instance,
+    cached_domain,
+    cluster_config_of,
+    instances_by_name,
+    names_config,
+    needs_domain,
+    problems_now,
+    wanted_instances,
+)
 
 log = logging.getLogger(__name__)
+
+Announce = Callable[[App, PendingEvent], None]
+
+
+def _announce_nothing(_app: App, _event: PendingEvent) -> None:
+    """For callers that show no events."""
+
 
 TURNS: Final = 4
 """Start over this often at once; then the queue backs off."""
@@ -71,24 +89,27 @@ class Children:
         cache: Cache,
         memory: ReconcileState,
         params: ParamsWatch,
-        recorder: EventRecorder,
         *,
         version: str,
         clock: Callable[[], float],
+        now: Now = utc_now,
+        announce: Announce = _announce_nothing,
     ) -> None:
+        """announce: called with an event about an app. now: the wall clock, which outlives this process."""
         self._client = client
         self._cache = cache
         self._memory = memory
         self._params = params
-        self._recorder = recorder
         self._version = version
         self._clock = clock
+        self._now = now
+        self._announce = announce
 
     async def reconcile(self, uid: str, robot: str) -> bool:
         """Bring one instance's children in place. True when all is written; raises StartOver when others keep writing."""
         record = self._cache.apps.get(uid)
         if record is not None and record.app is not None:
-            await self._read_params(record.app)
+            await self._read_params(record.app, robot)
         if self.awaits_s(uid, robot) or self._settled(uid, robot) or self._waits_for_its_pool(uid, robot):
             return True
         for turn in range(TURNS):
@@ -130,12 +151,25 @@ class Children:
         self._memory.forget(uid)
         self._params.forget(uid)
 
-    async def _read_params(self, app: App) -> None:
+    async def _read_params(self, app: App, robot: str) -> None:
         """Only of an app that is accepted: what will not run must cost nothing."""
         if problems_now(app, self._cache):
             self._params.forget(app.uid)
-        else:
-            await self._params.read(app)
+            return
+        instance = instances_by_name(app, self._cache).get(robot)
+        if instance is None or not names_config(app, self._cache):
+            self._params.forget_instance(app.uid, robot)
+            return
+        own = app_of_instance(app, instance, self._cache)
+        await self._params.read(own, robot)
+
+    def due_s(self, uid: str, robot: str) -> float:
+        """Seconds after which a restart for a change of a ConfigMap may be made, 0 when none waits."""
+        dates = self._memory.of(uid).config_due
+        due_s = (dates[robot] - self._now()).total_seconds() if robot in dates else 0.0
+        if due_s <= 0:  # the look that has just been made saw it, unless the app may not run
+            dates.pop(robot, None)
+        return max(0.0, due_s)
 
     def _settled(self, uid: str, robot: str) -> bool:
         """Do the caches already show what we would write?"""
@@ -150,6 +184,7 @@ class Children:
             return not self._plan(app, [], observed)
         if problems_now(app, self._cache):
             return not (record.suspended and still_running(uid, observed))
+        app = app_of_instance(app, instance, self._cache)
         if _must_not_start(instance, observed):
             return True
         memory = self._memory.of(uid)
@@ -204,10 +239,11 @@ class Children:
         app = record.app
         if app is None:
             return await self._stop_if_suspended(record, robot)
-        await self._read_params(app)
+        await self._read_params(app, robot)
         instance = find_instance(wanted_instances(app, self._cache), robot)
         if instance is not None and problems_now(app, self._cache):
             return await self._stop_if_suspended(record, robot)
+        app = app if instance is None else app_of_instance(app, instance, self._cache)
         observed = {} if unread else await self._observe(record, robot)
         if instance is not None and _must_not_start(instance, observed):
             return True
@@ -264,7 +300,7 @@ class Children:
         if named and outcome.unheld:
             desired = desired_of(app, robot)
             stale = Domain(min(named))
-            parameters = parameter_states(app, robot, self._cache.config_maps)
+            parameters = self._plan_config(app, robot, observed)
             stopped = wanted_children(desired, domain=stale, parameters=parameters, running=False, observed=observed)
             wanted = [child for child in stopped if child.ref in observed]
             await self._write(app, robot, self._plan(app, wanted, observed), fences)
@@ -283,6 +319,7 @@ class Children:
         if written.versions:
             memory.unseen[robot] = Unseen(app.generation, self._clock() + AWAIT_S, written.versions)
         self._announce_restart(app, robot, [each for each in what.changes if each.child.ref in written.versions])
+        self._announce_changes(app, robot, what, written)
         if written.refusals:
             memory.troubles[robot] = written.refusals[0]
         return not written.refusals and not what.foreign
@@ -294,10 +331,17 @@ class Children:
             return
         note = describe_restart(sorted(starts), max(starts.values()), robot=robot)
         log.info("%s/%s: %s", app.namespace, app.name, note)
-        about = reference(api_version=API_VERSION, kind="RobotApp", name=app.name, namespace=app.namespace, uid=app.uid)
-        self._recorder.event(
-            about, reason=EventReason.MASTER_RESTARTED.value, note=note[:1000], action=ACTION, warning=True
-        )
+        self._announce(app, PendingEvent(EventReason.MASTER_RESTARTED, note, warning=True))
+
+    def _announce_changes(self, app: App, robot: str, plan: Plan, written: Written) -> None:
+        """Events about components that start anew because their ConfigMaps or Secrets have changed."""
+        for change in plan.changes:
+            child = change.child
+            if child.change and change.over and change.amended is None and child.ref in written.versions:
+                whose = f"robot {robot}: " if robot else ""
+                note = f"{whose}{child.component} starts anew: {child.change} changed"
+                log.info("%s/%s: %s", app.namespace, app.name, note)
+                self._announce(app, PendingEvent(EventReason.CONFIG_CHANGED, note, warning=False))
 
     async def _is_back(self, app: App, robot: str) -> bool:
         """Whether the robot is chosen by the nodes as they are now and not by the cache: nothing ends on an old view."""
@@ -348,10 +392,11 @@ class Children:
     def _wanted(
         self, app: App, robot: str, domain: Domain | None, observed: Mapping[ChildRef, Observed]
     ) -> list[Child]:
+        parameters = self._plan_config(app, robot, observed)
         return wanted_children(
             desired_of(app, robot),
             domain=domain,
-            parameters=parameter_states(app, robot, self._cache.config_maps),
+            parameters=parameters,
             running=not app.spec.suspend,
             master_starts=self._master_starts(app, robot, observed),
             observed=observed,
@@ -364,6 +409,18 @@ class Children:
         deployments = ros_deployments(app, (item for item in observed.values() if isinstance(item, Deployment)))
         restarts = plan_restarts(deployments, self._cache.pods_by_deployment(app.uid, robot))
         return {name: restart.record for name, restart in restarts.items()}
+
+    def _plan_config(self, app: App, robot: str, observed: Mapping[ChildRef, Observed]) -> Mapping[str, ParameterState]:
+        """What the components' ConfigMaps and Secrets make of them; which restarts wait is remembered."""
+        record, memory = self._cache.apps.get(app.uid), self._memory.of(app.uid)
+        if record is None or record.app is None or not names_config(record.app, self._cache):
+            return {}
+        rollout = plan_config(app, robot, cluster_config_of(self._cache), observed, now=self._now())
+        memory.config_held.pop(robot, None)
+        memory.config_due.pop(robot, None)
+        if rollout.due is not None:
+            memory.config_held[robot], memory.config_due[robot] = rollout.held, rollout.due
+        return rollout.states
 
     def _plan(self, app: App, wanted: list[Child], observed: dict[ChildRef, Observed]) -> Plan:
         settled = self._memory.of(app.uid).settled

@@ -11,15 +11,23 @@ from robotapp_api.values.placement.round_trips import UNREACHABLE_US
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.render.instance_object import object_name
-from robotapp_operator.plan.render.parameters import config_maps_of
+from robotapp_operator.plan.spec.config_content import list_config_maps, names_secrets
 from robotapp_operator.plan.spec.desired import App, desired_of
 from robotapp_operator.plan.spec.record import Record
-from robotapp_operator.plan.spec.validate import notes_of
+from robotapp_operator.plan.spec.validate import notes_of, override_notes, secret_notes
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeKey, EdgeView, publish
 from robotapp_operator.reconcile.reconcile_state import AppMemory, InstanceMemory, ReconcileState
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.lister import cached_domain, instance_facts, instances_by_name, offline_s, problems_now
+from robotapp_operator.watch.lister import (
+    app_of_instance,
+    cached_domain,
+    instance_facts,
+    instances_by_name,
+    names_config,
+    offline_s,
+    problems_now,
+)
 
 
 class Observer:
@@ -50,10 +58,17 @@ class Observer:
         desired = desired_of(app, "")
         pool = self._cache.pools.get(app.pool) if app.ros_version == 2 else None
         limit = pool.spec.max_participants_per_host if pool else None
+        secrets = app.namespace in self._cache.secret_versions
         return AppFacts(
             app=app,
             problems=problems_now(app, self._cache),
-            notes=self._cache.answers.get(app, "notes", limit, lambda: notes_of(app, pool)),
+            notes=(
+                *self._cache.answers.get(app, "notes", limit, lambda: notes_of(app, pool)),
+                *self._cache.answers.get(
+                    app, "overrides", self._cache.nodes.identity_version, lambda: override_notes(app, self._cache.nodes)
+                ),
+                *self._cache.answers.get(app, "secrets", secrets, lambda: secret_notes(app, followed=secrets)),
+            ),
             previous=record.status,
             now=now,
             rmw=desired.rmw,
@@ -78,6 +93,7 @@ class Observer:
             barred=memory.barred.get(instance.robot, frozenset()),
             stays=own.stays,
             device_stays=own.device_stays,
+            config_held=memory.config_held.get(instance.robot, ()),
             now_s=now_s,
         )
         found = self._publish(app, found, own, now_s)
@@ -116,7 +132,8 @@ class Observer:
             memory.held.get(instance.robot, ()),
             memory.barred.get(instance.robot, frozenset()),
             cached_domain(app, instance.robot, self._cache, outcome) if borrowed else None,
-            self._config_maps(app),
+            memory.config_held.get(instance.robot, ()),
+            self._config(app, instance),
             (own.stays, own.device_stays),
             [self._cache.telemetry[node].status.devices for node in self._device_nodes(app, instance)],
             self._cache.devices_version if facts and facts.devices_held < facts.devices_wanted else None,
@@ -127,10 +144,16 @@ class Observer:
         held = self._cache.devices_held(app.uid, instance.robot) if app.wants_devices else ()
         return sorted({claim.spec.device.node for claim in held if claim.spec.device} & self._cache.telemetry.keys())
 
-    def _config_maps(self, app: App) -> tuple[object, ...]:
-        """Those with parameter files of the app, as they are now."""
-        names = self._cache.answers.get(app, "config maps", None, lambda: sorted(config_maps_of(app)))
-        return tuple(self._cache.config_maps.get(name) for name in names)
+    def _config(self, app: App, instance: Instance) -> tuple[object, ...]:
+        """The ConfigMaps and Secrets that the app names for the instance, as they are now."""
+        if not names_config(app, self._cache):
+            return ()
+        app = app_of_instance(app, instance, self._cache)
+        secrets = self._cache.secret_versions.get(app.namespace)
+        return (
+            *(self._cache.config_maps.get(name) for name in sorted(list_config_maps(app, instance.robot))),
+            tuple(sorted(secrets.items())) if secrets and names_secrets(app) else secrets is None,
+        )
 
     def _publish(self, app: App, found: InstanceFacts, own: InstanceMemory, now_s: float) -> InstanceFacts:
         if own.shown is None:

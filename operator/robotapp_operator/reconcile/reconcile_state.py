@@ -3,6 +3,7 @@
 import dataclasses
 from collections import defaultdict
 from collections.abc import Collection, Mapping
+from datetime import datetime
 from typing import Any
 
 from robotapp_api.model.names import Reason
@@ -86,6 +87,12 @@ class AppMemory:
     """What the server refused."""
     held: dict[str, tuple[Held, ...]] = dataclasses.field(default_factory=dict)
     """The templates that are not written although they differ."""
+    config_held: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+    """Restarts for changes of ConfigMaps that wait, a sentence each."""
+    config_due: dict[str, datetime] = dataclasses.field(default_factory=dict)
+    """When the first of these may be."""
+    overrides: dict[str, object] = dataclasses.field(default_factory=dict)
+    """By instance, the overrides that its node chose when the app was last planned."""
     barred: dict[str, frozenset[str]] = dataclasses.field(default_factory=dict)
     """Uids of pods that keep our gate, because no node that they may use admits their namespace."""
     judged: dict[str, dict[str, int]] = dataclasses.field(default_factory=dict)
@@ -162,6 +169,9 @@ class ReconcileState:
             memory.outcomes,
             memory.troubles,
             memory.held,
+            memory.config_held,
+            memory.config_due,
+            memory.overrides,
             memory.barred,
             memory.judged,
             memory.unseen,

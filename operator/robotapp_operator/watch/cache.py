@@ -226,6 +226,13 @@ class Cache:
         self.round_trips = RoundTrips()
         self.pools: dict[str, Pool] = {}
         self.config_maps: dict[str, ConfigMap] = {}
+        self.secret_versions: dict[str, dict[str, str]] = {}
+        """By namespace in which Secrets may be watched: a version of each, which changes with its content."""
+        self.waiting_pods: dict[str, dict[str, Pod]] = {}
+        """By namespace and uid: pods of apps that are on nodes and do not get to their containers."""
+        self._waiting_uids: set[str] = set()
+        self.pod_failures: dict[str, str] = {}
+        """By uid of a pod that does not get to its containers: why, as its events have it."""
         self.deployments: InstanceIndex[Deployment] = InstanceIndex(_labelled, self.touch)
         self.services: InstanceIndex[Service] = InstanceIndex(_labelled, self.touch)
         self.pods = PodIndex(self.touch)
@@ -363,6 +370,24 @@ class Cache:
         if known is not None and known.metadata.uid == item.metadata.uid:
             del self.instance_object_named[key]
             self.instance_objects.drop(known.spec.app_uid, key)
+
+    # Pods that do not get to their containers
+
+    def note_waiting(self, pod: Pod, *, waits: bool) -> None:
+        """Remember whether the pod waits; why it did is forgotten when it waits no more."""
+        uid, namespace = pod.metadata.uid, pod.metadata.namespace
+        if waits:
+            self.waiting_pods.setdefault(namespace, {})[uid] = pod
+            self._waiting_uids.add(uid)
+        elif uid in self._waiting_uids:
+            self._waiting_uids.discard(uid)
+            self.pod_failures.pop(uid, None)
+            self.waiting_pods[namespace].pop(uid, None)
+            if not self.waiting_pods[namespace]:
+                del self.waiting_pods[namespace]
+
+    def is_waiting(self, uid: str) -> bool:
+        return uid in self._waiting_uids
 
     # Children and claims of one instance
 

@@ -16,6 +16,7 @@ from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
 from robotapp_operator.plan.render.instance_object import AppInstance
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Node, Pod, ReplicaSet, Service, Telemetry, lacks_owner
+from robotapp_operator.plan.status.components import awaits_containers
 from robotapp_operator.queue.work import Work, namespace_group, pool_group
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.watch.cache import Cache, Index, InstanceKey
@@ -27,6 +28,8 @@ LATENCY_DELAY_S: Final = 2.0
 OWNER_DELAY_S: Final = 1.0
 FLEET_DELAY_S: Final = 1.0
 POOL_DELAY_S: Final = 1.0
+EVENTS_DELAY_S: Final = 1.5
+"""A start that goes well is past its mounts by then."""
 ROBOTS_DELAY_S: Final = 0.2
 """Labels of a fleet change together; every app that chooses robots looks at all nodes then."""
 BACK_S: Final = 1.0
@@ -152,6 +155,7 @@ class Informers:
         pod: Pod | None = self._child(self._cache.pods, change)
         if pod is None:
             return
+        self._note_waiting(pod, gone=change.new is None)
         self._status(pod)
         if change.new is not None and (_is_gated(pod) or (change.old is not None and _is_gated(change.old))):
             self._queue.add(Key(Work.GATES, label(pod, Label.APP_UID), label(pod, Label.INSTANCE)))
@@ -163,6 +167,13 @@ class Informers:
             self._children(pod)  # its nodes may have to be restarted
         if change.new is None or pod.terminal:
             self._request_sweep()
+
+    def _note_waiting(self, pod: Pod, *, gone: bool) -> None:
+        """A pod that does not get to its containers has its events read a little later, unless it gets there by then."""
+        waits = not gone and awaits_containers(pod)
+        if waits and not self._cache.is_waiting(pod.metadata.uid):
+            self._queue.add(Key(Work.POD_EVENTS, namespace_group(pod.metadata.namespace)), delay_s=EVENTS_DELAY_S)
+        self._cache.note_waiting(pod, waits=waits)
 
     def _bare_pod(self, change: Change) -> None:
         pod: Pod = change.new or change.old

@@ -7,8 +7,10 @@ So they are computed once for each version of the spec and the nodes.
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import timedelta
+from typing import NamedTuple
 
 from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_api.values.overrides import select_overrides
 from robotapp_api.values.placement.tiers import ROBOT
 from robotapp_api.values.quantities.ranges import parse_ids
 from robotapp_claims.rules.device import claims_wanted
@@ -25,13 +27,14 @@ from robotapp_operator.plan.diff.master_restarts import plan_restarts, ros_deplo
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
 from robotapp_operator.plan.moves.move_record import NO_MOVES, SHOWN_MOVES, parse_moves
-from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.render.services import DISCOVERY
+from robotapp_operator.plan.spec.config_content import ClusterConfig, config_content, reads_config
 from robotapp_operator.plan.spec.dependencies import describe_wait, unmet_dependencies
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.links import LinkView, list_links
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
+from robotapp_operator.plan.spec.overrides import overridden, recorded_overrides
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
 from robotapp_operator.plan.status.components import (
     ComponentView,
@@ -72,6 +75,45 @@ def instances_by_name(app: App, cache: Cache) -> Mapping[str, Instance]:
     if kept:
         found = cache.answers.get(app, "instances out of sight too", (version, kept), lambda: work_out(kept))
     return found
+
+
+def app_of_instance(app: App, instance: Instance, cache: Cache) -> App:
+    """Returns the app as its overrides make it for the instance: by the labels of the robot's primary node, and while that is
+    unknown as the Deployments were rendered, because a robot out of sight must not start anew.
+    """
+    if not app.spec.overrides:
+        return app
+    node = cache.nodes.get(instance.node)
+    names = (
+        select_overrides(app.spec.overrides, node.metadata.labels)
+        if node is not None
+        else recorded_overrides(owned_deployments(app, instance.robot, cache))
+    )
+    question = f"overridden by {sorted(names.items())}"
+    app_of_robot: App = cache.answers.get(app, question, app.annotations, lambda: overridden(app, names))
+    return app_of_robot
+
+
+def chosen_overrides(app: App, cache: Cache) -> Mapping[str, object]:
+    """Returns the overrides that the node of each instance chooses, those of nodes out of sight left out."""
+    if not app.spec.overrides:
+        return {}
+    return {
+        instance.robot: select_overrides(app.spec.overrides, node.metadata.labels)
+        for instance in wanted_instances(app, cache)
+        if (node := cache.nodes.get(instance.node)) is not None
+    }
+
+
+def names_config(app: App, cache: Cache) -> bool:
+    """Whether the app names any ConfigMap or Secret; `app` as it is written, without overrides."""
+    answer: bool = cache.answers.get(app, "names config", None, lambda: reads_config(app))
+    return answer
+
+
+def cluster_config_of(cache: Cache) -> ClusterConfig:
+    """Returns what is known of ConfigMaps and Secrets."""
+    return ClusterConfig(cache.config_maps, cache.secret_versions)
 
 
 def _kept(app: App, nodeless: Collection[str], cache: Cache) -> frozenset[str]:
@@ -170,16 +212,20 @@ def instance_facts(
     barred: Collection[str] = (),
     stays: str = "",
     device_stays: str = "",
+    config_held: tuple[str, ...] = (),
     now_s: float,
 ) -> InstanceFacts:
     """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic.
 
     barred: uids of pods that keep our gate, because no node admits them.
     """
+    cluster_config = cluster_config_of(cache) if names_config(app, cache) else None
+    app = app_of_instance(app, instance, cache)
     pods = cache.pods_by_deployment(app.uid, instance.robot)
     owned = owned_deployments(app, instance.robot, cache)
     unmet = unmet_dependencies(app, owned)
-    views = list(_view_components(app, instance.robot, cache, barred=barred, unmet=unmet))
+    sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet)
+    views = list(_view_components(app, instance.robot, sources))
     domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
     having = _having(devices, cache)
@@ -207,6 +253,7 @@ def instance_facts(
         moves=tuple(_moves(item) for item in owned if item.metadata.annotations.get(Annotation.MOVES)),
         stays=stays,
         device_stays=device_stays,
+        config_held=config_held,
         present=tuple(sorted(name_of(claim) for claim in devices if is_there(claim, cache.telemetry))),
         infrastructure_ready=_infrastructure_ready(owned),
         helpers=tuple(_view_helpers(owned, pods, cache, barred)),
@@ -226,24 +273,6 @@ def _links(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache
         if service.metadata.controller_uid == app.uid
     }
     return list_links(desired_of(app, instance.robot), services, placed, cache.nodes.find_address)
-
-
-def _view_components(
-    app: App, robot: str, cache: Cache, *, barred: Collection[str], unmet: Mapping[str, Sequence[str]]
-) -> Iterator[ComponentView]:
-    """Yields the components of an instance in the order of the spec. unmet: for which others each waits."""
-    pods = cache.pods_by_deployment(app.uid, robot)
-    by_component = {
-        item.metadata.labels.get(Label.COMPONENT, ""): item for item in owned_deployments(app, robot, cache)
-    }
-    files = parameter_states(app, robot, cache.config_maps)
-    for component in app.spec.components:
-        deployment = by_component.get(component.name)
-        own_pods = pods.get(deployment.metadata.uid, ()) if deployment else ()
-        missing = files[component.name].missing if component.name in files else ()
-        lost = [pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)]
-        wait = describe_wait(app, unmet.get(component.name, ()))
-        yield component_view(component, deployment, own_pods, missing=missing, lost=lost, barred=barred, wait=wait)
 
 
 def _grace(app: App, lost: Lost | None, *, now_s: float) -> Grace | None:
@@ -371,6 +400,40 @@ def _not_restarted(deployments: Iterable[Deployment], pods: Mapping[str, list[Po
     return tuple(sorted(name for restart in restarts for name in restart.refused))
 
 
+class ComponentSources(NamedTuple):
+    """What the views of an instance's components are made of.
+
+    cluster_config: None for an app that names no ConfigMap or Secret. unmet: for which others each component waits.
+    """
+
+    deployments: Sequence[Deployment]
+    pods: Mapping[str, list[Pod]]
+    cache: Cache
+    barred: Collection[str]
+    cluster_config: ClusterConfig | None
+    unmet: Mapping[str, Sequence[str]]
+
+
+def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterator[ComponentView]:
+    """Yields the view of each component in the order of the spec."""
+    cache = sources.cache
+    by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in sources.deployments}
+    for component in app.spec.components:
+        deployment = by_component.get(component.name)
+        own_pods = sources.pods.get(deployment.metadata.uid, ()) if deployment else ()
+        content = config_content(component, app, robot, sources.cluster_config) if sources.cluster_config else None
+        yield component_view(
+            component,
+            deployment,
+            own_pods,
+            missing=content.missing if content else (),
+            lost=[pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)],
+            barred=sources.barred,
+            failures=cache.pod_failures,
+            wait=describe_wait(app, sources.unmet.get(component.name, ())),
+        )
+
+
 def _view_helpers(
     deployments: Iterable[Deployment], pods: Mapping[str, list[Pod]], cache: Cache, barred: Collection[str]
 ) -> Iterator[HelperView]:
@@ -380,7 +443,10 @@ def _view_helpers(
         if part is not None:
             own_pods = pods.get(item.metadata.uid, ())
             lost_nodes = [pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)]
-            yield HelperView(part, component_view(part, item, own_pods, lost=lost_nodes, barred=barred))
+            yield HelperView(
+                part,
+                component_view(part, item, own_pods, lost=lost_nodes, barred=barred, failures=cache.pod_failures),
+            )
 
 
 def _infrastructure_ready(deployments: Iterable[Deployment]) -> bool:

@@ -31,6 +31,10 @@ def _uses(spec: Mapping[str, Any]) -> Iterator[str]:
     for component in map(_object, _list(spec.get("components"))):
         where = f"component {component.get('name', '')}"
         yield from (f"{where}: {line}" for line in _uses_of(component))
+    for override in map(_object, _list(spec.get("overrides"))):
+        for component in map(_object, _list(override.get("components"))):
+            where = f"override {override.get('name', '')} of component {component.get('name', '')}"
+            yield from (f"{where}: {line}" for line in _uses_of(component))
 
 
 def _uses_of(component: Mapping[str, Any]) -> Iterator[str]:

@@ -213,6 +213,62 @@ def test_parameter_files_arrive_in_their_order_and_another_content_starts_the_po
         eventually(lambda: not tenant.claims(), timeout_s=READY_S)
 
 
+MISSING: list[tuple[str, dict[str, Any], str]] = [
+    (
+        "volume",
+        {"template": {"spec": {"volumes": [{"name": "v", "secret": {"secretName": "tokens"}}]}}},
+        'secret "tokens" not found',
+    ),
+    ("env", {"envFrom": [{"secretRef": {"name": "tokens"}}]}, 'secret "tokens" not found'),
+    (
+        "pull",
+        {"image": "registry.invalid/nobody/driver:1", "template": {"spec": {"imagePullSecrets": [{"name": "tokens"}]}}},
+        "Unable to retrieve some image pull secrets (tokens)",
+    ),
+]
+NAMED_S = 5.0
+
+
+def test_a_missing_secret_is_named_within_five_seconds_of_the_pods_start_and_heals(
+    plane: RealNodes, real_namespace: str
+) -> None:
+    """The operator reads no Secret: what the kubelet reports of the pod is all it has."""
+    tenant = Tenant(plane, real_namespace)
+    with pool(plane, f"pool-{secrets.token_hex(3)}") as ids:
+        for name, fields, text in MISSING:
+            tenant.apply(name, component("driver") | fields, ros2={"pool": ids, "discovery": {"mode": "Multicast"}})
+            pod = eventually(lambda name=name: bound_pod(tenant, name), timeout_s=READY_S)
+            bound_s = time.monotonic()
+            eventually(
+                lambda name=name, text=text: text in tenant.condition(name, "Ready")["message"],
+                timeout_s=READY_S,
+                what=lambda name=name: tenant.app(name),
+            )
+            took_s = time.monotonic() - bound_s
+            # A pull is tried first, and fails when the registry's name does.
+            assert took_s < NAMED_S or name == "pull", f"{name}: {pod} was named {took_s:.1f} s after it was bound"
+        volume = {"name": "v", "persistentVolumeClaim": {"claimName": "bags"}}
+        multicast = {"pool": ids, "discovery": {"mode": "Multicast"}}
+        tenant.apply("claim", component("driver", template={"spec": {"volumes": [volume]}}), ros2=multicast)
+        eventually(
+            lambda: 'persistentvolumeclaim "bags" not found' in tenant.condition("claim", "Ready")["message"],
+            timeout_s=READY_S,
+        )
+        secret = {"apiVersion": "v1", "kind": "Secret", "metadata": {"name": "tokens"}, "stringData": {"k": "v"}}
+        plane.kubectl("apply", "-n", real_namespace, "-f", "-", stdin=secret)
+        for name in ("volume", "env"):
+            tenant.wait_ready(name, timeout_s=READY_S)
+        for name in ("claim", *(name for name, _, _ in MISSING)):
+            tenant.delete(name)
+        eventually(lambda: not tenant.claims(), timeout_s=READY_S)
+
+
+def bound_pod(tenant: Tenant, app: str) -> str:
+    """The name of the app's pod once it is on a node."""
+    pods = [pod for pod in tenant.listed("pods") if pod["metadata"]["labels"].get("robotics.io/app") == app]
+    return next((pod["metadata"]["name"] for pod in pods if pod["spec"].get("nodeName")), "")
+
+
 def config_map(name: str, data: dict[str, str]) -> dict[str, Any]:
     return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": {"name": name}, "data": data}
 

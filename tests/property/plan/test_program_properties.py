@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from tests.support.factories import component, make_app
 
 from robotapp_api.model.app.program import NODE_NAME_PATTERN
-from robotapp_api.model.scalars import LABEL_VALUE_PATTERN
+from robotapp_api.model.patterns import LABEL_VALUE_PATTERN
 from robotapp_api.values.references import replace_references, to_ros_name
 from robotapp_operator.plan.render.command_line import render_arguments
 from robotapp_operator.plan.render.parameters import NONE

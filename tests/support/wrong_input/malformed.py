@@ -78,11 +78,24 @@ def full_app() -> dict[str, Any]:
             "shareWith": [{"namespace": "team-b", "name": "other"}],
         },
         ros1={"master": "External", "uri": "http://master:11311", "image": "ros:noetic", **_full_helper()},
-        update={"operator": "OnDemand"},
+        update={"operator": "OnDemand", "onConfigChange": "Roll"},
+        overrides=[{"name": "slow", "nodeSelector": _full_selector(), "components": [_full_override()]}],
         connectivity={"grace": "5m"},
         schedulerName="ros-aware-scheduler",
     )  # fmt: skip
     return copy.deepcopy(whole)  # callers bend it, and parts are shared
+
+
+def _full_selector() -> dict[str, Any]:
+    return {
+        "matchLabels": {"robotics.io/robot": "amr-07"},
+        "matchExpressions": [{"key": "robotics.io/robot", "operator": "In", "values": ["amr-07"]}],
+    }
+
+
+def _full_override() -> dict[str, Any]:
+    whole = _full_component()
+    return {name: whole[name] for name in ("name", "image", "env", "resources", "parameters")}
 
 
 def _full_helper() -> dict[str, Any]:
@@ -186,7 +199,7 @@ def unused_fields(schema: Schema) -> list[str]:
 
 def is_borrowed(field: str) -> bool:
     """Whether a field, such as spec.components[].env, is core's or lies in one that is."""
-    for place in ("spec.components[].", "spec.ros2.discovery.", "spec.ros1."):
+    for place in ("spec.components[].", "spec.overrides[].components[].", "spec.ros2.discovery.", "spec.ros1."):
         if field.startswith(place):
             container, template, *rest = (*field.removeprefix(place).split("."), "", "")
             in_pod = [container, template] == ["template", "spec"] and _name(rest[0]) in _BORROWED["PodSpec"]

@@ -1,5 +1,6 @@
 """What a component starts and what it calls its devices, as far as the words alone tell that it will not work."""
 
+import json
 from typing import Any, Final
 
 import pytest
@@ -141,7 +142,7 @@ def test_fields_that_older_clusters_drop_are_told_with_the_release_that_has_them
     ]
 
 
-NAME = "tokens-$(ROBOTAPP_ROBOT)"
+NAME = "tokens-$(ROS_DOMAIN_ID)"
 
 
 @pytest.mark.parametrize(
@@ -172,9 +173,16 @@ NAME = "tokens-$(ROBOTAPP_ROBOT)"
     ],
     ids=["envFrom", "env", "secret", "projected", "claim", "pull secret"],
 )
-def test_a_reference_in_the_name_of_an_object_is_refused(fields: dict[str, Any], path: str) -> None:
+def test_a_reference_that_is_not_expanded_in_the_name_of_an_object_is_refused(
+    fields: dict[str, Any], path: str
+) -> None:
     (problem,) = list_problems(**fields)
-    assert f".{path}: {NAME} is taken as it stands" in problem
+    assert f".{path}: $(ROS_DOMAIN_ID) in {NAME} is taken as it stands" in problem
+    of_robot = json.loads(json.dumps(fields).replace("ROS_DOMAIN_ID", "ROBOTAPP_ROBOT"))
+    (problem,) = list_problems(**of_robot)
+    assert "names the robot, but the app has none; write spec.robots" in problem
+    robots = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
+    assert list(spec_problems(make_app(component(**of_robot), robots=robots).spec)) == []
 
 
 def test_a_reference_in_a_value_is_accepted() -> None:

@@ -42,7 +42,12 @@ READERS: Final[Mapping[str, str]] = {
     f"{CHECKS}/components.py": "spec.components.ready.lifecycle",
     "crds/robotapp_api/values/selector.py": """
         spec.robots.nodeSelector.matchLabels spec.robots.nodeSelector.matchExpressions.key
-        spec.robots.nodeSelector.matchExpressions.operator spec.robots.nodeSelector.matchExpressions.values""",
+        spec.robots.nodeSelector.matchExpressions.operator spec.robots.nodeSelector.matchExpressions.values
+        spec.overrides.nodeSelector.matchLabels spec.overrides.nodeSelector.matchExpressions.key
+        spec.overrides.nodeSelector.matchExpressions.operator spec.overrides.nodeSelector.matchExpressions.values""",
+    "crds/robotapp_api/values/overrides.py": """
+        spec.overrides.name spec.overrides.components.name spec.overrides.components.image spec.overrides.components.env
+        spec.overrides.components.resources""",
     f"{CLAIMS}/instances.py": "spec.robots.assignment",
     f"{CLAIMS}/device.py": """
         spec.components.devices.type spec.components.devices.model spec.components.devices.interface
@@ -50,6 +55,7 @@ READERS: Final[Mapping[str, str]] = {
     f"{CLAIMS}/pools.py": "pool.network",
     f"{CLAIMS}/domain.py": "pool.scope pool.ids pool.reserved pool.quarantineSeconds pool.quota.default pool.quota.namespaces pool.sharedIds",
     f"{PLAN}/diff/diff.py": "spec.update.operator",
+    f"{PLAN}/diff/config_rollout.py": "spec.update.onConfigChange",
     f"{PLAN}/spec/desired.py": """
         spec.ros2.domain spec.ros2.pool spec.ros2.transport spec.ros2.discovery.image spec.ros1.image spec.ros2.shareWith.namespace
         spec.ros2.shareWith.name spec.ros1.master spec.schedulerName spec.connectivity.grace spec.suspend
@@ -79,7 +85,11 @@ READERS: Final[Mapping[str, str]] = {
         spec.components.parameters.inline
         spec.components.parameters.configMapKeyRef.name spec.components.parameters.configMapKeyRef.key
         spec.components.parameters.configMapKeyRef.optional
-        spec.components.parameters.secretKeyRef.name spec.components.parameters.secretKeyRef.key""",
+        spec.components.parameters.secretKeyRef.name spec.components.parameters.secretKeyRef.key
+        spec.overrides.components.parameters.inline
+        spec.overrides.components.parameters.configMapKeyRef.name spec.overrides.components.parameters.configMapKeyRef.key
+        spec.overrides.components.parameters.configMapKeyRef.optional
+        spec.overrides.components.parameters.secretKeyRef.name spec.overrides.components.parameters.secretKeyRef.key""",
     f"{PLAN}/render/command_line.py": """
         spec.components.args
         spec.components.run.package spec.components.run.executable spec.components.run.name spec.components.run.namespace

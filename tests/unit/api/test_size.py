@@ -142,7 +142,7 @@ def test_an_app_that_is_too_large_says_what_counts_and_what_to_do() -> None:
     assert problem.message.startswith(
         "the app counts 1032 KiB, at most 512 KiB are allowed: its text 939 KiB, 16 components 64 KiB"
     )
-    assert "16 edges, devices, requirements, dependencies and parameter files 16 KiB" in problem.message
+    assert "16 edges, devices, requirements, dependencies, parameter files and overrides 16 KiB" in problem.message
     assert "144 words, labels and annotations 13 KiB" in problem.message
     assert problem.message.endswith("environment too (envFrom), or make several apps of it")
 

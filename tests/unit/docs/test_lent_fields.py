@@ -33,7 +33,10 @@ def test_every_object_below_which_something_is_lent_has_a_level() -> None:
         for place in (".securityContext", ".template.spec", ".template.spec.securityContext")
     }
     further = {f"{place}{field}" for place in CONTAINERS for field in (".env.valueFrom", ".envFrom")}
-    assert parents == {*LEVELS.values(), *windows, *helpers, *further} - {
+    overrides = {f"{LEVELS['overriddenComponents']}.env.valueFrom", f"{LEVELS['overriddenComponents']}.parameters"}
+    assert parents == {*LEVELS.values(), *windows, *helpers, *further, *overrides} - {
+        "overrides",
+        LEVELS["overriddenComponents"],
         "components",
         "components.template",
         LEVELS["initContainers"],

@@ -34,6 +34,7 @@ class Worker:
         self.forget: Callable[[str], None] = lambda _: None
         self.effect: Callable[[], None] = lambda: None
         self.awaits_s: Callable[[str, str], float] = lambda *_: 0.0
+        self.due_s: Callable[[str, str], float] = lambda *_: 0.0
 
     async def work(self, *args: Any) -> Any:
         self.calls.append(args)
@@ -54,7 +55,8 @@ class StubbedController:
         self.queue = Queue(clock=self.clock, jitter=lambda: 0.5, background=BACKGROUND)
         self.children, self.reporter, self.fleet, self.gates = (Worker() for _ in range(4))
         self.objects, self.probes, self.pools, self.mover = (Worker() for _ in range(4))
-        self.reporter.answer = self.objects.answer = self.mover.answer = None
+        self.pod_events = Worker()
+        self.pod_events.answer = self.reporter.answer = self.objects.answer = self.mover.answer = None
         self.children.forget = self.memory.forget
         self.listed: list[dict[str, Any]] = []
         self.while_listing: Callable[[], None] = lambda: None
@@ -68,6 +70,7 @@ class StubbedController:
             objects=self.objects,  # type: ignore[arg-type]
             reporter=self.reporter,  # type: ignore[arg-type]
             fleet=self.fleet,  # type: ignore[arg-type]
+            pod_events=self.pod_events,  # type: ignore[arg-type]
             gates=self.gates,  # type: ignore[arg-type]
             mover=self.mover,  # type: ignore[arg-type]
             probes=self.probes,  # type: ignore[arg-type]

@@ -6,22 +6,21 @@ from pydantic import Field, StringConstraints
 
 from robotapp_api.model.base import Model
 from robotapp_api.model.markers import Rule
-from robotapp_api.model.scalars import DnsName
+from robotapp_api.model.patterns import ROBOT_REFERENCE
+from robotapp_api.model.scalars import NameOfRobot
 
 INLINE_BYTES = 65_536
 ParameterKey = Annotated[
     str,
-    StringConstraints(
-        min_length=1, max_length=253, pattern=r"^([-._a-zA-Z0-9]|\$\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\))+$"
-    ),
+    StringConstraints(min_length=1, max_length=253, pattern=f"^([-._a-zA-Z0-9]|{ROBOT_REFERENCE})+$"),
 ]
 
 
 class ConfigMapKey(Model):
     """One key of a ConfigMap of this namespace."""
 
-    name: DnsName
-    """Name of the ConfigMap."""
+    name: NameOfRobot
+    """Name of the ConfigMap; $(ROBOTAPP_ROBOT) and $(ROBOTAPP_INSTANCE) as in key."""
     key: ParameterKey
     """Key whose value is the file. $(ROBOTAPP_ROBOT) and $(ROBOTAPP_INSTANCE) stand for the names of robot and instance."""
     optional: bool = False
@@ -29,10 +28,10 @@ class ConfigMapKey(Model):
 
 
 class SecretKey(Model):
-    """One key of a Secret of this namespace. The operator never reads it, so a change of its content starts nothing anew."""
+    """One key of a Secret of this namespace. The operator never reads it; a change starts the pod anew only where it may watch metadata of Secrets."""
 
-    name: DnsName
-    """Name of the Secret."""
+    name: NameOfRobot
+    """Name of the Secret; $(ROBOTAPP_ROBOT) and $(ROBOTAPP_INSTANCE) as in key."""
     key: ParameterKey
     """Key whose value is the file. $(ROBOTAPP_ROBOT) and $(ROBOTAPP_INSTANCE) stand for the names of robot and instance."""
 

@@ -7,6 +7,7 @@ from pydantic import Field, StringConstraints
 from robotapp_api.model import names
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.edge import Edge
+from robotapp_api.model.app.override import Override
 from robotapp_api.model.app.placement import Placement
 from robotapp_api.model.app.robots import Robots
 from robotapp_api.model.app.ros import Ros, Ros1, Ros2
@@ -30,11 +31,14 @@ def _known(field: str, *, has: str, advice: str) -> Rule:
 
 
 class Update(Model):
-    """How a new operator version reaches running pods."""
+    """How a new operator version, or another content of a ConfigMap, reaches running pods."""
 
     operator: Literal["Automatic", "OnDemand"] = "Automatic"
     """Automatic rolls pods when a new operator version renders them differently. OnDemand waits until the annotation
     robotics.io/approve-update names that version. Your own edits always roll at once."""
+    on_config_change: Literal["Roll", "None"] = "Roll"
+    """Roll starts a component anew when a ConfigMap that it mounts or reads as environment or parameter file has another
+    content, less and less often while it keeps changing. None leaves it running."""
 
 
 class Connectivity(Model):
@@ -85,6 +89,17 @@ class RobotAppSpec(Model):
             expression="'domain %d for every robot would let all of them obey one /cmd_vel; drop ros2.domain, or write robots.assignment: Any or ros2.isolation: Discovery'.format([self.ros2.domain])",
             path=".ros2.domain",
         ),
+        Rule(
+            rule=f"!has(self.overrides) || self.overrides.all(o, sets.contains({_NAMES}, o.components.map(c, c.name)))",
+            message="components of an override must be components of this app; write the name of one",
+            expression=f"'overrides name components that this app does not have: %s; the components are %s'.format([self.overrides.filter(o, !sets.contains({_NAMES}, o.components.map(c, c.name))).map(o, o.components.map(c, c.name)), {_NAMES}])",
+            path=".overrides",
+        ),
+        Rule(
+            rule="!has(self.overrides) || has(self.robots)",
+            message="overrides are for some of the app's robots, and the app has none; write robots.nodeSelector, or the values in the components",
+            path=".overrides",
+        ),
     )
 
     suspend: bool = False
@@ -97,6 +112,9 @@ class RobotAppSpec(Model):
     """Processes of the app; each becomes one Deployment per instance."""
     edges: Annotated[tuple[Edge, ...], ListMap("kind", "topic", "from", "to"), Field(max_length=256)] = ()
     """Who talks to whom, and how fast it must be."""
+    overrides: Annotated[tuple[Override, ...], ListMap("name"), Field(max_length=16)] = ()
+    """Values of components that differ from robot to robot, chosen by labels of the robots' nodes; of several that choose one
+    robot a later one wins."""
     placement: Placement = Placement()
     """Placement of the whole app."""
     ros2: Ros2 | None = None

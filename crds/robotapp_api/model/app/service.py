@@ -1,6 +1,6 @@
 """How others reach a component: a Service per instance, and addresses for people."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, StringConstraints, WithJsonSchema
 
@@ -14,7 +14,8 @@ LinkScheme = Literal["http", "https", "ws", "wss", "foxglove", "rosbridge"]
 PortNumber = Annotated[int, Field(ge=1, le=65_535)]
 PortName = Annotated[str, StringConstraints(min_length=1, max_length=15, pattern=r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$")]
 _PORT_SCHEMA = {"x-kubernetes-int-or-string": True, "anyOf": [{"type": "integer"}, {"type": "string"}], "maxLength": 15}
-LinkPath = Annotated[str, StringConstraints(max_length=256, pattern=r"^(/[-A-Za-z0-9._~!$&'()*+,;=:@%/?#]*)?$")]
+LINK_PATH: Final = r"^(/[-A-Za-z0-9._~!$&'()*+,;=:@%/?#]*)?$"
+LinkPath = Annotated[str, StringConstraints(max_length=256, pattern=LINK_PATH)]
 
 
 class ServicePort(Model):

@@ -8,7 +8,7 @@ from robotapp_api.model.app.robots import LABEL_KEY
 from robotapp_api.model.base import Model
 from robotapp_api.model.markers import Core, Rule
 from robotapp_api.model.packed import PackedList, PackedMap
-from robotapp_api.model.patterns import LABEL_VALUE_PATTERN
+from robotapp_api.model.patterns import LABEL_VALUE_OF_ROBOT
 
 JsonList = tuple[dict[str, Any], ...]
 
@@ -24,7 +24,7 @@ _FREE_KEYS = (
         reason="FieldValueForbidden",
     ),
 )
-LabelValue = Annotated[str, StringConstraints(max_length=63, pattern=LABEL_VALUE_PATTERN)]
+LabelValue = Annotated[str, StringConstraints(max_length=63, pattern=LABEL_VALUE_OF_ROBOT)]
 _OBJECTS: dict[str, Any] = {
     "type": "array",
     "maxItems": 16,
@@ -45,7 +45,8 @@ class TemplateMetadata(Model):
     """Labels and annotations of the component's pods, beside the operator's own."""
 
     labels: Annotated[dict[str, LabelValue], Field(max_length=32), *_FREE_KEYS] = Field(default_factory=dict)
-    """Labels for selectors of your own, such as those of a NetworkPolicy or a PodMonitor."""
+    """Labels for selectors of your own, such as those of a NetworkPolicy or a PodMonitor. $(ROBOTAPP_ROBOT) and
+    $(ROBOTAPP_INSTANCE) in a value stand for the names of robot and instance."""
     annotations: Annotated[
         dict[str, Annotated[str, StringConstraints(max_length=4096)]], Field(max_length=32), *_FREE_KEYS
     ] = Field(default_factory=dict)

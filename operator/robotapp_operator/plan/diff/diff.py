@@ -112,7 +112,8 @@ def plan(
         elif over.metadata.controller_uid != app.uid:
             foreign.append(f"{child.ref.kind} {child.ref.name}")
         elif in_place(child, over, settled):
-            continue
+            if not _has_records(child, over) and not written_by_newer(app, over, version):
+                changes.append(Change(child, over))
         elif newer := written_by_newer(app, over, version):
             found = amend(app, child, over)
             if found.spec is not None and settled.get(over.metadata.uid) != (over.metadata.generation, child.hash):
@@ -173,6 +174,11 @@ def in_place(child: Child, over: Observed, settled: Mapping[str, tuple[int, str]
     return covers(over.spec, child.spec) and not unowned_pointers(over.spec, child.spec)
 
 
+def _has_records(child: Child, over: Observed) -> bool:
+    """Whether what `child` records is written on `over`; it stands in annotations, so writing it starts no pod."""
+    return child.annotations.items() <= over.metadata.annotations.items()
+
+
 def is_held(app: App, child: Child, over: Observed, version: str) -> bool:
     """OnDemand: would only our being a newer version change the template?
 
@@ -213,6 +219,7 @@ def _inputs(spec: Mapping[str, object]) -> tuple[object, ...]:
     return (
         template_env(spec).get(ROS_DOMAIN_ID),
         pod_annotations(spec).get(Annotation.PARAMETERS_HASH),
+        pod_annotations(spec).get(Annotation.CONFIG_HASH),
         spec.get("replicas"),
         images[:1],
         binding_rules(spec),

@@ -17,17 +17,21 @@ _API_VERSIONS: Final = {DEPLOYMENT: "apps/v1", SERVICE: "v1"}
 class Child:
     """A wanted object, not to be changed.
 
-    `hash` covers labels, annotations and spec; it is written as an annotation and compared before any write.
+    `hash` covers labels, spec and a Service's annotations; it is written as an annotation and compared before any write.
+    change: which ConfigMaps or Secrets have changed, so that its pods start anew; "" for none.
     """
 
     ref: ChildRef
     labels: dict[str, str]
     spec: dict[str, Any]
     annotations: dict[str, str] = dataclasses.field(default_factory=dict)
+    change: str = ""
     hash: str = dataclasses.field(init=False)
 
     def __post_init__(self) -> None:
-        content = [self.labels, self.spec, *([self.annotations] if self.annotations else [])]
+        content: list[Any] = [self.labels, self.spec]
+        if self.ref.kind == SERVICE and self.annotations:  # those of a Deployment record its past
+            content.append(self.annotations)
         object.__setattr__(self, "hash", content_hash(content))
 
     @property
@@ -43,6 +47,8 @@ class Child:
             Annotation.SPEC_HASH.value: app.spec_hashes[self.component],
             Annotation.CONTENT_HASH.value: self.hash,
         }
+        if overrides := app.overrides.get(self.component):
+            ours[Annotation.OVERRIDES.value] = ",".join(overrides)
         return {
             "apiVersion": _API_VERSIONS[self.ref.kind],
             "kind": self.ref.kind,

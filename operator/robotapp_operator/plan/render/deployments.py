@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from robotapp_api.model.app.component import Component
+from robotapp_api.model.names import Annotation
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child, component_labels, selector
 from robotapp_operator.plan.render.parameters import NONE, ParameterState
 from robotapp_operator.plan.render.pod_template import pod_template
@@ -28,16 +29,20 @@ def component_deployments(
         state, starts = parameters.get(component.name, NONE), master_starts.get(component.name, "")
         template = pod_template(component, desired, domain=domain, state=state, master_starts=starts)
         is_running = running and component.name not in waiting
-        children.append(_deployment(component, desired, template, running=is_running))
+        children.append(_deployment(component, desired, template, state=state, running=is_running))
     return children
 
 
-def _deployment(component: Component, desired: Desired, template: dict[str, Any], *, running: bool) -> Child:
+def _deployment(
+    component: Component, desired: Desired, template: dict[str, Any], *, state: ParameterState, running: bool
+) -> Child:
     labels = component_labels(desired, component.name)
     return Child(
         ref=ChildRef(DEPLOYMENT, desired.name_of(component.name)),
         labels=labels,
         spec=deployment_spec(labels, template, replicas=component.replicas, running=running),
+        annotations={Annotation.CONFIG.value: state.record} if state.record else {},
+        change=state.change,
     )
 
 

@@ -27,6 +27,7 @@ from robotapp_operator.plan.render.node_affinity import (
     shared_tolerations,
 )
 from robotapp_operator.plan.spec.desired import Desired
+from robotapp_operator.plan.spec.robot_names import expand_labels, expand_pod
 
 RESOURCES: Final[Mapping[str, Any]] = {
     "requests": {"cpu": "50m", "memory": "64Mi"},
@@ -76,13 +77,14 @@ def render_helper(
     }
     annotations = _share_entries(desired, "annotations") | template.metadata.annotations
     metadata = {
-        "labels": {**_share_entries(desired, "labels"), **template.metadata.labels, **labels},
+        "labels": {
+            **expand_labels(_share_entries(desired, "labels") | template.metadata.labels, desired.robot),
+            **labels,
+        },
         **({"annotations": annotations} if annotations else {}),
     }
-    return {
-        "metadata": metadata,
-        "spec": {name: plain for name, value in spec.items() if (plain := unpacked(value)) not in (None, [], {}, "")},
-    }
+    written = {name: plain for name, value in spec.items() if (plain := unpacked(value)) not in (None, [], {}, "")}
+    return {"metadata": metadata, "spec": expand_pod(written, desired.robot)}
 
 
 def _render_container(desired: Desired, container: Mapping[str, Any], image_of: Component | None) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import Any, Final
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.parameters import ConfigMapKey, Parameters
 from robotapp_api.model.names import PARAMETERS_PATH, PARAMETERS_PREFIX, PARAMETERS_VOLUME, Annotation
+from robotapp_api.values.robot_references import expand
 from robotapp_operator.plan.spec.desired import App, Desired
 from robotapp_operator.plan.spec.objects import ConfigMap
 
@@ -20,24 +21,19 @@ from robotapp_operator.plan.spec.objects import ConfigMap
 class ParameterState:
     """What a component's files depend on besides the spec: `absent` are positions of optional files that do not exist,
     `hash` is over the content of the ConfigMap keys ("" without any), `missing` names required ones that do not exist.
+    `config_hash` is over other ConfigMaps and Secrets ("" until a change of them has started the pods anew), `record` what is
+    recorded of all that on the Deployment, `change` why the pods start anew now.
     """
 
     absent: frozenset[int] = frozenset()
     hash: str = ""
     missing: tuple[str, ...] = ()
+    config_hash: str = ""
+    record: str = ""
+    change: str = ""
 
 
 NONE: Final = ParameterState()
-
-
-def config_maps_of(app: App) -> frozenset[str]:
-    """`namespace/name` of every ConfigMap the app takes parameter files from."""
-    return frozenset(
-        f"{app.namespace}/{file.config_map_key_ref.name}"
-        for component in app.spec.components
-        for file in component.parameters
-        if file.config_map_key_ref
-    )
 
 
 def parameter_states(app: App, robot: str, config_maps: Mapping[str, ConfigMap]) -> dict[str, ParameterState]:
@@ -59,20 +55,16 @@ def _state(component: Component, app: App, robot: str, config_maps: Mapping[str,
         if ref is None:
             continue
         read = True
-        key = expanded(ref.key, robot)
-        found = config_maps.get(f"{app.namespace}/{ref.name}")
+        key = expand(ref.key, robot)
+        name = expand(ref.name, robot)
+        found = config_maps.get(f"{app.namespace}/{name}")
         content = found.data.get(key) if found else None
         if content is None and ref.optional:
             absent.add(position)
         elif content is None:
-            missing.append(f"ConfigMap {ref.name} has no key {key}" if found else f"there is no ConfigMap {ref.name}")
+            missing.append(f"ConfigMap {name} has no key {key}" if found else f"there is no ConfigMap {name}")
         digest.update(f"{position}:{content is None}:".encode() + (content or "").encode() + b"\0")
     return ParameterState(frozenset(absent), digest.hexdigest()[:16] if read else "", tuple(missing))
-
-
-def expanded(key: str, robot: str) -> str:
-    """A key with the names of robot and instance, which are the same so far."""
-    return key.replace("$(ROBOTAPP_ROBOT)", robot).replace("$(ROBOTAPP_INSTANCE)", robot)
 
 
 def parameter_paths(component: Component, state: ParameterState) -> list[str]:
@@ -82,13 +74,14 @@ def parameter_paths(component: Component, state: ParameterState) -> list[str]:
 
 
 def parameter_annotations(component: Component, state: ParameterState) -> dict[str, str]:
-    """The inline files, and the hash that rolls the pod when a ConfigMap changes."""
+    """The inline files, and the hashes that roll the pod when a ConfigMap or Secret changes."""
     inline = {
         _annotation(position): file.inline
         for position, file in enumerate(component.parameters)
         if file.inline is not None
     }
-    return inline | ({Annotation.PARAMETERS_HASH.value: state.hash} if state.hash else {})
+    hashes = {Annotation.PARAMETERS_HASH.value: state.hash, Annotation.CONFIG_HASH.value: state.config_hash}
+    return inline | {name: digest for name, digest in hashes.items() if digest}
 
 
 def parameter_volume(component: Component, desired: Desired, state: ParameterState) -> list[dict[str, Any]]:
@@ -116,7 +109,7 @@ def _source(file: Parameters, position: int, robot: str) -> dict[str, Any]:
     if ref is None:  # refused by the schema; a file that is nothing mounts nothing
         return {"downwardAPI": {"items": []}}
     kind = "configMap" if isinstance(ref, ConfigMapKey) else "secret"
-    return {kind: {"name": ref.name, "items": [{"key": expanded(ref.key, robot), "path": path}]}}
+    return {kind: {"name": expand(ref.name, robot), "items": [{"key": expand(ref.key, robot), "path": path}]}}
 
 
 def _name(position: int) -> str:

@@ -20,6 +20,7 @@ from robotapp_operator.plan.render.parameters import (
 )
 from robotapp_operator.plan.render.readiness_probes import readiness_probe
 from robotapp_operator.plan.spec.desired import Desired, Domain
+from robotapp_operator.plan.spec.robot_names import expand_labels, expand_pod
 
 DEFAULT_ACCOUNT: Final = "default"
 GRANTED_DEVICES_PATH: Final = f"metadata.annotations['{Annotation.GRANTED_DEVICES.value}']"
@@ -69,10 +70,12 @@ def pod_template(
         **_operating_system(component),
         **scheduling_gates(desired),
     }
-    labels = component.template.metadata.labels | component_labels(desired, component.name)
+    labels = expand_labels(component.template.metadata.labels, desired.robot) | component_labels(
+        desired, component.name
+    )
     return {
         "metadata": {"labels": labels, **_written(annotations=annotations)},
-        "spec": _written(**spec),
+        "spec": expand_pod(_written(**spec), desired.robot),
     }
 
 

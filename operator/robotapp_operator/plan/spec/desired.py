@@ -99,6 +99,8 @@ class App:
     unknown_fields: tuple[str, ...] = ()
     """Fields of the stored spec that a later version brought."""
     abilities: Abilities = NO_ABILITIES
+    overrides: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+    """By component: the overrides that made the spec what it is for one robot."""
 
     @property
     def distro(self) -> str:
@@ -226,6 +228,7 @@ class App:
             "suspend": True,
             "update": True,
             "edges": True,
+            "overrides": True,  # what they change is in the components already
             "ros2": {"domain", "pool", "share_with"},
             "components": {"__all__": {"image", "replicas"}},
         }

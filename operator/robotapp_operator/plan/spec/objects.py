@@ -307,6 +307,7 @@ class Telemetry(Struct):
 class ConfigMap(Struct):
     metadata: Meta
     data: dict[str, str] = {}
+    binary_data: dict[str, str] = {}
 
 
 class ChildRef(NamedTuple):

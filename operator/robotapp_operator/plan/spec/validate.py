@@ -8,17 +8,31 @@ from robotapp_api.checks.host_access.guarded import host_access_problems
 from robotapp_api.checks.pool import pool_notes
 from robotapp_api.checks.problem import Problem
 from robotapp_api.checks.spec import spec_notes, spec_problems
+from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_api.values.component_references import expanded_problem, list_expanded_texts
+from robotapp_api.values.overrides import merge_component, select_overrides
+from robotapp_api.values.robot_references import has_reference
 from robotapp_claims.rules.domain import DomainRequest, withheld
 from robotapp_claims.rules.identity import holder_of_app
 from robotapp_claims.rules.instances import closed_nodes, robot_of
 from robotapp_claims.rules.objects import Claim, Pool
+from robotapp_operator.plan.spec.config_content import list_secrets
 from robotapp_operator.plan.spec.desired import NEVER, App
 from robotapp_operator.plan.spec.instances import allowed_robots, open_robots
 from robotapp_operator.plan.spec.objects import Node
 from robotapp_operator.plan.spec.text import shown
 
-__all__ = ["Problem", "domain_problems", "limit_note", "notes_of", "problems_alone", "problems_with"]
+__all__ = [
+    "Problem",
+    "domain_problems",
+    "limit_note",
+    "notes_of",
+    "override_notes",
+    "problems_alone",
+    "problems_with",
+    "secret_notes",
+]
 
 
 def problems_alone(app: App) -> tuple[Problem, ...]:
@@ -32,7 +46,7 @@ def problems_alone(app: App) -> tuple[Problem, ...]:
 
 def problems_with(app: App, nodes: Mapping[str, Node]) -> tuple[Problem, ...]:
     """Problems of the spec that depend on the current nodes."""
-    return tuple(_placement_problems(app, nodes))
+    return (*_placement_problems(app, nodes), *_name_problems(app, nodes))
 
 
 def domain_problems(app: App, pool: Pool | None, claims: Iterable[Claim]) -> tuple[Problem, ...]:
@@ -99,6 +113,30 @@ def _of_other_schedulers(app: App) -> Iterator[str]:
             )
 
 
+def override_notes(app: App, nodes: Mapping[str, Node]) -> tuple[str, ...]:
+    """Returns a sentence for each override that chooses none of the app's robots."""
+    if not app.spec.overrides:
+        return ()
+    labels = [node.labels for node in allowed_robots(app, nodes)]
+    return tuple(
+        f"spec.overrides[{index}].nodeSelector: override {override.name} chooses none of the app's robots"
+        for index, override in enumerate(app.spec.overrides)
+        if not any(select_overrides((override,), own) for own in labels)
+    )
+
+
+def secret_notes(app: App, *, followed: bool) -> tuple[str, ...]:
+    """Returns a sentence about Secrets whose changes restart nothing. followed: the namespace grants their versions."""
+    if followed or app.spec.update.on_config_change != "Roll":
+        return ()
+    names = sorted(list_secrets(app, "$(ROBOTAPP_ROBOT)"))
+    text = (
+        f"a change of {'Secret' if len(names) == 1 else 'Secrets'} {shown(names, limit=3)} restarts nothing, because the operator may "
+        f"not watch Secrets in namespace {app.namespace} (operator.watchSecretsIn of the chart)"
+    )
+    return (text,) if names else ()
+
+
 def limit_note(pool: Pool) -> str:
     """That a pool's own limit of participants does nothing yet; "" for a pool that has the default."""
     notes = pool_notes(max_participants_per_host=pool.spec.max_participants_per_host)
@@ -123,6 +161,38 @@ def _placement_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem
             f"runs the robots to label a node {Label.ROBOT} or to add {app.namespace} to its annotation {Annotation.ALLOWED_NAMESPACES}"
         )
         yield Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", text, of_cluster=True)
+
+
+def _name_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem]:
+    """Names, keys and labels that are none for some robot: the first such robot of each text."""
+    texts = [
+        text
+        for component, at in _list_variants(app)
+        for text in list_expanded_texts(component, at)
+        if has_reference(text.text) and text.kind != "path"
+    ]
+    robots = sorted({robot_of(node) for node in allowed_robots(app, nodes)}) if texts else []
+    for text in texts:
+        for robot in robots:
+            if wrong := expanded_problem(text, robot):
+                yield Problem(
+                    Reason.INVALID_SPEC,
+                    text.path,
+                    f"{text.text} is for robot {robot}: {wrong}; label the robot's node otherwise ({Label.ROBOT}), or write another text",
+                    of_cluster=True,
+                )
+                break
+
+
+def _list_variants(app: App) -> Iterator[tuple[Component, str]]:
+    """Yields each component as it is written, and what each override adds to one."""
+    for index, component in enumerate(app.spec.components):
+        yield component, f"spec.components[{index}]"
+    for index, override in enumerate(app.spec.overrides):
+        for position, part in enumerate(override.components):
+            if part.env or part.parameters:
+                only = Component(name=part.name, image="of-the-component")
+                yield merge_component(only, part), f"spec.overrides[{index}].components[{position}]"
 
 
 def _robots_text(app: App, nodes: Mapping[str, Node]) -> str:

@@ -1,7 +1,7 @@
 """The state of one component of one instance: its Deployment and pods, and what to tell the user about them."""
 
 import dataclasses
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from typing import Final, NamedTuple, Protocol
@@ -19,6 +19,8 @@ from robotapp_operator.plan.spec.objects import (
 
 MAX_COMPONENT_CHARACTERS: Final = 1024
 """Of one message; every status clips it further."""
+MAX_WARNING_CHARACTERS: Final = 512
+NO_FAILURES: Final[Mapping[str, str]] = {}
 MAX_RESTARTS: Final = 2**31 - 1
 SERVER_LEAD_S: Final = 60
 """Servers and components of one start are made together; a minute apart means that the servers are newer."""
@@ -111,10 +113,12 @@ def component_view(
     missing: Sequence[str] = (),
     lost: Sequence[str] = (),
     barred: Collection[str] = (),
+    failures: Mapping[str, str] = NO_FAILURES,
     wait: str = "",
 ) -> ComponentView:
-    """pods: those the Deployment owns, terminating and finished ones included. missing: parameter files that do not exist.
-    lost: nodes of these pods that are not Ready. barred: uids of pods that no node admits. wait: for which others it waits.
+    """pods: those the Deployment owns, terminating and finished ones included. missing: required ConfigMaps, Secrets and keys that
+    do not exist. lost: nodes of these pods that are not Ready. barred: uids of pods that no node admits. failures: by uid of a
+    pod, why its containers do not start. wait: for which others it waits.
     """
     if deployment is None:
         return _view_missing(component, wait)
@@ -126,8 +130,13 @@ def component_view(
     up_to_date = deployment.is_up_to_date(replicas)
     ready = up_to_date and deployment.status.ready_replicas == replicas > 0
     reason, message = (None, "") if ready else _failure(deployment, pods, live, barred)
-    if missing and not ready and reason is None:  # the kubelet waits for the file and reports that in an event only
+    if missing and not ready and reason is None:  # the kubelet waits for the object and reports that in an event only
         reason, message = Reason.FAILED_CREATE, f"{'; '.join(missing)}: create it, or write optional: true"
+    failed = [failures[pod.metadata.uid] for pod in live if failures.get(pod.metadata.uid)]
+    if failed and not ready and reason is None:
+        reason, message = Reason.FAILED_CREATE, failed[0]
+    elif failed and reason is Reason.IMAGE_PULL:
+        message = f"{message}; {failed[0]}"
     ending = [pod.spec.node_name for pod in pods if pod.metadata.deletion_timestamp and pod.spec.node_name in lost]
     if ending and not ready and component.on_disconnect == STOP:
         message = (
@@ -202,6 +211,57 @@ def cut_off(servers: Sequence[Pod], clients: Sequence[Pod]) -> tuple[str, ...]:
 def _created(pod: Pod) -> datetime:
     text = pod.metadata.creation_timestamp
     return datetime.fromisoformat(text) if text else datetime.max.replace(tzinfo=UTC)
+
+
+class PodWarning(NamedTuple):
+    """An event of type Warning about a pod."""
+
+    reason: str
+    note: str
+
+
+_BEFORE_CONTAINERS: Final = frozenset(
+    {
+        "FailedMount",
+        "FailedAttachVolume",
+        "FailedMapVolume",
+        "FailedCreatePodSandBox",
+        "FailedToRetrieveImagePullSecret",
+        "FailedPrepareDynamicResources",
+    }
+)
+"""Reasons of the kubelet's and the volume controller's events about what a pod needs before its containers start."""
+_ABSENT: Final = ("not found", "non-existent", "Unable to retrieve some image pull secrets")
+_CREATING: Final = frozenset({"ContainerCreating", "PodInitializing"})
+
+
+def awaits_containers(pod: Pod) -> bool:
+    """Whether the pod is on a node and its containers are not made yet, or their image does not come: only its events tell why."""
+    if pod.terminal or pod.metadata.deletion_timestamp or not pod.spec.node_name:
+        return False
+    statuses = (*pod.status.init_container_statuses, *pod.status.container_statuses)
+    waiting = [status.state.waiting.reason for status in statuses if status.state.waiting]
+    if any(reason in _PULLING for reason in waiting):
+        return True
+    mounted = any(
+        condition.type == "PodReadyToStartContainers" and condition.status == "True"
+        for condition in pod.status.conditions
+    )
+    # Without a status no kubelet has seen it, so there is no event either.
+    return bool(statuses) and not mounted and len(waiting) == len(statuses) and _CREATING.issuperset(waiting)
+
+
+def explain_warnings(warnings: Sequence[PodWarning]) -> str:
+    """Returns why a pod does not get to its containers, "" where nothing says it. warnings: newest first.
+
+    A sentence that names an absent object comes before others: after two minutes the kubelet reports a mere timeout as well.
+    """
+    telling = [warning for warning in warnings if warning.reason in _BEFORE_CONTAINERS]
+    absent = [warning for warning in telling if any(words in warning.note for words in _ABSENT)]
+    for warning in (*absent, *telling):
+        cure = "; create it, or write optional: true" if warning in absent and warning.reason == "FailedMount" else ""
+        return f"{warning.reason}: {' '.join(warning.note.split())[:MAX_WARNING_CHARACTERS]}{cure}"
+    return ""
 
 
 def over_quota(message: str) -> bool:
@@ -300,7 +360,8 @@ def _container_failure(container: ContainerStatus) -> tuple[Reason, str] | None:
     if waiting.reason == "CrashLoopBackOff":
         return _explain_crash(container)
     if waiting.reason in _CONFIG:
-        return Reason.FAILED_CREATE, f"{waiting.reason}: {waiting.message}"
+        cure = "; create it, or write optional: true" if "not found" in waiting.message else ""
+        return Reason.FAILED_CREATE, f"{waiting.reason}: {waiting.message}{cure}"
     return None
 
 

@@ -244,6 +244,9 @@ def progressing(facts: AppFacts) -> Verdict:
         return Verdict(
             "True", Reason.ROLLING_OUT, f"{len(rolling)} components are rolling out: {shown(sorted(set(rolling)))}"
         )
+    waiting = [(instance, text) for instance in facts.instances for text in instance.config_held]
+    if waiting:
+        return Verdict("False", Reason.CONFIG_HELD, _named(facts, *waiting[0]))
     if blocked:
         what = "a domain" if blocked[0].refusal else "it to be clear which node is their robot's"
         reason = blocked[0].refusal[0] if blocked[0].refusal else Reason.ROBOT_NODE_UNCLEAR

@@ -62,6 +62,8 @@ class InstanceFacts:
     """Why a component that would be better off elsewhere is not moved there."""
     device_stays: str = ""
     """Why a component whose device is lost is not moved to another one."""
+    config_held: tuple[str, ...] = ()
+    """Restarts for changes of ConfigMaps that wait, a sentence each."""
     present: tuple[str, ...] = ()
     """Devices it holds that their nodes' agents report as present: `device can0 on amr-07`."""
     links: tuple[LinkView, ...] = ()

@@ -5,6 +5,7 @@ from typing import Any, Final
 from tests.live.attacks.table import kinds
 from tests.live.attacks.table.attack import Attack, Json, Kind, Stop
 from tests.live.attacks.table.kinds import app, templated
+from tests.support.apiobjects import AMR_07
 
 _C: Final = "spec.components[0]"
 _POD: Final = f"{_C}.template.spec"
@@ -19,6 +20,12 @@ def _reference(key: str, text: str, changes: Json, good: Json | None = None) -> 
 
 def _init(**fields: Any) -> list[Json]:
     return [{"name": "first", "image": "ros:humble", **fields}]
+
+
+def _override(**fields: Any) -> list[Json]:
+    """Values for some robots, of the component that every app of this table has."""
+    name = app()["spec"]["components"][0]["name"]
+    return [{"name": "some", **AMR_07, "components": [{"name": name, **fields}]}]
 
 
 def _projected(key: str, text: str, *sources: Json) -> Attack:
@@ -193,6 +200,16 @@ REFERENCES: Final = (
     ),
     _reference(
         "secret-parameters", "read a parameter file from a Secret", {f"{_C}.parameters": [{"secretKeyRef": _KEY}]}
+    ),
+    _reference(
+        "secret-override-env",
+        "a Secret's key for some of the robots",
+        {"spec.robots": AMR_07, "spec.overrides": _override(env=_FROM_SECRET)},
+    ),
+    _reference(
+        "secret-override-parameters",
+        "a parameter file from a Secret for some of the robots",
+        {"spec.robots": AMR_07, "spec.overrides": _override(parameters=[{"secretKeyRef": _KEY}])},
     ),
     _reference(
         "secret-init-env", "an init container with a Secret's key", {f"{_POD}.initContainers": _init(env=_FROM_SECRET)}

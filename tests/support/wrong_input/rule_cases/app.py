@@ -18,6 +18,10 @@ def _selector(**fields: Any) -> Object:
     return app(robots={"nodeSelector": fields})
 
 
+def _override(name: str) -> Object:
+    return {"name": "slow", **AMR_07, "components": [{"name": name, "image": "x"}]}
+
+
 APP = [
     RuleCase(
         "name length",
@@ -42,6 +46,18 @@ APP = [
         app(edges=[edge(qos={"deadline": "1s", "lease": "1s"}, requestedQos={"deadline": "2s", "lease": "2s"})]),
         app(edges=[edge(qos={"deadline": "soon", "lease": "1s"}, requestedQos={"deadline": "2s", "lease": "long"})]),
         "write a number and a unit (us, ms, s, m or h), up to three times, for example 30ms, 1.5s or 1m30s",
+    ),
+    RuleCase(
+        "components of overrides exist",
+        app(robots=AMR_07, overrides=[_override("driver")]),
+        app(robots=AMR_07, overrides=[_override("drivr")]),
+        'overrides name components that this app does not have: [["drivr"]]; the components are ["operator", "driver"]',
+    ),
+    RuleCase(
+        "overrides need robots",
+        app(robots=AMR_07, overrides=[_override("driver")]),
+        app(overrides=[_override("driver")]),
+        "overrides are for some of the app's robots, and the app has none; write robots.nodeSelector, or the values in the components",
     ),
     RuleCase(
         "colocateWith exists",

@@ -32,11 +32,13 @@ def test_images_of_all_containers_and_of_infrastructure_are_told_once_each() -> 
         "ros2": {"discovery": {"image": "d:1"}},
         "components": [{"name": "a", "image": "a:1", "template": {"spec": {"initContainers": [first, first]}}}],
     }
+    new["overrides"] = [{"name": "o", "components": [{"name": "a", "image": "o:1"}]}]
     assert find_additions({}, new) == [
         "spec.ros1: image m:1",
         "spec.ros2.discovery: image d:1",
         "component a: image a:1",
         "component a: image i:1",
+        "override o of component a: image o:1",
     ]
 
 

@@ -25,7 +25,6 @@ from robotapp_client.api.resources import (
     ROBOTCLAIMS,
     SERVICES,
 )
-from robotapp_client.tools.event_recorder import EventRecorder
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, Service
 from robotapp_operator.queue.work import StartOver
@@ -34,7 +33,7 @@ from robotapp_operator.reconcile import instance_reconciler
 from robotapp_operator.reconcile.instance_reconciler import Children
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.config_maps import ParamsWatch
+from robotapp_operator.watch.config.config_maps import ParamsWatch
 from robotapp_operator.watch.out_of_sight import OutOfSight
 
 VERSION = "1.2.0"
@@ -55,13 +54,11 @@ class ReconciledServer:
         self.params = ParamsWatch(client, self.cache, queue)
         self.now_s: float | None = None
         self._ticks = itertools.count(step=60.0)
-        self.recorder = EventRecorder(client, controller="robotapp-operator", instance="test")
         self.children = Children(
             client,
             self.cache,
             self.memory,
             self.params,
-            self.recorder,
             version=VERSION,
             clock=lambda: self.now_s or next(self._ticks),
         )

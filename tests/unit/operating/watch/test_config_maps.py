@@ -16,7 +16,7 @@ from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.queue.work import StartOver, Work
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.config_maps import ParamsWatch
+from robotapp_operator.watch.config.config_maps import ParamsWatch
 
 
 class WatchedParameters:
@@ -24,16 +24,20 @@ class WatchedParameters:
         self.api = api
         self.client = client
         self.cache = Cache()
-        self.queue = Queue(clock=lambda: 0.0, jitter=lambda: 0.0)
+        self.now_s = 0.0
+        self.queue = Queue(clock=lambda: self.now_s, jitter=lambda: 0.0)
         self.watch = ParamsWatch(client, self.cache, self.queue, read_s=5)
 
     async def write(self, name: str, text: str) -> None:
         await self.client.create(CONFIGMAPS, configmap(name, **{"params.yaml": text}))
 
     def asked(self) -> set[Key]:
+        """The children to be looked at by now; a change is left a second to settle."""
+        self.now_s += 2.0
         found = set()
         while item := self.queue.pop():
-            found.add(item[0])
+            if item[0].work == Work.CHILDREN:
+                found.add(item[0])
             self.queue.done(item[0])
         return found
 
@@ -60,7 +64,7 @@ async def world() -> AsyncIterator[WatchedParameters]:
 async def test_what_an_app_names_is_read_and_nothing_else(world: WatchedParameters) -> None:
     await world.write("drv", "1")
     await world.write("secretive", "2")
-    await world.watch.read(app("uid-1", "drv", "missing"))
+    await world.watch.read(app("uid-1", "drv", "missing"), "")
     assert set(world.cache.config_maps) == {"default/drv"}
     assert gets(world) == ["/api/v1/namespaces/default/configmaps/drv"]
 
@@ -73,7 +77,7 @@ def gets(world: WatchedParameters) -> list[str]:
 async def test_absent_names_cost_one_watch_per_namespace(world: WatchedParameters) -> None:
     """64 names that do not exist were 64 watches: with 200 such apps one tenant ended the operator of all."""
     for number in range(20):
-        await world.watch.read(app(f"uid-{number}", *(f"absent-{number}-{name}" for name in range(64))))
+        await world.watch.read(app(f"uid-{number}", *(f"absent-{number}-{name}" for name in range(64))), "")
     await until(lambda: world.api.watching == 1)
     assert len([path for method, path in world.api.requests if "/configmaps" in path]) == 2  # a list and a watch
     assert repr(world.watch) == "<ParamsWatch: 1 namespaces of 20 apps>"
@@ -81,7 +85,7 @@ async def test_absent_names_cost_one_watch_per_namespace(world: WatchedParameter
 
 async def test_of_a_large_file_a_hash_is_kept(world: WatchedParameters) -> None:
     await world.write("drv", "x" * 1_000_000)
-    await world.watch.read(app("uid-1", "drv"))
+    await world.watch.read(app("uid-1", "drv"), "")
     kept = world.cache.config_maps["default/drv"]
     assert len(kept.data["params.yaml"]) < 100
     await world.client.patch(CONFIGMAPS, "drv", {"data": {"params.yaml": "y"}}, namespace="default")
@@ -90,7 +94,7 @@ async def test_of_a_large_file_a_hash_is_kept(world: WatchedParameters) -> None:
 
 async def test_a_file_changed_while_it_is_read_is_read_again(world: WatchedParameters) -> None:
     await world.write("drv", "0")
-    await world.watch.read(app("uid-1", "drv"))
+    await world.watch.read(app("uid-1", "drv"), "")
     for text in range(1, 30):
         await world.client.patch(CONFIGMAPS, "drv", {"data": {"params.yaml": str(text)}}, namespace="default")
     wanted = hashlib.sha256(b"29").hexdigest()[:32]
@@ -99,16 +103,16 @@ async def test_a_file_changed_while_it_is_read_is_read_again(world: WatchedParam
 
 async def test_an_app_without_parameters_waits_for_nothing() -> None:
     async with FakeApiServer() as api, client_for(api.endpoint) as client:
-        await WatchedParameters(api, client).watch.read(app("uid-1"))
+        await WatchedParameters(api, client).watch.read(app("uid-1"), "")
         assert api.requests == []
 
 
 async def test_a_change_wakes_the_apps_that_name_it_and_a_deletion_too(world: WatchedParameters) -> None:
-    await world.watch.read(app("uid-1", "drv"))
-    await world.watch.read(app("uid-2", "drv"))
-    await world.watch.read(app("uid-3", "other"))
+    await world.watch.read(app("uid-1", "drv"), "")
+    await world.watch.read(app("uid-2", "drv"), "")
+    await world.watch.read(app("uid-3", "other"), "")
     assert world.asked() == set()
-    both = {Key(Work.APP, "uid-1"), Key(Work.APP, "uid-2")}
+    both = {Key(Work.CHILDREN, "uid-1", ""), Key(Work.CHILDREN, "uid-2", "")}
     await until(lambda: world.api.watching == 1)
     await world.write("drv", "1")
     await until(lambda: world.cache.config_maps)
@@ -121,15 +125,15 @@ async def test_a_change_wakes_the_apps_that_name_it_and_a_deletion_too(world: Wa
 async def test_a_watch_ends_with_the_last_app_that_names_the_file(world: WatchedParameters) -> None:
     await world.write("drv", "1")
     for uid in ("uid-1", "uid-2"):
-        await world.watch.read(app(uid, "drv"))
+        await world.watch.read(app(uid, "drv"), "")
     await until(lambda: world.api.watching == 1)
     world.watch.forget("uid-1")
-    await world.watch.read(app("uid-2"))
+    await world.watch.read(app("uid-2"), "")
     await until(lambda: world.api.watching == 0)
     assert world.cache.config_maps == {}
     assert repr(world.watch) == "<ParamsWatch: 0 namespaces of 0 apps>"
     world.watch.forget("nobody")
-    await world.watch.read(app("uid-2", "drv"))
+    await world.watch.read(app("uid-2", "drv"), "")
     assert set(world.cache.config_maps) == {"default/drv"}
 
 
@@ -137,4 +141,16 @@ async def test_a_file_that_cannot_be_read_gives_the_turn_to_others() -> None:
     async with FakeApiServer() as api, client_for(api.endpoint) as client:
         watch = ParamsWatch(client, Cache(), Queue(clock=lambda: 0.0, jitter=lambda: 0.0), read_s=0.01)
         with pytest.raises(StartOver, match="default/drv"):
-            await watch.read(app("uid-1", "drv"))
+            await watch.read(app("uid-1", "drv"), "")
+
+
+async def test_a_config_map_that_changes_all_the_time_is_read_once_a_second(world: WatchedParameters) -> None:
+    await world.write("drv", "0")
+    await world.watch.read(app("uid-1", "drv"), "")
+    await until(lambda: world.api.watching == 1)
+    for text in range(1, 50):
+        await world.client.patch(CONFIGMAPS, "drv", {"data": {"params.yaml": str(text)}}, namespace="default")
+        await world.watch.read(app("uid-1", "drv"), "")
+    assert len(gets(world)) <= 3
+    wanted = hashlib.sha256(b"49").hexdigest()[:32]
+    await until(lambda: world.cache.config_maps["default/drv"].data["params.yaml"] == wanted)

@@ -11,8 +11,17 @@ from robotapp_api.model.names import Annotation, Reason
 from robotapp_claims.rules.objects import Pool, PoolMeta, PoolSpec
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Node
-from robotapp_operator.plan.spec.validate import Problem, domain_problems, notes_of, problems_alone, problems_with
+from robotapp_operator.plan.spec.validate import (
+    Problem,
+    domain_problems,
+    notes_of,
+    override_notes,
+    problems_alone,
+    problems_with,
+    secret_notes,
+)
 
+EACH = {"nodeSelector": {"matchExpressions": [{"key": "robotics.io/robot", "operator": "Exists"}]}}
 ROBOTS = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
 
 
@@ -283,7 +292,7 @@ def test_a_problem_prints_its_field_first() -> None:
         ({"parameters": [{"inline": "/**: {}"}]}, "parameters[0].inline", "/** is empty"),
         (
             {"parameters": [{"configMapKeyRef": {"name": "c", "key": "$(ROBOTAPP_ROBOT).yaml"}}]},
-            "parameters[0]",
+            "parameters[0].configMapKeyRef.key",
             "the app has none",
         ),
     ],
@@ -494,3 +503,61 @@ def test_a_bandwidth_is_noted_with_the_nodes_on_which_it_is_checked_and_where_no
         == f"spec.edges[1].{field}: has no effect with scheduler default-scheduler, which knows nothing of access links"
     )
     assert notes_of(make_app(edges=[plain])) == ()
+
+
+def test_a_name_that_is_none_for_some_robot_is_refused_with_the_robot_and_the_field() -> None:
+    part = component("a", envFrom=[{"configMapRef": {"name": "env-$(ROBOTAPP_ROBOT)"}}])
+    app = make_app(part, robots=EACH)
+    assert problems_of(app, robots("amr-07")) == ()
+    reason, field, message = only_problem(app, **robots("amr-07", "AMR_08"))
+    assert (reason, field) == (Reason.INVALID_SPEC, "spec.components[0].envFrom[0].configMapRef.name")
+    assert message.startswith('env-$(ROBOTAPP_ROBOT) is for robot AMR_08: "env-AMR_08" is no name of an object')
+
+
+def test_names_that_overrides_add_are_looked_at_too() -> None:
+    file = {"configMapKeyRef": {"name": "p-$(ROBOTAPP_ROBOT)", "key": "a"}}
+    override = {"name": "some", **EACH, "components": [{"name": "a", "parameters": [file]}]}
+    app = make_app(component("a", args=["x"]), robots=EACH, overrides=[override])
+    _, field, _ = only_problem(app, **robots("AMR_08"))
+    assert field == "spec.overrides[0].components[0].parameters[0].configMapKeyRef.name"
+
+
+def test_an_override_that_chooses_no_robot_is_told() -> None:
+    override = {
+        "name": "none",
+        "nodeSelector": {"matchLabels": {"x": "y"}},
+        "components": [{"name": "a", "image": "i"}],
+    }
+    app = make_app(component("a"), robots=EACH, overrides=[override])
+    assert override_notes(app, robots("amr-07")) == (
+        "spec.overrides[0].nodeSelector: override none chooses none of the app's robots",
+    )
+    chosen = make_app(component("a"), robots=EACH, overrides=[override | EACH])
+    assert override_notes(chosen, robots("amr-07")) == ()
+
+
+@pytest.mark.parametrize(
+    ("part", "says"),
+    [
+        ({"name": "b", "image": "i"}, '"b" is no component of this app'),
+        ({"name": "a", "env": [{"name": "ROS_DOMAIN_ID", "value": "1"}]}, "use spec.ros2.domain"),
+        ({"name": "a", "parameters": [{"inline": "- a"}]}, "must be a mapping"),
+    ],
+)
+def test_what_an_override_makes_of_a_component_is_looked_at(part: dict[str, object], says: str) -> None:
+    override = {"name": "some", **EACH, "components": [part]}
+    app = make_app(component("a", args=["x"]), robots=EACH, overrides=[override])
+    _, field, message = only_problem(app)
+    assert field.startswith("spec.overrides[0].components[0].")
+    assert says in message
+
+
+def test_secrets_whose_changes_restart_nothing_are_told_unless_they_are_followed_or_nobody_wants_restarts() -> None:
+    part = component("a", envFrom=[{"secretRef": {"name": "vpn-$(ROBOTAPP_ROBOT)"}}])
+    (note,) = secret_notes(make_app(part, robots=EACH), followed=False)
+    assert note.startswith(
+        "a change of Secret vpn-$(ROBOTAPP_ROBOT) restarts nothing, because the operator may not watch"
+    )
+    assert secret_notes(make_app(part, robots=EACH), followed=True) == ()
+    assert secret_notes(make_app(part, robots=EACH, update={"onConfigChange": "None"}), followed=False) == ()
+    assert secret_notes(make_app(component("a")), followed=False) == ()

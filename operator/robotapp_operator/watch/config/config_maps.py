@@ -1,4 +1,4 @@
-"""Which ConfigMaps that apps name as parameter files exist, and what is in them: one watch per namespace in use.
+"""Which ConfigMaps that apps name exist, and what is in them: one watch per namespace in use.
 
 A watch carries metadata only, and only what an app names is read, one by one: neither many absent names nor large
 ConfigMaps of others cost the operator memory. Of what is read a hash per key is kept, which is all that a plan needs.
@@ -11,19 +11,20 @@ from collections import defaultdict
 from collections.abc import Iterable
 from typing import Final
 
-import msgspec
-
 from robotapp_api.model.names import OPERATOR_MANAGER
 from robotapp_client import ApiClient, Change, NotFound, Reflector
 from robotapp_client.api.resources import CONFIGMAPS
 from robotapp_client.transport.errors import ClientError
 from robotapp_client.transport.metadata import MetadataTransport
-from robotapp_operator.plan.render.parameters import config_maps_of
+from robotapp_operator.plan.spec.config_content import list_config_maps, list_secrets
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import ConfigMap, Meta
 from robotapp_operator.queue.work import StartOver, Work
 from robotapp_operator.queue.workqueue import Key, Queue
-from robotapp_operator.watch.cache import Cache
+from robotapp_operator.watch.cache import Cache, InstanceKey
+from robotapp_operator.watch.config.metadata_only import Head
+from robotapp_operator.watch.config.secret_versions import SecretVersions
+from robotapp_operator.watch.enqueue import enqueue_status
 
 log = logging.getLogger(__name__)
 
@@ -32,20 +33,9 @@ READ_S: Final = 10.0
 AT_ONCE: Final = 4
 """ConfigMaps of up to a mebibyte that are in hand at the same time."""
 PAUSE_S: Final = 1.0
-"""After a ConfigMap that could not be read."""
-
-
-class HeadMeta(msgspec.Struct, rename="camel", frozen=True, gc=False):
-    name: str
-    namespace: str
-    uid: str = ""
-    resource_version: str = ""
-
-
-class Head(msgspec.Struct, frozen=True, gc=False):
-    """A ConfigMap without what is in it."""
-
-    metadata: HeadMeta
+"""Between two reads of one ConfigMap, so that one that changes all the time costs little, and after one that could not be read."""
+SETTLE_S: Final = 1.0
+"""Between a change and the work on the instances that it concerns: files of one directory are applied one after another."""
 
 
 class Followed:
@@ -55,8 +45,8 @@ class Followed:
         self.synced = reflector.synced
         self.heads = reflector.store
         self.task = task
-        self.users: dict[str, set[str]] = defaultdict(set)
-        """Per key that an app names: the uids of the apps."""
+        self.users: dict[str, set[InstanceKey]] = defaultdict(set)
+        """Per key that an app names: the instances that do."""
 
 
 class ParamsWatch:
@@ -65,7 +55,9 @@ class ParamsWatch:
     `data` in the cache has a hash in place of each file.
     """
 
-    def __init__(self, client: ApiClient, cache: Cache, queue: Queue, *, read_s: float = READ_S) -> None:
+    def __init__(
+        self, client: ApiClient, cache: Cache, queue: Queue, *, read_s: float = READ_S, pause_s: float = PAUSE_S
+    ) -> None:
         self._client = client
         self._heads = ApiClient(
             client.endpoint,
@@ -75,15 +67,21 @@ class ParamsWatch:
             sleep=client.sleep,
             uniform=client.uniform,
         )
+        self._secrets = SecretVersions(client, self._heads, cache, queue)
         self._cache = cache
         self._queue = queue
         self._read_s = read_s
+        self._pause_s = pause_s
         self._followed: dict[str, Followed] = {}
-        self._named: dict[str, frozenset[str]] = {}
-        """Per app uid: keys of the ConfigMaps it names."""
+        self._named: dict[str, dict[str, frozenset[str]]] = {}
+        """Per app uid and instance: keys of the ConfigMaps it names."""
+        self._with_secrets: dict[InstanceKey, str] = {}
+        """The namespaces of instances that name Secrets."""
         self._reading: dict[str, asyncio.Task[None]] = {}
         self._read: dict[str, Head] = {}
         """Per key: what was known of the ConfigMap when it was read last."""
+        self._last_read_s: dict[str, float] = {}
+        """Per key: when its content was read last, by the monotonic clock."""
         self._turns = asyncio.Semaphore(AT_ONCE)
         self._group: asyncio.TaskGroup | None = None
         self._running = asyncio.Event()
@@ -97,45 +95,77 @@ class ParamsWatch:
             self._running.set()
             await asyncio.Event().wait()
 
-    async def read(self, app: App) -> None:
-        """Follow what the app names now; return when the cache has it, or knows that it is missing. Raises StartOver."""
-        keys = config_maps_of(app)
-        if not keys and app.uid not in self._named:
+    async def read(self, app: App, robot: str) -> None:
+        """Follow what the app, as it is for this instance, names now; return when the cache has it, or that it is missing.
+
+        Raises StartOver.
+        """
+        keys = list_config_maps(app, robot)
+        await self._follow_secrets(app, robot)
+        if not keys and robot not in self._named.get(app.uid, {}):
             return
         try:
             async with asyncio.timeout(self._read_s):
                 await self._running.wait()
-                self._follow(app.uid, keys)
+                self._follow(app.uid, robot, keys)
                 for namespace in {_namespace(key) for key in keys}:
                     await self._followed[namespace].synced.wait()
-                if tasks := [task for key in sorted(keys) if (task := self._refresh(key))]:
-                    await asyncio.wait(tasks)
+                tasks = {key: task for key in sorted(keys) if (task := self._refresh(key))}
+                # Who has an older content goes on with it, and is woken by the newer one: what changes all the time keeps nobody.
+                if awaited := [task for key, task in tasks.items() if key not in self._cache.config_maps]:
+                    await asyncio.wait(awaited)
         except TimeoutError as late:
             missing = ", ".join(sorted(keys))
             raise StartOver(f"ConfigMaps not read within {self._read_s:.0f} s: {missing}") from late
 
     def forget(self, uid: str) -> None:
         """The app is gone or not accepted: no ConfigMap is followed for it any more."""
-        if uid in self._named:
-            self._follow(uid, frozenset())
+        for robot in list(self._named.get(uid, ())):
+            self._follow(uid, robot, frozenset())
+        for instance in [instance for instance in self._with_secrets if instance[0] == uid]:
+            self._forget_secrets(instance)
+
+    def forget_instance(self, uid: str, robot: str) -> None:
+        """The instance is gone, or names no ConfigMap any more."""
+        if robot in self._named.get(uid, {}):
+            self._follow(uid, robot, frozenset())
+        self._forget_secrets((uid, robot))
+
+    async def _follow_secrets(self, app: App, robot: str) -> None:
+        names, instance = list_secrets(app, robot), (app.uid, robot)
+        if not names:
+            self._forget_secrets(instance)
+            return
+        await self._running.wait()
+        if self._group is not None:
+            self._with_secrets[instance] = app.namespace
+            self._secrets.follow(self._group, app.namespace, instance, names)
+
+    def _forget_secrets(self, instance: InstanceKey) -> None:
+        namespace = self._with_secrets.pop(instance, "")
+        if namespace and self._group is not None:
+            self._secrets.follow(self._group, namespace, instance, frozenset())
 
     # --- Who follows what -----------------------------------------------------------------------------------------
 
-    def _follow(self, uid: str, keys: frozenset[str]) -> None:
-        before = self._named.pop(uid, frozenset())
+    def _follow(self, uid: str, robot: str, keys: frozenset[str]) -> None:
+        instances = self._named.setdefault(uid, {})
+        before = instances.pop(robot, frozenset())
         if keys:
-            self._named[uid] = keys
+            instances[robot] = keys
+        if not instances:
+            del self._named[uid]
         for key in keys - before:
             namespace = _namespace(key)
             if namespace not in self._followed:
                 self._followed[namespace] = self._start(namespace)
-            self._followed[namespace].users[key].add(uid)
-        self._leave(uid, before - keys)
+            self._followed[namespace].users[key].add((uid, robot))
+        self._leave((uid, robot), before - keys)
 
-    def _leave(self, uid: str, keys: Iterable[str]) -> None:
+    def _leave(self, instance: InstanceKey, keys: Iterable[str]) -> None:
         for key in keys:
             followed = self._followed[_namespace(key)]
-            followed.users[key].discard(uid)
+            followed.users[key].discard(instance)
             if followed.users[key]:
                 continue
             del followed.users[key]
@@ -150,7 +180,7 @@ class ParamsWatch:
         reflector = Reflector(self._heads, CONFIGMAPS, as_type=Head, namespace=namespace, on_change=self._changed)
         return Followed(reflector, self._group.create_task(reflector.run()))
 
-    def _users(self, key: str) -> set[str]:
+    def _users(self, key: str) -> set[InstanceKey]:
         followed = self._followed.get(_namespace(key))
         return followed.users.get(key, set()) if followed else set()
 
@@ -168,10 +198,12 @@ class ParamsWatch:
     def _drop(self, key: str) -> None:
         self._cache.config_maps.pop(key, None)
         self._read.pop(key, None)
+        self._last_read_s.pop(key, None)
 
     def _enqueue_waiting(self, key: str) -> None:
-        for uid in self._users(key):
-            self._queue.add(Key(Work.APP, uid))
+        for uid, robot in self._users(key):
+            self._queue.add(Key(Work.CHILDREN, uid, robot), delay_s=SETTLE_S)
+            enqueue_status(self._queue, uid, robot)
 
     def _unread(self, key: str) -> Head | None:
         """The ConfigMap's newest metadata, when there is something to be read."""
@@ -188,6 +220,11 @@ class ParamsWatch:
     async def _read_again(self, key: str) -> None:
         try:
             while (head := self._unread(key)) is not None:
+                pause_s = self._last_read_s.get(key, float("-inf")) + self._pause_s - self._client.clock()
+                if pause_s > 0:
+                    await self._client.sleep(pause_s)
+                    head = self._unread(key) or head
+                self._last_read_s[key] = self._client.clock()
                 await self._read_once(key, head)
         except NotFound:
             pass  # the watch will report it
@@ -202,8 +239,8 @@ class ParamsWatch:
         except NotFound:
             raise
         except ClientError as error:
-            log.warning("ConfigMap %s, which an app takes parameters from, cannot be read: %s", key, error)
-            await self._client.sleep(PAUSE_S)
+            log.warning("ConfigMap %s, which an app names, cannot be read: %s", key, error)
+            await self._client.sleep(self._pause_s)
             return
         if self._users(key):
             self._read[key] = head
@@ -219,5 +256,6 @@ def _hashed(found: ConfigMap) -> ConfigMap:
     """With a hash in place of each file, and without annotations: kubectl keeps all files in one of them."""
     known = found.metadata
     meta = Meta(name=known.name, namespace=known.namespace, uid=known.uid, resource_version=known.resource_version)
-    data = {name: hashlib.sha256(text.encode()).hexdigest()[:32] for name, text in found.data.items()}
+    texts = found.data | found.binary_data
+    data = {name: hashlib.sha256(text.encode()).hexdigest()[:32] for name, text in texts.items()}
     return ConfigMap(metadata=meta, data=data)

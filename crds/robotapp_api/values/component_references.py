@@ -1,0 +1,80 @@
+"""References of a component's pod: objects of its namespace, and texts in which the operator expands the robot's name."""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Final, NamedTuple
+
+from robotapp_api.model.app.component import Component
+from robotapp_api.model.patterns import LABEL_VALUE_PATTERN, SUBDOMAIN_PATTERN
+from robotapp_api.values.robot_references import ObjectReference, expand, list_references
+
+_KEY: Final = re.compile(r"[-._a-zA-Z0-9]{1,253}")
+_NAME: Final = re.compile(SUBDOMAIN_PATTERN)
+_LABEL: Final = re.compile(LABEL_VALUE_PATTERN)
+_LONGEST_NAME: Final = 253
+_LONGEST_LABEL: Final = 63
+
+
+class ExpandedText(NamedTuple):
+    """A text in which references are expanded. `kind`: name, key, label or path."""
+
+    path: str
+    kind: str
+    text: str
+
+
+def list_object_references(component: Component, at: str) -> Iterator[ObjectReference]:
+    """Yields the objects that the component names in core's fields, not those of `parameters`. `at`: where it stands."""
+    pod = component.template.spec
+    yield from list_references(component.env, f"{at}.env")
+    yield from list_references(component.env_from, f"{at}.envFrom")
+    yield from list_references(pod.volumes, f"{at}.template.spec.volumes")
+    for name, container in list_further_containers(component):
+        yield from list_references(container, f"{at}.template.spec.{name}")
+
+
+def list_further_containers(component: Component) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yields the containers beside the component's own, and the field and position of each."""
+    pod = component.template.spec
+    for field, attribute in (("initContainers", "init_containers"), ("containers", "containers")):
+        for index, container in enumerate(getattr(pod, attribute, ())):
+            yield f"{field}[{index}]", container
+
+
+def list_expanded_texts(component: Component, at: str) -> Iterator[ExpandedText]:
+    """Yields every text of the component in which the names of robot and instance are expanded."""
+    for reference in list_object_references(component, at):
+        yield ExpandedText(reference.path, "name", reference.name)
+        for key in reference.keys:
+            yield ExpandedText(f"{reference.path.rpartition('.')[0]}", "key", key)
+    pod = component.template.spec
+    for index, secret in enumerate(pod.image_pull_secrets):
+        yield ExpandedText(f"{at}.template.spec.imagePullSecrets[{index}].name", "name", str(secret.get("name", "")))
+    for index, file in enumerate(component.parameters):
+        ref = file.config_map_key_ref or file.secret_key_ref
+        if ref is not None:
+            field = "configMapKeyRef" if file.config_map_key_ref else "secretKeyRef"
+            yield ExpandedText(f"{at}.parameters[{index}].{field}.name", "name", ref.name)
+            yield ExpandedText(f"{at}.parameters[{index}].{field}.key", "key", ref.key)
+    for key, value in component.template.metadata.labels.items():
+        yield ExpandedText(f'{at}.template.metadata.labels["{key}"]', "label", value)
+    mounts: list[tuple[str, Iterable[Mapping[str, Any]]]] = [(f"{at}.volumeMounts", component.volume_mounts)]
+    mounts += [
+        (f"{at}.template.spec.{name}.volumeMounts", container.get("volumeMounts") or ())
+        for name, container in list_further_containers(component)
+    ]
+    for field, items in mounts:
+        for index, mount in enumerate(items):
+            yield ExpandedText(f"{field}[{index}].subPath", "path", str(mount.get("subPath") or ""))
+
+
+def expanded_problem(text: ExpandedText, robot: str) -> str:
+    """Returns why the text is not what it must be for this robot, "" if it is."""
+    full_text = expand(text.text, robot)
+    if text.kind == "name" and not (len(full_text) <= _LONGEST_NAME and _NAME.fullmatch(full_text)):
+        return f'"{full_text}" is no name of an object: names have at most {_LONGEST_NAME} lower-case letters, digits, "-" and "."'
+    if text.kind == "key" and not _KEY.fullmatch(full_text):
+        return f'"{full_text}" is no key: keys have at most {_LONGEST_NAME} letters, digits, "-", "_" and "."'
+    if text.kind == "label" and not (len(full_text) <= _LONGEST_LABEL and _LABEL.fullmatch(full_text)):
+        return f'"{full_text}" is no value of a label: values have at most {_LONGEST_LABEL} letters, digits, "-", "_" and "."'
+    return ""

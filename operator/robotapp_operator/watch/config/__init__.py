@@ -1,0 +1,1 @@
+"""Contents and versions of the ConfigMaps and Secrets that apps name."""
