@@ -13,7 +13,7 @@ from rigel_bridge.document.section import Section
 from rigel_bridge.document.tree import Node
 from rigel_bridge.names import MAX_DOMAIN, QOS_CLASSES, SAFE_DOMAINS
 from rigel_bridge.render.draft import Draft
-from ros_profile.output.hardware import EXCLUSIVE_TYPES, devices_and_requires
+from ros_profile.output.hardware import CLAIMED_TYPES, devices_and_requires
 
 BLOCKS: Final = ("name", "policies", "topology", "affinity", "shared_data", "shared-data", "dds_domain", "dds-domain")
 _TEXT_POLICIES: Final = {
@@ -80,7 +80,7 @@ def _hardware(affinity: Section, draft: Draft, index: int, *, alone: bool) -> No
         entry.refuse_unknown(("type", "model", "interface"))
         kind = entry.required_text("type")
         stated = {key: value for key in ("type", "model", "interface") if (value := entry.text(key))}
-        if kind in EXCLUSIVE_TYPES:
+        if kind in CLAIMED_TYPES:
             _refuse_sharing(entry.node, kind, alone=alone)
         found.append(stated)
     for field, values in devices_and_requires(found).items():

@@ -4,7 +4,11 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 EXCLUSIVE_TYPES: Final = frozenset({"usb", "can", "serial", "gpio"})
-"""Hardware that one component has for itself: a device. Everything else, such as cameras and GPUs, is a property of the node."""
+"""Hardware that bare pods have for themselves, one at a time."""
+CLAIMED_TYPES: Final = EXCLUSIVE_TYPES | {"video", "input"}
+"""Hardware that a component claims: one program opens it, and only the claim brings it into the container. Everything else,
+such as a GPU, is a property of the node.
+"""
 
 Entry = dict[str, str]
 """`type`, and what else is stated of the hardware, in the API's words."""
@@ -19,7 +23,7 @@ def devices_and_requires(hardware: Iterable[Mapping[str, str]]) -> dict[str, lis
     requires: list[Entry] = []
     for one in hardware:
         kind = one["type"]
-        if kind in EXCLUSIVE_TYPES:
+        if kind in CLAIMED_TYPES:
             same = sum(device["type"] == kind for device in devices)
             devices.append({"name": f"{kind}-{same + 1}" if same else kind, **one})
         elif one not in requires:

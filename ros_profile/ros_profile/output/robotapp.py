@@ -12,7 +12,7 @@ from ros_profile.decide.transport import network_setting
 from ros_profile.model.conclusions import Assessment, Edge, Hardware, LaunchedNode, LaunchProfile, QosClass
 from ros_profile.model.endpoints import Qos
 from ros_profile.output.commands import absolute_files, complete_arguments, is_untold, ros1_words, ros2_words
-from ros_profile.output.hardware import EXCLUSIVE_TYPES, devices_and_requires
+from ros_profile.output.hardware import CLAIMED_TYPES, EXCLUSIVE_TYPES, devices_and_requires
 from ros_profile.output.names import (
     API_VERSION,
     MAX_APP_NAME,
@@ -40,8 +40,6 @@ _TYPE: Final = re.compile(r"[a-zA-Z]\w*/(?:(?:msg|srv|action)/)?[A-Z]\w*", re.AS
 _TOOLS: Final = frozenset({"rviz2", "rviz", "rqt_gui", "rqt_graph", "rqt_reconfigure"})
 _ENDING: Final = frozenset({"create", "spawn_entity.py", "spawn_model", "spawner.py", "unspawner", "unspawner.py"})
 """Programs that end when their work is done; what a RobotApp starts is started again and again."""
-_OPENED_ALONE: Final = frozenset({"video", "input"})
-"""Types that one program opens for itself although a node may also just be asked whether it has one."""
 _VARIABLE: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,100}", re.ASCII)
 _OWN_VARIABLES: Final = frozenset({"ROS_DOMAIN_ID", "RMW_IMPLEMENTATION", "ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME"})
 """What the operator sets, from spec.ros2 and spec.ros1."""
@@ -187,15 +185,13 @@ def needs(assessment: Assessment, hardware: Iterable[Hardware]) -> dict[str, Any
 
 
 def _claims(hardware: Iterable[Hardware]) -> dict[str, list[dict[str, str]]]:
-    """Devices and requirements; a camera and an input device are claimed as well, because a program opens them for itself."""
+    """Devices and requirements; a camera or an input device has the USB id that a udev rule names."""
     kept = list(hardware)
     usb_id = next((one.usb_id for one in kept if one.usb_id and one.type in ("camera", "usb")), "")
-    fields: dict[str, list[dict[str, str]]] = devices_and_requires(_stated(one) for one in claimable(kept))
-    opened = [one for one in fields.get("requires", ()) if one["type"] in _OPENED_ALONE]
-    others = [one for one in fields.get("requires", ()) if one not in opened]
     identity = {"usbID": usb_id} if usb_id else {}
-    devices = [{"name": one["type"], **one, **identity} for one in opened] + fields.get("devices", [])
-    return {name: entries for name, entries in (("devices", devices), ("requires", others)) if entries}
+    stated = (_stated(one) for one in claimable(kept))
+    named = CLAIMED_TYPES - EXCLUSIVE_TYPES
+    return devices_and_requires(one | identity if one["type"] in named else one for one in stated)
 
 
 def _lead(component: Component) -> LaunchedNode:

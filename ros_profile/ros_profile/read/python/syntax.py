@@ -12,6 +12,8 @@ from ros_profile.read.text import MAX_LINE, decode, printable
 MAX_NODES: Final = 300_000
 MAX_LEFT_OUT: Final = 20
 """Lines of one file that may be left out because they are no Python 3: each costs a parse of the file."""
+MAX_MENDED: Final = 100_000
+"""Characters of a file that is parsed again and again."""
 MAX_BITS: Final = 64
 """Of a number: Python writes no number of more than some thousand digits, and no parameter has one."""
 
@@ -52,7 +54,8 @@ def _parse_in_part(text: str) -> tuple[ast.Module | None, list[int]]:
             return _parse("\n".join(lines)), left_out
         except SyntaxError as error:
             number = error.lineno or 0
-            if len(left_out) >= MAX_LEFT_OUT or number in left_out or not 0 < number <= len(lines):
+            is_cheap = len(left_out) < MAX_LEFT_OUT and len(text) <= MAX_MENDED
+            if not is_cheap or number in left_out or not 0 < number <= len(lines):
                 return None, []
             line = lines[number - 1]
             opens = "if True:" if line.rstrip().endswith(":") else "pass"

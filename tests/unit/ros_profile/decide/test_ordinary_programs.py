@@ -275,3 +275,9 @@ def test_a_window_is_no_control_loop_whatever_its_launch_file_starts(tmp_path: P
     package(tmp_path, "nav", files)
     (found,) = generate_profile(tmp_path).packages
     assert class_of(found.assessment) == "best_effort"
+
+
+def test_a_large_file_that_is_no_python_is_not_parsed_line_by_line(tmp_path: Path) -> None:
+    text = PYTHON_2.format(line="if x: print 'a'") + "x = 1\n" * 20_000
+    (problem,) = judged(tmp_path, {"scripts/run.py": text}, ros=1).problems
+    assert "is not Python" in problem.message
