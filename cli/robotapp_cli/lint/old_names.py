@@ -26,8 +26,9 @@ _ENDS: Final = (
     "remove it: a component runs until it is deleted; for a program that ends write a Job with the annotation "
     "scheduler.robotics.io/dds-domain (docs/how-to/operate-an-app.md)"
 )
-_SERVICE: Final = "write a Service of your own with selector: {robotics.io/app: NAME, robotics.io/component: NAME} (docs/how-to/operate-an-app.md)"
-_OWN_NETWORK: Final = "remove it: every pod has a network and processes of its own, and discovery is set up for that"
+_SERVICE: Final = (
+    "write service: {spec: {ports: [{name: http, port: 80}]}} in the component (docs/how-to/reach-a-component.md)"
+)
 
 _EDGE: Final = "spec.edges"
 _KINDS: Final = {"service": "Service", "action": "Action"}
@@ -41,10 +42,16 @@ FIELDS: Final[dict[str, str]] = {
     "spec.update.policy": "write operator",
     "spec.placement.allOrNothing": "write gang: All in place of true, gang: None in place of false",
     **{f"{_COMPONENT}.{name}": f"write template.spec.{name}" for name in _POD_FIELDS},
-    **{f"{place}.{name}": _OWN_NETWORK for name in _HOST for place in (_COMPONENT, f"{_COMPONENT}.template.spec")},
+    **{
+        f"{_COMPONENT}.{name}": f"write template: {{spec: {{{name}: true}}}} (docs/security.md#access-to-the-node)"
+        for name in _HOST
+    },
     **{f"{place}.{name}": _ENDS for name in _OF_JOBS for place in (_COMPONENT, f"{_COMPONENT}.template.spec")},
-    **{f"{place}.{name}": _SERVICE for name in ("service", "services", "expose") for place in ("spec", _COMPONENT)},
-    f"{_COMPONENT}.template.spec.volumes.hostPath": "for a device of the node write devices of the component, for files a persistentVolumeClaim",
+    **{f"{place}.{name}": _SERVICE for name in ("services", "expose") for place in ("spec", _COMPONENT)},
+    "spec.service": _SERVICE,
+    f"{_COMPONENT}.service.port": "write spec: {ports: [{name: http, port: 80}]}",
+    f"{_COMPONENT}.service.ports": "write spec: {ports: …}",
+    f"{_COMPONENT}.service.type": "write spec: {type: …}",
     f"{_COMPONENT}.podSecurityContext": "write template.spec.securityContext",
     f"{_COMPONENT}.preStop": "write lifecycle.preStop",
     f"{_COMPONENT}.params": "write parameters: [{configMapKeyRef: {name, key}}]; $(ROBOTAPP_ROBOT) in key makes it one file per robot",
@@ -92,8 +99,6 @@ def of_value(path: Path, value: object) -> str:
         return f"write topic: {{name: {value}}}"
     if where == f"{_EDGE}.latency" and isinstance(value, str):
         return f"write latency: {{budget: {value}}}"
-    if where == f"{_COMPONENT}.replicas" and value == 0:
-        return "to stop the whole app write spec.suspend: true, to end one component remove it"
     if where == "spec.robots" and isinstance(value, list) and all(isinstance(name, str) for name in value):
         names = ", ".join(value[:_MOST_NAMES])
         return f"write robots: {{nodeSelector: {{matchExpressions: [{{key: robotics.io/robot, operator: In, values: [{names}]}}]}}}}"

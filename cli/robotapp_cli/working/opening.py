@@ -121,7 +121,8 @@ async def _forward(session: Session, pod: AppPod, target: Target, *, browser: bo
     try:
         local_port = await _read_port(process)
         if local_port is None:
-            process.kill()
+            with contextlib.suppress(ProcessLookupError):  # it has ended by itself
+                process.kill()
             _, complaint = await process.communicate()
             text = complaint.decode(errors="replace").strip().rpartition("\n")[2] or "no answer"
             raise CliError(f"kubectl port-forward to pod {pod.name} failed: {text}")

@@ -1,19 +1,29 @@
 """How others reach a component: a Service per instance, and addresses for people."""
 
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, StringConstraints, WithJsonSchema
 
 from robotapp_api.model.app.template import TemplateMetadata
 from robotapp_api.model.base import Model
 from robotapp_api.model.markers import ListMap, ListSet, Rule
+from robotapp_api.model.patterns import LABEL_PATTERN
 from robotapp_api.model.scalars import DnsLabel
 
 ServiceType = Literal["ClusterIP", "NodePort", "LoadBalancer"]
 LinkScheme = Literal["http", "https", "ws", "wss", "foxglove", "rosbridge"]
 PortNumber = Annotated[int, Field(ge=1, le=65_535)]
-PortName = Annotated[str, StringConstraints(min_length=1, max_length=15, pattern=r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$")]
-_PORT_SCHEMA = {"x-kubernetes-int-or-string": True, "anyOf": [{"type": "integer"}, {"type": "string"}], "maxLength": 15}
+PORT_NAME: Final = LABEL_PATTERN
+PortName = Annotated[str, StringConstraints(min_length=1, max_length=15, pattern=PORT_NAME)]
+_PORT_SCHEMA: Final[dict[str, Any]] = {
+    "x-kubernetes-int-or-string": True,
+    "anyOf": [{"type": "integer"}, {"type": "string"}],
+    "minimum": 1,
+    "maximum": 65_535,
+    "minLength": 1,
+    "maxLength": 15,
+    "pattern": PORT_NAME,
+}
 LINK_PATH: Final = r"^(/[-A-Za-z0-9._~!$&'()*+,;=:@%/?#]*)?$"
 LinkPath = Annotated[str, StringConstraints(max_length=256, pattern=LINK_PATH)]
 

@@ -51,15 +51,13 @@ def of_component(**fields: Any) -> tuple[str, str]:
 @pytest.mark.parametrize(
     ("fields", "cure"),
     [
-        ({"hostNetwork": True}, "remove it: every pod has a network and processes of its own"),
-        ({"template": {"spec": {"hostPID": True}}}, "remove it: every pod has a network and processes of its own"),
+        ({"hostNetwork": True}, "write template: {spec: {hostNetwork: true}}"),
         ({"completions": 1}, "for a program that ends write a Job"),
         ({"template": {"spec": {"activeDeadlineSeconds": 9}}}, "for a program that ends write a Job"),
-        ({"service": {"port": 1}}, "write a Service of your own with selector: {robotics.io/app: NAME"),
-        ({"replicas": 0}, "to stop the whole app write spec.suspend: true"),
+        ({"expose": 80}, "write service: {spec: {ports: [{name: http, port: 80}]}}"),
         (
-            {"template": {"spec": {"volumes": [{"name": "d", "hostPath": {"path": "/dev"}}]}}},
-            "for a device of the node write devices of the component",
+            {"service": {"port": 1, "spec": {"ports": [{"name": "a", "port": 1}]}}},
+            "write spec: {ports: [{name: http, port: 80}]}",
         ),
     ],
 )

@@ -27,6 +27,7 @@ from robotapp_client.api.resources import (
 )
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.spec.objects import ConfigMap, Deployment, Service
+from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.reconcile import instance_reconciler
@@ -54,6 +55,7 @@ class ReconciledServer:
         self.params = ParamsWatch(client, self.cache, queue)
         self.now_s: float | None = None
         self._ticks = itertools.count(step=60.0)
+        self.events: list[PendingEvent] = []
         self.children = Children(
             client,
             self.cache,
@@ -61,6 +63,7 @@ class ReconciledServer:
             self.params,
             version=VERSION,
             clock=lambda: self.now_s or next(self._ticks),
+            announce=lambda _, event: self.events.append(event),
         )
 
     async def pool(self, ids: str = "1-101") -> None:

@@ -24,8 +24,6 @@ async def world() -> AsyncIterator[ReconciledServer]:
 
 
 async def test_nodes_of_a_master_that_was_replaced_are_restarted_once_with_an_event(world: ReconciledServer) -> None:
-    events: list[tuple[str, str]] = []
-    world.recorder.event = lambda _, **event: events.append((event["reason"], event["note"]))  # type: ignore[method-assign]
     uid = await world.app(ros={"distro": "noetic"}, ros2=None)
     assert await world.children.reconcile(uid, "")
     await world.mirror()
@@ -43,9 +41,9 @@ async def test_nodes_of_a_master_that_was_replaced_are_restarted_once_with_an_ev
         "operator": {Annotation.MASTER_STARTS: "2026-01-01T10:20:00Z"},
         "driver": {Annotation.MASTER_STARTS: "2026-01-01T10:20:00Z"},
     }
-    (event,) = events
-    assert event[0] == "MasterRestarted"
-    assert event[1].endswith("driver, operator restarted")
+    (event,) = world.events
+    assert event.reason == "MasterRestarted"
+    assert event.note.endswith("driver, operator restarted")
     written = world.writes()
     assert await world.children.reconcile(uid, "")
     assert world.writes() == written
@@ -54,15 +52,13 @@ async def test_nodes_of_a_master_that_was_replaced_are_restarted_once_with_an_ev
 async def test_a_master_that_ends_again_and_again_is_named_in_the_status_with_the_pods_to_delete(
     world: ReconciledServer,
 ) -> None:
-    events: list[str] = []
-    world.recorder.event = lambda _, **event: events.append(event["reason"])  # type: ignore[method-assign]
     uid = await world.app(ros={"distro": "noetic"}, ros2=None)
     assert await world.children.reconcile(uid, "")
     for start in range(MOST_RESTARTS + 1):
         await world.mirror()
         put_pods(world, uid, master=start + 10, nodes=start)
         assert await world.children.reconcile(uid, "")
-    assert events == ["MasterRestarted"] * MOST_RESTARTS
+    assert [event.reason for event in world.events] == ["MasterRestarted"] * MOST_RESTARTS
     app = world.cache.apps[uid].app
     assert app is not None
     (instance,) = wanted_instances(app, world.cache)
