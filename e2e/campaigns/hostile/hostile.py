@@ -16,10 +16,13 @@ from campaigns.common.options import report
 from campaigns.common.output import save, say
 from campaigns.hostile import attacks
 from campaigns.hostile.attack import ATTACKS, Attack
+from campaigns.rigs.live import CLAIMS
 from campaigns.rigs.simulated_site import SimulatedSite
-from robotapp_testbed import ControlPlane
+from robotapp_testbed import ControlPlane, wait_until
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.failures import TestbedError
+
+FREED_S = 300.0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,6 +53,7 @@ def run(selection: Sequence[Attack]) -> dict[str, dict[str, Any]]:
             began_s = time.monotonic()
             try:
                 with SimulatedSite(cp, attack.nodes(), tidy=False) as site:
+                    await_free_ids(site)
                     outcome = attack.run(site)
                 figures, failures = dict(outcome.figures), list(outcome.missed)
             except (AssertionError, LookupError, OSError, RuntimeError, TestbedError) as error:
@@ -63,6 +67,12 @@ def run(selection: Sequence[Attack]) -> dict[str, dict[str, Any]]:
             for line in describe(attack.name, results[attack.name]):
                 say(line)
     return results
+
+
+def await_free_ids(site: SimulatedSite) -> None:
+    """Waits until the operator of this site has freed what the apps of the attack before held: their namespaces are being deleted."""
+    if not wait_until(lambda: not site.cp.api.get(CLAIMS)["items"], timeout_s=FREED_S, poll_s=0.5):
+        raise AssertionError(f"claims of an earlier attack are left after {FREED_S:.0f} s")
 
 
 def make_table(results: Mapping[str, Mapping[str, Any]]) -> list[str]:
