@@ -328,6 +328,7 @@ class Children:
             parameters=parameter_states(app, robot, self._cache.config_maps),
             running=not app.spec.suspend,
             observed=observed,
+            pods=self._cache.pods_by_deployment(app.uid, robot) if app.orders_starts else {},
         )
 
     def _plan(self, app: App, wanted: list[Child], observed: dict[ChildRef, Observed]) -> Plan:

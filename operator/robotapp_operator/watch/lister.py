@@ -178,7 +178,7 @@ def instance_facts(
     """
     pods = cache.pods_by_deployment(app.uid, instance.robot)
     owned = owned_deployments(app, instance.robot, cache)
-    unmet = unmet_dependencies(app, owned)
+    unmet = unmet_dependencies(app, owned, pods)
     views = list(_view_components(app, instance.robot, cache, barred=barred, unmet=unmet))
     domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
