@@ -17,6 +17,7 @@ from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_scheduler.core.api import storage_v1
 from robotapp_scheduler.core.api.core_v1 import Namespace, Selecting
 from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
+from robotapp_scheduler.core.cycle.diagnosis import QUIRK
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult as Found
 from robotapp_scheduler.core.framework.interface import Code
@@ -92,7 +93,7 @@ def compare(core: SchedulerCore, pod: PodInfo, expected: Decision) -> list[str]:
         return [] if found.code is Code.ERROR else [f"no scheduling error, expected {expected.error!r}"]
     if found.code is Code.ERROR:
         return [f"scheduling error {found.message!r}"]
-    unequal = [*_choice(found, expected), *_text(found, expected)]
+    unequal = [*_choice(found, expected), *_text(found, expected, is_member=pod.member is not None)]
     engine = core.runner(SCHEDULER_NAME)
     narrowed = engine.pre_filter(pod)
     if narrowed.status is not None or expected.refused is not None:
@@ -119,10 +120,10 @@ def _choice(found: Found, expected: Decision) -> list[str]:
     return []
 
 
-def _text(found: Found, expected: Decision) -> list[str]:
-    """With several equally good places for a preemption any of them may be named."""
+def _text(found: Found, expected: Decision, *, is_member: bool) -> list[str]:
+    """With several equally good places for a preemption any of them may be named. Pods of RobotApps are spared upstream's tail."""
     preemption = expected.preemption
-    wanted = {expected.message}
+    wanted = {expected.message.removesuffix(QUIRK) if is_member else expected.message}
     if preemption is not None and preemption.best:
         head = expected.message.removesuffix(preemption.tail)
         wanted = {(head + preemption.tail_for(node)).rstrip() for node in preemption.best}

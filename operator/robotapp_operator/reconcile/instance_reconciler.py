@@ -400,6 +400,7 @@ class Children:
             running=not app.spec.suspend,
             master_starts=self._master_starts(app, robot, observed),
             observed=observed,
+            pods=self._cache.pods_by_deployment(app.uid, robot) if app.orders_starts else {},
         )
 
     def _master_starts(self, app: App, robot: str, observed: Mapping[ChildRef, Observed]) -> dict[str, str]:

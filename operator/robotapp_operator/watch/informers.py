@@ -129,11 +129,11 @@ class Informers:
             owner = record.namespace, record.name
             enqueue_joined(self._cache, self._queue, owner, uid=uid, instance=label(item, Label.INSTANCE))
 
-    def _others_may_start(self, before: Deployment, now: Deployment) -> bool:
-        """Whether the component has become ready, or is no longer, and others of its app may wait for it."""
-        record = self._cache.apps.get(label(now, Label.APP_UID))
+    def _others_may_start(self, before: Deployment | Pod | None, now: Deployment | Pod | None) -> bool:
+        """Whether a Deployment or pod has become ready, and others of its app may wait for that."""
+        record = self._cache.apps.get(label(now, Label.APP_UID)) if now is not None else None
         waits = record is not None and record.app is not None and record.app.orders_starts
-        return waits and before.is_ready != now.is_ready
+        return waits and now is not None and now.is_ready and not (before is not None and before.is_ready)
 
     def _service(self, change: Change) -> None:
         item = self._child(self._cache.services, change)
@@ -157,6 +157,8 @@ class Informers:
             return
         self._note_waiting(pod, gone=change.new is None)
         self._status(pod)
+        if self._others_may_start(change.old, change.new):
+            self._children(pod)
         if change.new is not None and (_is_gated(pod) or (change.old is not None and _is_gated(change.old))):
             self._queue.add(Key(Work.GATES, label(pod, Label.APP_UID), label(pod, Label.INSTANCE)))
         if change.old is None or change.new is None or change.old.spec.node_name != pod.spec.node_name:

@@ -223,7 +223,7 @@ def instance_facts(
     app = app_of_instance(app, instance, cache)
     pods = cache.pods_by_deployment(app.uid, instance.robot)
     owned = owned_deployments(app, instance.robot, cache)
-    unmet = unmet_dependencies(app, owned)
+    unmet = unmet_dependencies(app, owned, pods)
     sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet)
     views = list(_view_components(app, instance.robot, sources))
     domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)

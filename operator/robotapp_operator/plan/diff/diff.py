@@ -24,7 +24,7 @@ from robotapp_operator.plan.render.services import component_services, peers_ser
 from robotapp_operator.plan.spec.covers import covers
 from robotapp_operator.plan.spec.dependencies import unmet_dependencies
 from robotapp_operator.plan.spec.desired import App, Desired, Domain
-from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Service, pod_annotations, pod_spec
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Pod, Service, pod_annotations, pod_spec
 
 Observed = Deployment | Service
 
@@ -63,6 +63,7 @@ def wanted_children(
     running: bool,
     master_starts: Mapping[str, str] = {},
     observed: Mapping[ChildRef, Observed] = {},
+    pods: Mapping[str, Sequence[Pod]] | None = None,
 ) -> list[Child]:
     """Everything the instance should have, infrastructure first: it starts while the components are scheduled.
 
@@ -75,7 +76,9 @@ def wanted_children(
     if desired.app.ros_version == 2 and desired.discovery == "Peers":
         children.append(peers_service(desired))
     children += component_services(desired)
-    waiting = unmet_dependencies(desired.app, (item for item in observed.values() if isinstance(item, Deployment)))
+    waiting = unmet_dependencies(
+        desired.app, (item for item in observed.values() if isinstance(item, Deployment)), pods
+    )
     deployments = component_deployments(
         desired,
         domain=domain,

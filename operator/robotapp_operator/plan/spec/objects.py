@@ -231,6 +231,12 @@ class Pod(Struct):
     def terminal(self) -> bool:
         return self.status.phase in ("Succeeded", "Failed")
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether its condition Ready is True, and it is not about to end."""
+        ready = any(c.type == "Ready" and c.status == "True" for c in self.status.conditions)
+        return ready and not self.terminal and self.metadata.deletion_timestamp is None
+
 
 class Taint(Struct):
     key: str = ""

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.clients import client_for, configmap
-from tests.support.factories import app_body, component, make_node
+from tests.support.factories import app_body, make_node
 from tests.support.factories import robots as robot_nodes
 
 from robotapp_api.model.names import API_VERSION, Annotation, Label, Reason
@@ -143,37 +143,6 @@ async def test_children_that_a_late_watch_has_not_shown_are_kept_as_they_are(wor
     assert await world.deployments() == before
     assert [item["metadata"]["uid"] for item in await world.claims()] == [claim["metadata"]["uid"]]
     assert [method for method, _ in world.api.requests].count("POST") == 1  # one creation, refused
-
-
-async def test_a_component_that_waits_for_another_is_created_when_that_one_is_ready(world: ReconciledServer) -> None:
-    await world.pool()
-    uid = await world.app(components=[component("driver"), component("mapper", dependsOn=[{"component": "driver"}])])
-
-    async def reconciled() -> list[str]:
-        assert await world.children.reconcile(uid, "")
-        await world.mirror()
-        return sorted(item["metadata"]["labels"][Label.COMPONENT] for item in await world.deployments())
-
-    assert await reconciled() == ["driver"]
-    assert await reconciled() == ["driver"]
-    (driver,) = await world.deployments()
-    status = {"observedGeneration": 1, "replicas": 1, "updatedReplicas": 1, "readyReplicas": 1}
-    await world.client.patch(DEPLOYMENTS, driver["metadata"]["name"], {"status": status}, namespace="default")
-    await world.mirror()
-    assert await reconciled() == ["driver", "mapper"]
-    world.api.requests.clear()
-    ended = {"status": {**status, "readyReplicas": 0}}
-    await world.client.patch(DEPLOYMENTS, driver["metadata"]["name"], ended, namespace="default")
-    await world.mirror()
-    assert await reconciled() == ["driver", "mapper"]
-    assert world.writes() == 1, "the test's own"
-
-
-async def test_an_app_without_ros_takes_no_domain(world: ReconciledServer) -> None:
-    uid = await world.app(ros={"distro": "none"}, ros2=None)
-    assert await world.children.reconcile(uid, "")
-    assert await world.claims() == []
-    assert len(await world.deployments()) == 2
 
 
 async def test_an_edit_whose_event_overtakes_the_read_of_the_app_is_what_is_written(

@@ -115,6 +115,11 @@ def test_a_deployment_that_becomes_ready_plans_the_instance_of_an_app_with_an_or
     world.cache.update_app(app_body(generation=2, components=[component("driver"), waits]))
     assert world.see("_deployment", starting, ready) == {CHILDREN, *OBSERVED}
     assert world.see("_deployment", ready, ready) == OBSERVED
+    up = msgspec.structs.replace(
+        pod("n"), status=make_pod(status={"conditions": [{"type": "Ready", "status": "True"}]}).status
+    )
+    assert CHILDREN in world.see("_pod", pod("n"), up)
+    assert CHILDREN not in world.see("_pod", up, up)
 
 
 def test_a_service_plans_its_instance(world: InformedQueue) -> None:
