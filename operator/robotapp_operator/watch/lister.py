@@ -34,7 +34,7 @@ from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.links import LinkView, list_links
 from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
-from robotapp_operator.plan.spec.overrides import overridden, recorded_overrides
+from robotapp_operator.plan.spec.robot_values import overridden, recorded_overrides
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
 from robotapp_operator.plan.status.components import (
     ComponentView,

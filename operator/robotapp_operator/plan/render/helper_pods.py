@@ -27,7 +27,7 @@ from robotapp_operator.plan.render.node_affinity import (
     shared_tolerations,
 )
 from robotapp_operator.plan.spec.desired import Desired
-from robotapp_operator.plan.spec.robot_names import expand_labels, expand_pod
+from robotapp_operator.plan.spec.robot_values import expand_labels, expand_pod
 
 RESOURCES: Final[Mapping[str, Any]] = {
     "requests": {"cpu": "50m", "memory": "64Mi"},

@@ -20,7 +20,7 @@ from robotapp_operator.plan.render.parameters import (
 )
 from robotapp_operator.plan.render.readiness_probes import readiness_probe
 from robotapp_operator.plan.spec.desired import Desired, Domain
-from robotapp_operator.plan.spec.robot_names import expand_labels, expand_pod
+from robotapp_operator.plan.spec.robot_values import expand_labels, expand_pod
 
 DEFAULT_ACCOUNT: Final = "default"
 GRANTED_DEVICES_PATH: Final = f"metadata.annotations['{Annotation.GRANTED_DEVICES.value}']"

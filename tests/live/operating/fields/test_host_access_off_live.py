@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from tests.live.operating.apps.test_host_access_live import REACHES, deployment
+from tests.live.operating.fields.test_host_access_live import REACHES, deployment
 
 from campaigns.rigs.live import HandBinder, Tenant, eventually, part
 from robotapp_testbed import ControlPlane

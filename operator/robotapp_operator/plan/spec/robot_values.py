@@ -1,9 +1,14 @@
-"""Names of robot and instance in a pod, expanded by the operator where the kubelet does not."""
+"""What differs from robot to robot: the app as its overrides make it, and the names of robot and instance in a pod."""
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
+from robotapp_api.model.names import Annotation, Label
+from robotapp_api.values.overrides import OverrideNames, apply_overrides
 from robotapp_api.values.robot_references import expand, expand_sources
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.objects import Deployment
 
 _IN_CONTAINERS: Final = ("env", "envFrom")
 _CONTAINERS: Final = ("initContainers", "containers")
@@ -41,3 +46,21 @@ def _expand_field(items: list[dict[str, Any]], field: str, robot: str) -> list[d
 def expand_labels(labels: Mapping[str, str], robot: str) -> dict[str, str]:
     """Returns labels with the names of robot and instance in their values."""
     return {key: expand(value, robot) for key, value in labels.items()}
+
+
+def overridden(app: App, names: OverrideNames) -> App:
+    """Returns the app with these overrides; it keeps their names, which are written on its Deployments."""
+    if not names:
+        return app
+    return dataclasses.replace(app, spec=apply_overrides(app.spec, names), overrides=names)
+
+
+def recorded_overrides(deployments: Iterable[Deployment]) -> Mapping[str, tuple[str, ...]]:
+    """Returns the overrides that the Deployments of an instance were rendered with, for a robot whose node is out of sight."""
+    names: dict[str, tuple[str, ...]] = {}
+    for item in deployments:
+        component = item.metadata.labels.get(Label.COMPONENT, "")
+        text = item.metadata.annotations.get(Annotation.OVERRIDES, "")
+        if component and text:
+            names[component] = tuple(text.split(","))
+    return names
