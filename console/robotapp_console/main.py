@@ -87,13 +87,13 @@ async def _serve_local(settings: Settings) -> None:
         listener.close()
         await console.informers.close()
         raise LoginError(f"the API server {api.server} cannot be used: {error}") from error
-    served = await serve(console, listener)
+    port_server = await serve(console, listener)
     print(f"The console of {api.server}, as {console.local_user or 'you'}. Ctrl-C ends it.", flush=True)  # noqa: T201
     print_address("Open, once:")
     try:
         if settings.browser:
             page.show(f"http://{LOOPBACK}:{port}{door.path}")
-        await _wait_for_end(served)
+        await _wait_for_end(port_server)
     finally:
         page.remove()
 

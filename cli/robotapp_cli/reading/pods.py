@@ -62,10 +62,10 @@ async def fetch_app(session: Session, selection: Selection) -> Json:
     names = [str(component["name"]) for component in app["spec"]["components"]]
     roles = {"discovery", "router", "master"}
     if selection.component and selection.component not in {*names, *roles}:
-        listed = ", ".join(names[:MOST_LISTED])
+        shown_names = ", ".join(names[:MOST_LISTED])
         more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
         raise CliError(
-            f"{selection.app} has no component {selection.component}; it has: {listed}{more}", code=Exit.NOT_FOUND
+            f"{selection.app} has no component {selection.component}; it has: {shown_names}{more}", code=Exit.NOT_FOUND
         )
     return app
 

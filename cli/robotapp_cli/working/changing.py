@@ -46,8 +46,10 @@ async def restart_components(session: Session, selection: Selection) -> None:
         name = str(meta(deployment)["name"])
         await session.client.patch(DEPLOYMENTS, name, patch, namespace=session.home, content_type=STRATEGIC)
     count = len(deployments)
-    what = name_selection(selection)
-    print_line(f"{what}: pods of {count} Deployment{'' if count == 1 else 's'} are replaced; domain and devices stay")
+    selection_text = name_selection(selection)
+    print_line(
+        f"{selection_text}: pods of {count} Deployment{'' if count == 1 else 's'} are replaced; domain and devices stay"
+    )
     print_line(f"Follow it: kubectl robotapp info {selection.app} -w")
 
 

@@ -78,11 +78,13 @@ async def _choose_pod(session: Session, selection: Selection) -> AppPod:
         raise explain_no_pods(app, selection)
     titles = list(dict.fromkeys(pod.title for pod in pods))
     if len(titles) > 1:
-        listed = ", ".join(titles[:MOST_LISTED]) + (
+        shown_titles = ", ".join(titles[:MOST_LISTED]) + (
             f" and {len(titles) - MOST_LISTED} more" if len(titles) > MOST_LISTED else ""
         )
         choices = " and ".join(_missing_choices(selection, pods))
-        raise CliError(f"{name_selection(selection)} has several pods ({listed}); name {choices}", code=Exit.USAGE)
+        raise CliError(
+            f"{name_selection(selection)} has several pods ({shown_titles}); name {choices}", code=Exit.USAGE
+        )
     running_pods = [pod for pod in pods if pod.is_running]
     if not running_pods:
         raise CliError(

@@ -103,9 +103,9 @@ def build_query(options: LogOptions) -> dict[str, str]:
 
 def list_sources(pod: AppPod, *, previous: bool = False) -> Iterator[LogSource]:
     """Yields the containers of the pod that have written, or may have: those that started once."""
-    observed = status(pod.obj)
+    pod_status = status(pod.obj)
     for key in ("initContainerStatuses", "containerStatuses"):
-        for entry in observed.get(key) or ():
+        for entry in pod_status.get(key) or ():
             name, restarts = str(entry["name"]), int(entry.get("restartCount", 0))
             has_started = restarts or not (entry.get("state") or {}).get("waiting")
             if has_started and (restarts or not previous):
@@ -190,10 +190,10 @@ async def _follow_source(session: Session, source: LogSource, query: dict[str, s
     newest = ""
     while True:
         printed_until = newest
-        resumed = {"timestamps": "true", "sinceTime": newest} if newest else query
+        start = {"timestamps": "true", "sinceTime": newest} if newest else query
         try:
             async with session.client.stream(
-                _path(session, source, resumed | {"follow": "true"}), silence_s=_SILENCE_S
+                _path(session, source, start | {"follow": "true"}), silence_s=_SILENCE_S
             ) as stream:
                 if stream.status != 200:
                     raise error_from_response(stream.status, stream.headers, await stream.read())

@@ -74,11 +74,11 @@ def choose_target(targets: list[Target], selection: Selection, link: str | None)
             f"{selection.app} offers nothing to open: give a component service.links, or ports (docs/how-to/reach-a-component.md)",
             code=Exit.NOT_FOUND,
         )
-    offered = ", ".join(
+    choices = ", ".join(
         " --link ".join(filter(None, (target.component, target.link))) for target in targets[:MOST_LISTED]
     )
     text = "offers several addresses" if matching_targets else "offers no such address"
-    raise CliError(f"{selection.app} {text}; open one of: {offered}", code=Exit.USAGE)
+    raise CliError(f"{selection.app} {text}; open one of: {choices}", code=Exit.USAGE)
 
 
 def write_local_url(target: Target, port: int) -> str:

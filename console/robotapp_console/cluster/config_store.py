@@ -234,8 +234,8 @@ class ConfigStore:
         """Returns the ConfigMaps that the user may not change. Each is asked for once, however often `read` looks."""
         names = (self.place.name, self.place.history)
         rights = [Right("patch", CONFIGMAPS, self.place.namespace, name) for name in names]
-        granted = await self._rights.select_granted(rights)
-        return tuple(right.name for right in rights if right not in granted)
+        granted_rights = await self._rights.select_granted(rights)
+        return tuple(right.name for right in rights if right not in granted_rights)
 
 
 def _read_text(config: dict[str, Any]) -> str | None:

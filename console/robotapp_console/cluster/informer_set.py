@@ -258,7 +258,7 @@ class InformerSet:
     def _find_regular_due(self, entry: _BuiltModel[Any]) -> float:
         """Returns from when a model may be built anew whatever has changed: all that are in use share a tenth of a core."""
         now_s = self._clock()
-        cost_s = sum(built.cost_s for built in self._models.values() if now_s - built.used_s < IN_USE_S)
+        cost_s = sum(model.cost_s for model in self._models.values() if now_s - model.used_s < IN_USE_S)
         return entry.built_s + max(LEAST_PAUSE_S, SHARE * cost_s)
 
     async def wait_for_first_build(self, key: tuple[str, ...], *, namespace: str, home: str) -> bool:

@@ -108,7 +108,7 @@ def make_draft(stored: Stored, base: str, fields: Mapping[str, str] | None, *, r
     is_stored = document == stored.document
     text = stored.text if is_stored else base if document == base_text.document else write_yaml(document)
     verdict = check(document)
-    problems = (*(Problem(why, name) for name, why in field_problems.items()), *verdict.problems)
+    problems = (*(Problem(text, name) for name, text in field_problems.items()), *verdict.problems)
     draft = Draft(
         base=text,
         text=text,

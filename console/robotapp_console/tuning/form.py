@@ -93,10 +93,10 @@ def build_form(document: Document) -> tuple[ProfileForm, ...]:
             if (group := _build_group(number, point, in_force[number][point], catalogue, weights)).rows
         )
         args = {entry["name"]: entry.get("args", {}) for entry in profile.get("pluginConfig", [])}
-        used = dict.fromkeys([*args, *(row.name for group in points for row in group.rows if row.on)])
+        plugin_names = dict.fromkeys([*args, *(row.name for group in points for row in group.rows if row.on)])
         arguments = tuple(
             _build_arguments(number, name, args.get(name, {}), catalogue)
-            for name in sorted(used)
+            for name in sorted(plugin_names)
             if name in catalogue.classes
         )
         forms.append(ProfileForm(f"p{number}", profile.get("schedulerName", SCHEDULER_NAME), points, arguments))
@@ -109,13 +109,13 @@ def apply_form(document: Document, fields: Mapping[str, str]) -> tuple[Document,
     Only what differs from the document's own fields is written, so unchanged fields give the same document.
     """
     original = with_profile(document)
-    edited = copy.deepcopy(original)
+    edited_document = copy.deepcopy(original)
     problems: dict[str, str] = {}
     for number, profile in enumerate(build_form(original)):
-        _apply_switches(edited, number, profile, fields)
-        _apply_weights(edited, number, profile, fields, problems)
-        _apply_arguments(edited, number, profile, fields, problems)
-    return (document if edited == original else edited), problems
+        _apply_switches(edited_document, number, profile, fields)
+        _apply_weights(edited_document, number, profile, fields, problems)
+        _apply_arguments(edited_document, number, profile, fields, problems)
+    return (document if edited_document == original else edited_document), problems
 
 
 def fill_form(form: tuple[ProfileForm, ...]) -> dict[str, str]:

@@ -15,10 +15,10 @@ def mark_lines(before: str, after: str) -> tuple[Line, ...]:
     """Returns the lines of `after`, and in their places those of `before` that it has no more."""
     old_lines, new_lines = before.splitlines(), after.splitlines()
     lines: list[Line] = []
-    for what, old_start, old_end, new_start, new_end in SequenceMatcher(
+    for operation, old_start, old_end, new_start, new_end in SequenceMatcher(
         None, old_lines, new_lines, autojunk=False
     ).get_opcodes():
-        if what == "equal":
+        if operation == "equal":
             lines += [Line(text) for text in new_lines[new_start:new_end]]
             continue
         lines += [Line(text, "removed") for text in old_lines[old_start:old_end]]

@@ -74,9 +74,11 @@ def _list_names(document: Document) -> Iterator[tuple[str, str]]:
         for point, lists in profile.get("plugins", {}).items():
             for entry in lists.get("enabled", []):
                 yield entry["name"], point
-        enabled = {entry["name"] for lists in profile.get("plugins", {}).values() for entry in lists.get("enabled", [])}
+        enabled_names = {
+            entry["name"] for lists in profile.get("plugins", {}).values() for entry in lists.get("enabled", [])
+        }
         for entry in profile.get("pluginConfig", []):
-            if entry["name"] not in enabled:
+            if entry["name"] not in enabled_names:
                 yield entry["name"], "multiPoint"
 
 

@@ -49,9 +49,9 @@ def plan_addition(versions: Sequence[Version], text: str, *, at: str, by: str) -
         versions = [replace(version, number=number) for number, version in enumerate(versions, start=1)]
         changes |= {version.key: version.encode() for version in versions}
     number = versions[-1].number + 1 if versions else 1
-    added = Version(number, at, by, text)
-    changes[added.key] = added.encode()
-    free_bytes, free_count = KEPT_BYTES - _measure(added), KEPT - 1
+    new_version = Version(number, at, by, text)
+    changes[new_version.key] = new_version.encode()
+    free_bytes, free_count = KEPT_BYTES - _measure(new_version), KEPT - 1
     for version in reversed(versions):
         free_bytes, free_count = free_bytes - _measure(version), free_count - 1
         if free_bytes < 0 or free_count < 0:

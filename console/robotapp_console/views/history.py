@@ -48,11 +48,11 @@ class LinkHistory:
     def _advance(self, steps: int) -> None:
         gap = array("f", [nan]) * steps
         for node, row in list(self._rows.items()):
-            moved = row[steps:] + gap
-            if all(map(isnan, moved)):
+            shifted_row = row[steps:] + gap
+            if all(map(isnan, shifted_row)):
                 del self._rows[node]
             else:
-                self._rows[node] = moved
+                self._rows[node] = shifted_row
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,7 +64,7 @@ class EventText(Protocol):
 
 def build_timeline(instances: Iterable[MovedInstance], events: Sequence[EventText]) -> tuple[Entry, ...]:
     """Returns moves and what led to them, newest first. A move has the words of its event, or says that there is none any more."""
-    unmatched = [event for event in events if event.reason == EventReason.RESCHEDULED]
+    unmatched_events = [event for event in events if event.reason == EventReason.RESCHEDULED]
     entries = [
         Entry(event.at, event.reason, event.note, "good" if event.reason in _GOOD else "bad")
         for event in events
@@ -73,13 +73,13 @@ def build_timeline(instances: Iterable[MovedInstance], events: Sequence[EventTex
     moves = [(move, instance.name) for instance in instances for move in instance.moves]
     for move, instance_name in sorted(moves, key=lambda item: (item[0].at, item[0].component), reverse=True):
         subject = f"{move.component} on {instance_name}" if instance_name else move.component
-        event = _find_event(move, unmatched)
+        event = _find_event(move, unmatched_events)
         if event is None:
             entries.append(Entry(move.at, subject, "was evicted to start elsewhere; its event is gone", "idle"))
             continue
-        unmatched.remove(event)
+        unmatched_events.remove(event)
         entries.append(Entry(move.at, subject, event.note, "good"))
-    entries += [Entry(event.at, event.reason, event.note, "good") for event in unmatched]
+    entries += [Entry(event.at, event.reason, event.note, "good") for event in unmatched_events]
     entries.sort(key=lambda entry: (parse_timestamp(entry.at) or 0.0, entry.subject), reverse=True)
     return tuple(entries[:MOST_ENTRIES])
 

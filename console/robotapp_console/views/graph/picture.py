@@ -212,8 +212,8 @@ def _shorten_end(text: str, most: int) -> str:
     if len(text) <= most and _count_cells(text) <= most:
         return text
     columns = accumulate(_count_cells(character) for character in text[:most])
-    kept = sum(column < most for column in columns)
-    return f"{text[:kept]}…"
+    kept_count = sum(column < most for column in columns)
+    return f"{text[:kept_count]}…"
 
 
 def _shorten_begin(text: str, most: int) -> str:
