@@ -13,6 +13,7 @@ from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_components, ros_version_of, uses_ros
 from robotapp_api.model.app.component import Component
+from robotapp_api.model.app.override import ComponentOverride
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.distros import DISTROS, NO_DISTRO, NO_ROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
@@ -183,23 +184,33 @@ def _override_problems(spec: RobotAppSpec) -> Iterator[Problem]:
             "spec.overrides",
             "overrides are for some of the app's robots, and the app has none; write spec.robots, or the values in the components",
         )
-    components = {component.name: component for component in spec.components}
+    parts: dict[str, list[tuple[str, ComponentOverride]]] = {component.name: [] for component in spec.components}
     for index, override in enumerate(spec.overrides):
         for position, part in enumerate(override.components):
             at = f"spec.overrides[{index}].components[{position}]"
-            component = components.get(part.name)
-            if component is None:
+            if part.name in parts:
+                parts[part.name].append((at, part))
+            else:
                 yield invalid(
                     f"{at}.name",
-                    f'"{part.name}" is no component of this app; components are {", ".join(sorted(components))}',
+                    f'"{part.name}" is no component of this app; components are {", ".join(sorted(parts))}',
                 )
-                continue
-            version = ros_version_of(spec) if uses_ros(component, spec.ros.distro) else NO_ROS
-            before = {problem.message for problem in component_problems(component, at, ros_version=version)}
-            merged = merge_component(component, part)
-            for problem in component_problems(merged, at, ros_version=version):
-                if problem.message not in before:
-                    yield problem
+    for component in spec.components:
+        yield from _problems_of_overridden(spec, component, parts[component.name])
+
+
+def _problems_of_overridden(
+    spec: RobotAppSpec, component: Component, parts: Sequence[tuple[str, ComponentOverride]]
+) -> Iterator[Problem]:
+    """Component by component, whose files are parsed once: a large app in many overrides would hold the operator up for seconds."""
+    if not parts:
+        return
+    version = ros_version_of(spec) if uses_ros(component, spec.ros.distro) else NO_ROS
+    before = {problem.message for problem in component_problems(component, "", ros_version=version)}
+    for at, part in parts:
+        for problem in component_problems(merge_component(component, part), at, ros_version=version):
+            if problem.message not in before:
+                yield problem
 
 
 def _unknown_names(spec: RobotAppSpec) -> Iterator[Problem]:
