@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final, NamedTuple
-from urllib.parse import quote
 
 from robotapp_api.model.app.service import ComponentService
 from robotapp_api.model.names import Label
+from robotapp_api.values.links import write_url
 from robotapp_operator.plan.spec.desired import Desired
 from robotapp_operator.plan.spec.objects import Service
 
@@ -13,9 +13,6 @@ MAX_LINKS: Final = 32
 """In the status of one instance."""
 OUTSIDE: Final = "outside"
 """Name of the port, and of the link, of a discovery server or router that programs outside of the cluster reach."""
-FOXGLOVE: Final = "https://app.foxglove.dev/?ds={source}&ds.url={address}"
-SOURCES: Final = {"foxglove": "foxglove-websocket", "rosbridge": "rosbridge-websocket"}
-"""Schemes that mean Foxglove in the browser → its name for the kind of server."""
 
 
 class LinkView(NamedTuple):
@@ -48,13 +45,6 @@ def list_links(
     helper_services = [services[name] for name in sorted(services) if services[name].metadata.labels.get(Label.ROLE)]
     links += _outside_links(helper_services, any_address)
     return tuple(links[:MAX_LINKS])
-
-
-def write_url(scheme: str, address: str, path: str) -> str:
-    """Returns the address as a browser opens it. `address` is host and port."""
-    if source := SOURCES.get(scheme):
-        return FOXGLOVE.format(source=source, address=quote(f"ws://{address}{path}", safe=""))
-    return f"{scheme}://{address}{path}"
 
 
 def _links_of(
