@@ -57,6 +57,17 @@ class TestLogs:
             "amr-07/driver | three",
         ]
 
+    def test_logs_that_are_cut_to_stay_within_memory_say_so(
+        self, stage: Stage, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(logs, "MOST_BYTES_OF_ALL", 4096)
+        monkeypatch.setattr(logs, "LEAST_BYTES", 1024)
+        stage.add(ROBOTAPPS, robotapp())
+        stage.add("/pods", running_pod("a", "driver"), running_pod("b", "panel"))
+        stage.api.logs = {("a", "driver"): [line(1, "x" * 2048)], ("b", "panel"): [line(2, "short")]}
+        last_line = stage.text("logs", "teleop").splitlines()[-1]
+        assert last_line == "amr-07/driver | (only the first 2 KiB are shown; write a lower --tail, or --since)"
+
     def test_one_component_and_its_sidecar(self, stage: Stage) -> None:
         stage.add(ROBOTAPPS, robotapp())
         stage.add("/pods", running_pod("a", "driver", containers=("driver", "relay")), running_pod("b", "panel"))
