@@ -79,7 +79,9 @@ def is_launch(component: Component) -> bool:
 
 
 def _device_reference_problems(component: Component, at: str) -> Iterator[Problem]:
-    texts: list[tuple[str, str]] = []
+    texts = [(f"{at}.run.args", word) for word in component.run.args] if component.run else []
+    if component.launch:
+        texts += [(f"{at}.launch.arguments", value) for value in component.launch.arguments.values()]
     for container, where in list_containers(component, at):
         texts += [
             (f"{where}.{field}", str(text)) for field in ("command", "args") for text in container.get(field) or ()

@@ -30,8 +30,10 @@ def list_notes(**fields: Any) -> list[str]:
             "args": ["driver"],
             "template": {"spec": {"initContainers": [{"name": "init", "image": "i", "args": [LIDAR]}]}},
         },
+        {"run": {"package": "p", "executable": "driver", "args": ["--port", LIDAR]}},
+        {"launch": {"package": "p", "file": "f", "arguments": {"port": LIDAR}}},
     ],
-    ids=["args", "command", "env", "init container"],
+    ids=["args", "command", "env", "init container", "run", "launch"],
 )
 def test_a_path_that_no_node_hands_over_is_refused_wherever_it_is_written(fields: dict[str, Any]) -> None:
     (problem,) = list_problems(**fields)
