@@ -122,6 +122,7 @@ def list_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str
         "command": component.command,
         "args": component.args,
         "envFrom": component.env_from,
+        "ports": component.ports,
         "lifecycle": component.lifecycle,
         "livenessProbe": component.liveness_probe,
         "readinessProbe": component.readiness_probe,

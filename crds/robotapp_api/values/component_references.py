@@ -56,8 +56,12 @@ def list_expanded_texts(component: Component, at: str) -> Iterator[ExpandedText]
             field = "configMapKeyRef" if file.config_map_key_ref else "secretKeyRef"
             yield ExpandedText(f"{at}.parameters[{index}].{field}.name", "name", ref.name)
             yield ExpandedText(f"{at}.parameters[{index}].{field}.key", "key", ref.key)
-    for key, value in component.template.metadata.labels.items():
-        yield ExpandedText(f'{at}.template.metadata.labels["{key}"]', "label", value)
+    labels = {f"{at}.template": component.template.metadata.labels}
+    if component.service is not None:
+        labels[f"{at}.service"] = component.service.metadata.labels
+    for owner, entries in labels.items():
+        for key, value in entries.items():
+            yield ExpandedText(f'{owner}.metadata.labels["{key}"]', "label", value)
     mounts: list[tuple[str, Iterable[Mapping[str, Any]]]] = [(f"{at}.volumeMounts", component.volume_mounts)]
     mounts += [
         (f"{at}.template.spec.{name}.volumeMounts", container.get("volumeMounts") or ())
