@@ -13,6 +13,7 @@ from robotapp_api.checks.ros import rmw_of, ros_version_of
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.names import PARAMETERS_VOLUME, SHARED_MEMORY_PATH, SHARED_MEMORY_VOLUME, WAITING_STEP
+from robotapp_api.values.component_references import list_further_containers
 from robotapp_api.values.quantities.quantity import parse_milli
 
 STOP_SIGNAL: Final = ".lifecycle.stopSignal"
@@ -133,14 +134,6 @@ def list_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str
     }
     yield own, at
     yield from list_further_containers(component, at)
-
-
-def list_further_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str, Any], str]]:
-    """Yields what runs before and beside the component in its pod, and where each stands."""
-    pod = component.template.spec
-    for place, containers in (("initContainers", pod.init_containers), ("containers", pod.containers)):
-        for index, container in enumerate(containers):
-            yield container, f"{at}.template.spec.{place}[{index}]"
 
 
 def pod_problems(component: Component, at: str) -> Iterator[Problem]:

@@ -29,16 +29,16 @@ def list_object_references(component: Component, at: str) -> Iterator[ObjectRefe
     yield from list_references(component.env, f"{at}.env")
     yield from list_references(component.env_from, f"{at}.envFrom")
     yield from list_references(pod.volumes, f"{at}.template.spec.volumes")
-    for name, container in list_further_containers(component):
-        yield from list_references(container, f"{at}.template.spec.{name}")
+    for container, where in list_further_containers(component, at):
+        yield from list_references(container, where)
 
 
-def list_further_containers(component: Component) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yields the containers beside the component's own, and the field and position of each."""
+def list_further_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str, Any], str]]:
+    """Yields what runs before and beside the component in its pod, and where each stands."""
     pod = component.template.spec
-    for field, attribute in (("initContainers", "init_containers"), ("containers", "containers")):
-        for index, container in enumerate(getattr(pod, attribute, ())):
-            yield f"{field}[{index}]", container
+    for place, containers in (("initContainers", pod.init_containers), ("containers", pod.containers)):
+        for index, container in enumerate(containers):
+            yield container, f"{at}.template.spec.{place}[{index}]"
 
 
 def list_expanded_texts(component: Component, at: str) -> Iterator[ExpandedText]:
@@ -64,8 +64,8 @@ def list_expanded_texts(component: Component, at: str) -> Iterator[ExpandedText]
             yield ExpandedText(f'{owner}.metadata.labels["{key}"]', "label", value)
     mounts: list[tuple[str, Iterable[Mapping[str, Any]]]] = [(f"{at}.volumeMounts", component.volume_mounts)]
     mounts += [
-        (f"{at}.template.spec.{name}.volumeMounts", container.get("volumeMounts") or ())
-        for name, container in list_further_containers(component)
+        (f"{where}.volumeMounts", container.get("volumeMounts") or ())
+        for container, where in list_further_containers(component, at)
     ]
     for field, items in mounts:
         for index, mount in enumerate(items):
