@@ -1,7 +1,12 @@
 """Users who do nothing wrong, during an attack: how long their apps take until they are Ready."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from campaigns.common.background import Background
+from campaigns.hostile.attack import read_values
 from campaigns.rigs.journeys import start_one
+from campaigns.rigs.live import POOLS
 from campaigns.rigs.simulated_site import SimulatedSite
 from robotapp_testbed import wait_until
 
@@ -52,3 +57,15 @@ def measure_calm(site: SimulatedSite, name: str, *, apps: int = 4) -> float:
     with Bystanders(site, f"calm-{name}") as calm:
         calm.wait_for_more(apps)
     return calm.slowest_s
+
+
+@contextmanager
+def holding_quota(site: SimulatedSite) -> Iterator[int]:
+    """The pool of the bystanders has the quota of the chart, which is returned: the testbed leaves it out."""
+    quota = int(read_values()["domainPool"]["quota"]["default"])
+    path = f"{POOLS}/{POOL}"
+    site.cp.api.patch(path, {"spec": {"quota": {"default": quota}}})
+    try:
+        yield quota
+    finally:
+        site.cp.api.patch(path, {"spec": {"quota": {"default": None}}})

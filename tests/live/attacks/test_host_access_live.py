@@ -223,6 +223,7 @@ def mix(rng: random.Random) -> Json:
         if is_of_handlers(field.path):
             kinds.remove("init container")  # it runs to its end, so it has no probes
         free = ("runtime/default",) if field.level.value == "annotations" else field.free
+        free = tuple(each for each in free if each != "Localhost")  # which needs a profile beside it
         value = rng.choice(free) if free and rng.random() < 0.75 else BAD[field.path]
         if field.path.endswith("procMount") or "windowsOptions" in field.path:
             continue  # the API server refuses these pods for other reasons

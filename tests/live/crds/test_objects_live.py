@@ -189,10 +189,10 @@ def _count_described(schema: dict[str, Any], path: str) -> int:
     ("field", "where"),
     [
         ({"latencyBudgt": "30ms"}, "latencyBudgt"),
-        ({"ports": [{"containerPort": 1, "hostPort": 1}]}, "hostPort"),
-        ({"template": {"spec": {"volumes": [{"name": "v", "hostPath": {"path": "/"}}]}}}, "hostPath"),
+        ({"ports": [{"containerPort": 1, "hostIP": "192.0.2.1"}]}, "hostIP"),
+        ({"template": {"spec": {"volumes": [{"name": "v", "gitRepo": {"repository": "x"}}]}}}, "gitRepo"),
         ({"resources": {"claims": [{"name": "gpu"}]}}, "claims"),
-        ({"template": {"spec": {"hostNetwork": True}}}, "hostNetwork"),
+        ({"template": {"spec": {"setHostnameAsFQDN": True}}}, "setHostnameAsFQDN"),
         ({"template": {"metadata": {"namespace": "other"}}}, "namespace"),
     ],
 )

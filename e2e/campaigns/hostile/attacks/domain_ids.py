@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any, Final
 
-from campaigns.hostile.attack import READY_S, Outcome, judge, read_values, register
-from campaigns.hostile.bystanders import POOL, Bystanders, measure_calm
+from campaigns.hostile.attack import READY_S, Outcome, judge, register
+from campaigns.hostile.bystanders import POOL, Bystanders, holding_quota, measure_calm
 from campaigns.hostile.intruder import Intruder, intruding
 from campaigns.rigs.appwatch import condition
 from campaigns.rigs.live import CLAIMS, POOLS, pool
@@ -27,11 +27,9 @@ REFUSALS: Final = (Reason.QUOTA_EXCEEDED, Reason.DOMAIN_EXHAUSTED, Reason.POOL_O
 
 @register("all-domain-ids", f"a tenant wants {APPS} ids with the chart's quota, then {TENANTS - 1} more tenants do")
 def take_all_ids(site: SimulatedSite) -> Outcome:
-    quota = int(read_values()["domainPool"]["quota"]["default"])
     calm_s = measure_calm(site, "ids")
     with ExitStack() as stack:
-        set_quota(site, quota)
-        stack.callback(set_quota, site, None)
+        quota = stack.enter_context(holding_quota(site))
         first, *later_tenants = [stack.enter_context(intruding(site, f"greedy-{number}")) for number in range(TENANTS)]
         with Bystanders(site, "beside-ids") as bystanders:
             want_ids(first)
@@ -101,10 +99,6 @@ def overlap_pools(site: SimulatedSite) -> Outcome:
         "others' apps Ready s": max(READY_S, calm_s),
     }
     return judge(figures, most)
-
-
-def set_quota(site: SimulatedSite, quota: int | None) -> None:
-    site.cp.api.patch(f"{POOLS}/{POOL}", {"spec": {"quota": {"default": quota}}})
 
 
 def want_ids(tenant: Intruder) -> None:

@@ -207,7 +207,7 @@ REFERENCES: Final = (
         {"spec.robots": AMR_07, "spec.overrides": _override(env=_FROM_SECRET)},
     ),
     _reference(
-        "secret-override-parameters",
+        "secret-override-file",
         "a parameter file from a Secret for some of the robots",
         {"spec.robots": AMR_07, "spec.overrides": _override(parameters=[{"secretKeyRef": _KEY}])},
     ),

@@ -212,7 +212,9 @@ def test_another_parameters_file_rolls_the_pods(tenant: Tenant, ids: str) -> Non
     looks = {
         (item["verb"], item["requestURI"].partition("?")[0].rpartition("/")[2])
         for item in tenant.cp.audit()
-        if item["user"]["username"] == OPERATOR and item.get("objectRef", {}).get("resource") == "configmaps"
+        if item["user"]["username"] == OPERATOR
+        and item.get("objectRef", {}).get("resource") == "configmaps"
+        and item["objectRef"].get("namespace", tenant.namespace) == tenant.namespace  # others' apps name others
     }
     assert ("get", "drv") in looks
     assert looks <= {
