@@ -63,7 +63,8 @@ def _decide(
         return None
     absent = sorted(state.absent)
     record = parse_record(over.metadata.annotations.get(Annotation.CONFIG, "")) if over else None
-    if over is None or record is None or app.spec.suspend:
+    # Pods that are yet to come start with what there is then.
+    if over is None or record is None or app.spec.suspend or over.replicas == 0:
         before = record or ConfigRecord(config_hash=_annotated(over))
         return ConfigDecision(record=record_content(content, file_hash=state.hash, absent=absent, before=before))
     return decide_config(

@@ -219,6 +219,17 @@ class TestEntering:
         assert variables["ROS_SUPER_CLIENT"] == "TRUE"
         assert variables["TERM"] == "xterm"
 
+    @pytest.mark.parametrize("field", ["hostPID", "shareProcessNamespace"])
+    def test_the_first_process_of_others_lends_no_environment(self, field: str) -> None:
+        """It is the pause container's or the node's, whose PATH knows none of the container's programs."""
+        app_pod = AppPod(running_pod("a", "driver"))
+        app_pod.obj["spec"][field] = True
+        command = build_exec_command(Options(), app_pod, "driver", ["env"], is_terminal=False)
+        assert not any("/proc/1/environ" in word for word in command)
+        program = command[command.index("--") + 1 :]
+        done = subprocess.run(program, env={"PATH": os.environ["PATH"]}, capture_output=True, text=True, check=True)
+        assert "ROS_SUPER_CLIENT=TRUE" in done.stdout
+
     def test_an_image_without_bash_gets_the_shell_it_has(self, tmp_path: Path) -> None:
         for name in ("sh", "env"):
             (tmp_path / name).symlink_to(f"/bin/{name}")

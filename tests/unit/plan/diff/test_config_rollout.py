@@ -132,6 +132,19 @@ def test_a_suspended_app_takes_what_there_is_without_a_restart_being_counted() -
     assert [change.child.change for change in changes.changes] == [""]
 
 
+def test_a_suspended_component_takes_what_there_is_and_is_not_said_to_start_anew() -> None:
+    app = make_app({**MOUNTED, "replicas": 0}, component("panel"))
+    first = after(look(app, versions(a="1"), {})[0], {}, app)
+    changes, _ = look(app, versions(a="2"), first)
+    assert [change.child.change for change in changes.changes] == [""]
+    second = after(changes, first, app)
+    resumed = make_app(MOUNTED, component("panel"), generation=2)
+    resumption, rollout = look(resumed, versions(a="2"), second)
+    assert [change.child.change for change in resumption.changes] == [""]
+    assert not look(resumed, versions(a="2"), after(resumption, second, resumed), at=NOW + timedelta(hours=1))[0]
+    assert rollout.due is None
+
+
 def test_a_lost_record_starts_nothing() -> None:
     app = make_app(MOUNTED)
     first = after(look(app, versions(a="1"), {})[0], {}, app)
