@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from robotapp_api.checks.command_line import robot_reference_problems
+from robotapp_api.checks.command_line import expanded_text_problems, robot_reference_problems
 from robotapp_api.checks.components import component_notes, component_problems
 from robotapp_api.checks.containers import different_user_notes
 from robotapp_api.checks.discovery_variables import variable_notes
@@ -17,7 +17,7 @@ from robotapp_api.model.app.override import ComponentOverride
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.distros import DISTROS, NO_DISTRO, NO_ROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
-from robotapp_api.values.component_references import list_expanded_texts
+from robotapp_api.values.component_references import list_expanded_texts, list_helper_texts
 from robotapp_api.values.label_key import value_problem
 from robotapp_api.values.overrides import merge_component
 from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
@@ -34,6 +34,7 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
         yield from component_problems(component, f"spec.components[{index}]", ros_version=version)
     yield from host_name_problems(spec)
     yield from _inline_files(spec)
+    yield from expanded_text_problems(list_helper_texts(spec))
     yield from _references_without_robot(spec)
     yield from _override_problems(spec)
     yield from _unknown_names(spec)
@@ -167,14 +168,18 @@ def _inline_files(spec: RobotAppSpec) -> Iterator[Problem]:
 
 def _references_without_robot(spec: RobotAppSpec) -> Iterator[Problem]:
     """Names of robots in texts that the operator expands, in an app that has none."""
-    for index, component in enumerate(spec.components if spec.robots is None else ()):
-        for text in list_expanded_texts(component, f"spec.components[{index}]"):
-            if has_reference(text.text) and not unknown_reference(text.text):
-                yield invalid(
-                    text.path,
-                    f"{text.kind} {text.text} names the robot, but the app has none; write spec.robots, or the {text.kind} as it is",
-                )
+    if spec.robots is not None:
+        return
+    texts = [*list_helper_texts(spec)]
+    for index, component in enumerate(spec.components):
+        texts += list_expanded_texts(component, f"spec.components[{index}]")
         yield from robot_reference_problems(component, f"spec.components[{index}]")
+    for text in texts:
+        if has_reference(text.text) and not unknown_reference(text.text):
+            yield invalid(
+                text.path,
+                f"{text.kind} {text.text} names the robot, but the app has none; write spec.robots, or the {text.kind} as it is",
+            )
 
 
 def _override_problems(spec: RobotAppSpec) -> Iterator[Problem]:

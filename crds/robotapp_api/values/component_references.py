@@ -1,10 +1,11 @@
-"""References of a component's pod: objects of its namespace, and texts in which the operator expands the robot's name."""
+"""References of the pods of an app: objects of its namespace, and texts in which the operator expands the robot's name."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.app.component import Component
+from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.patterns import LABEL_VALUE_PATTERN, SUBDOMAIN_PATTERN
 from robotapp_api.values.robot_references import ObjectReference, expand, list_references
 
@@ -70,6 +71,19 @@ def list_expanded_texts(component: Component, at: str) -> Iterator[ExpandedText]
     for field, items in mounts:
         for index, mount in enumerate(items):
             yield ExpandedText(f"{field}[{index}].subPath", "path", str(mount.get("subPath") or ""))
+
+
+def list_helper_texts(spec: RobotAppSpec) -> Iterator[ExpandedText]:
+    """Yields the same of the pods of discovery servers, router and master."""
+    helpers = {"spec.ros1": spec.ros1, "spec.ros2.discovery": spec.ros2.discovery if spec.ros2 else None}
+    for at, helper in helpers.items():
+        if helper is None or helper.template is None:
+            continue
+        for key, value in helper.template.metadata.labels.items():
+            yield ExpandedText(f'{at}.template.metadata.labels["{key}"]', "label", value)
+        for index, secret in enumerate(helper.template.spec.image_pull_secrets):
+            place = f"{at}.template.spec.imagePullSecrets[{index}].name"
+            yield ExpandedText(place, "name", str(secret.get("name", "")))
 
 
 def expanded_problem(text: ExpandedText, robot: str) -> str:

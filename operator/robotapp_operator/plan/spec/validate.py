@@ -10,7 +10,12 @@ from robotapp_api.checks.problem import Problem
 from robotapp_api.checks.spec import spec_notes, spec_problems
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import Annotation, Label, Reason
-from robotapp_api.values.component_references import ExpandedText, expanded_problem, list_expanded_texts
+from robotapp_api.values.component_references import (
+    ExpandedText,
+    expanded_problem,
+    list_expanded_texts,
+    list_helper_texts,
+)
 from robotapp_api.values.overrides import merge_component, select_overrides
 from robotapp_api.values.robot_references import has_reference
 from robotapp_claims.rules.domain import DomainRequest, withheld
@@ -166,12 +171,10 @@ def _placement_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem
 
 def _name_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem]:
     """Names, keys and labels that are none for some robot, each with one such robot."""
-    texts = [
-        text
-        for component, at in _list_variants(app)
-        for text in list_expanded_texts(component, at)
-        if has_reference(text.text) and text.kind != "path"
-    ]
+    texts = [*list_helper_texts(app.spec)]
+    for component, at in _list_variants(app):
+        texts += list_expanded_texts(component, at)
+    texts = [text for text in texts if has_reference(text.text) and text.kind != "path"]
     robots = sorted({robot_of(node) for node in allowed_robots(app, nodes)}) if texts else []
     decisive = {kind: decisive_robots(kind, robots) for kind in {text.kind for text in texts}}
     for text in texts:
