@@ -111,7 +111,7 @@ def _plan_restart(deployment: Deployment, pods: Sequence[Pod], start: MasterStar
     if len([moment for moment in earlier if start.moment - moment < WINDOW]) >= MOST_RESTARTS:
         return NodeRestart(record, refused=tuple(sorted(strangers)))
     newest = [*earlier, start.moment][-MOST_RESTARTS:]
-    return NodeRestart(_SEPARATOR.join(f"{moment.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}" for moment in newest))
+    return NodeRestart(_SEPARATOR.join(f"{moment:%Y-%m-%dT%H:%M:%SZ}" for moment in newest))
 
 
 def _has_run_since(pod: Pod, node: str, limit: datetime) -> bool:
@@ -134,12 +134,14 @@ def _find_container(pod: Pod, name: str) -> ContainerStatus | None:
 
 
 def _moment(text: str | None) -> datetime | None:
-    """Returns None also for a time before the epoch: a runtime that has lost a container reports the year 1."""
+    """Returns the time in UTC, None also for one before the epoch: a runtime that has lost a container reports the year 1."""
     try:
         moment = datetime.fromisoformat(text) if text else None
-    except ValueError:
+        if moment is None or moment.tzinfo is None or moment.year < 1970:
+            return None
+        return moment.astimezone(UTC)
+    except (ValueError, OverflowError):  # the last hours of the year 9999 in the west
         return None
-    return moment if moment is not None and moment.tzinfo is not None and moment.year >= 1970 else None
 
 
 def _parse(record: str) -> list[datetime]:

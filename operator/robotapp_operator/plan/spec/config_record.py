@@ -79,7 +79,7 @@ def parse_record(text: str) -> ConfigRecord | None:
             rolls=max(0, int(raw.get("rolls", 0))),
             at=str(raw.get("at", "")),
         )
-    except (ValueError, TypeError, RecursionError):
+    except (ValueError, TypeError, OverflowError, RecursionError):
         return None
 
 

@@ -159,6 +159,14 @@ def test_an_annotation_that_is_no_list_of_times_stays_until_a_restart_is_due(tex
     assert record(master, node, record(master, node, text)) == record(master, node, text)
 
 
+@pytest.mark.parametrize(
+    "text", ["9999-12-31T23:59:59-23:59", "1970-01-01T00:00:00+23:59", "0001-01-01T00:00:00+01:00"]
+)
+def test_a_time_at_the_ends_of_the_calendar_ends_no_plan(text: str) -> None:
+    """Whoever may edit a Deployment may write such a record."""
+    assert record([pod("master", made=60, runs=61)], pod("driver", made=0, runs=1), text).endswith(at(60))
+
+
 def test_an_app_of_another_master_or_without_pods_has_nothing_to_restart() -> None:
     external = make_app(**NOETIC, ros1={"master": "External", "uri": "http://master:11311"})
     assert all(not result.record for result in restarts(deployed(external), []).values())
