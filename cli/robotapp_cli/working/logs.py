@@ -21,7 +21,13 @@ from robotapp_cli.reading.session import Session
 from robotapp_client.api.client import with_query
 from robotapp_client.api.resources import PODS
 from robotapp_client.informer.watch_decoder import Lines
-from robotapp_client.transport.errors import ApiError, Unreachable, error_from_response
+from robotapp_client.transport.errors import (
+    ApiError,
+    ServerError,
+    TooManyRequests,
+    Unreachable,
+    error_from_response,
+)
 
 MOST_BYTES: Final = 16 * 2**20
 """Of one container's log, without --follow."""
@@ -196,8 +202,10 @@ async def _follow(
 
 
 async def _follow_source(session: Session, source: LogSource, query: dict[str, str], printer: LogPrinter) -> None:
-    """Prints one run of a container until it ends. A connection that is lost goes on after the last line printed."""
-    newest = ""
+    """Prints one run of a container until it ends. A connection that is lost goes on after the last line printed, also while
+    the API server does not reach the node: robots are out of reach at times.
+    """
+    newest, told = "", ""
     while True:
         printed_until = newest
         start = {"timestamps": "true", "sinceTime": newest} if newest else query
@@ -218,6 +226,11 @@ async def _follow_source(session: Session, source: LogSource, query: dict[str, s
                             printer.print(line)
 
                 await stream.deliver(take)
+        except (ServerError, TooManyRequests) as error:
+            if error.message != told:
+                told = error.message
+                printer.print_problem(source, f"no log for now: {told}")
+            await pause(_LOOK_AGAIN_S)
         except ApiError as error:
             printer.print_problem(source, f"no log: {error.message}")
             return

@@ -1,9 +1,12 @@
 """logs, exec, shell, restart, suspend, resume, -w, and options before the verb."""
 
 import asyncio
+import contextlib
 import os
 import subprocess
+from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,7 +20,7 @@ from robotapp_cli.verbs import move_options
 from robotapp_cli.working import entering, logs
 from robotapp_cli.working.changing import RESTARTED_AT
 from robotapp_cli.working.entering import build_exec_command
-from robotapp_cli.working.logs import LogOptions, build_query, choose_colour, list_sources
+from robotapp_cli.working.logs import LogOptions, LogSource, build_query, choose_colour, list_sources
 
 Json = dict[str, Any]
 
@@ -153,6 +156,44 @@ class TestLogs:
             "amr-07/driver | first run",
             "amr-07/driver | second run",
         ]
+
+    def test_a_followed_container_of_a_node_that_is_out_of_reach_goes_on_when_it_is_back(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The API server answers with 502 as long as it does not reach the node's kubelet."""
+        refusal = b'{"kind": "Status", "message": "dial tcp 192.0.2.7:10250: no route to host"}'
+        client, printed = LogClient([(502, refusal), (502, refusal), (200, line(1, "here again").encode() + b"\n")]), []
+        printer = SimpleNamespace(
+            print=lambda log_line: printed.append(log_line.text), print_problem=lambda _, text: printed.append(text)
+        )
+
+        async def pause(_: float) -> None:
+            """The next try is at once."""
+
+        monkeypatch.setattr(logs, "pause", pause)
+        session: Any = SimpleNamespace(client=client, home="fleet")
+        asyncio.run(logs._follow_source(session, LogSource("a", "driver", "driver"), {}, printer))  # type: ignore[arg-type]
+        assert printed == ["no log for now: dial tcp 192.0.2.7:10250: no route to host", "here again"]
+
+
+class LogClient:
+    """An API server with these answers, status and body."""
+
+    def __init__(self, answers: list[tuple[int, bytes]]) -> None:
+        self._answers = answers
+
+    @contextlib.asynccontextmanager
+    async def stream(self, *_: Any, **__: Any) -> AsyncIterator[Any]:
+        """Opens a followed log."""
+        status, body = self._answers.pop(0)
+
+        async def read() -> bytes:
+            return body
+
+        async def deliver(take: Callable[[Sequence[bytes]], None]) -> None:
+            take([body])
+
+        yield SimpleNamespace(status=status, headers={}, read=read, deliver=deliver)
 
 
 class TestEntering:
