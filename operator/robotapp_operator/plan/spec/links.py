@@ -11,6 +11,8 @@ from robotapp_operator.plan.spec.objects import Service
 
 MAX_LINKS: Final = 32
 """In the status of one instance."""
+MAX_URL: Final = 1024
+"""What the status has room for; one too many characters would have the whole status refused."""
 OUTSIDE: Final = "outside"
 """Name of the port, and of the link, of a discovery server or router that programs outside of the cluster reach."""
 
@@ -44,7 +46,9 @@ def list_links(
     any_address = next((address for node in nodes.values() if (address := address_of(node))), "")
     helper_services = [services[name] for name in sorted(services) if services[name].metadata.labels.get(Label.ROLE)]
     links += _outside_links(helper_services, any_address)
-    return tuple(links[:MAX_LINKS])
+    # The list is a map by both names. A component may be named like a helper.
+    unique_links = {(link.component, link.name): link for link in reversed(links) if len(link.url) <= MAX_URL}
+    return tuple(link for link in links if link is unique_links.get((link.component, link.name)))[:MAX_LINKS]
 
 
 def _links_of(

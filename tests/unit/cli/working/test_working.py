@@ -313,6 +313,21 @@ class TestChanges:
         stage.text("restart", "teleop", "discovery")
         assert marked() == {"driver", "panel", "server"}
 
+    def test_a_component_that_is_named_like_a_helper_is_the_one_that_is_meant(self, stage: Stage) -> None:
+        parts = [{"name": "master", "image": "i"}, {"name": "driver", "image": "i"}]
+        helper = running_pod("roscore", "master")
+        helper["metadata"]["labels"] |= {"robotics.io/role": "master", "robotics.io/component": ""}
+        stage.add(ROBOTAPPS, robotapp(components=parts))
+        stage.add("/pods", helper, running_pod("ours", "master"))
+        stage.add(
+            "apps/deployments",
+            deployment("ours", {"robotics.io/component": "master"}),
+            deployment("roscore", {"robotics.io/role": "master"}),
+        )
+        stage.api.logs = {("ours", "master"): [line(1, "ours")], ("roscore", "master"): [line(2, "roscore")]}
+        assert stage.text("logs", "teleop", "master").splitlines() == ["amr-07/master | ours"]
+        assert "pods of 1 Deployment are replaced" in stage.text("restart", "teleop", "master")
+
     def test_an_app_without_deployments_is_answered_with_the_command_that_has_the_reason(self, stage: Stage) -> None:
         stage.add(ROBOTAPPS, robotapp())
         assert "has no pod" in stage.run("restart", "teleop").stderr

@@ -192,6 +192,28 @@ def test_the_entrances_are_shown_with_the_helpers_they_lead_to() -> None:
     assert links == (LinkView("discovery-1", "outside", "192.0.2.7:30811"),)
 
 
+def test_links_keep_to_what_the_api_server_takes_so_that_no_status_is_refused() -> None:
+    link = {"name": "outside", "port": "http"}
+    parts = component("discovery-0", service={"spec": {"ports": [HTTP]}, "links": [link]}), component("driver")
+    app = make_app(*parts, ros2={"external": {"expose": "NodePort"}})
+    labels = {"robotics.io/role": "discovery", "robotics.io/part": "0"}
+    entrance = Service(
+        metadata=TenantMeta(name="entrance", namespace="default", labels=labels),
+        text=b'{"type":"NodePort","ports":[{"name":"outside","port":11811,"nodePort":30811}]}',
+    )
+    (child,) = component_services(desired_of(app, ""))
+    own = Service(
+        metadata=TenantMeta(name=child.ref.name, namespace="default"), text=b'{"ports":[{"name":"http","port":80}]}'
+    )
+    services = {"entrance": entrance, child.ref.name: own}
+    links = list_links(desired_of(app, ""), services, {"driver": "amr-07"}, lambda _: "192.0.2.7")
+    assert [link.url for link in links] == [f"http://{child.ref.name}.default.svc:80"]
+
+    balanced = app_with([link | {"scheme": "foxglove", "path": "/" + "!" * 255}], type="LoadBalancer")
+    assert links_of(balanced, ingress=[Ingress(hostname="a" * 253)]) == (), "1094 characters, of 1024"
+    assert links_of(balanced, ingress=[Ingress(hostname="a" * 63)])
+
+
 def test_discovery_without_an_address_cannot_be_opened_and_the_cure_is_named() -> None:
     spec = make_app(ros2={"rmw": "rmw_cyclonedds_cpp", "external": {"expose": "NodePort"}}).spec
     (problem,) = spec_problems(spec)
