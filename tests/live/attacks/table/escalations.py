@@ -536,6 +536,21 @@ REVISIONS: Final = (
         "a past spec whose discovery servers have a field of a later version",
         {"ros2": {"discovery": {"envFrom": [{"secretRef": {"name": "deploy-key"}}]}}},
     ),
+    _revision(
+        "revision-node-port",
+        "a past spec that opens a port on all nodes",
+        {"data": app(service={"spec": {"type": "NodePort", "ports": _PORTS}})},
+    ),
+    _revision(
+        "revision-annotated-service",
+        "a past spec whose Service another program obeys",
+        {"data": app(service={"metadata": {"annotations": {"example.com/a": "b"}}, "spec": {"ports": _PORTS}})},
+    ),
+    _planted_helper(
+        "revision-external",
+        "a past spec that opens discovery servers to the outside",
+        {"ros2": {"external": {"expose": "NodePort"}}},
+    ),
 )
 
 ESCALATIONS: Final = (*REFERENCES, *SERVICES, *FIELDS, *RIGHTS, *REVISIONS)
