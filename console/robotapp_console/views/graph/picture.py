@@ -11,7 +11,7 @@ from robotapp_console.views.app.edges import ESTIMATED, MEASURED, SAME_NODE, UNK
 from robotapp_console.views.graph.layout import Layout, Rectangle, lay_out
 from robotapp_console.views.graph.ordering import Link, Part
 
-LANES: Final = ("robot", "edge", "cloud", "nodes of no tier", "no node yet")
+LANES: Final = ("robot", "edge", "cloud", "nodes of no tier", "no node")
 ROBOT, _EDGE, _CLOUD, OTHER, _NONE = range(len(LANES))
 TIERS_NOT_READ: Final = "nodes (their tiers may not be read)"
 CHARACTER: Final = 6.7

@@ -201,7 +201,7 @@ def test_components_stand_in_the_lane_of_their_nodes_tier_in_a_box_per_node() ->
         "planner": "edge",
         "ui": "cloud",
         "spare": "nodes of no tier",
-        "mapper": "no node yet",
+        "mapper": "no node",
     }
     assert [box.title for box in picture.boxes] == ["amr-07", "edge-1", "cloud-1", "plain", "waiting"]
 
@@ -221,7 +221,7 @@ def test_the_robot_itself_is_drawn_where_an_edge_ends_at_it() -> None:
 
 def test_an_edge_to_what_the_status_does_not_have_yet_is_drawn() -> None:
     picture = picture_of(world(edge("/a", "driver", "newcomer", nodes=[])))
-    assert lane_of(picture, "newcomer") == "no node yet"
+    assert lane_of(picture, "newcomer") == "no node"
 
 
 @pytest.mark.parametrize(
