@@ -226,7 +226,7 @@ class _InstanceBuilder:
         self._app = app
         estimates = ZoneEstimates(read_zones(snapshot.nodes), snapshot.round_trips)
         self._suspended = frozenset(item.name for item in app.spec.components if item.replicas == 0 or app.spec.suspend)
-        self._edges = EdgeReader(app.spec.edges, estimates, snapshot.round_trips)
+        self._edges = EdgeReader(app.spec.edges, estimates, snapshot.round_trips, self._suspended)
 
     def build(self, instance: Instance, *, is_drawn: bool) -> InstanceView:
         status = instance.status
