@@ -44,13 +44,14 @@ class Uploader:
         for upload in self._sockets:
             upload.close()
 
-    def begin(self, url: str, uploads: int) -> None:
-        """Sends that many questions but for their last byte."""
+    def begin(self, url: str, uploads: int, *, chunked: bool = False) -> None:
+        """Sends that many questions but for their last byte. The length of a chunked body is not promised in the head."""
         parts = urlsplit(url)
-        head = (
-            f"POST {parts.path}?{parts.query} HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {self.token}\r\n"
-            f"Content-Length: {BODY_BYTES}\r\n\r\n"
-        )
+        head = f"POST {parts.path}?{parts.query} HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {self.token}\r\n"
+        if chunked:
+            head += f"Transfer-Encoding: chunked\r\n\r\n{BODY_BYTES:x}\r\n"
+        else:
+            head += f"Content-Length: {BODY_BYTES}\r\n\r\n"
         for _ in range(uploads):
             with contextlib.suppress(OSError):  # the server may close at any moment
                 plain = socket.create_connection(

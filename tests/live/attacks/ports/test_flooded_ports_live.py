@@ -81,8 +81,13 @@ def test_idle_and_half_open_connections_cost_little_and_probes_are_answered(
     assert process.running
 
 
+@pytest.mark.parametrize(
+    ("path", "chunked"),
+    [("/what-if", False), ("/what-if", True), ("/simulate", False)],
+    ids=["promised", "chunked", "of another page"],
+)
 def test_unfinished_questions_of_many_users_fill_no_memory_and_others_are_answered(
-    installed_plane: ControlPlane, namespace: str
+    installed_plane: ControlPlane, namespace: str, path: str, chunked: bool
 ) -> None:
     """Eight viewers held 390 MB with uploads to /what-if that they never ended. Each has a namespace here, whose accounts share a turn."""
     plane = installed_plane
@@ -97,7 +102,7 @@ def test_unfinished_questions_of_many_users_fill_no_memory_and_others_are_answer
             ask(page, bearer=honest.token, body=question)
             before_bytes = tree_rss_bytes(scheduler.pid)
             for home, uploader in zip(homes, crowd, strict=True):
-                uploader.begin(f"{scheduler.health_url}/what-if?namespace={home}", UPLOADS)
+                uploader.begin(f"{scheduler.health_url}{path}?namespace={home}", UPLOADS, chunked=chunked)
             grown = tree_rss_bytes(scheduler.pid) - before_bytes
             assert grown < BUDGET_BYTES + SCHEDULER_LIMITS.connections * CONNECTION_BYTES
             status, text = ask(page, bearer=honest.token, body=question)
