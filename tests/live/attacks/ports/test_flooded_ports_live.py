@@ -13,7 +13,7 @@ from tests.support.work_unit import is_in_time
 
 from campaigns.common.process_use import tree_rss_bytes
 from campaigns.hostile.port_flood import MODES, Flood, Target, list_sources
-from campaigns.hostile.uploads import Uploader
+from campaigns.hostile.uploads import CONNECTION_BYTES, Uploader
 from campaigns.rigs.ports import ask
 from robotapp_operator.health import LIMITS as OPERATOR_LIMITS
 from robotapp_scheduler.port.entrance import BUDGET_BYTES
@@ -28,8 +28,6 @@ CONNECTIONS = 300
 MOST_GROWTH = 24 << 20
 ACCOUNTS = 8
 UPLOADS = 10
-CONNECTION_BYTES = 600_000
-"""What a TLS connection with a body on its way may hold in buffers, beside the budget of bodies."""
 ANSWER_S = 5.0
 CLOSED_S = 30.0
 
