@@ -1,6 +1,6 @@
 """Finds what a container cannot start with: no entry point of ROS, parameter files that reach nobody, references that nothing replaces.
 
-`run` and `launch` are looked at here as well.
+`run` and `launch` are looked at here as well, and the node name that copies of one command line have in common.
 """
 
 import re
@@ -21,6 +21,8 @@ _ROBOT_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\((?:ROBOTAPP_ROBOT|RO
 _BASE_IMAGE: Final = re.compile(r"(?:(?:[a-z0-9.-]+(?::[0-9]+)?/)?(?:library/|osrf/|arm64v8/)?)ros(?::[^/]*)?(?:@.*)?")
 """Images of ROS itself, whose program is bash."""
 _ROS_TOOLS: Final = frozenset({"ros2", "roslaunch", "rosrun"})
+_FIELDS_OF_ONE_POD: Final = frozenset({"metadata.name", "metadata.uid"})
+"""Fields of a pod in which the copies of a component differ, so that a program can make a node name of them."""
 
 
 def command_line_problems(component: Component, at: str) -> Iterator[Problem]:
@@ -57,6 +59,32 @@ def command_line_notes(component: Component, at: str) -> Iterator[Note]:
             f"{component.image} starts a shell by itself, which ends at once, again and again; write the program, such as args: [ros2, run, "
             "PACKAGE, PROGRAM]",
         )
+
+
+def node_name_notes(component: Component, at: str, *, ros_version: int) -> Iterator[Note]:
+    """Yields that the copies of a ROS component have one node name.
+
+    A variable with the name or the uid of the pod is taken for the part of a name that differs, but not beside `run.name`, which is fixed.
+    """
+    name = component.run.name if component.run else None
+    if component.replicas <= 1 or (not name and _reads_name_of_pod(component)):
+        return
+    whose = f"the name {name} of run.name" if name else "the node name of their program, unless it makes one of its own"
+    effect = (
+        "the master ends the earlier of two nodes of one name"
+        if ros_version == 1
+        else "parameters, services and lifecycle calls for that name reach any of them"
+    )
+    yield Note(
+        f"{at}.replicas",
+        f"all {component.replicas} copies have {whose}; {effect}; write a component with a name of its own for each copy, or make the name "
+        "from the pod's (docs/how-to/pods.md#several-copies-of-a-ros-node)",
+    )
+
+
+def _reads_name_of_pod(component: Component) -> bool:
+    sources = ((variable.get("valueFrom") or {}).get("fieldRef") or {} for variable in component.env)
+    return any(source.get("fieldPath") in _FIELDS_OF_ONE_POD for source in sources)
 
 
 def reads_parameters_variable(component: Component) -> bool:

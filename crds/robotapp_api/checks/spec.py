@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from robotapp_api.checks.command_line import expanded_text_problems, robot_reference_problems
+from robotapp_api.checks.command_line import expanded_text_problems, node_name_notes, robot_reference_problems
 from robotapp_api.checks.components import component_notes, component_problems
 from robotapp_api.checks.containers import different_user_notes
 from robotapp_api.checks.discovery_variables import variable_notes
@@ -72,6 +72,8 @@ def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[No
         yield from edge_notes(spec.edges)
     for index, component in enumerate(spec.components):
         yield from component_notes(component, f"spec.components[{index}]")
+        if uses_ros(component, spec.ros.distro):
+            yield from node_name_notes(component, f"spec.components[{index}]", ros_version=ros_version_of(spec))
     yield from variable_notes(spec)
     yield from host_network_notes(spec)
     yield from different_user_notes(spec)

@@ -320,3 +320,56 @@ def test_edges_to_components_without_ros_are_no_topics_that_localhost_keeps_apar
     whole = {"ros2": {"discovery": {"mode": "Localhost"}}, "edges": [{"topic": "/sql", "from": "a", "to": "store"}]}
     assert list_app_problems(component("a"), component("store", ros="None"), **whole) == []
     assert len(list_app_problems(component("a"), component("store"), **whole)) == 1
+
+
+def list_replica_notes(**fields: Any) -> list[str]:
+    whole = {"ros": {"distro": fields.pop("distro", "jazzy")}}
+    spec = make_app(component(**{"replicas": 3} | fields), **whole).spec
+    return [note.message for note in spec_notes(spec) if note.field == "spec.components[0].replicas"]
+
+
+def env_of_pod(field: str) -> list[dict[str, Any]]:
+    return [{"name": "SELF", "valueFrom": {"fieldRef": {"fieldPath": field}}}]
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"args": ["ros2", "run", "a", "b"]},
+        {"launch": LAUNCH},
+        {"args": ["ros2", "run", "a", "b"], "env": env_of_pod("spec.nodeName")},
+        {"args": ["ros2", "run", "a", "b"], "env": [{"name": "SELF", "value": "metadata.name"}]},
+        {"args": ["ros2", "run", "a", "b"], "env": env_of_pod("metadata.namespace"), "replicas": 2},
+    ],
+)
+def test_copies_of_a_ros_program_with_one_node_name_are_noted_with_what_to_write(fields: dict[str, Any]) -> None:
+    (message,) = list_replica_notes(**fields)
+    assert message.startswith(f"all {fields.get('replicas', 3)} copies have the node name of their program")
+    assert "reach any of them; write a component with a name of its own for each copy" in message
+
+
+def test_a_name_that_run_gives_to_all_copies_is_noted_even_beside_the_name_of_the_pod() -> None:
+    (message,) = list_replica_notes(
+        run={"package": "a", "executable": "b", "name": "eye"}, env=env_of_pod("metadata.name")
+    )
+    assert message.startswith("all 3 copies have the name eye of run.name; ")
+
+
+def test_in_ros_1_the_master_ends_all_copies_but_one() -> None:
+    (message,) = list_replica_notes(distro="noetic", args=["rosrun", "a", "b"])
+    assert "the master ends the earlier of two nodes of one name" in message
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"replicas": 1},
+        {"replicas": 0},
+        {"ros": "None"},
+        {"distro": "none"},
+        {"env": env_of_pod("metadata.name")},
+        {"env": env_of_pod("metadata.uid")},
+    ],
+)
+def test_one_copy_programs_without_ros_and_names_made_of_the_pods_are_not_noted(fields: dict[str, Any]) -> None:
+    assert list_replica_notes(args=["program"], **fields) == []

@@ -241,7 +241,8 @@ class Component(Model):
     depends_on: Annotated[tuple[Dependency, ...], ListMap("component"), Field(max_length=16)] = ()
     """Components that must be ready before this one is created. One that runs is not stopped when they cease to be ready."""
     replicas: Annotated[int, Field(ge=0, le=32)] = 1
-    """Identical copies; more than 1 only without exclusive devices. 0 suspends the component: no pod, and its devices are given back."""
+    """Identical copies, also in the name of their ROS node; more than 1 only without exclusive devices. 0 suspends the component: no
+    pod, and its devices are given back."""
     on_disconnect: OnDisconnect | None = None
     """What happens when the node is unreachable for connectivity.grace: Keep the pod; Failover to another node; or Stop: the pod
     ends, and its successor starts when the node is back and the pod there has ended. Absent means Keep where
