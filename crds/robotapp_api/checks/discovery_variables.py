@@ -183,8 +183,8 @@ def _fast_dds_text(spec: RobotAppSpec, name: str, value: str, *, mode: str) -> s
             )
     if name in _PROFILE_FILES and mode == "Server":
         return (
-            "a discoveryProtocol CLIENT or SERVER in its default participant profile replaces the operator's two servers, so "
-            "other components are not found; leave discovery out of the file"
+            "a discoveryProtocol CLIENT or SERVER in its default participant profile replaces the operator's two servers, and "
+            "transports without UDP do not reach them, so other components are not found; leave discovery out of the file, and UDP in it"
         )
     if name == "FASTDDS_ENVIRONMENT_FILE":
         return "of what the file sets too, the operator's variables count; write those in env"

@@ -12,7 +12,7 @@ _FIRST: Final = rf"([A-Za-z_]|{_REFERENCE})"
 _TOKEN: Final = rf"{_FIRST}([A-Za-z0-9_]|{_REFERENCE})*"
 NODE_NAME_PATTERN: Final = rf"^{_TOKEN}$"
 REMAP_PATTERN: Final = rf"^(~/|/)?{_TOKEN}(/{_TOKEN})*$"
-ARGUMENT_PATTERN: Final = "^[A-Za-z_][A-Za-z0-9_.-]*$"
+ARGUMENT_PATTERN: Final = "^[A-Za-z_][A-Za-z0-9_./-]*$"
 _TOPIC: Final = "^(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$"
 
 PackageName = Annotated[str, StringConstraints(min_length=1, max_length=255, pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
@@ -82,7 +82,7 @@ class Launch(Model):
         Field(max_length=64),
         Rule(
             rule=f"self.all(name, size(name) <= 255 && name.matches('{ARGUMENT_PATTERN}'))",
-            message="a name of a launch argument has letters, digits, '_', '.' and '-' only; write for example {use_sim_time: \"true\"}",
+            message="a name of a launch argument has letters, digits, '_', '.', '-' and '/' only; write for example {use_sim_time: \"true\"}",
         ),
     ] = Field(default_factory=dict)
     """Values of launch arguments. $(ROBOTAPP_ROBOT) and $(ROBOTAPP_INSTANCE) stand for the names of robot and instance as they are."""

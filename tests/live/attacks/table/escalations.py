@@ -424,6 +424,15 @@ RIGHTS: Final = (
     _denied(
         "quota", "raise one's quota of domains", kinds.POOL, {"spec.quota": {"namespaces": {"own": 99}}}, name="default"
     ),
+    _denied("quota-default", "everybody's quota of domains lifted", kinds.POOL, {"spec.quota": {}}, name="default"),
+    _denied(
+        "quota-deputy",
+        "one's quota of domains, by somebody with every right on our kinds in his namespace",
+        kinds.POOL,
+        {"spec.quota": {"namespaces": {"own": 99}}},
+        who="deputy",
+        name="default",
+    ),
     _denied("clerk-pod", "a pod, by a writer of RobotApps only", kinds.POD, {"spec": {}}, who="clerk", where="own"),
     _denied(
         "clerk-deployment",

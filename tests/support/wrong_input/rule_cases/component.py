@@ -124,9 +124,9 @@ COMPONENT = [
     ),
     RuleCase(
         "names of launch arguments",
-        app(components=[component(launch={**LAUNCH, "arguments": {"use_sim_time": "true"}})]),
+        app(components=[component(launch={**LAUNCH, "arguments": {"perception/use_base_link_z": "true"}})]),
         app(components=[component(launch={**LAUNCH, "arguments": {"use sim": "true"}})]),
-        "a name of a launch argument has letters, digits, '_', '.' and '-' only; write for example {use_sim_time: \"true\"}",
+        "a name of a launch argument has letters, digits, '_', '.', '-' and '/' only; write for example {use_sim_time: \"true\"}",
     ),
     RuleCase(
         "one check of ROS",
