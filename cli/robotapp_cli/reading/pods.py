@@ -83,7 +83,7 @@ def is_selected(obj: Json, app: Json, selection: Selection) -> bool:
     component, role = label(obj, Label.COMPONENT), label(obj, Label.ROLE)
     if component or not selection.component:
         return bool(component) and selection.component in (None, component)
-    names = {each["name"] for each in app["spec"]["components"]}
+    names = {part["name"] for part in app["spec"]["components"]}
     return role == selection.component and role not in names
 
 

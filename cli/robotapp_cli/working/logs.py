@@ -205,7 +205,7 @@ async def _follow_source(session: Session, source: LogSource, query: dict[str, s
     """Prints one run of a container until it ends. A connection that is lost goes on after the last line printed, also while
     the API server does not reach the node: robots are out of reach at times.
     """
-    newest, told = "", ""
+    newest, last_problem = "", ""
     while True:
         printed_until = newest
         start = {"timestamps": "true", "sinceTime": newest} if newest else query
@@ -227,9 +227,9 @@ async def _follow_source(session: Session, source: LogSource, query: dict[str, s
 
                 await stream.deliver(take)
         except (ServerError, TooManyRequests) as error:
-            if error.message != told:
-                told = error.message
-                printer.print_problem(source, f"no log for now: {told}")
+            if error.message != last_problem:
+                last_problem = error.message
+                printer.print_problem(source, f"no log for now: {last_problem}")
             await pause(_LOOK_AGAIN_S)
         except ApiError as error:
             printer.print_problem(source, f"no log: {error.message}")
