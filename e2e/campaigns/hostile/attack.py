@@ -91,6 +91,11 @@ def read_memory_limit(component: str) -> int:
     return int(text[:-2]) * _UNITS[text[-2:]]
 
 
+def read_quota() -> int:
+    """Returns how many ids of the pool the chart's values give a namespace."""
+    return int(read_values()["domainPool"]["quota"]["default"])
+
+
 def read_values() -> dict[str, Any]:
     """Returns the chart's values."""
     values: dict[str, Any] = yaml.safe_load((CHART / "values.yaml").read_text())

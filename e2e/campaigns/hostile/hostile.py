@@ -16,7 +16,7 @@ from typing import Any
 from campaigns.common.options import report
 from campaigns.common.output import save, say
 from campaigns.hostile import attacks
-from campaigns.hostile.attack import ATTACKS, Attack
+from campaigns.hostile.attack import ATTACKS, Attack, read_quota
 from campaigns.rigs.live import CLAIMS
 from campaigns.rigs.simulated_site import SimulatedSite
 from robotapp_testbed import ControlPlane, wait_until
@@ -49,7 +49,9 @@ def run(selection: Sequence[Attack]) -> dict[str, dict[str, Any]]:
     """Returns figures and missed limits by the attack's name; an attack that ends in an error has missed everything."""
     results: dict[str, dict[str, Any]] = {}
     with ControlPlane() as cp:
-        product.install(cp, values={"domainPool": {"quarantineSeconds": 1}})
+        # The testbed leaves the quota out. It stays for the whole run: an app that was refused an id must not get one between attacks.
+        quota = {"default": read_quota()}
+        product.install(cp, values={"domainPool": {"quarantineSeconds": 1, "quota": quota}})
         for attack in selection:
             say(f"{attack.name}: {attack.text}")
             began_s = time.monotonic()

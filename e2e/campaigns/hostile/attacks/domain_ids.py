@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any, Final
 
-from campaigns.hostile.attack import READY_S, Outcome, judge, register
-from campaigns.hostile.bystanders import POOL, Bystanders, holding_quota, measure_calm
+from campaigns.hostile.attack import READY_S, Outcome, judge, read_quota, register
+from campaigns.hostile.bystanders import POOL, Bystanders, measure_calm
 from campaigns.hostile.intruder import Intruder, intruding
 from campaigns.rigs.appwatch import condition
 from campaigns.rigs.live import CLAIMS, POOLS, pool
@@ -27,9 +27,9 @@ REFUSALS: Final = (Reason.QUOTA_EXCEEDED, Reason.DOMAIN_EXHAUSTED, Reason.POOL_O
 
 @register("all-domain-ids", f"a tenant wants {APPS} ids with the chart's quota, then {TENANTS - 1} more tenants do")
 def take_all_ids(site: SimulatedSite) -> Outcome:
+    quota = read_quota()
     calm_s = measure_calm(site, "ids")
     with ExitStack() as stack:
-        quota = stack.enter_context(holding_quota(site))
         first, *later_tenants = [stack.enter_context(intruding(site, f"greedy-{number}")) for number in range(TENANTS)]
         with Bystanders(site, "beside-ids") as bystanders:
             want_ids(first)

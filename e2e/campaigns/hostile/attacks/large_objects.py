@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from campaigns.common.process_use import peak_rss_bytes
 from campaigns.hostile.attack import MIB, READY_S, Outcome, judge, read_memory_limit, register
-from campaigns.hostile.bystanders import Bystanders, holding_quota, measure_calm
+from campaigns.hostile.bystanders import Bystanders, measure_calm
 from campaigns.hostile.intruder import Intruder, Json, intruding
 from campaigns.operating.large_apps import SHAPES, await_quiet, make_text_app
 from campaigns.rigs.simulated_site import SimulatedSite
@@ -76,7 +76,7 @@ def measure_hoard(
 ) -> Outcome:
     """Runs the attack beside bystanders, then starts a further operator that lists everything at once. Figures of the attack must be 0."""
     calm_s = measure_calm(site, "hoard")
-    with holding_quota(site), intruding(site, "hoard", role=role) as intruder:
+    with intruding(site, "hoard", role=role) as intruder:
         with Bystanders(site, "beside-hoard") as bystanders:
             extra = attack(intruder)
             bystanders.wait_for_more(OTHERS_AFTER)

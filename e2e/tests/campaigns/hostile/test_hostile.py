@@ -2,10 +2,11 @@
 
 import ipaddress
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
-from campaigns.hostile import hostile
+from campaigns.hostile import bystanders, hostile
 from campaigns.hostile.attack import ATTACKS, Outcome, judge, read_memory_limit, register
 from campaigns.hostile.attacks.large_objects import APPS
 from campaigns.hostile.attacks.late_components import COMPONENTS, make_late_app
@@ -53,6 +54,15 @@ def test_the_table_has_a_row_for_each_figure_and_each_missed_limit() -> None:
         ["flood", "load", "1.5"],
         ["flood", "MISSED:", "too", "much"],
     ]
+
+
+def test_an_app_that_is_never_ready_misses_every_limit_and_ends_no_attack(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bystanders, "start_one", Mock(side_effect=[TimeoutError, *[0.5] * 1_000]))
+    monkeypatch.setattr(bystanders, "PAUSE_S", 0.001)
+    with bystanders.Bystanders(Mock(), "beside") as others:
+        others.wait_for_more(2)
+    assert others.ready_s[1] == 0.5
+    assert judge({"s": others.slowest_s}, {"s": 3.0}).missed == ("s: inf, at most 3 is allowed",)
 
 
 def test_a_crowd_comes_from_addresses_of_its_own() -> None:
