@@ -10,7 +10,7 @@ from robotapp_api.model.names import API_VERSION
 from robotapp_cli.importing.files.parts import Part
 from robotapp_cli.importing.files.project import ImportRequest, Loader, ReadFile
 from robotapp_cli.importing.report import ComposeError, Report
-from robotapp_cli.importing.services.component import draft_component
+from robotapp_cli.importing.services.component import draft_component, report_silent
 from robotapp_cli.importing.services.draft import Context, Draft, Json, make_label, make_unique
 from robotapp_cli.importing.services.storage import report_grants, report_volumes
 from robotapp_cli.lint.marks import DISTRO_MARK
@@ -49,6 +49,8 @@ def import_compose(request: ImportRequest, read_file: ReadFile) -> ImportResult:
     drafts = [draft_component(context, name, project.services[name]) for name in context.components]
     spec = _decide_ros(context, drafts)
     spec["components"] = [draft.assemble() for draft in drafts]
+    for draft in drafts:
+        report_silent(draft)
     report_volumes(context)
     report_grants(context)
     for part in project.networks.values():

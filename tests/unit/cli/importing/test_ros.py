@@ -64,6 +64,8 @@ def test_no_distribution_or_two_of_them_are_marked() -> None:
 def test_the_domain_is_a_field_of_the_app_where_it_can_be_claimed(written: str, ros2: object) -> None:
     result = import_one({"environment": [f"ROS_DOMAIN_ID={written}"]})
     assert get_spec(result).get("ros2") == ros2
+    verdict = get_verdict(result, "services.driver.environment[0]")
+    assert verdict is (Verdict.TAKEN if ros2 else Verdict.LEFT_OUT)
     assert "env" not in get_component(result)
 
 
