@@ -87,6 +87,14 @@ def test_middleware_and_its_configuration() -> None:
     assert get_component(result)["env"] == [{"name": "CYCLONEDDS_URI", "value": "file:///c.xml"}]
 
 
+def test_a_host_name_is_left_out_where_the_operator_needs_its_own() -> None:
+    service = {"hostname": "robot", "environment": {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}}
+    result = import_one(service)
+    assert "template" not in get_component(result)
+    assert get_verdict(result, "services.driver.hostname") is Verdict.LEFT_OUT
+    assert get_component(import_one({"hostname": "robot"}))["template"] == {"spec": {"hostname": "robot"}}
+
+
 def test_a_master_in_the_file_becomes_the_operators_own() -> None:
     services = {
         "core": {"image": "ros:noetic", "command": "stdbuf -o L roscore"},
