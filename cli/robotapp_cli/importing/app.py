@@ -5,14 +5,16 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
+from robotapp_api.checks.middleware import resolve_mode
 from robotapp_api.model.distros import DISTROS, NO_DISTRO, WITHOUT_ROS
 from robotapp_api.model.names import API_VERSION
 from robotapp_cli.importing.files.parts import Part
 from robotapp_cli.importing.files.project import ImportRequest, Loader, ReadFile
 from robotapp_cli.importing.report import ComposeError, Report
-from robotapp_cli.importing.services.component import draft_component
+from robotapp_cli.importing.services.component import draft_component, report_silent
 from robotapp_cli.importing.services.draft import Context, Draft, Json, make_label, make_unique
 from robotapp_cli.importing.services.storage import report_grants, report_volumes
+from robotapp_cli.lint.findings import shown
 from robotapp_cli.lint.marks import DISTRO_MARK
 
 _MOST_COMPONENTS: Final = 64
@@ -48,7 +50,10 @@ def import_compose(request: ImportRequest, read_file: ReadFile) -> ImportResult:
     _name_components(context)
     drafts = [draft_component(context, name, project.services[name]) for name in context.components]
     spec = _decide_ros(context, drafts)
+    _drop_host_names(context, drafts, spec)
     spec["components"] = [draft.assemble() for draft in drafts]
+    for draft in drafts:
+        report_silent(draft)
     report_volumes(context)
     report_grants(context)
     for part in project.networks.values():
@@ -56,6 +61,19 @@ def import_compose(request: ImportRequest, read_file: ReadFile) -> ImportResult:
     robotapp = {"apiVersion": API_VERSION, "kind": "RobotApp", "metadata": {"name": app}, "spec": spec}
     beside = [context.objects[key] for key in sorted(context.objects)]
     return ImportResult([*beside, robotapp], report)
+
+
+def _drop_host_names(context: Context, drafts: list[Draft], spec: Json) -> None:
+    """Removes the host names of pods that the others find under the operator's name for them."""
+    distro = DISTROS.get(spec["ros"]["distro"])
+    rmw = spec.get("ros2", {}).get("rmw") or (distro.rmw if distro else "")
+    if resolve_mode("Auto", rmw) != "Peers":
+        return
+    for draft in drafts:
+        part = draft.service.get("hostname")
+        if part is not None and draft.pod.pop("hostname", None):
+            context.report.lines = [line for line in context.report.lines if line.path != shown(part.path)]
+            context.report.omit(part, f"with {rmw} a pod's host name is that under which the others find it")
 
 
 def _name_components(context: Context) -> None:
@@ -84,7 +102,12 @@ def _decide_ros(context: Context, drafts: list[Draft]) -> Json:
             context.report.change(draft.service, "ros: None, because the image is known to have no ROS in it")
         elif not draft.is_without_ros and not draft.distro and distro not in (NO_DISTRO, DISTRO_MARK):
             context.report.change(draft.service, "taken for a ROS program; write ros: None if it is none")
+    without_ros = drafts if distro == NO_DISTRO else [draft for draft in drafts if draft.is_without_ros]
+    for part in (part for draft in without_ros for part in draft.ros.values()):
+        context.report.omit(part, "a program without ROS has no use for it")
     spec: Json = {"ros": {"distro": distro}}
+    if distro == NO_DISTRO:
+        return spec
     version = DISTROS[distro].version if distro in DISTROS else _guess_version(with_ros)
     settings = [("ROS_DOMAIN_ID", _decide_domain), ("RMW_IMPLEMENTATION", _decide_rmw)]
     ros2: Json = {}

@@ -129,13 +129,12 @@ def draft_component(context: Context, name: str, service: Part) -> Draft:
             context.report.omit(part, "nothing is written here")
     program.finish_environment(draft)
     report_fields(draft, service, frozenset({*HANDLERS, *_ELSEWHERE}), REASONS)
-    _report_silent(draft, service)
     return draft
 
 
-def _report_silent(draft: Draft, service: Part) -> None:
-    """Reports every value about which no handler has said anything, so that nothing is lost without a line."""
-    start = shown(service.path)
+def report_silent(draft: Draft) -> None:
+    """Reports every value of the service that no line is about yet, so that nothing is lost without a line."""
+    service, start = draft.service, shown(draft.service.path)
     named = {line.path for line in draft.report.lines if line.path.startswith(start)}
     around = {text[:end] for text in named for end in range(len(text)) if text[end] in ".["}
     pending = list((service.fields or {}).values())

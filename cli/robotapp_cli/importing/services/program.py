@@ -141,7 +141,7 @@ def finish_environment(draft: Draft) -> None:
     entries = []
     for name, part in draft.env.items():
         text = part.as_text()
-        if name in _APP_WIDE and not draft.is_without_ros:
+        if name in _APP_WIDE:
             draft.ros[name] = part
         elif not _ENV_NAME.fullmatch(name) or name.startswith("ROBOTAPP_"):
             draft.report.omit(part, f"{name!r} cannot be the name of a variable here; give it another one")

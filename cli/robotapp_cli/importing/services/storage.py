@@ -133,7 +133,7 @@ def take_tmpfs(draft: Draft, part: Part) -> None:
             raise item.fail(f"{target[:60]!r} is no path in the container; write one that begins with /")
         _mount_memory(draft, item, target, scaled)
         if words:
-            draft.report.omit(item, f"memory of a pod has no option {', '.join(words)}")
+            draft.report.change(item, f"memory of a pod has no option {', '.join(words)}")
 
 
 def _mount_named(draft: Draft, mount: Mount) -> None:

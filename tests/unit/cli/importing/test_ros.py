@@ -64,6 +64,8 @@ def test_no_distribution_or_two_of_them_are_marked() -> None:
 def test_the_domain_is_a_field_of_the_app_where_it_can_be_claimed(written: str, ros2: object) -> None:
     result = import_one({"environment": [f"ROS_DOMAIN_ID={written}"]})
     assert get_spec(result).get("ros2") == ros2
+    verdict = get_verdict(result, "services.driver.environment[0]")
+    assert verdict is (Verdict.TAKEN if ros2 else Verdict.LEFT_OUT)
     assert "env" not in get_component(result)
 
 
@@ -83,6 +85,14 @@ def test_middleware_and_its_configuration() -> None:
     )
     assert get_spec(result)["ros2"] == {"rmw": "rmw_cyclonedds_cpp"}
     assert get_component(result)["env"] == [{"name": "CYCLONEDDS_URI", "value": "file:///c.xml"}]
+
+
+def test_a_host_name_is_left_out_where_the_operator_needs_its_own() -> None:
+    service = {"hostname": "robot", "environment": {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}}
+    result = import_one(service)
+    assert "template" not in get_component(result)
+    assert get_verdict(result, "services.driver.hostname") is Verdict.LEFT_OUT
+    assert get_component(import_one({"hostname": "robot"}))["template"] == {"spec": {"hostname": "robot"}}
 
 
 def test_a_master_in_the_file_becomes_the_operators_own() -> None:
