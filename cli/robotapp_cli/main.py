@@ -24,6 +24,7 @@ from robotapp_cli.commands.claims import show_domains
 from robotapp_cli.commands.console import ConsoleOptions, start_console
 from robotapp_cli.commands.devices import show_devices
 from robotapp_cli.commands.explain import Question, show_explain
+from robotapp_cli.commands.importing import add_import_command
 from robotapp_cli.commands.nodes import show_nodes, show_robots
 from robotapp_cli.commands.rendering import show_children, show_file
 from robotapp_cli.commands.simulate import Wish, show_simulation
@@ -360,6 +361,9 @@ def lint_command(
     except CliError as failure:
         raise ended_by(failure) from failure
     raise typer.Exit(code)
+
+
+add_import_command(app)
 
 
 @app.command("console", epilog="Examples: kubectl robotapp console; kubectl robotapp console --no-browser --port 8080")

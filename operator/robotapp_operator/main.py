@@ -13,7 +13,7 @@ from collections.abc import AsyncIterator, Callable, Coroutine, Iterable
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SYSTEM_NAMESPACE
+from robotapp_api.model.names import OPERATOR_MANAGER, SYSTEM_NAMESPACE
 from robotapp_claims.protocol.repair import make_lost_claims
 from robotapp_claims.protocol.sweeper import Sweeper
 from robotapp_claims.rules.objects import Claim
@@ -23,7 +23,7 @@ from robotapp_client.serving.access import Gatekeeper
 from robotapp_client.serving.logs import set_up as set_up_logs
 from robotapp_client.serving.server import PortError
 from robotapp_client.serving.tls import TlsPort, loaded
-from robotapp_client.tools.event_recorder import EventRecorder, reference
+from robotapp_client.tools.event_recorder import EventRecorder
 from robotapp_client.tools.leader_election import LeaderElection, candidate_identity
 from robotapp_client.tools.restart import RESTORED, start_again
 from robotapp_client.transport.proxy import SOCKS
@@ -44,7 +44,7 @@ from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.probe_targets import Probes
 from robotapp_operator.reconcile.reconcile_state import ReconcileState
 from robotapp_operator.reconcile.scheduling_gates import Gates
-from robotapp_operator.reconcile.status_reporter import ACTION, Reporter
+from robotapp_operator.reconcile.status_reporter import Reporter, send_event
 from robotapp_operator.settings import Settings, parse
 from robotapp_operator.watch.app_list import list_apps
 from robotapp_operator.watch.app_watch import AppWatch
@@ -187,10 +187,7 @@ class Operator:
         enqueue_status(self.queue, uid, instance)
 
     def _announce(self, app: App, event: PendingEvent) -> None:
-        about = reference(api_version=API_VERSION, kind="RobotApp", name=app.name, namespace=app.namespace, uid=app.uid)
-        self.recorder.event(
-            about, reason=event.reason.value, note=event.note[:1000], action=ACTION, warning=event.warning
-        )
+        send_event(self.recorder, app, event)
 
     def ready(self) -> bool:
         """Caches are filled; a process that waits for the Lease is ready to take over."""

@@ -17,6 +17,7 @@ from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.values.label_key import key_problem
 from robotapp_cli.lint.cel_rules import broken_rules
 from robotapp_cli.lint.findings import Finding, Path, Severity, Why, steps
+from robotapp_cli.lint.marks import describe_mark
 from robotapp_cli.lint.structure import empty_fields, list_keys, structure
 from robotapp_cli.lint.subject import Subject
 
@@ -75,6 +76,21 @@ def names_itself(subject: Subject) -> Iterator[Finding]:
             yield Finding(("spec", "ros2", "shareWith", index), text, Severity.WARNING, Why.NOTE)
 
 
+def marked_places(subject: Subject) -> Iterator[Finding]:
+    """Places that an import marked for a person to fill in; where another check refuses the value, its words count."""
+    spec = subject.stored.get("spec")
+    pending: list[tuple[Path, Any]] = [(("spec",), spec)]
+    refused = _refused(subject)
+    while pending:
+        path, value = pending.pop()
+        if isinstance(value, dict):
+            pending += [((*path, name), inner) for name, inner in value.items()]
+        elif isinstance(value, list):
+            pending += [((*path, index), inner) for index, inner in enumerate(value)]
+        elif isinstance(value, str) and path not in refused and (text := describe_mark(value)):
+            yield Finding(path, text, reason=Why.MARKED)
+
+
 CHECKS: Final[tuple[Check, ...]] = (
     written_status,
     structure,
@@ -85,6 +101,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     operator_problems,
     operator_notes,
     names_itself,
+    marked_places,
 )
 
 

@@ -35,6 +35,8 @@ class Why(StrEnum):
     BROKEN_RULE = "FieldValueInvalid"
     """The API server's word where a rule has none of its own."""
     TOO_MANY = "TooMany"
+    MARKED = "Marked"
+    """An import left this place to a person."""
     NOTE = "Note"
     """The operator accepts the field; it does less, or something else, than its author may expect."""
 

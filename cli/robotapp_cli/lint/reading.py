@@ -71,6 +71,8 @@ class Node:
     """Parts by name or position."""
     size: int = 1
     height: int = 0
+    text: str = ""
+    """A plain scalar as it is written: `yes`, which kubectl reads as true."""
 
     def place_of(self, path: Path, *, at_key: bool = False) -> Place:
         """Where the value at `path` begins, or its name; of what is not written, the nearest part around it.
@@ -260,7 +262,7 @@ class _Builder:
             self.problems.append((place, f"{_named(event.tag)} is nothing JSON has; remove the tag"))
             return Node(text, place)
         try:
-            return Node(resolved(text), place)
+            return Node(resolved(text), place, text=text)
         except ValueError as error:
             self.problems.append((place, str(error)))
             return Node(text, place)

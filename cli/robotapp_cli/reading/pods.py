@@ -43,10 +43,6 @@ class AppPod:
         return label(self.obj, Label.INSTANCE)
 
     @property
-    def is_helper(self) -> bool:
-        return not label(self.obj, Label.COMPONENT)
-
-    @property
     def title(self) -> str:
         """Robot and component, for people."""
         return f"{self.robot}/{self.component}" if self.robot else self.component
@@ -75,12 +71,20 @@ async def list_pods(session: Session, app: Json, selection: Selection) -> list[A
     labels = [f"{Label.APP_UID}={meta(app)['uid']}"]
     labels += [f"{Label.INSTANCE}={selection.robot}"] if selection.robot else []
     listing = await session.client.list(PODS, namespace=session.home, label_selector=",".join(labels))
-    pods = [AppPod(obj) for obj in listing.items]
-    if selection.component:
-        pods = [pod for pod in pods if pod.component == selection.component]
-    else:
-        pods = [pod for pod in pods if not pod.is_helper]
+    pods = [AppPod(obj) for obj in listing.items if is_selected(obj, app, selection)]
     return sorted(pods, key=lambda pod: (pod.robot, pod.component, pod.name))
+
+
+def is_selected(obj: Json, app: Json, selection: Selection) -> bool:
+    """Returns whether an object with the operator's labels belongs to the component or role that was named, or to any component.
+
+    A component may be named like a role, such as master; then it is the one that is meant.
+    """
+    component, role = label(obj, Label.COMPONENT), label(obj, Label.ROLE)
+    if component or not selection.component:
+        return bool(component) and selection.component in (None, component)
+    names = {each["name"] for each in app["spec"]["components"]}
+    return role == selection.component and role not in names
 
 
 def name_selection(selection: Selection) -> str:

@@ -5,8 +5,8 @@ from typing import Final
 
 from robotapp_api.model.names import Label
 from robotapp_cli.output import print_line
-from robotapp_cli.reading.fields import Json, label, meta
-from robotapp_cli.reading.pods import Selection, explain_no_pods, fetch_app, name_selection
+from robotapp_cli.reading.fields import meta
+from robotapp_cli.reading.pods import Selection, explain_no_pods, fetch_app, is_selected, name_selection
 from robotapp_cli.reading.session import Session
 from robotapp_client.api.bodies import STRATEGIC
 from robotapp_client.api.resources import DEPLOYMENTS, ROBOTAPPS
@@ -37,7 +37,7 @@ async def restart_components(session: Session, selection: Selection) -> None:
     labels = [f"{Label.APP_UID}={meta(app)['uid']}"]
     labels += [f"{Label.INSTANCE}={selection.robot}"] if selection.robot else []
     listing = await session.client.list(DEPLOYMENTS, namespace=session.home, label_selector=",".join(labels))
-    deployments = [deployment for deployment in listing.items if is_selected(deployment, selection)]
+    deployments = [deployment for deployment in listing.items if is_selected(deployment, app, selection)]
     if not deployments or app["spec"].get("suspend"):
         raise explain_no_pods(app, selection)
     annotations = {RESTARTED_AT: datetime.now(UTC).isoformat(timespec="seconds")}
@@ -51,9 +51,3 @@ async def restart_components(session: Session, selection: Selection) -> None:
         f"{selection_text}: pods of {count} Deployment{'' if count == 1 else 's'} are replaced; domain and devices stay"
     )
     print_line(f"Follow it: kubectl robotapp info {selection.app} -w")
-
-
-def is_selected(obj: Json, selection: Selection) -> bool:
-    """Returns whether an object with the operator's labels belongs to the component or role that was named, or to any component."""
-    component, role = label(obj, Label.COMPONENT), label(obj, Label.ROLE)
-    return (component or role) == selection.component if selection.component else bool(component)

@@ -31,6 +31,8 @@ if [ -r /proc/1/environ ]; then
     esac
   done < /proc/1/environ
 fi
+"""
+_SET_UP: Final = """\
 if [ -z "$AMENT_PREFIX_PATH$ROS_PACKAGE_PATH" ] && [ -f "/opt/ros/$ROS_DISTRO/setup.bash" ]; then
   . "/opt/ros/$ROS_DISTRO/setup.bash"
 fi
@@ -38,7 +40,7 @@ export ROS_SUPER_CLIENT=TRUE
 [ $# -gt 0 ] || set -- bash
 exec "$@"
 """
-"""Program for bash. A super client of a Fast DDS server is told all topics, an ordinary one only its own."""
+"""The rest of the program for bash. A super client of a Fast DDS server is told all topics, an ordinary one only its own."""
 _START: Final = """\
 if command -v bash >/dev/null 2>&1; then exec bash -c "$0" bash "$@"; fi
 export ROS_SUPER_CLIENT=TRUE
@@ -67,7 +69,11 @@ def build_exec_command(
     arguments += [f"--namespace={pod.obj['metadata']['namespace']}", f"--container={container}"]
     arguments += [f"--context={options.context}"] if options.context else []
     arguments += [f"--kubeconfig={options.kubeconfig}"] if options.kubeconfig else []
-    return [*arguments, pod.name, "--", "sh", "-c", _START, _FROM_FIRST_PROCESS, *command]
+    spec: Json = pod.obj["spec"]
+    # The first process is then the pause container's, or the node's, and its environment is none of the container's.
+    sees_others = spec.get("hostPID") or spec.get("shareProcessNamespace")
+    program = _SET_UP if sees_others else _FROM_FIRST_PROCESS + _SET_UP
+    return [*arguments, pod.name, "--", "sh", "-c", _START, program, *command]
 
 
 async def _choose_pod(session: Session, selection: Selection) -> AppPod:

@@ -21,10 +21,19 @@ from robotapp_cli.reading.session import Session
 from robotapp_client.api.client import with_query
 from robotapp_client.api.resources import PODS
 from robotapp_client.informer.watch_decoder import Lines
-from robotapp_client.transport.errors import ApiError, Unreachable, error_from_response
+from robotapp_client.transport.errors import (
+    ApiError,
+    ServerError,
+    TooManyRequests,
+    Unreachable,
+    error_from_response,
+)
 
 MOST_BYTES: Final = 16 * 2**20
 """Of one container's log, without --follow."""
+MOST_BYTES_OF_ALL: Final = 128 * 2**20
+"""Of all these logs, which are in memory together until they are in order."""
+LEAST_BYTES: Final = 64 * 2**10
 _LOOK_AGAIN_S: Final = 2.0
 """Pause between looks for new pods and containers that started again."""
 _SILENCE_S: Final = 600.0
@@ -78,7 +87,8 @@ async def show_logs(session: Session, selection: Selection, options: LogOptions)
     sources = [source for pod in pods for source in list_sources(pod, previous=options.previous)]
     if not sources:
         raise explain_no_pods(app, selection)
-    answers = await asyncio.gather(*(_read(session, source, query) for source in sources))
+    most_bytes = max(LEAST_BYTES, min(MOST_BYTES, MOST_BYTES_OF_ALL // len(sources)))
+    answers = await asyncio.gather(*(_read(session, source, query, most_bytes) for source in sources))
     printer = LogPrinter(timestamps=options.timestamps, titles=[source.title for source in sources])
     for line in heapq.merge(*(lines for lines, _ in answers)):
         printer.print(line)
@@ -136,8 +146,8 @@ class LogPrinter:
         self._console.print(text, soft_wrap=True)
 
     def print_problem(self, source: LogSource, problem: str) -> None:
-        """Prints why a source cannot be read."""
-        self.print(LogLine("", source.title, f"(no log: {problem})"))
+        """Prints why a source cannot be read, or not as a whole."""
+        self.print(LogLine("", source.title, f"({problem})"))
 
 
 def choose_colour(title: str) -> str:
@@ -145,14 +155,18 @@ def choose_colour(title: str) -> str:
     return _COLOURS[zlib.crc32(title.encode()) % len(_COLOURS)]
 
 
-async def _read(session: Session, source: LogSource, query: dict[str, str]) -> tuple[list[LogLine], str]:
-    """Returns the lines of a container, and a problem or ""."""
-    path = _path(session, source, query | {"limitBytes": str(MOST_BYTES)})
+async def _read(
+    session: Session, source: LogSource, query: dict[str, str], most_bytes: int
+) -> tuple[list[LogLine], str]:
+    """Returns the first lines of a container, up to so many bytes, and a problem or ""."""
+    path = _path(session, source, query | {"limitBytes": str(most_bytes)})
     try:
         response = await session.client.request("GET", path)
     except ApiError as error:
-        return [], error.message
-    return [parse_line(line, source.title) for line in response.body.splitlines()], ""
+        return [], f"no log: {error.message}"
+    is_cut = len(response.body) >= most_bytes
+    problem = f"only the first {most_bytes // 1024} KiB are shown; write a lower --tail, or --since" if is_cut else ""
+    return [parse_line(line, source.title) for line in response.body.splitlines()], problem
 
 
 def _path(session: Session, source: LogSource, query: dict[str, str]) -> str:
@@ -173,7 +187,9 @@ async def _follow(
                 if source not in tasks:
                     tasks[source] = asyncio.create_task(_follow_source(session, source, query, printer))
             if not tasks and not is_announced:
-                printer.print_problem(LogSource("", "", selection.app), "no container has started yet; waiting for one")
+                printer.print_problem(
+                    LogSource("", "", selection.app), "no log: no container has started yet; waiting for one"
+                )
                 is_announced = True
             await pause(_LOOK_AGAIN_S)
             for task in tasks.values():
@@ -186,8 +202,10 @@ async def _follow(
 
 
 async def _follow_source(session: Session, source: LogSource, query: dict[str, str], printer: LogPrinter) -> None:
-    """Prints one run of a container until it ends. A connection that is lost goes on after the last line printed."""
-    newest = ""
+    """Prints one run of a container until it ends. A connection that is lost goes on after the last line printed, also while
+    the API server does not reach the node: robots are out of reach at times.
+    """
+    newest, told = "", ""
     while True:
         printed_until = newest
         start = {"timestamps": "true", "sinceTime": newest} if newest else query
@@ -208,8 +226,13 @@ async def _follow_source(session: Session, source: LogSource, query: dict[str, s
                             printer.print(line)
 
                 await stream.deliver(take)
+        except (ServerError, TooManyRequests) as error:
+            if error.message != told:
+                told = error.message
+                printer.print_problem(source, f"no log for now: {told}")
+            await pause(_LOOK_AGAIN_S)
         except ApiError as error:
-            printer.print_problem(source, error.message)
+            printer.print_problem(source, f"no log: {error.message}")
             return
         except Unreachable:
             await pause(_LOOK_AGAIN_S)

@@ -8,6 +8,7 @@ import webbrowser
 from dataclasses import dataclass
 from typing import Final
 
+from robotapp_api.values.links import write_url
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.output import print_line
 from robotapp_cli.reading.fields import Json
@@ -16,7 +17,6 @@ from robotapp_cli.reading.session import Session
 
 _PATIENCE_S: Final = 10.0
 _LISTENING: Final = re.compile(r"127\.0\.0\.1:(\d+)")
-_FOXGLOVE: Final = {"foxglove": "foxglove-websocket", "rosbridge": "rosbridge-websocket"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,14 +81,6 @@ def choose_target(targets: list[Target], selection: Selection, link: str | None)
     raise CliError(f"{selection.app} {text}; open one of: {choices}", code=Exit.USAGE)
 
 
-def write_local_url(target: Target, port: int) -> str:
-    """Returns the address on this machine as a browser opens it."""
-    address = f"127.0.0.1:{port}"
-    if source := _FOXGLOVE.get(target.scheme):
-        return f"https://app.foxglove.dev/?ds={source}&ds.url=ws://{address}{target.path}"
-    return f"{target.scheme}://{address}{target.path}"
-
-
 def find_container_port(pod: AppPod, target: Target) -> int:
     """Returns the number of the port. Raises CliError for a name that the container's ports do not have."""
     if isinstance(target.port, int):
@@ -126,7 +118,7 @@ async def _forward(session: Session, pod: AppPod, target: Target, *, browser: bo
             _, complaint = await process.communicate()
             text = complaint.decode(errors="replace").strip().rpartition("\n")[2] or "no answer"
             raise CliError(f"kubectl port-forward to pod {pod.name} failed: {text}")
-        url = write_local_url(target, local_port)
+        url = write_url(target.scheme, f"127.0.0.1:{local_port}", target.path)
         print_line(f"{pod.title}: {url}   (Ctrl-C ends it)")
         sys.stdout.flush()
         if browser and target.scheme not in ("ws", "wss"):

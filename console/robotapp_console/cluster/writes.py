@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.naming import child_name
-from robotapp_client import ApiClient
+from robotapp_client import ApiClient, NotFound
 from robotapp_client.api.resources import DEPLOYMENTS, ROBOTAPPS, Resource
 
 RESTARTED_AT = "kubectl.kubernetes.io/restartedAt"
@@ -33,9 +33,13 @@ async def delete_app(client: ApiClient, namespace: str, name: str, *, uid: str) 
 async def restart_component(
     client: ApiClient, namespace: str, app: str, *, uid: str, robot: str, component: str, at: str
 ) -> None:
-    """Rolls the pods of a component as `kubectl rollout restart` does. Raises NothingToChangeError for a name that the app does not own."""
+    """Rolls the pods of a component as `kubectl rollout restart` does. Raises NothingToChangeError for one that has not started, or a name that the app does not own."""
     name = child_name(app, robot, component)
-    deployment = await client.get(DEPLOYMENTS, name, namespace=namespace)
+    try:
+        deployment = await client.get(DEPLOYMENTS, name, namespace=namespace)
+    except NotFound as error:
+        text = f"{component} has not started, so there is nothing to restart. Its message on the app's page says what it waits for."
+        raise NothingToChangeError(text) from error
     meta = deployment["metadata"]
     if (meta.get("labels") or {}).get(Label.APP_UID) != uid:
         raise NothingToChangeError(f"Deployment {namespace}/{name} does not belong to the app.")

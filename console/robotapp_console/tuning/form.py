@@ -24,7 +24,6 @@ from robotapp_scheduler.core.framework.profiles import Catalogue
 
 SLIDER_END: Final = 100
 MOST_WEIGHT: Final = (1 << 31) - 1
-_NO_WEIGHT: Final = f"Write a whole number from 1 to {MOST_WEIGHT}."
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,7 +202,7 @@ def _apply_weights(
     for row in rows:
         text = fields.get(row.weight_id, "").strip()
         if not (text.isascii() and text.isdecimal() and len(text) <= 10 and 1 <= int(text) <= MOST_WEIGHT):
-            problems[row.weight_id] = _NO_WEIGHT
+            problems[row.weight_id] = f"Weight of {row.name}: write a whole number from 1 to {MOST_WEIGHT}."
         elif row.name in in_force and int(text) != (in_force[row.name].weight or 1):
             set_weight(document, number, row.name, int(text))
 

@@ -55,7 +55,13 @@ class EdgeSpec(Object, frozen=True, kw_only=True):
     latency: Latency | None = None
 
 
+class ComponentSpec(Object, frozen=True, kw_only=True):
+    name: str = ""
+    replicas: int = 1
+
+
 class AppSpec(Object, frozen=True, kw_only=True):
+    components: tuple[ComponentSpec, ...] = ()
     edges: tuple[EdgeSpec, ...] = ()
     suspend: bool = False
 
@@ -133,12 +139,19 @@ class Move(Object, frozen=True, kw_only=True):
     times: tuple[str, ...] = ()
 
 
+class InstanceLink(Object, frozen=True, kw_only=True):
+    component: str = ""
+    name: str = ""
+    url: str = ""
+
+
 class InstanceStatus(Object, frozen=True, kw_only=True):
     phase: str = ""
     conditions: tuple[Condition, ...] = ()
     summary: Summary = Summary()
     domain: int | None = None
     components: tuple[ComponentStatus, ...] = ()
+    links: tuple[InstanceLink, ...] = ()
     edges: tuple[EdgeStatus, ...] = ()
     edges_omitted: int = 0
     claims: tuple[str, ...] = ()

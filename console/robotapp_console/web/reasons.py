@@ -5,7 +5,7 @@ from aiohttp import web
 from robotapp_api.model.names import Label
 from robotapp_client import ClientError, Listing, NotFound, Unauthorized
 from robotapp_client.api.resources import PODS, ROBOTAPPS
-from robotapp_console.views.app.reasons import build_reasons, find_trouble, select_pods
+from robotapp_console.views.app.reasons import build_reasons, find_trouble, list_without_pods, select_pods
 from robotapp_console.views.objects import AppPod
 from robotapp_console.views.problems import path_of_app
 from robotapp_console.views.texts import clean, kubectl
@@ -41,6 +41,7 @@ async def show_reasons(request: web.Request) -> web.StreamResponse:
     context = {
         "title": clean(f"Why here? {namespace}/{name}" + (f" on {robot}" if robot else ""), 320),
         "rows": build_reasons(app, pods, records, robot=robot),
+        "without_pods": list_without_pods(app, pods),
         "problem": problem,
         "trouble": find_trouble(app, robot),
         "path": path_of_app(namespace, name, robot),

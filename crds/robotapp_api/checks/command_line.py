@@ -4,7 +4,7 @@
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 from robotapp_api.checks.containers import list_containers
@@ -12,7 +12,7 @@ from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.distros import NO_ROS
 from robotapp_api.model.names import PARAMETERS_PATH, PARAMETERS_VARIABLE
-from robotapp_api.values.component_references import expanded_problem, list_expanded_texts
+from robotapp_api.values.component_references import ExpandedText, expanded_problem, list_expanded_texts
 from robotapp_api.values.robot_references import has_reference, unknown_reference
 
 _DEVICE_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\(ROBOTAPP_DEVICE_[A-Za-z0-9_]*\))")
@@ -26,7 +26,7 @@ _ROS_TOOLS: Final = frozenset({"ros2", "roslaunch", "rosrun"})
 def command_line_problems(component: Component, at: str) -> Iterator[Problem]:
     """`at`: where the component stands, such as `spec.components[0]`."""
     yield from _device_reference_problems(component, at)
-    yield from _reference_problems(component, at)
+    yield from expanded_text_problems(list_expanded_texts(component, at))
     if component.parameters and is_launch(component) and not reads_parameters_variable(component):
         yield invalid(
             f"{at}.parameters",
@@ -79,7 +79,9 @@ def is_launch(component: Component) -> bool:
 
 
 def _device_reference_problems(component: Component, at: str) -> Iterator[Problem]:
-    texts: list[tuple[str, str]] = []
+    texts = [(f"{at}.run.args", word) for word in component.run.args] if component.run else []
+    if component.launch:
+        texts += [(f"{at}.launch.arguments", value) for value in component.launch.arguments.values()]
     for container, where in list_containers(component, at):
         texts += [
             (f"{where}.{field}", str(text)) for field in ("command", "args") for text in container.get(field) or ()
@@ -135,9 +137,9 @@ def robot_reference_problems(component: Component, at: str) -> Iterator[Problem]
             )
 
 
-def _reference_problems(component: Component, at: str) -> Iterator[Problem]:
+def expanded_text_problems(texts: Iterable[ExpandedText]) -> Iterator[Problem]:
     """References in names, keys, labels and paths: the operator expands two of them, and nothing expands the rest."""
-    for text in list_expanded_texts(component, at):
+    for text in texts:
         if text.kind == "path":
             continue  # taken as it stands, which a note says
         if unknown := unknown_reference(text.text):

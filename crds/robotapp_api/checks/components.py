@@ -47,6 +47,7 @@ def component_problems(component: Component, at: str, *, ros_version: int) -> It
     yield from pod_problems(component, at)
     yield from host_pod_problems(component, at)
     yield from _label_problems(component, at)
+    yield from _service_problems(component, at)
 
 
 def component_notes(component: Component, at: str) -> Iterator[Note]:
@@ -114,15 +115,36 @@ def _variable_problems(
 
 
 def _label_problems(component: Component, at: str) -> Iterator[Problem]:
-    """Labels and annotations of the pods that the schema lets through, which leaves out lengths, and for which the API server refuses the Deployment."""
-    metadata = component.template.metadata
-    for field, keys in (("labels", metadata.labels), ("annotations", metadata.annotations)):
-        for key in keys:
-            if re.fullmatch(LABEL_KEY, key) and (problem := key_problem(key)):
-                yield invalid(f"{at}.template.metadata.{field}", problem)
+    """Labels and annotations of pods and Service that the schema lets through, which leaves out lengths, and for which the API server refuses them."""
+    owners = {"template": component.template.metadata}
+    if component.service is not None:
+        owners["service"] = component.service.metadata
+    for owner, metadata in owners.items():
+        for field, keys in (("labels", metadata.labels), ("annotations", metadata.annotations)):
+            for key in keys:
+                if re.fullmatch(LABEL_KEY, key) and (problem := key_problem(key)):
+                    yield invalid(f"{at}.{owner}.metadata.{field}", problem)
     for key, value in component.template.spec.node_selector.items():
         if problem := key_problem(key) or value_problem(value):
             yield invalid(f"{at}.template.spec.nodeSelector", problem)
+
+
+def _service_problems(component: Component, at: str) -> Iterator[Problem]:
+    """Finds ports of the Service that lead to no container: the cluster would give them no address, and say nothing."""
+    if component.service is None:
+        return
+    names = {
+        (str(port.get("name", "")), str(port.get("protocol") or "TCP"))
+        for container, _ in list_containers(component, at)
+        for port in container.get("ports") or ()
+    }
+    for index, port in enumerate(component.service.spec.ports):
+        if isinstance(port.target_port, str) and (port.target_port, port.protocol) not in names:
+            yield invalid(
+                f"{at}.service.spec.ports[{index}].targetPort",
+                f"no container of {component.name} has a {port.protocol} port named {port.target_port}; name one under ports, or write "
+                "its number",
+            )
 
 
 def _device_problems(component: Component, at: str) -> Iterator[Problem]:

@@ -13,12 +13,13 @@ from robotapp_api.checks.ros import rmw_of, ros_version_of
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.names import PARAMETERS_VOLUME, SHARED_MEMORY_PATH, SHARED_MEMORY_VOLUME, WAITING_STEP
+from robotapp_api.values.component_references import list_further_containers
 from robotapp_api.values.quantities.quantity import parse_milli
 
 STOP_SIGNAL: Final = ".lifecycle.stopSignal"
 _NO_STOP_SIGNAL: Final = (
     "needs the feature gate ContainerStopSignals, which is off unless a cluster switches it on and says so to the operator (--stop-signals); "
-    "write preStop: {exec: {command: [sh, -c, 'kill -INT 1; sleep 10']}}, with which the program has 10 s to end on SIGINT"
+    "write preStop: {{exec: {{command: [sh, -c, '{interrupt}; sleep 10']}}}}, with which the program has 10 s to end on SIGINT"
 )
 _UNMASKED: Final = (
     "Unmasked needs a pod with a user namespace of its own, which a RobotApp's pods do not have; leave it out"
@@ -58,9 +59,15 @@ def gated_field_problems(component: Component, at: str) -> Iterator[Problem]:
     """`at`: where the component stands, such as `spec.components[0]`."""
     for container, where in list_containers(component, at):
         if "stopSignal" in (container.get("lifecycle") or {}):
-            yield invalid(f"{where}{STOP_SIGNAL}", _NO_STOP_SIGNAL)
+            yield invalid(f"{where}{STOP_SIGNAL}", _NO_STOP_SIGNAL.format(interrupt=_interruption(component)))
         if (container.get("securityContext") or {}).get("procMount") == "Unmasked":
             yield invalid(f"{where}.securityContext.procMount", _UNMASKED)
+
+
+def _interruption(component: Component) -> str:
+    """Returns the command that asks the container's program to end. Process 1 may be the whole pod's, or the node's."""
+    pod = component.template.spec
+    return "pkill -INT -f PROGRAM" if pod.host_pid or pod.share_process_namespace else "kill -INT 1"
 
 
 def gated_field_notes(component: Component, at: str) -> Iterator[Note]:
@@ -122,6 +129,7 @@ def list_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str
         "command": component.command,
         "args": component.args,
         "envFrom": component.env_from,
+        "ports": component.ports,
         "lifecycle": component.lifecycle,
         "livenessProbe": component.liveness_probe,
         "readinessProbe": component.readiness_probe,
@@ -132,14 +140,6 @@ def list_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str
     }
     yield own, at
     yield from list_further_containers(component, at)
-
-
-def list_further_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str, Any], str]]:
-    """Yields what runs before and beside the component in its pod, and where each stands."""
-    pod = component.template.spec
-    for place, containers in (("initContainers", pod.init_containers), ("containers", pod.containers)):
-        for index, container in enumerate(containers):
-            yield container, f"{at}.template.spec.{place}[{index}]"
 
 
 def pod_problems(component: Component, at: str) -> Iterator[Problem]:

@@ -9,13 +9,13 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
-from robotapp_api.checks.containers import list_further_containers
 from robotapp_api.checks.middleware import BEFORE_IRON, CONNEXT, CYCLONE, FAST_DDS, ZENOH
 from robotapp_api.checks.problem import Note
 from robotapp_api.checks.ros import NONE, discovery_of, rmw_of, ros_version_of, uses_ros
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.distros import NO_ROS
+from robotapp_api.values.component_references import list_further_containers
 
 SEPARATORS: Final = {
     "CYCLONEDDS_URI": ",",

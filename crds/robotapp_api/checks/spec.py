@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from robotapp_api.checks.command_line import robot_reference_problems
+from robotapp_api.checks.command_line import expanded_text_problems, robot_reference_problems
 from robotapp_api.checks.components import component_notes, component_problems
 from robotapp_api.checks.containers import different_user_notes
 from robotapp_api.checks.discovery_variables import variable_notes
@@ -13,10 +13,11 @@ from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_components, ros_version_of, uses_ros
 from robotapp_api.model.app.component import Component
+from robotapp_api.model.app.override import ComponentOverride
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.distros import DISTROS, NO_DISTRO, NO_ROS, nearest
 from robotapp_api.model.names import ROBOT_END, Reason
-from robotapp_api.values.component_references import list_expanded_texts
+from robotapp_api.values.component_references import list_expanded_texts, list_helper_texts
 from robotapp_api.values.label_key import value_problem
 from robotapp_api.values.overrides import merge_component
 from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
@@ -33,6 +34,7 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
         yield from component_problems(component, f"spec.components[{index}]", ros_version=version)
     yield from host_name_problems(spec)
     yield from _inline_files(spec)
+    yield from expanded_text_problems(list_helper_texts(spec))
     yield from _references_without_robot(spec)
     yield from _override_problems(spec)
     yield from _unknown_names(spec)
@@ -166,14 +168,18 @@ def _inline_files(spec: RobotAppSpec) -> Iterator[Problem]:
 
 def _references_without_robot(spec: RobotAppSpec) -> Iterator[Problem]:
     """Names of robots in texts that the operator expands, in an app that has none."""
-    for index, component in enumerate(spec.components if spec.robots is None else ()):
-        for text in list_expanded_texts(component, f"spec.components[{index}]"):
-            if has_reference(text.text) and not unknown_reference(text.text):
-                yield invalid(
-                    text.path,
-                    f"{text.kind} {text.text} names the robot, but the app has none; write spec.robots, or the {text.kind} as it is",
-                )
+    if spec.robots is not None:
+        return
+    texts = [*list_helper_texts(spec)]
+    for index, component in enumerate(spec.components):
+        texts += list_expanded_texts(component, f"spec.components[{index}]")
         yield from robot_reference_problems(component, f"spec.components[{index}]")
+    for text in texts:
+        if has_reference(text.text) and not unknown_reference(text.text):
+            yield invalid(
+                text.path,
+                f"{text.kind} {text.text} names the robot, but the app has none; write spec.robots, or the {text.kind} as it is",
+            )
 
 
 def _override_problems(spec: RobotAppSpec) -> Iterator[Problem]:
@@ -183,23 +189,33 @@ def _override_problems(spec: RobotAppSpec) -> Iterator[Problem]:
             "spec.overrides",
             "overrides are for some of the app's robots, and the app has none; write spec.robots, or the values in the components",
         )
-    components = {component.name: component for component in spec.components}
+    parts: dict[str, list[tuple[str, ComponentOverride]]] = {component.name: [] for component in spec.components}
     for index, override in enumerate(spec.overrides):
         for position, part in enumerate(override.components):
             at = f"spec.overrides[{index}].components[{position}]"
-            component = components.get(part.name)
-            if component is None:
+            if part.name in parts:
+                parts[part.name].append((at, part))
+            else:
                 yield invalid(
                     f"{at}.name",
-                    f'"{part.name}" is no component of this app; components are {", ".join(sorted(components))}',
+                    f'"{part.name}" is no component of this app; components are {", ".join(sorted(parts))}',
                 )
-                continue
-            version = ros_version_of(spec) if uses_ros(component, spec.ros.distro) else NO_ROS
-            before = {problem.message for problem in component_problems(component, at, ros_version=version)}
-            merged = merge_component(component, part)
-            for problem in component_problems(merged, at, ros_version=version):
-                if problem.message not in before:
-                    yield problem
+    for component in spec.components:
+        yield from _problems_of_overridden(spec, component, parts[component.name])
+
+
+def _problems_of_overridden(
+    spec: RobotAppSpec, component: Component, parts: Sequence[tuple[str, ComponentOverride]]
+) -> Iterator[Problem]:
+    """Component by component, whose files are parsed once: a large app in many overrides would hold the operator up for seconds."""
+    if not parts:
+        return
+    version = ros_version_of(spec) if uses_ros(component, spec.ros.distro) else NO_ROS
+    before = {problem.message for problem in component_problems(component, "", ros_version=version)}
+    for at, part in parts:
+        for problem in component_problems(merge_component(component, part), at, ros_version=version):
+            if problem.message not in before:
+                yield problem
 
 
 def _unknown_names(spec: RobotAppSpec) -> Iterator[Problem]:

@@ -1,10 +1,11 @@
-"""References of a component's pod: objects of its namespace, and texts in which the operator expands the robot's name."""
+"""References of the pods of an app: objects of its namespace, and texts in which the operator expands the robot's name."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.app.component import Component
+from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.patterns import LABEL_VALUE_PATTERN, SUBDOMAIN_PATTERN
 from robotapp_api.values.robot_references import ObjectReference, expand, list_references
 
@@ -29,16 +30,16 @@ def list_object_references(component: Component, at: str) -> Iterator[ObjectRefe
     yield from list_references(component.env, f"{at}.env")
     yield from list_references(component.env_from, f"{at}.envFrom")
     yield from list_references(pod.volumes, f"{at}.template.spec.volumes")
-    for name, container in list_further_containers(component):
-        yield from list_references(container, f"{at}.template.spec.{name}")
+    for container, where in list_further_containers(component, at):
+        yield from list_references(container, where)
 
 
-def list_further_containers(component: Component) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yields the containers beside the component's own, and the field and position of each."""
+def list_further_containers(component: Component, at: str) -> Iterator[tuple[Mapping[str, Any], str]]:
+    """Yields what runs before and beside the component in its pod, and where each stands."""
     pod = component.template.spec
-    for field, attribute in (("initContainers", "init_containers"), ("containers", "containers")):
-        for index, container in enumerate(getattr(pod, attribute, ())):
-            yield f"{field}[{index}]", container
+    for place, containers in (("initContainers", pod.init_containers), ("containers", pod.containers)):
+        for index, container in enumerate(containers):
+            yield container, f"{at}.template.spec.{place}[{index}]"
 
 
 def list_expanded_texts(component: Component, at: str) -> Iterator[ExpandedText]:
@@ -56,16 +57,33 @@ def list_expanded_texts(component: Component, at: str) -> Iterator[ExpandedText]
             field = "configMapKeyRef" if file.config_map_key_ref else "secretKeyRef"
             yield ExpandedText(f"{at}.parameters[{index}].{field}.name", "name", ref.name)
             yield ExpandedText(f"{at}.parameters[{index}].{field}.key", "key", ref.key)
-    for key, value in component.template.metadata.labels.items():
-        yield ExpandedText(f'{at}.template.metadata.labels["{key}"]', "label", value)
+    labels = {f"{at}.template": component.template.metadata.labels}
+    if component.service is not None:
+        labels[f"{at}.service"] = component.service.metadata.labels
+    for owner, entries in labels.items():
+        for key, value in entries.items():
+            yield ExpandedText(f'{owner}.metadata.labels["{key}"]', "label", value)
     mounts: list[tuple[str, Iterable[Mapping[str, Any]]]] = [(f"{at}.volumeMounts", component.volume_mounts)]
     mounts += [
-        (f"{at}.template.spec.{name}.volumeMounts", container.get("volumeMounts") or ())
-        for name, container in list_further_containers(component)
+        (f"{where}.volumeMounts", container.get("volumeMounts") or ())
+        for container, where in list_further_containers(component, at)
     ]
     for field, items in mounts:
         for index, mount in enumerate(items):
             yield ExpandedText(f"{field}[{index}].subPath", "path", str(mount.get("subPath") or ""))
+
+
+def list_helper_texts(spec: RobotAppSpec) -> Iterator[ExpandedText]:
+    """Yields the same of the pods of discovery servers, router and master."""
+    helpers = {"spec.ros1": spec.ros1, "spec.ros2.discovery": spec.ros2.discovery if spec.ros2 else None}
+    for at, helper in helpers.items():
+        if helper is None or helper.template is None:
+            continue
+        for key, value in helper.template.metadata.labels.items():
+            yield ExpandedText(f'{at}.template.metadata.labels["{key}"]', "label", value)
+        for index, secret in enumerate(helper.template.spec.image_pull_secrets):
+            place = f"{at}.template.spec.imagePullSecrets[{index}].name"
+            yield ExpandedText(place, "name", str(secret.get("name", "")))
 
 
 def expanded_problem(text: ExpandedText, robot: str) -> str:

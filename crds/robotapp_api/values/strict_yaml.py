@@ -49,6 +49,8 @@ def loads(text: str) -> object:
     try:
         _shallow(text)
         document: object = yaml.load(text, Loader=StrictLoader)  # noqa: S506 - StrictLoader is a SafeLoader
+    except yaml.MarkedYAMLError as error:
+        raise yaml.YAMLError(_describe_mistake(error)) from error
     except (ValueError, RecursionError) as error:
         # A date that is none, a number of a million digits, a million brackets: the parser lets these through.
         raise yaml.YAMLError(str(error)) from error
@@ -57,6 +59,13 @@ def loads(text: str) -> object:
         raise yaml.YAMLError(f"a value does not fit the tag that is written before it ({error})") from error
     _bounded(document)
     return document
+
+
+def _describe_mistake(error: yaml.MarkedYAMLError) -> str:
+    """Returns the parser's mistake with its line, without the name that the parser gives to texts that are no file."""
+    mark = error.problem_mark or error.context_mark
+    words = ", ".join(filter(None, (error.context, error.problem)))
+    return f"line {mark.line + 1}, column {mark.column + 1}: {words}" if mark else words
 
 
 def _shallow(text: str) -> None:

@@ -6,12 +6,17 @@ from typing import Any, Final
 
 import yaml
 
+from campaigns.common.process_use import tree_rss_bytes
 from campaigns.rigs.simulated_site import SimulatedSite
+from robotapp_testbed import Process, wait_until
 from robotapp_testbed.control_plane.product import CHART
 from robotapp_testbed.machines.network import Topology
 from robotapp_testbed.machines.topology import fleet
 
 MIB: Final = 1 << 20
+RETURNED_MIB: Final = 16.0
+REST_S: Final = 60.0
+"""Longer than every deadline of a port: by then memory must be back, but for `RETURNED_MIB`."""
 READY_S: Final = 3.0
 """Within this others' apps become Ready during every attack."""
 _UNITS: Final = {"Mi": 1 << 20, "Gi": 1 << 30}
@@ -57,6 +62,16 @@ def register(name: str, text: str, *, nodes: Callable[[], Topology] = make_nodes
         return run
 
     return add
+
+
+def measure_kept(process: Process, before_bytes: int) -> float:
+    """Returns the MiB that a process and those below it do not give back once an attack has ended."""
+
+    def count_kept() -> float:
+        return (tree_rss_bytes(process.pid) - before_bytes) / MIB
+
+    wait_until(lambda: count_kept() <= RETURNED_MIB, timeout_s=REST_S, poll_s=1.0)
+    return count_kept()
 
 
 def judge(figures: Mapping[str, float], most: Mapping[str, float]) -> Outcome:

@@ -9,7 +9,8 @@ import os
 import pkgutil
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from campaigns.common.options import report
@@ -52,13 +53,14 @@ def run(selection: Sequence[Attack]) -> dict[str, dict[str, Any]]:
         for attack in selection:
             say(f"{attack.name}: {attack.text}")
             began_s = time.monotonic()
+            figures: dict[str, float] = {}
+            failures: list[str] = []
             try:
-                with SimulatedSite(cp, attack.nodes(), tidy=False) as site:
-                    await_free_ids(site)
+                with SimulatedSite(cp, attack.nodes(), tidy=False) as site, freeing_ids(site):
                     outcome = attack.run(site)
-                figures, failures = dict(outcome.figures), list(outcome.missed)
+                    figures, failures = dict(outcome.figures), list(outcome.missed)
             except (AssertionError, LookupError, OSError, RuntimeError, TestbedError) as error:
-                figures, failures = {}, [f"it ended with {type(error).__name__}: {error}"]
+                failures.append(f"it ended with {type(error).__name__}: {error}")
             results[attack.name] = {
                 "figures": figures,
                 "missed": failures,
@@ -70,12 +72,16 @@ def run(selection: Sequence[Attack]) -> dict[str, dict[str, Any]]:
     return results
 
 
-def await_free_ids(site: SimulatedSite) -> None:
-    """Waits until most of what the apps of the attack before held is free: their namespaces are being deleted.
-
-    Pods on nodes that are gone hold the rest for minutes; an attack that lacks ids then shows it.
+@contextmanager
+def freeing_ids(site: SimulatedSite) -> Iterator[None]:
+    """At its end the site's apps are deleted and waited for until hardly any id is held. The nodes are still there then: pods on nodes
+    that are gone would hold their ids for minutes, and the next attack would lack them.
     """
-    wait_until(lambda: len(site.cp.api.get(CLAIMS)["items"]) <= MOST_CLAIMS, timeout_s=FREED_S, poll_s=0.5)
+    try:
+        yield
+    finally:
+        site.cp.api.delete(site.apps_path)
+        wait_until(lambda: len(site.cp.api.get(CLAIMS)["items"]) <= MOST_CLAIMS, timeout_s=FREED_S, poll_s=0.5)
 
 
 def make_table(results: Mapping[str, Mapping[str, Any]]) -> list[str]:

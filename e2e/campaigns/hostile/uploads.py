@@ -12,6 +12,8 @@ from robotapp_testbed.control_plane.servers import unverified
 
 BODY_BYTES: Final = 1 << 20
 """As much as a question may have; the last byte is never sent."""
+CONNECTION_BYTES: Final = 600_000
+"""What a TLS connection with a body on its way holds in buffers of the server, beside the budget of bodies."""
 PATIENCE_S: Final = 5.0
 SOURCE: Final = "127.0.0.3"
 """Another address than that of honest users, who would share its rate of new connections."""
@@ -44,13 +46,14 @@ class Uploader:
         for upload in self._sockets:
             upload.close()
 
-    def begin(self, url: str, uploads: int) -> None:
-        """Sends that many questions but for their last byte."""
+    def begin(self, url: str, uploads: int, *, chunked: bool = False) -> None:
+        """Sends that many questions but for their last byte. The length of a chunked body is not promised in the head."""
         parts = urlsplit(url)
-        head = (
-            f"POST {parts.path}?{parts.query} HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {self.token}\r\n"
-            f"Content-Length: {BODY_BYTES}\r\n\r\n"
-        )
+        head = f"POST {parts.path}?{parts.query} HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {self.token}\r\n"
+        if chunked:
+            head += f"Transfer-Encoding: chunked\r\n\r\n{BODY_BYTES:x}\r\n"
+        else:
+            head += f"Content-Length: {BODY_BYTES}\r\n\r\n"
         for _ in range(uploads):
             with contextlib.suppress(OSError):  # the server may close at any moment
                 plain = socket.create_connection(

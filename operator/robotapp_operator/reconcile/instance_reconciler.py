@@ -77,7 +77,6 @@ TURNS: Final = 4
 """Start over this often at once; then the queue backs off."""
 AWAIT_S: Final = 15.0
 """How long the watch may take to show what was written, before the instance is read anew."""
-ACTION: Final = "Restart"
 
 
 class Children:

@@ -10,12 +10,12 @@ from datetime import datetime
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.app.component import Component
-from robotapp_api.model.names import API_VERSION, Annotation, EventReason, Label
+from robotapp_api.model.names import Annotation, EventReason, Label
 from robotapp_api.values.placement.better_node import BetterNode, parse_better_node
 from robotapp_claims.rules.instances import Instance, closed_nodes
 from robotapp_client import ApiClient, Conflict, NotFound
 from robotapp_client.api.resources import DEPLOYMENTS
-from robotapp_client.tools.event_recorder import EventRecorder, reference
+from robotapp_client.tools.event_recorder import EventRecorder
 from robotapp_operator.plan.moves.device_moves import RESTART, move_for_device, on_loss_of, restarts
 from robotapp_operator.plan.moves.mass_loss import Losses
 from robotapp_operator.plan.moves.move_record import parse_moves
@@ -25,12 +25,14 @@ from robotapp_operator.plan.spec.desired import NEVER, App, desired_of
 from robotapp_operator.plan.spec.objects import Deployment, Node, Pod
 from robotapp_operator.plan.status.device_conflicts import free_elsewhere
 from robotapp_operator.plan.status.device_loss import is_there, parse_record, record_text
+from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.plan.status.facts import InstanceFacts
 from robotapp_operator.plan.status.latency import between
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.apply_plan import evict
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import Again, InstanceMemory, ReconcileState
+from robotapp_operator.reconcile.status_reporter import send_event
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.lister import (
     device_losses,
@@ -339,10 +341,7 @@ class Mover:
         own.moving = None
         note = moved_text(move, part.pod.spec.node_name)
         log.info("%s/%s: %s", app.namespace, app.name, note)
-        about = reference(api_version=API_VERSION, kind="RobotApp", name=app.name, namespace=app.namespace, uid=app.uid)
-        self._recorder.event(
-            about, reason=EventReason.RESCHEDULED.value, note=note[:1000], action=ACTION, warning=False
-        )
+        send_event(self._recorder, app, PendingEvent(EventReason.RESCHEDULED, note, warning=False), action=ACTION)
 
     async def _count(self, app: App, deployment: Deployment, move: Move) -> bool:
         """Add the move to the stored record; False when the limits forbid it by that record."""

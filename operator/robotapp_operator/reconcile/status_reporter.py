@@ -11,6 +11,7 @@ from robotapp_client import ApiClient, Conflict, NotFound
 from robotapp_client.api.resources import ROBOTAPPS
 from robotapp_client.api.times import whole_seconds
 from robotapp_client.tools.event_recorder import EventRecorder, reference
+from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.status.app_figures import adopt, steady
 from robotapp_operator.plan.status.events import PendingEvent, end_of_life, events_between
@@ -24,6 +25,8 @@ from robotapp_operator.watch.cache import Cache
 log = logging.getLogger(__name__)
 
 ACTION: Final = "Reconcile"
+MOST_NOTE: Final = 1000
+"""Characters of a note; the API server takes 1 KiB."""
 
 
 class Reporter:
@@ -119,31 +122,24 @@ class Reporter:
         memory.new_domains.clear()
         late = end_of_life(record.app, record.status, self._now().date()) if record.app else None
         for item in (*events, *((late,) if late else ())):
-            self._send(record, item)
+            send_event(self._recorder, record, item)
 
     def _announce_scaled(self, record: Record, memory: AppMemory) -> None:
         """Sends the events about Deployments that others scaled; equal ones become one with a count."""
         for note in memory.scaled:
-            self._send(record, PendingEvent(EventReason.REPLICAS_SET_BACK, note, warning=True))
+            send_event(self._recorder, record, PendingEvent(EventReason.REPLICAS_SET_BACK, note, warning=True))
         memory.scaled.clear()
-
-    def _send(self, record: Record, event: PendingEvent) -> None:
-        self._recorder.event(
-            reference(
-                api_version=API_VERSION,
-                kind="RobotApp",
-                name=record.name,
-                namespace=record.namespace,
-                uid=record.uid,
-            ),
-            reason=event.reason.value,
-            note=event.note[:1000],
-            action=ACTION,
-            warning=event.warning,
-        )
 
     def _timestamp(self) -> str:
         return whole_seconds(self._now())
+
+
+def send_event(recorder: EventRecorder, owner: App | Record, event: PendingEvent, *, action: str = ACTION) -> None:
+    """Has an event about an app written, with as much of its note as an event may hold."""
+    about = reference(
+        api_version=API_VERSION, kind="RobotApp", name=owner.name, namespace=owner.namespace, uid=owner.uid
+    )
+    recorder.event(about, reason=event.reason.value, note=event.note[:MOST_NOTE], action=action, warning=event.warning)
 
 
 def _made_of(facts: AppFacts, record: Record) -> tuple[object, ...]:

@@ -1,4 +1,4 @@
-"""What a spec runs and what it runs with: images, accounts, Secrets, tokens, priorities, access to the node. Pure.
+"""What a spec runs and what it runs with: images, accounts, Secrets, tokens, priorities, access to the node, ports to the outside. Pure.
 
 A past spec may be somebody else's: who brings it back is asked before it adds one of these.
 """
@@ -28,6 +28,9 @@ def _uses(spec: Mapping[str, Any]) -> Iterator[str]:
     helpers = {"spec.ros1": spec.get("ros1"), "spec.ros2.discovery": _object(spec.get("ros2")).get("discovery")}
     for where, helper in helpers.items():
         yield from (f"{where}: {line}" for line in _uses_of(_object(helper)))
+    external = _object(_object(spec.get("ros2")).get("external"))
+    if external:
+        yield f"spec.ros2.external: port for programs outside of the cluster ({external.get('expose', '')})"
     for component in map(_object, _list(spec.get("components"))):
         where = f"component {component.get('name', '')}"
         yield from (f"{where}: {line}" for line in _uses_of(component))
@@ -45,9 +48,7 @@ def _uses_of(component: Mapping[str, Any]) -> Iterator[str]:
             yield f"{label} {pod[name]}"
     for secret in map(_object, _list(pod.get("imagePullSecrets"))):
         yield f"pull Secret {secret.get('name', '')}"
-    service = _object(component.get("service"))
-    if _object(service.get("spec")).get("type", "ClusterIP") != "ClusterIP":
-        yield f"Service of type {_object(service['spec'])['type']}"
+    yield from _exposure_of(_object(component.get("service")))
     containers = (component, *_further_containers(pod))
     for container in containers:
         if container.get("image"):
@@ -68,6 +69,15 @@ def _uses_of(component: Mapping[str, Any]) -> Iterator[str]:
     for key, value in _object(_object(_object(component.get("template")).get("metadata")).get("annotations")).items():
         if key.startswith(_APPARMOR):
             yield f"AppArmor profile {value}"
+
+
+def _exposure_of(service: Mapping[str, Any]) -> Iterator[str]:
+    """Yields by what others than pods of the cluster reach a Service, or obey it."""
+    kind = _object(service.get("spec")).get("type", "ClusterIP")
+    if kind != "ClusterIP":
+        yield f"Service of type {kind}"
+    for key, value in _object(_object(service.get("metadata")).get("annotations")).items():
+        yield f"Service annotated {key}: {value}"
 
 
 def _further_containers(pod: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:

@@ -170,6 +170,37 @@ def test_an_app_shows_its_conditions_components_and_edges(page: Page, fleet: Fle
     expect(edges).to_contain_text("2 ms / 30 ms")
 
 
+def make_app_in_order() -> dict[str, object]:
+    """A web page inside of the cluster and one on a port of its node, a component that is suspended, and one that waits for it."""
+    web = {"ports": [{"name": "web", "port": 8080}]}
+    links = [{"name": "map", "port": "web", "path": "/map"}]
+    components = [
+        {"name": "inside", "image": "i", "service": {"spec": web, "links": links}},
+        {"name": "outside", "image": "i", "service": {"spec": web | {"type": "NodePort"}, "links": links}},
+        {"name": "recorder", "image": "i", "replicas": 0},
+        {"name": "mapper", "image": "i", "dependsOn": [{"component": "recorder"}]},
+    ]
+    spec = {"ros": {"distro": "none"}, "components": components}
+    return {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "metadata": {"name": "ordered"}, "spec": spec}
+
+
+def test_an_app_shows_its_links_and_which_component_is_suspended_and_which_waits(page: Page, fleet: Fleet) -> None:
+    fleet.plane.kubectl("apply", "-n", fleet.namespace, "-f", "-", stdin=make_app_in_order())
+    page.goto(f"/apps/{fleet.namespace}/ordered")
+    links = page.locator("table.links tbody tr")
+    inside, outside = links.filter(has_text="inside"), links.filter(has_text="outside")
+    expect(inside.locator("code")).to_have_text(f"kubectl robotapp open ordered inside --link map -n {fleet.namespace}")
+    expect(inside.locator("a")).to_have_count(0)
+    expect(outside.get_by_role("link")).to_have_attribute("href", re.compile(r"^http://[0-9.]+:[0-9]+/map$"))
+    components = page.locator("table.components tbody tr")
+    expect(components.filter(has=page.get_by_role("rowheader", name="recorder"))).to_contain_text("suspended")
+    waiting = components.filter(has=page.get_by_role("rowheader", name="mapper"))
+    expect(waiting).to_contain_text("waits until recorder (suspended by replicas: 0) is Ready (dependsOn)")
+    page.get_by_role("link", name="Why is mapper there?").click()
+    expect(page.locator("main")).to_contain_text("Without a pod: recorder, mapper.")
+    fleet.plane.kubectl("delete", "-n", fleet.namespace, "robotapp", "ordered")
+
+
 def test_why_here_has_the_runner_up_and_the_time_for_which_a_node_was_refused(page: Page, fleet: Fleet) -> None:
     page.goto(f"/apps/{fleet.namespace}/teleop")
     page.get_by_role("link", name="Why is operator-ui there?").click()

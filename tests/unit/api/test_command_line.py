@@ -30,8 +30,10 @@ def list_notes(**fields: Any) -> list[str]:
             "args": ["driver"],
             "template": {"spec": {"initContainers": [{"name": "init", "image": "i", "args": [LIDAR]}]}},
         },
+        {"run": {"package": "p", "executable": "driver", "args": ["--port", LIDAR]}},
+        {"launch": {"package": "p", "file": "f", "arguments": {"port": LIDAR}}},
     ],
-    ids=["args", "command", "env", "init container"],
+    ids=["args", "command", "env", "init container", "run", "launch"],
 )
 def test_a_path_that_no_node_hands_over_is_refused_wherever_it_is_written(fields: dict[str, Any]) -> None:
     (problem,) = list_problems(**fields)
@@ -120,7 +122,14 @@ INIT = {"name": "init", "image": "i"}
 )
 def test_a_stop_signal_is_refused_with_the_hook_that_does_the_same(fields: dict[str, Any]) -> None:
     (problem,) = list_problems(**fields)
-    assert "kill -INT 1" in problem
+    assert "[sh, -c, 'kill -INT 1; sleep 10']}}" in problem
+
+
+@pytest.mark.parametrize("field", ["hostPID", "shareProcessNamespace"])
+def test_the_hook_in_place_of_a_stop_signal_does_not_end_the_first_process_of_pod_or_node(field: str) -> None:
+    (problem, *_) = list_problems(lifecycle={"stopSignal": "SIGINT"}, template={"spec": {field: True}})
+    assert "kill -INT 1" not in problem
+    assert "pkill -INT -f PROGRAM" in problem
 
 
 def test_an_unmasked_proc_is_refused_because_the_pods_have_no_user_namespace() -> None:

@@ -51,7 +51,17 @@ async def test_who_may_read_everything_sees_the_fleet() -> None:
         assert (await browser.sign_in(ADMIN)).headers["Location"] == "/"
         page = await browser.get("/")
         assert page.status == 200
-        for text in ("amr-07", "hall-1", "teleop-team-a", "teleop-team-b", "2 ms", "1 held", "118 of 119", "admin"):
+        for text in (
+            "amr-07",
+            "hall-1",
+            "teleop-team-a",
+            "teleop-team-b",
+            "2 ms",
+            "1 held",
+            "118 of 119",
+            "admin",
+            "<span>1 robot</span>",
+        ):
             assert text in page.text
         assert "Not shown" not in page.text
 

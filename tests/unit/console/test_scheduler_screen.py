@@ -126,6 +126,18 @@ async def test_a_preview_marks_changed_lines_and_names_mistakes_without_writing(
         assert api_of(stage).read_text() == TEXT
 
 
+async def test_a_text_that_cannot_be_read_has_no_fields_and_is_not_what_the_scheduler_runs_with(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with opened(monkeypatch) as stage:
+        browser = await signed_in(stage)
+        page = await browser.get("/scheduler")
+        answer = await browser.post("/scheduler", fill(page, text="{{{", action="text"))
+        assert f"The scheduler runs with ConfigMap robotapp-system/{NAME}" in answer.text
+        assert "The fields above" not in answer.text
+        assert "The fields come back when this text can be read." in answer.text
+
+
 async def test_apply_writes_as_the_user_records_the_version_and_undo_takes_it_back(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

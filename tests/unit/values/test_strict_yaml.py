@@ -23,8 +23,9 @@ DOUBLED = "l0: &l0 [a, b]\n" + "".join(f"l{n}: &l{n} [*l{n - 1}, *l{n - 1}]\n" f
         (f"a: 1{':1' * 100_000}", "line 1: a number of 200001 characters"),
         (f"a: {'1' * 5000}", "a number of 5000 characters; write it in quotes"),
         ("a: 1\na: 2\n", 'line 2: key "a" already set'),
+        ("a:\n- {b\n", "^line 3, column 1: while parsing a flow mapping, did not find expected"),
     ],
-    ids=range(10),
+    ids=range(11),
 )
 def test_a_text_that_would_take_long_or_lose_something_is_refused_at_once(text: str, said: str) -> None:
     began_s = time.process_time()

@@ -49,9 +49,7 @@ def rules_of_text(text: str, *, name: str) -> tuple[Rules | None, str]:
     try:
         found = rules_of(strict_yaml.loads(text))
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f", line {mark.line + 1}" if mark else ""
-        return None, f"{name}{where}: {getattr(error, 'problem', None) or error}"
+        return None, f"{name}: {error}"
     if isinstance(found, Trouble):
         return None, f"{name}, line {_line(yaml.compose(text, strict_yaml.StrictLoader), found.place)}: {_shown(found)}"
     return found, ""

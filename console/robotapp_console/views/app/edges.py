@@ -1,6 +1,6 @@
 """The edges of an instance: each with its time, its budget, what part of the budget is used, and how the time is known."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import isinf
 from typing import Final
@@ -28,8 +28,8 @@ class EdgeRow:
     budget: str
     knowledge: str
     """How the time is known: measured, same node, estimated or unknown."""
-    zones: str = ""
-    """The two zones that an estimate is about."""
+    detail: str = ""
+    """The two zones that an estimate is about, or which end is suspended."""
     share: int | None = None
     verdict: str = ""
 
@@ -40,8 +40,8 @@ class EdgeRow:
 
     @property
     def how_known(self) -> str:
-        """Returns how the time is known, with the zones of an estimate."""
-        return f"{self.knowledge} ({self.zones})" if self.zones else self.knowledge
+        """Returns how the time is known, with the zones of an estimate, or why it is not."""
+        return f"{self.knowledge} ({self.detail})" if self.detail else self.knowledge
 
     @property
     def colour(self) -> str:
@@ -56,8 +56,16 @@ class EdgeRow:
 class EdgeReader:
     """Makes the rows of an app's edges: what the operator observed counts, and what it had no room for is looked up in telemetry."""
 
-    def __init__(self, specs: Sequence[EdgeSpec], estimates: ZoneEstimates, round_trips: RoundTrips) -> None:
+    def __init__(
+        self,
+        specs: Sequence[EdgeSpec],
+        estimates: ZoneEstimates,
+        round_trips: RoundTrips,
+        suspended: Collection[str] = (),
+    ) -> None:
+        """`suspended` are components: the operator observes no edge of theirs."""
         self._specs = specs
+        self._suspended = suspended
         self._estimates = estimates
         self._round_trips = round_trips
         self._percentiles = {_key(spec): spec.latency.percentile for spec in specs if spec.latency}
@@ -93,11 +101,13 @@ class EdgeReader:
         percentile = self._percentiles.get(_key(edge))
         budget, p95 = parse_milliseconds(edge.budget), parse_milliseconds(edge.p95)
         is_unreachable = edge.measured and p95 is None
-        knowledge, zones = MEASURED if edge.measured else UNKNOWN if p95 is None else SAME_NODE, ""
+        knowledge, detail = MEASURED if edge.measured else UNKNOWN if p95 is None else SAME_NODE, ""
         if p95 is None and not is_unreachable and len(set(edge.nodes)) == 2:
             estimate = self._estimates.estimate(edge.nodes[0], edge.nodes[1])
             if estimate is not None:
-                p95, knowledge, zones = estimate[0] / 1000, ESTIMATED, ", ".join(dict.fromkeys(estimate[1]))
+                p95, knowledge, detail = estimate[0] / 1000, ESTIMATED, ", ".join(dict.fromkeys(estimate[1]))
+        if knowledge == UNKNOWN:
+            detail = self._describe_suspended(edge)
         if is_unreachable:
             time, share = UNREACHABLE, None
         else:
@@ -112,10 +122,15 @@ class EdgeReader:
             time,
             f"{format_milliseconds(budget)} ms{median}" if budget else "",
             knowledge,
-            clean(zones, 140),
+            clean(detail, 160),
             share,
             "" if edge.met is None else "met" if edge.met else "exceeded",
         )
+
+    def _describe_suspended(self, edge: EdgeStatus) -> str:
+        """Returns which ends are suspended, in words; empty for none."""
+        names = [end for end in dict.fromkeys((edge.from_, edge.to)) if end in self._suspended]
+        return f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} suspended" if names else ""
 
 
 def _key(edge: EdgeSpec | EdgeStatus) -> tuple[str, str, str, str]:

@@ -8,6 +8,7 @@ from robotapp_api.model.names import ROBOT_END, Label, Phase
 from robotapp_api.model.names import Condition as ConditionType
 from robotapp_api.values.approval import read_approval
 from robotapp_claims.rules.instances import primary_node
+from robotapp_console.views.app.addresses import LinkRow, build_links
 from robotapp_console.views.app.edges import EdgeReader, EdgeRow
 from robotapp_console.views.app.timeline import MoveTime
 from robotapp_console.views.fleet import colour_phase
@@ -22,6 +23,7 @@ MOST_IN_FULL: Final = 5
 """Instances whose components and edges are shown, unless one is chosen."""
 MOST_LISTED: Final = 200
 MOST_EVENTS: Final = 20
+SUSPENDED: Final = "suspended"
 _GOOD_WHEN_FALSE: Final = frozenset({ConditionType.PROGRESSING, ConditionType.STALLED})
 _WELL: Final = frozenset({Phase.RUNNING, Phase.SUSPENDED})
 
@@ -40,13 +42,25 @@ class ConditionRow:
 
 @dataclass(frozen=True, slots=True)
 class ComponentRow:
+    """One component. `state` is its word in column Ready: yes, no, or suspended (by `replicas: 0`, or with its app), and `colour` the word's."""
+
     name: str
     node: str
-    ready: bool
+    state: str
+    colour: str
     restarts: int
     message: str
     moved_at: str = ""
     moves: int = 0
+
+    @property
+    def is_suspended(self) -> bool:
+        return self.state == SUSPENDED
+
+    @property
+    def place(self) -> str:
+        """Returns the node in words; a suspended component waits for none."""
+        return self.node or ("none" if self.is_suspended else "waits")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +74,7 @@ class InstanceView:
     message: str
     components: tuple[ComponentRow, ...]
     edges: tuple[EdgeRow, ...]
+    links: tuple[LinkRow, ...]
     claims: tuple[str, ...]
     moves: tuple[MoveTime, ...]
     picture: Picture | None = None
@@ -210,14 +225,18 @@ class _InstanceBuilder:
         self._snapshot = snapshot
         self._app = app
         estimates = ZoneEstimates(read_zones(snapshot.nodes), snapshot.round_trips)
-        self._edges = EdgeReader(app.spec.edges, estimates, snapshot.round_trips)
+        self._suspended = frozenset(item.name for item in app.spec.components if item.replicas == 0 or app.spec.suspend)
+        self._edges = EdgeReader(app.spec.edges, estimates, snapshot.round_trips, self._suspended)
 
     def build(self, instance: Instance, *, is_drawn: bool) -> InstanceView:
         status = instance.status
         moves = {move.component: move.times for move in status.moves if move.times}
         robot_node = self._find_robot_node(instance)
         nodes = {component.name: component.node for component in status.components} | {ROBOT_END: robot_node}
-        components = tuple(_build_component(item, moves.get(item.name, ())) for item in status.components)
+        components = tuple(
+            _build_component(item, moves.get(item.name, ()), is_suspended=item.name in self._suspended)
+            for item in status.components
+        )
         edges = self._edges.build_rows(status.edges, nodes)
         name = clean(instance.spec.instance, 63)
         meta = self._app.metadata
@@ -229,6 +248,7 @@ class _InstanceBuilder:
             "" if status.phase in _WELL else clean(status.summary.message),
             components,
             edges,
+            build_links(status.links, namespace=meta.namespace, app=meta.name, robot=instance.spec.instance),
             tuple(clean(claim, 120) for claim in status.claims),
             tuple(MoveTime(clean(move.component, 63), at) for move in status.moves for at in move.times),
             self._draw(name, components, edges, robot_node) if is_drawn else None,
@@ -252,10 +272,7 @@ class _InstanceBuilder:
         self, name: str, components: Sequence[ComponentRow], edges: Sequence[EdgeRow], robot_node: str
     ) -> Picture:
         """Returns the graph. The robot itself is drawn when an edge ends at it."""
-        parts = [
-            Node(row.name, row.node, "good" if row.ready else "bad" if row.node else "busy", _describe_part(row))
-            for row in components
-        ]
+        parts = [Node(row.name, row.node, row.colour, _describe_part(row)) for row in components]
         if any(ROBOT_END in (edge.source, edge.target) for edge in edges):
             parts.append(Node(ROBOT_END, clean(robot_node, 253), "idle", "The robot itself: sensors, drivers, base"))
         nodes = {clean(key, 253): node for key, node in self._snapshot.nodes.items()}
@@ -269,11 +286,15 @@ class _InstanceBuilder:
         return draw_picture(title, parts, edges, lane_of=find_lane, are_tiers_known=are_tiers_known)
 
 
-def _build_component(component: ComponentStatus, moves: tuple[str, ...]) -> ComponentRow:
+def _build_component(component: ComponentStatus, moves: tuple[str, ...], *, is_suspended: bool) -> ComponentRow:
+    state, colour = ("yes", "good") if component.ready else ("no", "bad" if component.node else "busy")
+    if is_suspended and not component.node:  # with a node its pod still ends
+        state, colour = SUSPENDED, "idle"
     return ComponentRow(
         clean(component.name, 63),
         clean(component.node, 253),
-        component.ready,
+        state,
+        colour,
         component.restarts,
         clean(component.message),
         max(moves, default=""),
@@ -282,10 +303,11 @@ def _build_component(component: ComponentStatus, moves: tuple[str, ...]) -> Comp
 
 
 def _describe_part(row: ComponentRow) -> str:
-    state = "ready" if row.ready else "not ready"
+    state = {"yes": "ready", "no": "not ready"}.get(row.state, row.state)
+    place = f"on {row.node}" if row.node else "on no node"
     restarts = f", {row.restarts} restarts" if row.restarts else ""
     message = f": {row.message}" if row.message else ""
-    return f"{row.name} on {row.node or 'no node yet'}, {state}{restarts}{message}"
+    return f"{row.name} {place}, {state}{restarts}{message}"
 
 
 def _build_line(instance: Instance, namespace: str, name: str) -> InstanceLine:

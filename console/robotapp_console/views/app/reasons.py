@@ -59,6 +59,13 @@ def build_reasons(
     return tuple(_build_row(app, pod, records.get(pod.metadata.name), robot=robot, nodes=nodes) for pod in pods)
 
 
+def list_without_pods(app: Json, pods: Iterable[AppPod]) -> tuple[str, ...]:
+    """Returns the components that have no pod, such as those that are suspended or wait for others."""
+    components_with_pods = {_name_component(pod) for pod in pods}
+    names = (str(component["name"]) for component in app["spec"].get("components") or ())
+    return tuple(clean(name, 63) for name in names if name not in components_with_pods)
+
+
 def _name_component(pod: AppPod) -> str:
     """Returns the component, or in brackets what a helper of the app is, such as a discovery server."""
     labels = pod.metadata.labels

@@ -11,7 +11,7 @@ from robotapp_console.views.app.edges import ESTIMATED, MEASURED, SAME_NODE, UNK
 from robotapp_console.views.graph.layout import Layout, Rectangle, lay_out
 from robotapp_console.views.graph.ordering import Link, Part
 
-LANES: Final = ("robot", "edge", "cloud", "nodes of no tier", "no node yet")
+LANES: Final = ("robot", "edge", "cloud", "nodes of no tier", "no node")
 ROBOT, _EDGE, _CLOUD, OTHER, _NONE = range(len(LANES))
 TIERS_NOT_READ: Final = "nodes (their tiers may not be read)"
 CHARACTER: Final = 6.7
@@ -118,9 +118,7 @@ def draw_picture(
     layout = lay_out(
         [Part(vertex.name, vertex.node, used_lanes.index(lane)) for vertex, lane in zip(vertices, lanes, strict=True)],
         [Link(position[edge.source], position[edge.target], _measure_label(edge)) for edge in edges],
-        part_width=max((_count_cells(_shorten_end(vertex.name, MOST_NAME)) for vertex in vertices), default=0)
-        * NAME_CHARACTER
-        + 24,
+        part_width=max((_measure_part(vertex) for vertex in vertices), default=0.0),
     )
     return Picture(
         title,
@@ -148,8 +146,18 @@ def _list_other_ends(components: Iterable[Node], edges: Iterable[EdgeRow]) -> li
 
 
 def _draw_box(name: str, area: Rectangle) -> DrawnBox:
-    title = _shorten_end(name, MOST_NAME) if name else "waiting"
-    return DrawnBox(title, name or "Components without a node", area)
+    return DrawnBox(_title_box(name), name or "Components without a node", area)
+
+
+def _title_box(node: str) -> str:
+    """Returns the name of the node; what has none waits for one, or is suspended."""
+    return _shorten_end(node, MOST_NAME) if node else "not running"
+
+
+def _measure_part(vertex: Node) -> float:
+    """Returns the width that the component's name needs, and the name of its node above it."""
+    name_cells, title_cells = _count_cells(_shorten_end(vertex.name, MOST_NAME)), _count_cells(_title_box(vertex.node))
+    return max(name_cells * NAME_CHARACTER + 24, title_cells * CHARACTER + 8)
 
 
 def _draw_edges(edges: Sequence[EdgeRow], layout: Layout) -> Iterable[DrawnEdge]:

@@ -11,6 +11,7 @@ from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.app.template import HelperContainer
 from robotapp_api.model.names import Reason
 from robotapp_api.model.packed import unpacked
+from robotapp_api.values.component_references import list_further_containers
 
 _CONTAINER_FIELDS = ("ports", "securityContext", "livenessProbe", "readinessProbe", "startupProbe", "lifecycle")
 _NAMES = {
@@ -102,9 +103,10 @@ def _read_component(component: Component, at: str) -> _Pod:
         "volumes": pod.volumes.unpack(),
         "securityContext": unpacked(pod.security_context),
     }
-    containers = {at: {name: unpacked(getattr(component, attribute)) for name, attribute in _NAMES.items()}}
-    for place, items in (("containers", pod.containers), ("initContainers", pod.init_containers)):
-        containers |= {f"{at}.template.spec.{place}[{index}]": item for index, item in enumerate(items)}
+    containers: dict[str, Mapping[str, Any]] = {
+        at: {name: unpacked(getattr(component, attribute)) for name, attribute in _NAMES.items()}
+    }
+    containers |= {where: item for item, where in list_further_containers(component, at)}
     return _Pod(f"component {component.name}", at, fields, template.metadata.annotations, containers)
 
 

@@ -8,11 +8,20 @@ from collections.abc import Callable
 from typing import Any, Final, Self
 
 from campaigns.common.process_use import tree_rss_bytes
-from campaigns.hostile.attack import MIB, READY_S, Outcome, judge, read_memory_limit, register
+from campaigns.hostile.attack import (
+    MIB,
+    READY_S,
+    RETURNED_MIB,
+    Outcome,
+    judge,
+    measure_kept,
+    read_memory_limit,
+    register,
+)
 from campaigns.hostile.bystanders import Bystanders, measure_calm
 from campaigns.hostile.port_flood import MODES
 from campaigns.rigs.simulated_site import SimulatedSite
-from robotapp_testbed import Process, wait_until
+from robotapp_testbed import Process
 from robotapp_testbed.binaries.pins import REPOSITORY
 from robotapp_testbed.control_plane.servers import answers
 
@@ -20,9 +29,6 @@ CONNECTIONS: Final = 10_000
 ADDRESSES: Final = 2_000
 APPS: Final = 8
 """The connections are held until so many apps of others became Ready beside them."""
-RETURNED_MIB: Final = 16.0
-REST_S: Final = 60.0
-"""Longer than every deadline of the port: by then memory must be back."""
 SAMPLE_S: Final = 0.2
 
 
@@ -113,8 +119,8 @@ def flood(
     site: SimulatedSite, process: Process, component: str, *, connections: int = CONNECTIONS, addresses: int = 1
 ) -> Outcome:
     """Floods the port while bystanders apply apps, and returns what that cost the process and them."""
-    before_bytes = tree_rss_bytes(process.pid)
     calm_s = measure_calm(site, component)
+    before_bytes = tree_rss_bytes(process.pid)
     sample = Samples(process)
     with (
         Bystanders(site, f"beside-{component}") as bystanders,
@@ -126,10 +132,6 @@ def flood(
             sample()
         report |= attacker.end()
 
-    def count_kept() -> float:
-        return (tree_rss_bytes(process.pid) - before_bytes) / MIB
-
-    wait_until(lambda: count_kept() <= RETURNED_MIB, timeout_s=REST_S, poll_s=1.0)
     figures = {
         "connections opened": float(report["opened"]),
         "refused": float(report["refused"]),
@@ -137,7 +139,7 @@ def flood(
         "opening s": report["opening_s"],
         f"{component} MiB before": before_bytes / MIB,
         f"{component} MiB peak": sample.peak_bytes / MIB,
-        f"{component} MiB kept": count_kept(),
+        f"{component} MiB kept": measure_kept(process, before_bytes),
         "probes without an answer": float(sample.silences),
         "restarts": float(not process.running),
         "others' apps Ready before s": calm_s,

@@ -4,11 +4,22 @@ from contextlib import ExitStack
 from typing import Final
 
 from campaigns.common.process_use import tree_rss_bytes
-from campaigns.hostile.attack import MIB, READY_S, Outcome, judge, read_memory_limit, register
+from campaigns.hostile.attack import (
+    MIB,
+    READY_S,
+    RETURNED_MIB,
+    Outcome,
+    judge,
+    measure_kept,
+    read_memory_limit,
+    register,
+)
 from campaigns.hostile.bystanders import Bystanders, measure_calm
-from campaigns.hostile.uploads import Uploader
+from campaigns.hostile.uploads import CONNECTION_BYTES, Uploader
 from campaigns.rigs.ports import ask
 from campaigns.rigs.simulated_site import SimulatedSite
+from robotapp_scheduler.port.entrance import BUDGET_BYTES
+from robotapp_scheduler.port.server_process import LIMITS
 from robotapp_testbed.control_plane.namespaces import created
 
 ACCOUNTS: Final = 8
@@ -17,7 +28,7 @@ QUESTIONS: Final = 10
 """Of an honest user, meanwhile."""
 APPS: Final = 4
 """Of others that must become Ready meanwhile."""
-GROWTH_MIB: Final = 48.0
+GROWTH_BYTES: Final = BUDGET_BYTES + LIMITS.connections * CONNECTION_BYTES
 
 
 @register("unfinished-questions", f"{ACCOUNTS} viewers begin questions at /what-if, {UPLOADS} each time, and end none")
@@ -30,6 +41,7 @@ def hold_questions(site: SimulatedSite) -> Outcome:
             stack.enter_context(created(site.cp, home))
         crowd = {home: stack.enter_context(Uploader(site.cp, home, "viewer")) for home in homes}
         honest = stack.enter_context(Uploader(site.cp, site.namespace, "viewer"))
+        ask(page + site.namespace, bearer=honest.token, body=b"{}")  # what the first question loads is no growth
         before_bytes = tree_rss_bytes(site.scheduler.pid)
         peak_bytes, refusals, questions = before_bytes, 0, 0
         bystanders = stack.enter_context(Bystanders(site, "beside-uploads"))
@@ -45,6 +57,7 @@ def hold_questions(site: SimulatedSite) -> Outcome:
         "scheduler MiB before": before_bytes / MIB,
         "scheduler MiB peak": peak_bytes / MIB,
         "scheduler MiB grown": (peak_bytes - before_bytes) / MIB,
+        "scheduler MiB kept": measure_kept(site.scheduler, before_bytes),
         "honest questions": float(questions),
         "honest questions refused": float(refusals),
         "others' apps Ready before s": calm_s,
@@ -52,7 +65,8 @@ def hold_questions(site: SimulatedSite) -> Outcome:
     }
     most = {
         "scheduler MiB peak": read_memory_limit("scheduler") / MIB,
-        "scheduler MiB grown": GROWTH_MIB,
+        "scheduler MiB grown": GROWTH_BYTES / MIB,
+        "scheduler MiB kept": RETURNED_MIB,
         "honest questions refused": 0,
         "others' apps Ready s": max(READY_S, calm_s),
     }

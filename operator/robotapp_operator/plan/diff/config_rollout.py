@@ -58,12 +58,15 @@ def plan_config(
 def _decide(
     app: App, content: ConfigContent, over: Deployment | None, state: ParameterState, *, now: datetime
 ) -> ConfigDecision | None:
-    """Returns None for a component that reads no ConfigMap, and no Secret whose version is known."""
+    """Returns None for a component that reads no ConfigMap, and no Secret whose version is or was known."""
+    record = parse_record(over.metadata.annotations.get(Annotation.CONFIG, "")) if over else None
+    if record is not None and record.references == content.references:
+        content = content.with_unfollowed(record.mounted, record.files)
     if not content:
         return None
     absent = sorted(state.absent)
-    record = parse_record(over.metadata.annotations.get(Annotation.CONFIG, "")) if over else None
-    if over is None or record is None or app.spec.suspend:
+    # Pods that are yet to come start with what there is then.
+    if over is None or record is None or app.spec.suspend or over.replicas == 0:
         before = record or ConfigRecord(config_hash=_annotated(over))
         return ConfigDecision(record=record_content(content, file_hash=state.hash, absent=absent, before=before))
     return decide_config(

@@ -66,11 +66,11 @@ def find_start(masters: Sequence[Pod]) -> MasterStart | None:
 
     Between the end of a master and the start of the next one a node waits, and registers with the next.
     """
-    ready = [pod for pod in masters if _is_here(pod) and _is_ready(pod)]
+    ready = [pod for pod in masters if pod.is_ready]
     if not ready:
         return None
     master = max(ready, key=lambda pod: pod.metadata.creation_timestamp or "")
-    container = _first_container(master)
+    container = _find_container(master, MASTER_ROLE)
     running = container.state.running if container is not None else None
     began = _moment(running.started_at if running else None)
     if container is not None and container.restart_count and began:
@@ -101,7 +101,8 @@ def read_master_starts(spec: Mapping[str, object]) -> str:
 
 def _plan_restart(deployment: Deployment, pods: Sequence[Pod], start: MasterStart | None) -> NodeRestart:
     record = read_master_starts(deployment.spec)
-    strangers = [pod.metadata.name for pod in pods if start is not None and _has_run_since(pod, start.limit)]
+    node = deployment.metadata.labels.get(Label.COMPONENT, "")
+    strangers = [pod.metadata.name for pod in pods if start is not None and _has_run_since(pod, node, start.limit)]
     if start is None or not strangers:
         return NodeRestart(record)
     earlier = _parse(record)
@@ -110,12 +111,15 @@ def _plan_restart(deployment: Deployment, pods: Sequence[Pod], start: MasterStar
     if len([moment for moment in earlier if start.moment - moment < WINDOW]) >= MOST_RESTARTS:
         return NodeRestart(record, refused=tuple(sorted(strangers)))
     newest = [*earlier, start.moment][-MOST_RESTARTS:]
-    return NodeRestart(_SEPARATOR.join(f"{moment.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}" for moment in newest))
+    return NodeRestart(_SEPARATOR.join(f"{moment:%Y-%m-%dT%H:%M:%SZ}" for moment in newest))
 
 
-def _has_run_since(pod: Pod, limit: datetime) -> bool:
-    """Whether the node has run without a pause since before `limit`. One that has not started yet will register by itself."""
-    container = _first_container(pod)
+def _has_run_since(pod: Pod, node: str, limit: datetime) -> bool:
+    """Whether the node has run without a pause since before `limit`. One that has not started yet will register by itself.
+
+    node: the name of its container. Other containers of the pod may have started at other times.
+    """
+    container = _find_container(pod, node)
     running = container.state.running if container is not None else None
     began = _moment(running.started_at if running else None)
     return _is_here(pod) and began is not None and began < limit
@@ -125,22 +129,19 @@ def _is_here(pod: Pod) -> bool:
     return not pod.terminal and pod.metadata.deletion_timestamp is None
 
 
-def _is_ready(pod: Pod) -> bool:
-    return any(condition.type == "Ready" and condition.status == "True" for condition in pod.status.conditions)
-
-
-def _first_container(pod: Pod) -> ContainerStatus | None:
-    """Returns the state of the only container; sidecars are init containers."""
-    return next(iter(pod.status.container_statuses), None)
+def _find_container(pod: Pod, name: str) -> ContainerStatus | None:
+    return next((status for status in pod.status.container_statuses if status.name == name), None)
 
 
 def _moment(text: str | None) -> datetime | None:
-    """Returns None also for a time before the epoch: a runtime that has lost a container reports the year 1."""
+    """Returns the time in UTC, None also for one before the epoch: a runtime that has lost a container reports the year 1."""
     try:
         moment = datetime.fromisoformat(text) if text else None
-    except ValueError:
+        if moment is None or moment.tzinfo is None or moment.year < 1970:
+            return None
+        return moment.astimezone(UTC)
+    except (ValueError, OverflowError):  # the last hours of the year 9999 in the west
         return None
-    return moment if moment is not None and moment.tzinfo is not None and moment.year >= 1970 else None
 
 
 def _parse(record: str) -> list[datetime]:

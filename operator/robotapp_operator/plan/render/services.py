@@ -14,6 +14,7 @@ from robotapp_operator.plan.render.child import (
 from robotapp_operator.plan.spec.desired import Desired
 from robotapp_operator.plan.spec.links import OUTSIDE
 from robotapp_operator.plan.spec.objects import ChildRef
+from robotapp_operator.plan.spec.robot_values import expand_labels
 
 DISCOVERY: Final = "discovery"
 
@@ -81,7 +82,7 @@ def _component_service(desired: Desired, component: str, service: ComponentServi
     }
     return Child(
         ref=ChildRef(SERVICE, desired.name_of(component)),
-        labels=service.metadata.labels | labels,
+        labels=expand_labels(service.metadata.labels, desired.robot) | labels,
         annotations=service.metadata.annotations,
         spec=spec,
     )

@@ -57,6 +57,17 @@ class ConfigContent:
         lines = [f"{name}={digest}\n" for name, digest in sorted(self.mounted.items())]
         return hashlib.sha256("".join(lines).encode()).hexdigest()[:_DIGITS]
 
+    def with_unfollowed(self, mounted: Mapping[str, str], files: Mapping[str, str]) -> "ConfigContent":
+        """Returns the content with the recorded hashes of Secrets whose versions are not known now.
+
+        So it is for a moment after each start of the operator: what is not seen has not changed.
+        """
+
+        def join(digests: Mapping[str, str], recorded: Mapping[str, str]) -> dict[str, str]:
+            return {name: text for name, text in recorded.items() if name.startswith(f"{SECRET} ")} | {**digests}
+
+        return dataclasses.replace(self, mounted=join(self.mounted, mounted), files=join(self.files, files))
+
     def changed_since(self, mounted: Mapping[str, str], files: Mapping[str, str]) -> list[str]:
         """Returns the names of the objects that have another content than then."""
         names = {*self.mounted, *self.files, *mounted, *files}

@@ -79,7 +79,7 @@ def parse_record(text: str) -> ConfigRecord | None:
             rolls=max(0, int(raw.get("rolls", 0))),
             at=str(raw.get("at", "")),
         )
-    except (ValueError, TypeError, RecursionError):
+    except (ValueError, TypeError, OverflowError, RecursionError):
         return None
 
 
@@ -137,7 +137,7 @@ def record_content(
 
 
 def _follow_names(record: ConfigRecord, content: ConfigContent) -> ConfigRecord:
-    """The same references with other names: Secrets are followed since now, or no longer, which changes no content."""
+    """The same references with other names: Secrets are followed since now, which changes no content."""
 
     def follow(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]:
         return {name: before.get(name, digest) for name, digest in now.items()}

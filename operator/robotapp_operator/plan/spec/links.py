@@ -2,20 +2,19 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final, NamedTuple
-from urllib.parse import quote
 
 from robotapp_api.model.app.service import ComponentService
 from robotapp_api.model.names import Label
+from robotapp_api.values.links import write_url
 from robotapp_operator.plan.spec.desired import Desired
 from robotapp_operator.plan.spec.objects import Service
 
 MAX_LINKS: Final = 32
 """In the status of one instance."""
+MAX_URL: Final = 1024
+"""What the status has room for; one too many characters would have the whole status refused."""
 OUTSIDE: Final = "outside"
 """Name of the port, and of the link, of a discovery server or router that programs outside of the cluster reach."""
-FOXGLOVE: Final = "https://app.foxglove.dev/?ds={source}&ds.url={address}"
-SOURCES: Final = {"foxglove": "foxglove-websocket", "rosbridge": "rosbridge-websocket"}
-"""Schemes that mean Foxglove in the browser → its name for the kind of server."""
 
 
 class LinkView(NamedTuple):
@@ -47,14 +46,9 @@ def list_links(
     any_address = next((address for node in nodes.values() if (address := address_of(node))), "")
     helper_services = [services[name] for name in sorted(services) if services[name].metadata.labels.get(Label.ROLE)]
     links += _outside_links(helper_services, any_address)
-    return tuple(links[:MAX_LINKS])
-
-
-def write_url(scheme: str, address: str, path: str) -> str:
-    """Returns the address as a browser opens it. `address` is host and port."""
-    if source := SOURCES.get(scheme):
-        return FOXGLOVE.format(source=source, address=quote(f"ws://{address}{path}", safe=""))
-    return f"{scheme}://{address}{path}"
+    # The list is a map by both names. A component may be named like a helper.
+    unique_links = {(link.component, link.name): link for link in reversed(links) if len(link.url) <= MAX_URL}
+    return tuple(link for link in links if link is unique_links.get((link.component, link.name)))[:MAX_LINKS]
 
 
 def _links_of(

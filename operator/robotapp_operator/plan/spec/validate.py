@@ -1,6 +1,6 @@
 """Is the spec understood? What admission cannot decide becomes `Accepted=False` with the field, the reason and the cure."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from robotapp_api.checks.containers import STOP_SIGNAL
 from robotapp_api.checks.edges import bandwidth_field
@@ -10,7 +10,12 @@ from robotapp_api.checks.problem import Problem
 from robotapp_api.checks.spec import spec_notes, spec_problems
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import Annotation, Label, Reason
-from robotapp_api.values.component_references import expanded_problem, list_expanded_texts
+from robotapp_api.values.component_references import (
+    ExpandedText,
+    expanded_problem,
+    list_expanded_texts,
+    list_helper_texts,
+)
 from robotapp_api.values.overrides import merge_component, select_overrides
 from robotapp_api.values.robot_references import has_reference
 from robotapp_claims.rules.domain import DomainRequest, withheld
@@ -25,6 +30,7 @@ from robotapp_operator.plan.spec.text import shown
 
 __all__ = [
     "Problem",
+    "decisive_robots",
     "domain_problems",
     "limit_note",
     "notes_of",
@@ -164,24 +170,34 @@ def _placement_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem
 
 
 def _name_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem]:
-    """Names, keys and labels that are none for some robot: the first such robot of each text."""
-    texts = [
-        text
-        for component, at in _list_variants(app)
-        for text in list_expanded_texts(component, at)
-        if has_reference(text.text) and text.kind != "path"
-    ]
+    """Names, keys and labels that are none for some robot, each with one such robot."""
+    texts = [*list_helper_texts(app.spec)]
+    for component, at in _list_variants(app):
+        texts += list_expanded_texts(component, at)
+    texts = [text for text in texts if has_reference(text.text) and text.kind != "path"]
     robots = sorted({robot_of(node) for node in allowed_robots(app, nodes)}) if texts else []
+    decisive = {kind: decisive_robots(kind, robots) for kind in {text.kind for text in texts}}
     for text in texts:
-        for robot in robots:
-            if wrong := expanded_problem(text, robot):
-                yield Problem(
-                    Reason.INVALID_SPEC,
-                    text.path,
-                    f"{text.text} is for robot {robot}: {wrong}; label the robot's node otherwise ({Label.ROBOT}), or write another text",
-                    of_cluster=True,
-                )
-                break
+        wrongs = ((robot, expanded_problem(text, robot)) for robot in decisive[text.kind])
+        robot, wrong = next((pair for pair in wrongs if pair[1]), ("", ""))
+        if wrong:
+            yield Problem(
+                Reason.INVALID_SPEC,
+                text.path,
+                f"{text.text} is for robot {robot}: {wrong}; label the robot's node otherwise ({Label.ROBOT}), or write another text",
+                of_cluster=True,
+            )
+
+
+def decisive_robots(kind: str, robots: Sequence[str]) -> tuple[str, ...]:
+    """Returns robots of which one spoils a text of this kind if any robot does: the first whose name alone is none, and the longest.
+
+    A name that is one by itself makes no other text wrong than by its length. Thousands of texts for a thousand robots would
+    otherwise hold the operator up for seconds whenever a node changes.
+    """
+    bare = ExpandedText("", kind, "$(ROBOTAPP_ROBOT)")
+    first = next((robot for robot in robots if expanded_problem(bare, robot)), None)
+    return (*(() if first is None else (first,)), *((max(robots, key=len),) if robots else ()))
 
 
 def _list_variants(app: App) -> Iterator[tuple[Component, str]]:

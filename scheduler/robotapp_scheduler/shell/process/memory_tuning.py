@@ -22,13 +22,13 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
+from robotapp_client.serving.heap import return_large_objects
+
 log = logging.getLogger(__name__)
 
 PERIOD_S: Final = 3600.0
 FILLING: Final = (500_000, 10, 10)
 """Thresholds while the initial lists are read: nearly every object stays, so there is nothing to collect."""
-MMAP_THRESHOLD: Final = -3
-"""M_MMAP_THRESHOLD of mallopt(3). Set by hand, glibc does not raise it to the size of the largest object that was freed."""
 LARGE: Final = 2 << 20
 LOT: Final = 5_000
 """Objects made and not freed before a collection; walking so many takes a millisecond or two."""
@@ -47,8 +47,7 @@ SETTING: Final = Path("/sys/kernel/mm/transparent_hugepage/enabled")
 def filling() -> None:
     """The caches are about to be filled."""
     gc.set_threshold(*FILLING)
-    if limit := getattr(ctypes.CDLL(None), "mallopt", None):  # of glibc
-        limit(MMAP_THRESHOLD, LARGE)
+    return_large_objects(LARGE)
 
 
 def filled() -> None:

@@ -13,7 +13,7 @@ from tests.support.work_unit import is_in_time
 
 from campaigns.common.process_use import tree_rss_bytes
 from campaigns.hostile.port_flood import MODES, Flood, Target, list_sources
-from campaigns.hostile.uploads import Uploader
+from campaigns.hostile.uploads import CONNECTION_BYTES, Uploader
 from campaigns.rigs.ports import ask
 from robotapp_operator.health import LIMITS as OPERATOR_LIMITS
 from robotapp_scheduler.port.entrance import BUDGET_BYTES
@@ -28,8 +28,6 @@ CONNECTIONS = 300
 MOST_GROWTH = 24 << 20
 ACCOUNTS = 8
 UPLOADS = 10
-CONNECTION_BYTES = 600_000
-"""What a TLS connection with a body on its way may hold in buffers, beside the budget of bodies."""
 ANSWER_S = 5.0
 CLOSED_S = 30.0
 
@@ -81,8 +79,13 @@ def test_idle_and_half_open_connections_cost_little_and_probes_are_answered(
     assert process.running
 
 
+@pytest.mark.parametrize(
+    ("path", "chunked"),
+    [("/what-if", False), ("/what-if", True), ("/simulate", False)],
+    ids=["promised", "chunked", "of another page"],
+)
 def test_unfinished_questions_of_many_users_fill_no_memory_and_others_are_answered(
-    installed_plane: ControlPlane, namespace: str
+    installed_plane: ControlPlane, namespace: str, path: str, chunked: bool
 ) -> None:
     """Eight viewers held 390 MB with uploads to /what-if that they never ended. Each has a namespace here, whose accounts share a turn."""
     plane = installed_plane
@@ -97,7 +100,7 @@ def test_unfinished_questions_of_many_users_fill_no_memory_and_others_are_answer
             ask(page, bearer=honest.token, body=question)
             before_bytes = tree_rss_bytes(scheduler.pid)
             for home, uploader in zip(homes, crowd, strict=True):
-                uploader.begin(f"{scheduler.health_url}/what-if?namespace={home}", UPLOADS)
+                uploader.begin(f"{scheduler.health_url}{path}?namespace={home}", UPLOADS, chunked=chunked)
             grown = tree_rss_bytes(scheduler.pid) - before_bytes
             assert grown < BUDGET_BYTES + SCHEDULER_LIMITS.connections * CONNECTION_BYTES
             status, text = ask(page, bearer=honest.token, body=question)

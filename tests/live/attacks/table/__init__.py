@@ -4,8 +4,9 @@ from tests.live.attacks.table.attack import Attack, Road, Stop
 from tests.live.attacks.table.escalations import ESCALATIONS
 from tests.live.attacks.table.grants import GRANTS
 from tests.live.attacks.table.host_access import HOST
+from tests.live.attacks.table.sizes import SIZES
 from tests.live.attacks.table.stolen_agents import STOLEN
 
-__all__ = ["ATTACKS", "ESCALATIONS", "GRANTS", "HOST", "STOLEN", "Attack", "Road", "Stop"]
+__all__ = ["ATTACKS", "ESCALATIONS", "GRANTS", "HOST", "SIZES", "STOLEN", "Attack", "Road", "Stop"]
 
-ATTACKS = (*ESCALATIONS, *GRANTS, *HOST, *STOLEN)
+ATTACKS = (*ESCALATIONS, *GRANTS, *HOST, *SIZES, *STOLEN)

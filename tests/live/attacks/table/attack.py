@@ -47,7 +47,7 @@ class Stop(Enum):
 
     REVISION = (
         "policy `robotapp-revisions`, RBAC",
-        r"is not the past spec of a RobotApp|needs the right to create pods in namespace|needs the verb use on|cannot (update|patch) resource",
+        r"is not the past spec of a RobotApp|needs the right to create (pods|services) in namespace|needs the verb use on|cannot (update|patch) resource",
     )
     AGENT = (
         "policy `robotapp-agent`, RBAC",

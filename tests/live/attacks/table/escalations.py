@@ -424,6 +424,15 @@ RIGHTS: Final = (
     _denied(
         "quota", "raise one's quota of domains", kinds.POOL, {"spec.quota": {"namespaces": {"own": 99}}}, name="default"
     ),
+    _denied("quota-default", "everybody's quota of domains lifted", kinds.POOL, {"spec.quota": {}}, name="default"),
+    _denied(
+        "quota-deputy",
+        "one's quota of domains, by somebody with every right on our kinds in his namespace",
+        kinds.POOL,
+        {"spec.quota": {"namespaces": {"own": 99}}},
+        who="deputy",
+        name="default",
+    ),
     _denied("clerk-pod", "a pod, by a writer of RobotApps only", kinds.POD, {"spec": {}}, who="clerk", where="own"),
     _denied(
         "clerk-deployment",
@@ -535,6 +544,21 @@ REVISIONS: Final = (
         "revision-unknown-helper",
         "a past spec whose discovery servers have a field of a later version",
         {"ros2": {"discovery": {"envFrom": [{"secretRef": {"name": "deploy-key"}}]}}},
+    ),
+    _revision(
+        "revision-node-port",
+        "a past spec that opens a port on all nodes",
+        {"data": app(service={"spec": {"type": "NodePort", "ports": _PORTS}})},
+    ),
+    _revision(
+        "revision-annotated-service",
+        "a past spec whose Service another program obeys",
+        {"data": app(service={"metadata": {"annotations": {"example.com/a": "b"}}, "spec": {"ports": _PORTS}})},
+    ),
+    _planted_helper(
+        "revision-external",
+        "a past spec that opens discovery servers to the outside",
+        {"ros2": {"external": {"expose": "NodePort"}}},
     ),
 )
 

@@ -188,6 +188,29 @@ OBJECTS: Final = (
     _denied("pool-reserved", "reserved ids set free", kinds.POOL, {"spec.reserved": []}, name="default"),
     _denied("pool-own", "a pool of one's own over the same ids", kinds.POOL, {"spec.ids": "1-101"}, name="mine"),
     _denied(
+        "pool-deputy",
+        "a pool over the same ids, by somebody with every right on our kinds in his namespace",
+        kinds.POOL,
+        {"spec.ids": "1-101"},
+        who="deputy",
+        name="mine",
+    ),
+    _denied(
+        "pool-network",
+        "the pool moved to the network of another one",
+        kinds.POOL,
+        {"spec.network": "x"},
+        name="default",
+    ),
+    _denied(
+        "pool-status",
+        "a pool shown as neither full nor overlapping",
+        kinds.POOL,
+        {"status": {"conditions": []}},
+        name="default",
+        sub="status",
+    ),
+    _denied(
         "device-invented", "a device that no node has", kinds.TELEMETRY, {"status": {"devices": []}}, name="robot-1"
     ),
     _denied(

@@ -8,6 +8,7 @@ from tests.live.attacks.table.attack import Attack
 from tests.live.attacks.table.escalations import FIELDS, REFERENCES, REVISIONS, RIGHTS, SERVICES
 from tests.live.attacks.table.grants import OBJECTS, PODS, SPECS
 from tests.live.attacks.table.host_access import matrix
+from tests.live.attacks.table.sizes import SIZES
 from tests.live.attacks.table.stolen_agents import AGENT, LABELLER
 
 PAGE: Final = Path(__file__).resolve().parents[4] / "docs" / "security.md"
@@ -29,6 +30,7 @@ _SECTIONS: Final[Mapping[str, Sequence[Attack]]] = {
     "A writer of RobotApps reaches the history of other workloads": REVISIONS,
     "A pod brings its own grant, or joins an app": PODS,
     "A RobotApp chooses its domain or its membership past the operator": SPECS,
+    "A RobotApp is to fill the memory of our programs": SIZES,
     "Somebody writes claims, pools, telemetry or instances": OBJECTS,
     "The token of a node's agent is stolen": AGENT,
     "The token of the labeller is stolen": LABELLER,

@@ -97,7 +97,8 @@ def test_an_app_lives_while_versions_are_mixed(
     assert rendered == {NEWER if case == "newer operator" else __version__}
     stored = {part.get(newer_wheel.LATER) for part in ready["spec"]["components"]}
     assert stored == {"x" if case == "newer CRDs" else None}, "the newer schema's default is in every app"
-    unknown = f"spec.components[].{newer_wheel.LATER}: without effect, because this operator is older than the CRD"
+    later_fields = f"spec.components[].{newer_wheel.LATER}, spec.later"
+    unknown = f"{later_fields}: without effect, because this operator is older than the CRD"
     assert (unknown in condition(ready, "Accepted")["message"]) == (case == "newer CRDs")
 
 

@@ -4,14 +4,14 @@ from typing import Any
 
 import pytest
 from tests.live.attacks.table.attack import Attack
-from tests.live.attacks.table.escalations import REFERENCES
+from tests.live.attacks.table.escalations import REFERENCES, SERVICES
 from tests.live.attacks.table.lending import FREE_FIELDS
 
 from rigel_bridge.cluster import lent
 from rigel_bridge.cluster.lent import find_additions
 
 Json = dict[str, Any]
-_IDENTITIES = [attack for attack in REFERENCES if attack.good != attack.changed(attack.good)]
+_IDENTITIES = [attack for attack in (*REFERENCES, *SERVICES) if attack.good != attack.changed(attack.good)]
 
 
 @pytest.mark.parametrize("attack", _IDENTITIES, ids=lambda attack: attack.key)

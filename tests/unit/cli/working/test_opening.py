@@ -8,7 +8,7 @@ from tests.unit.cli.running import ROBOTAPPS, Stage, pod, robotapp
 
 from robotapp_cli.failures import CliError
 from robotapp_cli.reading.pods import AppPod, Selection
-from robotapp_cli.working.opening import Target, choose_target, find_container_port, list_targets, write_local_url
+from robotapp_cli.working.opening import Target, choose_target, find_container_port, list_targets
 
 TELEOP = Selection("teleop")
 
@@ -47,12 +47,6 @@ def test_several_links_are_a_question_with_its_answers() -> None:
 def test_an_app_that_offers_nothing_is_answered_with_what_to_write() -> None:
     with pytest.raises(CliError, match=r"give a component service\.links, or ports"):
         choose_target(list_targets(app_with()), TELEOP, None)
-
-
-def test_addresses_are_those_that_a_browser_opens() -> None:
-    assert write_local_url(Target("a", "b", 80, "https", "/vnc.html"), 4000) == "https://127.0.0.1:4000/vnc.html"
-    foxglove = write_local_url(Target("a", "b", 80, "foxglove"), 4000)
-    assert foxglove == "https://app.foxglove.dev/?ds=foxglove-websocket&ds.url=ws://127.0.0.1:4000"
 
 
 def test_a_port_is_found_by_its_name_in_the_pod() -> None:

@@ -1,9 +1,12 @@
 """logs, exec, shell, restart, suspend, resume, -w, and options before the verb."""
 
 import asyncio
+import contextlib
 import os
 import subprocess
+from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,7 +20,7 @@ from robotapp_cli.verbs import move_options
 from robotapp_cli.working import entering, logs
 from robotapp_cli.working.changing import RESTARTED_AT
 from robotapp_cli.working.entering import build_exec_command
-from robotapp_cli.working.logs import LogOptions, build_query, choose_colour, list_sources
+from robotapp_cli.working.logs import LogOptions, LogSource, build_query, choose_colour, list_sources
 
 Json = dict[str, Any]
 
@@ -56,6 +59,17 @@ class TestLogs:
             "amr-07/panel  | two",
             "amr-07/driver | three",
         ]
+
+    def test_logs_that_are_cut_to_stay_within_memory_say_so(
+        self, stage: Stage, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(logs, "MOST_BYTES_OF_ALL", 4096)
+        monkeypatch.setattr(logs, "LEAST_BYTES", 1024)
+        stage.add(ROBOTAPPS, robotapp())
+        stage.add("/pods", running_pod("a", "driver"), running_pod("b", "panel"))
+        stage.api.logs = {("a", "driver"): [line(1, "x" * 2048)], ("b", "panel"): [line(2, "short")]}
+        last_line = stage.text("logs", "teleop").splitlines()[-1]
+        assert last_line == "amr-07/driver | (only the first 2 KiB are shown; write a lower --tail, or --since)"
 
     def test_one_component_and_its_sidecar(self, stage: Stage) -> None:
         stage.add(ROBOTAPPS, robotapp())
@@ -143,6 +157,44 @@ class TestLogs:
             "amr-07/driver | second run",
         ]
 
+    def test_a_followed_container_of_a_node_that_is_out_of_reach_goes_on_when_it_is_back(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The API server answers with 502 as long as it does not reach the node's kubelet."""
+        refusal = b'{"kind": "Status", "message": "dial tcp 192.0.2.7:10250: no route to host"}'
+        client, printed = LogClient([(502, refusal), (502, refusal), (200, line(1, "here again").encode() + b"\n")]), []
+        printer = SimpleNamespace(
+            print=lambda log_line: printed.append(log_line.text), print_problem=lambda _, text: printed.append(text)
+        )
+
+        async def pause(_: float) -> None:
+            """The next try is at once."""
+
+        monkeypatch.setattr(logs, "pause", pause)
+        session: Any = SimpleNamespace(client=client, home="fleet")
+        asyncio.run(logs._follow_source(session, LogSource("a", "driver", "driver"), {}, printer))  # type: ignore[arg-type]
+        assert printed == ["no log for now: dial tcp 192.0.2.7:10250: no route to host", "here again"]
+
+
+class LogClient:
+    """An API server with these answers, status and body."""
+
+    def __init__(self, answers: list[tuple[int, bytes]]) -> None:
+        self._answers = answers
+
+    @contextlib.asynccontextmanager
+    async def stream(self, *_: Any, **__: Any) -> AsyncIterator[Any]:
+        """Opens a followed log."""
+        status, body = self._answers.pop(0)
+
+        async def read() -> bytes:
+            return body
+
+        async def deliver(take: Callable[[Sequence[bytes]], None]) -> None:
+            take([body])
+
+        yield SimpleNamespace(status=status, headers={}, read=read, deliver=deliver)
+
 
 class TestEntering:
     @pytest.fixture
@@ -208,6 +260,17 @@ class TestEntering:
         assert variables["ROS_SUPER_CLIENT"] == "TRUE"
         assert variables["TERM"] == "xterm"
 
+    @pytest.mark.parametrize("field", ["hostPID", "shareProcessNamespace"])
+    def test_the_first_process_of_others_lends_no_environment(self, field: str) -> None:
+        """It is the pause container's or the node's, whose PATH knows none of the container's programs."""
+        app_pod = AppPod(running_pod("a", "driver"))
+        app_pod.obj["spec"][field] = True
+        command = build_exec_command(Options(), app_pod, "driver", ["env"], is_terminal=False)
+        assert not any("/proc/1/environ" in word for word in command)
+        program = command[command.index("--") + 1 :]
+        done = subprocess.run(program, env={"PATH": os.environ["PATH"]}, capture_output=True, text=True, check=True)
+        assert "ROS_SUPER_CLIENT=TRUE" in done.stdout
+
     def test_an_image_without_bash_gets_the_shell_it_has(self, tmp_path: Path) -> None:
         for name in ("sh", "env"):
             (tmp_path / name).symlink_to(f"/bin/{name}")
@@ -249,6 +312,21 @@ class TestChanges:
         assert marked() == {"driver", "panel"}
         stage.text("restart", "teleop", "discovery")
         assert marked() == {"driver", "panel", "server"}
+
+    def test_a_component_that_is_named_like_a_helper_is_the_one_that_is_meant(self, stage: Stage) -> None:
+        parts = [{"name": "master", "image": "i"}, {"name": "driver", "image": "i"}]
+        helper = running_pod("roscore", "master")
+        helper["metadata"]["labels"] |= {"robotics.io/role": "master", "robotics.io/component": ""}
+        stage.add(ROBOTAPPS, robotapp(components=parts))
+        stage.add("/pods", helper, running_pod("ours", "master"))
+        stage.add(
+            "apps/deployments",
+            deployment("ours", {"robotics.io/component": "master"}),
+            deployment("roscore", {"robotics.io/role": "master"}),
+        )
+        stage.api.logs = {("ours", "master"): [line(1, "ours")], ("roscore", "master"): [line(2, "roscore")]}
+        assert stage.text("logs", "teleop", "master").splitlines() == ["amr-07/master | ours"]
+        assert "pods of 1 Deployment are replaced" in stage.text("restart", "teleop", "master")
 
     def test_an_app_without_deployments_is_answered_with_the_command_that_has_the_reason(self, stage: Stage) -> None:
         stage.add(ROBOTAPPS, robotapp())

@@ -76,6 +76,16 @@ async def test_a_restart_is_that_of_kubectl_rollout() -> None:
         assert "driver on amr-07 restarts" in (await browser.get(answer.headers["Location"])).text
 
 
+async def test_a_component_that_has_not_started_is_not_restarted_and_the_page_says_so() -> None:
+    async with staged() as stage:
+        uid = fill(stage)
+        browser = await sign_in(stage, TENANT)
+        fields = {"uid": uid, "component": "mapper", "robot_of_component": "amr-07"}
+        answer = await browser.post(f"{PAGE}/restart", fields | {"csrf": (await browser.get(PAGE)).field("csrf")})
+        assert answer.status == 404
+        assert "mapper has not started, so there is nothing to restart." in answer.text
+
+
 async def test_a_deployment_of_the_name_that_is_not_the_apps_is_left_alone() -> None:
     async with staged() as stage:
         uid = fill(stage)

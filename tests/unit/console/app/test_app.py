@@ -77,8 +77,33 @@ def test_components_show_node_restarts_message_and_moves() -> None:
     body = instance("teleop", components=[{"name": "driver", "node": "r1", "restarts": 3, "message": "waits"}])
     body["status"]["moves"] = [{"component": "driver", "times": [timestamp(NOW_S - 60), timestamp(NOW_S - 30)]}]
     (row,) = view(snapshot(apps=[app("teleop")], instances=[body])).instances[0].components
-    assert (row.name, row.node, row.ready, row.restarts, row.message) == ("driver", "r1", False, 3, "waits")
+    assert (row.name, row.node, row.state, row.restarts, row.message) == ("driver", "r1", "no", 3, "waits")
     assert (row.moved_at, row.moves) == (timestamp(NOW_S - 30), 2)
+
+
+def test_a_suspended_component_is_no_trouble_and_waits_for_no_node() -> None:
+    body = app("teleop")
+    body["spec"] = {"components": [{"name": "viewer", "replicas": 0}, {"name": "mapper"}, {"name": "driver"}]}
+    components = [
+        {"name": "viewer", "message": "suspended (replicas: 0)"},
+        {"name": "mapper", "message": "waits until viewer (suspended by replicas: 0) is Ready (dependsOn)"},
+        {"name": "driver", "node": "r1"},
+    ]
+    world = snapshot(apps=[body], instances=[instance("teleop", components=components)])
+    rows = view(world).instances[0].components
+    assert [(row.name, row.place, row.state, row.colour) for row in rows] == [
+        ("viewer", "none", "suspended", "idle"),
+        ("mapper", "waits", "no", "busy"),
+        ("driver", "r1", "no", "bad"),
+    ]
+
+
+def test_with_its_app_each_component_is_suspended_as_soon_as_it_has_left_its_node() -> None:
+    body = app("teleop", phase="Suspended")
+    body["spec"] = {"suspend": True, "components": [{"name": "driver"}, {"name": "viewer"}]}
+    components = [{"name": "driver", "node": "r1"}, {"name": "viewer"}]
+    rows = view(snapshot(apps=[body], instances=[instance("teleop", components=components)])).instances[0].components
+    assert [row.state for row in rows] == ["no", "suspended"]
 
 
 def test_of_many_instances_the_troubled_are_shown_in_full_and_all_are_listed() -> None:

@@ -15,7 +15,15 @@ from robotapp_console.views.app.page import AppView, build_app
 from robotapp_console.views.graph.alignment import DesiredPlace, place_cells
 from robotapp_console.views.graph.layout import Layout, Rectangle, lay_out
 from robotapp_console.views.graph.ordering import Link, Part, order_parts
-from robotapp_console.views.graph.picture import MOST_NAME, MOST_TOPIC, Node, Picture, draw_picture, format_figures
+from robotapp_console.views.graph.picture import (
+    CHARACTER,
+    MOST_NAME,
+    MOST_TOPIC,
+    Node,
+    Picture,
+    draw_picture,
+    format_figures,
+)
 from robotapp_console.web.rendering import Pages, StaticFiles
 
 PAGES = Pages(StaticFiles())
@@ -201,14 +209,44 @@ def test_components_stand_in_the_lane_of_their_nodes_tier_in_a_box_per_node() ->
         "planner": "edge",
         "ui": "cloud",
         "spare": "nodes of no tier",
-        "mapper": "no node yet",
+        "mapper": "no node",
     }
-    assert [box.title for box in picture.boxes] == ["amr-07", "edge-1", "cloud-1", "plain", "waiting"]
+    assert [box.title for box in picture.boxes] == ["amr-07", "edge-1", "cloud-1", "plain", "not running"]
 
 
 def test_who_may_not_read_nodes_sees_boxes_all_the_same() -> None:
     picture = picture_of(world(refused=("nodes",)))
     assert lane_of(picture, "planner") == "nodes (their tiers may not be read)"
+
+
+def test_a_box_is_as_wide_as_the_name_of_its_node() -> None:
+    node_name = "warehouse-robot-00000042"
+    picture = picture_of(world(components=[{"name": "ui", "node": node_name, "ready": True}]))
+    assert picture.boxes[0].title == node_name
+    assert picture.boxes[0].area.width >= 8 + len(node_name) * CHARACTER
+
+
+def test_an_edge_of_a_suspended_component_is_unknown_for_that_reason() -> None:
+    body = app("teleop")
+    body["spec"] = {
+        "components": [{"name": "driver"}, {"name": "recorder", "replicas": 0}],
+        "edges": [{"topic": "/image", "from": "driver", "to": "recorder"}],
+    }
+    components = [{"name": "driver", "node": "amr-07", "ready": True}, {"name": "recorder"}]
+    view = build_app(
+        snapshot(apps=[body], instances=[instance("teleop", "amr-07", components=components)]), "default", "teleop"
+    )
+    assert view is not None
+    assert [row.how_known for row in view.instances[0].edges] == ["unknown (recorder is suspended)"]
+    picture = picture_of(view)
+    colours = {part.title: part.colour for part in picture.parts}
+    assert colours == {"driver": "good", "recorder": "idle"}
+    assert "recorder on no node, suspended" in {part.words for part in picture.parts}
+
+
+def test_the_meaning_of_lines_is_told_where_there_are_lines() -> None:
+    assert "Each line: topic" not in render(world())
+    assert "Each line: topic" in render(world(edge("/a", "driver", "ui")))
 
 
 def test_the_robot_itself_is_drawn_where_an_edge_ends_at_it() -> None:
@@ -221,7 +259,7 @@ def test_the_robot_itself_is_drawn_where_an_edge_ends_at_it() -> None:
 
 def test_an_edge_to_what_the_status_does_not_have_yet_is_drawn() -> None:
     picture = picture_of(world(edge("/a", "driver", "newcomer", nodes=[])))
-    assert lane_of(picture, "newcomer") == "no node yet"
+    assert lane_of(picture, "newcomer") == "no node"
 
 
 @pytest.mark.parametrize(

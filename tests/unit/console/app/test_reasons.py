@@ -10,7 +10,7 @@ from tests.unit.console.guarded_api import ADMIN, APPS, PODS, TENANT, Browser, S
 from tests.unit.console.objects import Object, app
 
 from robotapp_console.cluster.scheduler_port import SchedulerPort
-from robotapp_console.views.app.reasons import MOST_REASONS, ReasonRow, build_reasons, select_pods
+from robotapp_console.views.app.reasons import MOST_REASONS, ReasonRow, build_reasons, list_without_pods, select_pods
 from robotapp_console.views.objects import AppPod
 from robotapp_scheduler.core.explain.record import Example, Record, Refusal, Top, as_json
 
@@ -69,6 +69,11 @@ def test_without_a_record_a_waiting_pod_has_its_conditions_words() -> None:
     assert row.refused == ("0/5 nodes are available: 5 Insufficient cpu.",)
     assert other.refused == ("the scheduler has not looked at it yet",)
     assert not row.is_recorded
+
+
+def test_a_component_without_a_pod_is_named() -> None:
+    pods = select_pods([msgspec.convert(pod("a", "driver"), AppPod)], "amr-07")
+    assert list_without_pods({"spec": SPEC}, pods) == ("planner",)
 
 
 def test_what_was_given_up_and_what_is_proposed_are_notes() -> None:

@@ -129,6 +129,7 @@ def test_what_is_no_weight_is_a_mistake_at_its_field(text: str) -> None:
     fields = fill_form(build_form(document)) | {"p0-weight-TopologyScore": text}
     edited, problems = apply_form(document, fields)
     assert list(problems) == ["p0-weight-TopologyScore"]
+    assert problems["p0-weight-TopologyScore"].startswith("Weight of TopologyScore: write a whole number from 1 to")
     assert edited == document
 
 

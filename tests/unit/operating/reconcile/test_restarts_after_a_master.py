@@ -91,7 +91,7 @@ def running_pod(name: str, deployment: Deployment, *, minute: int) -> Pod:
         "status": {
             "phase": "Running",
             "conditions": [{"type": "Ready", "status": "True"}],
-            "containerStatuses": [{"name": "main", "state": {"running": {"startedAt": time}}}],
+            "containerStatuses": [{"name": name, "state": {"running": {"startedAt": time}}}],
         },
     }
     return msgspec.convert(body, Pod)

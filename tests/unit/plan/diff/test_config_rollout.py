@@ -132,6 +132,38 @@ def test_a_suspended_app_takes_what_there_is_without_a_restart_being_counted() -
     assert [change.child.change for change in changes.changes] == [""]
 
 
+def test_a_suspended_component_takes_what_there_is_and_is_not_said_to_start_anew() -> None:
+    app = make_app({**MOUNTED, "replicas": 0}, component("panel"))
+    first = after(look(app, versions(a="1"), {})[0], {}, app)
+    changes, _ = look(app, versions(a="2"), first)
+    assert [change.child.change for change in changes.changes] == [""]
+    second = after(changes, first, app)
+    resumed = make_app(MOUNTED, component("panel"), generation=2)
+    resumption, rollout = look(resumed, versions(a="2"), second)
+    assert [change.child.change for change in resumption.changes] == [""]
+    assert not look(resumed, versions(a="2"), after(resumption, second, resumed), at=NOW + timedelta(hours=1))[0]
+    assert rollout.due is None
+
+
+def test_secrets_that_are_not_followed_for_a_moment_start_nothing_and_a_change_meanwhile_is_seen() -> None:
+    """Each start of the operator plans before it has the Secrets' versions, and a question about its rights may fail."""
+    secret = {"secretRef": {"name": "key"}}
+    app = make_app(component("driver", envFrom=[secret]), component("map", envFrom=[secret, *MOUNTED["envFrom"]]))
+
+    def known(version: str) -> ClusterConfig:
+        return ClusterConfig(versions(a="1").config_maps, {"default": {"key": version}} if version else {})
+
+    first = after(look(app, known("1"), {})[0], {}, app)
+    second = after(look(app, known("2"), first)[0], first, app)
+    assert templates(second) != templates(first)
+    later = NOW + timedelta(minutes=5)
+    assert not look(app, known(""), second, at=later)[0]
+    assert not look(app, known("2"), second, at=later)[0]
+    assert {change.child.change for change in look(app, known("3"), second, at=later)[0].changes} == {"Secret key"}
+    without = make_app(component("driver"), component("map"), generation=2)
+    assert len(look(without, known(""), second, at=later)[0].changes) == 2, "an edit takes the record with it"
+
+
 def test_a_lost_record_starts_nothing() -> None:
     app = make_app(MOUNTED)
     first = after(look(app, versions(a="1"), {})[0], {}, app)

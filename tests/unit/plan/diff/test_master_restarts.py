@@ -40,10 +40,11 @@ def pod(
     restarts: int = 0,
     ended: str | None = None,
     ready: bool = True,
+    beside: tuple[dict[str, Any], ...] = (),
     **meta: str,
 ) -> Pod:
-    """Made and running since these seconds after noon; its container ended before that at `ended`."""
-    container: dict[str, Any] = {"name": "main", "restartCount": restarts}
+    """Made and running since these seconds after noon; its container ended before that at `ended`. beside: other containers."""
+    container: dict[str, Any] = {"name": name.partition("-")[0], "restartCount": restarts}
     container["state"] = (
         {"waiting": {"reason": "ContainerCreating"}} if runs is None else {"running": {"startedAt": at(runs)}}
     )
@@ -54,7 +55,7 @@ def pod(
         "status": {
             "phase": "Running",
             "conditions": [{"type": "Ready", "status": str(ready)}],
-            "containerStatuses": [container],
+            "containerStatuses": sorted([container, *beside], key=lambda status: str(status["name"])),
         },
     }
     return msgspec.convert(body, Pod)
@@ -99,6 +100,16 @@ def test_a_master_that_restarted_in_its_pod_has_lost_its_names_too() -> None:
     assert record(master, pod("driver", made=0, runs=65, restarts=1)) == "", "it waited for the new one"
     unknown = [pod("master", made=0, runs=70, restarts=1, ended="0001-01-01T00:00:00Z")]
     assert record(unknown, pod("driver", made=0, runs=1)) == at(70)
+
+
+@pytest.mark.parametrize("name", ["a-sidecar", "z-sidecar"])
+def test_what_runs_beside_a_node_does_not_count_because_the_kubelet_sorts_containers_by_name(name: str) -> None:
+    """A sidecar that crashed once would hide that its node is unknown to the master, an older one would restart a registered node."""
+    master = [pod("master", made=60, runs=61)]
+    younger = ({"name": name, "restartCount": 1, "state": {"running": {"startedAt": at(70)}}},)
+    assert record(master, pod("driver", made=0, runs=1, beside=younger)) == at(60)
+    older = ({"name": name, "state": {"running": {"startedAt": at(1)}}},)
+    assert record(master, pod("driver", made=0, runs=62, restarts=1, beside=older)) == ""
 
 
 def test_a_first_start_restarts_nothing_however_long_its_images_take() -> None:
@@ -146,6 +157,14 @@ def test_an_annotation_that_is_no_list_of_times_stays_until_a_restart_is_due(tex
     assert record([], node, text) == text
     assert record(master, node, text).endswith(at(60))
     assert record(master, node, record(master, node, text)) == record(master, node, text)
+
+
+@pytest.mark.parametrize(
+    "text", ["9999-12-31T23:59:59-23:59", "1970-01-01T00:00:00+23:59", "0001-01-01T00:00:00+01:00"]
+)
+def test_a_time_at_the_ends_of_the_calendar_ends_no_plan(text: str) -> None:
+    """Whoever may edit a Deployment may write such a record."""
+    assert record([pod("master", made=60, runs=61)], pod("driver", made=0, runs=1), text).endswith(at(60))
 
 
 def test_an_app_of_another_master_or_without_pods_has_nothing_to_restart() -> None:

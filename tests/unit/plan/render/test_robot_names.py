@@ -2,12 +2,15 @@
 
 from typing import Any
 
-from tests.support.factories import component, make_app
+import pytest
+from tests.support.factories import component, make_app, make_node
 
+from robotapp_api.checks.spec import spec_problems
 from robotapp_operator.plan.render.infrastructure import infrastructure
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.render.pod_template import pod_template
 from robotapp_operator.plan.spec.desired import Domain, desired_of
+from robotapp_operator.plan.spec.validate import problems_with
 
 ROBOTS = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
 R = "$(ROBOTAPP_ROBOT)"
@@ -63,3 +66,33 @@ def test_helper_pods_pull_with_the_secret_of_their_robot() -> None:
     assert pods
     assert all(pod["spec"]["imagePullSecrets"] == [{"name": "pull-amr-07"}] for pod in pods)
     assert all(pod["metadata"]["labels"]["site"] == "yard-amr-07" for pod in pods)
+
+
+@pytest.mark.parametrize("helper", ["ros2", "ros1"])
+@pytest.mark.parametrize(
+    ("template", "field"),
+    [
+        ({"metadata": {"labels": {"site": R}}}, 'metadata.labels["site"]'),
+        ({"spec": {"imagePullSecrets": [{"name": f"pull-{R}"}]}}, "spec.imagePullSecrets[0].name"),
+    ],
+)
+def test_helpers_of_an_app_without_robots_name_none(helper: str, template: dict[str, Any], field: str) -> None:
+    """Their labels would be empty, and the pull secret one that nobody has."""
+    fields: dict[str, Any] = {"ros1": {"template": template}, "ros": {"distro": "noetic"}}
+    if helper == "ros2":
+        fields = {"ros2": {"discovery": {"template": template}}}
+    (problem,) = spec_problems(make_app(**fields).spec)
+    assert problem.field.endswith(f".template.{field}")
+    assert "the app has none" in problem.message
+    assert not [*spec_problems(make_app(robots=ROBOTS, **fields).spec)]
+
+
+def test_a_name_of_a_robot_that_no_object_may_have_is_named_for_helpers_too() -> None:
+    template = {"spec": {"imagePullSecrets": [{"name": f"pull-{R}"}]}}
+    for robot, problems in (("amr-07", 0), ("AMR_07", 1)):
+        selector = {"nodeSelector": {"matchLabels": {"robotics.io/robot": robot}}}
+        app = make_app(robots=selector, ros2={"discovery": {"template": template}})
+        node_problems = problems_with(app, {"n": make_node("n", robot=robot)})
+        assert [problem.field for problem in node_problems] == problems * [
+            "spec.ros2.discovery.template.spec.imagePullSecrets[0].name"
+        ]

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import pytest
 from tests.support.factories import component, make_app
 
 from robotapp_api.checks.spec import spec_problems
@@ -10,7 +11,7 @@ from robotapp_operator.plan.diff.diff import wanted_children
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.services import component_services
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
-from robotapp_operator.plan.spec.links import LinkView, list_links, write_url
+from robotapp_operator.plan.spec.links import LinkView, list_links
 from robotapp_operator.plan.spec.objects import (
     GivenPort,
     Ingress,
@@ -92,6 +93,38 @@ def test_annotations_are_part_of_what_is_compared() -> None:
     assert annotated("a").hash != annotated("b").hash
 
 
+def test_labels_of_a_service_have_the_name_of_the_robot_as_those_of_pods_have() -> None:
+    """The schema lets the reference through, and the API server would refuse a Service with it as it stands."""
+    service = {"metadata": {"labels": {"site": "yard-$(ROBOTAPP_ROBOT)"}}, "spec": {"ports": [HTTP]}}
+    robots = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
+    assert render(make_app(component("map", service=service), robots=robots)).labels["site"] == "yard-amr-07"
+    (problem,) = spec_problems(make_app(component("map", service=service)).spec)
+    assert problem.field == 'spec.components[0].service.metadata.labels["site"]'
+    assert "the app has none" in problem.message
+
+
+@pytest.mark.parametrize("field", ["labels", "annotations"])
+def test_a_key_of_a_service_that_the_api_server_refuses_is_named_before(field: str) -> None:
+    service = {"metadata": {field: {"a" * 64: "x"}}, "spec": {"ports": [HTTP]}}
+    (problem,) = spec_problems(make_app(component("map", service=service)).spec)
+    assert problem.field == f"spec.components[0].service.metadata.{field}"
+
+
+def test_a_port_by_name_leads_to_a_port_of_the_pods_containers_or_is_refused() -> None:
+    named = {"name": "http", "port": 80, "targetPort": "web"}
+    web = [{"name": "web", "containerPort": 8080}]
+    fields = {"service": {"spec": {"ports": [named]}}}
+    beside = {"spec": {"containers": [{"name": "nginx", "image": "nginx", "ports": web}]}}
+    assert not [*spec_problems(make_app(component("map", ports=web, **fields)).spec)]
+    assert not [*spec_problems(make_app(component("map", template=beside, **fields)).spec)]
+    (problem,) = spec_problems(make_app(component("map", **fields)).spec)
+    assert str(problem).startswith(
+        "spec.components[0].service.spec.ports[0].targetPort: no container of map has a TCP port named web"
+    )
+    udp = [{"name": "web", "containerPort": 8080, "protocol": "UDP"}]
+    assert [*spec_problems(make_app(component("map", ports=udp, **fields)).spec)]
+
+
 def test_a_link_of_the_cluster_has_the_services_name() -> None:
     app = app_with([{"name": "ui", "port": "http", "path": "/vnc.html"}])
     name = render(app).ref.name
@@ -111,12 +144,6 @@ def test_a_link_of_a_load_balancer_waits_for_its_address() -> None:
     assert links_of(app) == ()
     assert links_of(app, ingress=[Ingress(ip="203.0.113.9")])[0].url == "https://203.0.113.9:80"
     assert links_of(app, ingress=[Ingress(hostname="lb.example.com")])[0].url == "https://lb.example.com:80"
-
-
-def test_foxglove_opens_in_the_browser_with_the_port_as_its_source() -> None:
-    address = "https://app.foxglove.dev/?ds=foxglove-websocket&ds.url=ws%3A%2F%2F192.0.2.7%3A8765"
-    assert write_url("foxglove", "192.0.2.7:8765", "") == address
-    assert "ds=rosbridge-websocket" in write_url("rosbridge", "192.0.2.7:9090", "")
 
 
 def test_the_ports_of_a_stored_service_are_read() -> None:
@@ -163,6 +190,28 @@ def test_the_entrances_are_shown_with_the_helpers_they_lead_to() -> None:
     )
     links = list_links(desired_of(app, ""), {"entrance": service}, {"driver": "amr-07"}, lambda _: "192.0.2.7")
     assert links == (LinkView("discovery-1", "outside", "192.0.2.7:30811"),)
+
+
+def test_links_keep_to_what_the_api_server_takes_so_that_no_status_is_refused() -> None:
+    link = {"name": "outside", "port": "http"}
+    parts = component("discovery-0", service={"spec": {"ports": [HTTP]}, "links": [link]}), component("driver")
+    app = make_app(*parts, ros2={"external": {"expose": "NodePort"}})
+    labels = {"robotics.io/role": "discovery", "robotics.io/part": "0"}
+    entrance = Service(
+        metadata=TenantMeta(name="entrance", namespace="default", labels=labels),
+        text=b'{"type":"NodePort","ports":[{"name":"outside","port":11811,"nodePort":30811}]}',
+    )
+    (child,) = component_services(desired_of(app, ""))
+    own = Service(
+        metadata=TenantMeta(name=child.ref.name, namespace="default"), text=b'{"ports":[{"name":"http","port":80}]}'
+    )
+    services = {"entrance": entrance, child.ref.name: own}
+    links = list_links(desired_of(app, ""), services, {"driver": "amr-07"}, lambda _: "192.0.2.7")
+    assert [link.url for link in links] == [f"http://{child.ref.name}.default.svc:80"]
+
+    balanced = app_with([link | {"scheme": "foxglove", "path": "/" + "!" * 255}], type="LoadBalancer")
+    assert links_of(balanced, ingress=[Ingress(hostname="a" * 253)]) == (), "1094 characters, of 1024"
+    assert links_of(balanced, ingress=[Ingress(hostname="a" * 63)])
 
 
 def test_discovery_without_an_address_cannot_be_opened_and_the_cure_is_named() -> None:

@@ -1,0 +1,1 @@
+"""Compose files as they are written: variables, values with their places, merging, one project."""

@@ -1,0 +1,1 @@
+"""One service of a compose file to one component."""
