@@ -33,7 +33,9 @@ _OF_COMPOSE: Final = {
     "runtime": "write template.spec.runtimeClassName, and resources: {limits: {nvidia.com/gpu: 1}} for a GPU",
     "gpus": "write resources: {limits: {nvidia.com/gpu: 1}}",
 }
-_AFFINITY: Final = "write nodeSelector, runsOn, requires, colocateWith or separateFrom; robots choose by matchExpressions, too"
+_AFFINITY: Final = (
+    "write nodeSelector, runsOn, requires, colocateWith or separateFrom; robots choose by matchExpressions, too"
+)
 _ENDS: Final = (
     "remove it: a component runs until it is deleted; for a program that ends write a Job with the annotation "
     "scheduler.robotics.io/dds-domain (docs/how-to/operate-an-app.md)"
