@@ -172,8 +172,8 @@ def _decide_domain(context: Context, parts: list[Part]) -> Json:
             context.report.take(part, f"spec.ros2.domain: {number}; without it each instance gets a free one")
         return {"domain": number}
     for part in parts:
-        why = "the services have several" if len(texts) > 1 else f"{text or 'none'} is not one of 1-101 and 215-232"
-        context.report.omit(part, f"{why}; each instance gets a free domain, or write spec.ros2.domain")
+        reason = "the services have several" if len(texts) > 1 else f"{text or 'none'} is not one of 1-101 and 215-232"
+        context.report.omit(part, f"{reason}; each instance gets a free domain, or write spec.ros2.domain")
     return {}
 
 
@@ -182,8 +182,8 @@ def _decide_rmw(context: Context, parts: list[Part]) -> Json:
     texts = {text for part in parts if (text := part.as_text())}
     if len(texts) != 1:
         for part in parts:
-            why = "the services have several, and an app has one" if texts else "it has no value"
-            context.report.omit(part, f"{why}; write spec.ros2.rmw")
+            reason = "the services have several, and an app has one" if texts else "it has no value"
+            context.report.omit(part, f"{reason}; write spec.ros2.rmw")
         return {}
     for part in parts:
         context.report.take(part, "spec.ros2.rmw, for all components")

@@ -22,6 +22,20 @@ _COMPONENT: Final = "spec.components"
 _MOST_NAMES: Final = 5
 _HOST: Final = ("hostNetwork", "hostPID", "hostIPC")
 _OF_JOBS: Final = ("activeDeadlineSeconds", "backoffLimit", "completions", "parallelism", "ttlSecondsAfterFinished")
+_OF_COMPOSE: Final = {
+    "network_mode": "write template: {spec: {hostNetwork: true}} for host",
+    "ipc": "write template: {spec: {hostIPC: true}} for host",
+    "pid": "write template: {spec: {hostPID: true}} for host",
+    "privileged": "write securityContext: {privileged: true}",
+    "cap_add": "write securityContext: {capabilities: {add: [SYS_NICE]}}",
+    "shm_size": "write sharedMemory: {size: 1Gi}",
+    "ulimits": "no field of Kubernetes sets them; write a capability, or ulimit in a shell",
+    "runtime": "write template.spec.runtimeClassName, and resources: {limits: {nvidia.com/gpu: 1}} for a GPU",
+    "gpus": "write resources: {limits: {nvidia.com/gpu: 1}}",
+}
+_AFFINITY: Final = (
+    "write nodeSelector, runsOn, requires, colocateWith or separateFrom; robots choose by matchExpressions, too"
+)
 _ENDS: Final = (
     "remove it: a component runs until it is deleted; for a program that ends write a Job with the annotation "
     "scheduler.robotics.io/dds-domain (docs/how-to/operate-an-app.md)"
@@ -46,6 +60,8 @@ FIELDS: Final[dict[str, str]] = {
         f"{_COMPONENT}.{name}": f"write template: {{spec: {{{name}: true}}}} (docs/security.md#access-to-the-node)"
         for name in _HOST
     },
+    **{f"{_COMPONENT}.{name}": f"{cure} (docs/how-to/reach-the-node.md)" for name, cure in _OF_COMPOSE.items()},
+    **{f"{place}.affinity": _AFFINITY for place in (_COMPONENT, f"{_COMPONENT}.template.spec")},
     **{f"{place}.{name}": _ENDS for name in _OF_JOBS for place in (_COMPONENT, f"{_COMPONENT}.template.spec")},
     **{f"{place}.{name}": _SERVICE for name in ("services", "expose") for place in ("spec", _COMPONENT)},
     "spec.service": _SERVICE,

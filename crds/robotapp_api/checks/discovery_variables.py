@@ -175,7 +175,7 @@ def _fast_dds_text(spec: RobotAppSpec, name: str, value: str, *, mode: str) -> s
         if spec.ros2 and spec.ros2.transport == "UDP" and value != "UDPv4":
             return f'"{value}" replaces spec.ros2.transport: UDP; remove one of the two'
         if value in ("NONE", "SHM"):
-            return f"{value} reaches no other pod, because pods share no memory; remove it"
+            return f"{value} reaches no other pod, because pods share no memory but with hostIPC: true in all of them; remove it"
         if value.startswith(_WITHOUT_IPV4) and mode == "Server":
             return (
                 f"{value} does not reach the operator's discovery servers, which speak UDP over the pods' IP family; write UDPv4, or on a "

@@ -166,8 +166,8 @@ def open_ad_kit() -> Example:
                 "simulator",
                 args=[
                     *("ros2", "launch", "autoware_launch", "tier4_simulator_component.launch.xml"),
-                    *("use_sim_time:=false", "vehicle_model:=sample_vehicle"),
                     *("perception/enable_traffic_light:=true", "sensing/visible_range:=300.0"),
+                    *("use_sim_time:=false", "vehicle_model:=sample_vehicle"),
                 ],
             ),
             has_variables("visualizer", RVIZ_CONFIG="/autoware/rviz/autoware.rviz"),

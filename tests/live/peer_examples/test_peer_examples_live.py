@@ -16,7 +16,7 @@ from campaigns.rigs.appwatch import is_ready
 from campaigns.rigs.simulated_site import SimulatedSite
 from campaigns.rigs.storage_live import VOLUMES, claim, claims_path, delete_volume, volume
 from robotapp_api.checks.host_access.table import HostRight
-from robotapp_testbed import ControlPlane
+from robotapp_testbed import ControlPlane, wait_until
 from robotapp_testbed.control_plane.api import Api
 from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.machines.network import Topology
@@ -54,6 +54,7 @@ PATHS = {
     "Ingress": "/apis/networking.k8s.io/v1/namespaces/{}/ingresses",
 }
 PATIENCE_S = 120.0
+SETTLED_S = 20.0
 ROLES = ("edit", "robotapp-editor", *(f"robotapp-use-{right.value}" for right in HostRight))
 
 
@@ -94,6 +95,10 @@ class Applied:
             instances=of_example(self.site.cp.api.get(f"{root}/robotappinstances")["items"]),
             tiers={node.name: node.tier.value for node in self.site.nodes},
         )
+
+    def read_promises(self, example: Example) -> dict[str, object]:
+        running = self.running(example)
+        return {promise.what: promise.read(running) for promise in example.promises}
 
 
 @pytest.fixture(scope="module")
@@ -165,9 +170,9 @@ def test_an_example_is_accepted_ready_and_keeps_what_its_authors_wrote(
         within_s=PATIENCE_S,
         what=example.title,
     )
-    running = applied.running(example)
-    kept = {promise.what: promise.read(running) for promise in example.promises}
-    assert kept == {promise.what: promise.expected for promise in example.promises}
+    expected = {promise.what: promise.expected for promise in example.promises}
+    wait_until(lambda: applied.read_promises(example) == expected, timeout_s=SETTLED_S)  # links follow the Services
+    assert applied.read_promises(example) == expected
 
 
 def test_the_page_lists_each_example_with_its_verdict_and_fifteen_run_as_written() -> None:

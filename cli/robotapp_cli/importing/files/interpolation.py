@@ -50,10 +50,10 @@ def interpolate(text: str, variables: Mapping[str, str], *, depth: int = 0) -> T
 
 def _replace_one(text: str, dollar: int, variables: Mapping[str, str], depth: int) -> tuple[Text, int]:
     """Returns what stands in place of the variable at `dollar`, and where the text goes on."""
-    following = text[dollar + 1 : dollar + 2]
-    if following == "$":
+    character = text[dollar + 1 : dollar + 2]
+    if character == "$":
         return Text("$"), dollar + 2
-    if following == "{":
+    if character == "{":
         end = _find_end(text, dollar + 2)
         return _replace_braces(text[dollar + 2 : end], variables, depth), end + 1
     name = _NAME.match(text, dollar + 1)
@@ -132,10 +132,10 @@ def parse_env_file(text: str, variables: Mapping[str, str]) -> Iterator[Assignme
             continue
         written = match[3]
         while written[:1] in ("'", '"') and _find_quote(written) < 0:
-            following = next(lines, None)
-            if following is None:
+            next_line = next(lines, None)
+            if next_line is None:
                 raise InterpolationError(f"the quotes of {match[1]} in line {number} are not closed; close them")
-            written += "\n" + following[1]
+            written += "\n" + next_line[1]
         value = _read_value(written, scope)
         scope[match[1]] = value.value
         yield Assignment(number, match[1], value.value, value.unset)

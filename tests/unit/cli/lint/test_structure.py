@@ -52,6 +52,10 @@ def of_component(**fields: Any) -> tuple[str, str]:
     ("fields", "cure"),
     [
         ({"hostNetwork": True}, "write template: {spec: {hostNetwork: true}}"),
+        ({"network_mode": "host"}, "write template: {spec: {hostNetwork: true}} for host"),
+        ({"privileged": True}, "write securityContext: {privileged: true}"),
+        ({"shm_size": "1g"}, "write sharedMemory: {size: 1Gi}"),
+        ({"template": {"spec": {"affinity": {}}}}, "write nodeSelector, runsOn, requires, colocateWith"),
         ({"completions": 1}, "for a program that ends write a Job"),
         ({"template": {"spec": {"activeDeadlineSeconds": 9}}}, "for a program that ends write a Job"),
         ({"expose": 80}, "write service: {spec: {ports: [{name: http, port: 80}]}}"),
