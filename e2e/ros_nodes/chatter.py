@@ -7,22 +7,28 @@ python3 -m ros_nodes.chatter topics SECONDS   # what `ros2 topic list --no-daemo
 
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_msgs.msg import String
-
-from ros_nodes.connect import end_on_request
 
 SILENCE: Final = Path("/tmp/silence")  # noqa: S108 - within the container
 PERIOD_S: Final = 0.1
 
 
 def main(role: str, argument: str) -> None:
+    """Ends at SIGTERM by rclpy's own handler: one in Python does not run while rclpy waits for a message."""
     rclpy.init()
-    end_on_request()
+    with suppress(ExternalShutdownException):
+        take_role(role, argument)
+
+
+def take_role(role: str, argument: str) -> None:
+    """Runs the node of this role until it has done its work or rclpy shuts down."""
     node = rclpy.create_node(f"chatter_{role}")
     if role == "topics":
         list_topics(node, float(argument))
@@ -34,9 +40,9 @@ def main(role: str, argument: str) -> None:
 
 
 def talk(node: Node, topic: str) -> None:
-    """Publishes numbers for ever."""
+    """Publishes numbers until the program is to end."""
     publisher, number = node.create_publisher(String, topic, 10), 0
-    while True:
+    while rclpy.ok():
         rclpy.spin_once(node, timeout_sec=0.0)
         if not SILENCE.exists():
             number += 1

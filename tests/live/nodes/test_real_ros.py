@@ -130,7 +130,9 @@ def test_readiness_follows_messages_with_servers_with_peers_and_with_cyclone_dds
 def test_a_sidecar_hears_its_component_and_a_shell_sees_the_graph(cluster: RealNodes, app: str) -> None:
     assert wait_until(lambda: is_ready(cluster, app), timeout_s=STARTED_S, poll_s=0.2)
     pod = teleop.pods(cluster, PLACE, app)["talker"]["metadata"]["name"]
-    assert wait_until(lambda: "heard" in cluster.kubectl("logs", "-n", PLACE, pod, "-c", "sidecar"), timeout_s=FOLLOWS_S)
+    assert wait_until(
+        lambda: "heard" in cluster.kubectl("logs", "-n", PLACE, pod, "-c", "sidecar"), timeout_s=FOLLOWS_S
+    )
     listed = f"{SOURCE}; ROS_SUPER_CLIENT=TRUE python3 -m ros_nodes.chatter topics 3"
     assert f"{TOPIC} std_msgs/msg/String" in run_in(cluster, app, "listener", listed, program="bash").splitlines()
     echoed = f"{SOURCE}; python3 -m ros_nodes.chatter listener {TOPIC} | head -n 1"
