@@ -181,7 +181,10 @@ def has_no_ros(component: str) -> Promise:
 def runs_on(component: str, *tiers: str) -> Promise:
     return Promise(
         f"{component}: on {' or '.join(tiers)}",
-        lambda running: {running.tiers[pod["spec"]["nodeName"]] for pod in running.pods_of(component)} <= {*tiers},
+        lambda running: (
+            running.pods_of(component) != []
+            and {running.tiers[pod["spec"]["nodeName"]] for pod in running.pods_of(component)} <= {*tiers}
+        ),
     )
 
 
@@ -223,9 +226,8 @@ def is_chosen_by(service_name: str, component: str) -> Promise:
 
     def read(running: Running) -> bool:
         (stored,) = (item for item in running.services if item["metadata"]["name"] == service_name)
-        return all(
-            stored["spec"]["selector"].items() <= pod["metadata"]["labels"].items()
-            for pod in running.pods_of(component)
-        )
+        selector = stored["spec"]["selector"].items()
+        chosen = [selector <= pod["metadata"]["labels"].items() for pod in running.pods_of(component)]
+        return chosen != [] and all(chosen)
 
     return Promise(f"Service {service_name}: the pods of {component}", read)
