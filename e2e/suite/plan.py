@@ -204,7 +204,12 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "e2e/campaigns/versions/": ("tests/live/chart/",),
     "tests/golden/": ("tests/live/bridge/test_cluster_live.py",),
     "tests/support/agent/": ("tests/live/agent/",),
-    "tests/support/apiobjects.py": ("tests/live/crds/", "tests/live/journeys/", "tests/live/scheduling/"),
+    "tests/support/apiobjects.py": (
+        "tests/live/attacks/",
+        "tests/live/crds/",
+        "tests/live/journeys/",
+        "tests/live/scheduling/",
+    ),
     "tests/support/apiserver/": ("tests/live/agent/", "tests/live/client/", "e2e/tests/campaigns/"),
     "tests/support/claims/": ("tests/live/attacks/",),
     "tests/support/clients.py": ALL_OF_THE_REST,
@@ -230,6 +235,7 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "tests/support/work_unit.py": (
         "tests/live/attacks/",
         "tests/live/nodes/",
+        "tests/live/operating/",
         "tests/live/scheduling/",
         "e2e/tests/live/switch/",
         "e2e/tests/testbed/",
