@@ -107,10 +107,11 @@ def _wait_rolled_out(cp: ControlPlane, workload: str, namespace: str) -> None:
 
 
 def _values(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The caller's values on top of our images."""
+    """The caller's values on top of our images, which have a registry of their own: the nodes' own store."""
     own: dict[str, Any] = {}
     for name in IMAGES:
-        repository, _, tag = images.reference(name).rpartition(":")
+        own["imageRegistry"], _, path = images.reference(name).partition("/")
+        repository, _, tag = path.rpartition(":")
         own[name] = {"image": {"repository": repository, "tag": tag, "pullPolicy": "Never"}}
     merged = {
         key: {**own.get(key, {}), **value} if isinstance(value, Mapping) else value for key, value in given.items()
