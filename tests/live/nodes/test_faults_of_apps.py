@@ -216,7 +216,10 @@ def test_parameter_files_arrive_in_their_order_and_another_content_starts_the_po
 MISSING: list[tuple[str, dict[str, Any], str]] = [
     (
         "volume",
-        {"template": {"spec": {"volumes": [{"name": "v", "secret": {"secretName": "tokens"}}]}}},
+        {
+            "volumeMounts": [{"name": "v", "mountPath": "/v"}],  # without one the kubelet does not ask for the Secret
+            "template": {"spec": {"volumes": [{"name": "v", "secret": {"secretName": "tokens"}}]}},
+        },
         'secret "tokens" not found',
     ),
     ("env", {"envFrom": [{"secretRef": {"name": "tokens"}}]}, 'secret "tokens" not found'),
