@@ -1,8 +1,6 @@
 """`open`: a component's web page in the user's browser, through kubectl port-forward, wherever the cluster is."""
 
-import asyncio
 import contextlib
-import re
 import sys
 import webbrowser
 from dataclasses import dataclass
@@ -14,9 +12,9 @@ from robotapp_cli.output import print_line
 from robotapp_cli.reading.fields import Json
 from robotapp_cli.reading.pods import MOST_LISTED, AppPod, Selection, explain_no_pods, fetch_app, list_pods
 from robotapp_cli.reading.session import Session
+from robotapp_client.tools.port_forward import ForwardError, NoKubectlError, forward_port
 
 _PATIENCE_S: Final = 10.0
-_LISTENING: Final = re.compile(r"127\.0\.0\.1:(\d+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,47 +95,25 @@ def find_container_port(pod: AppPod, target: Target) -> int:
 async def _forward(session: Session, pod: AppPod, target: Target, *, browser: bool) -> None:
     """Runs kubectl port-forward until it ends or is interrupted. Raises CliError when it cannot begin."""
     number = find_container_port(pod, target)
-    options = session.options
-    command = ["kubectl", "port-forward", f"--namespace={session.home}", f"pod/{pod.name}", f":{number}"]
-    command += [f"--context={options.context}"] if options.context else []
-    command += [f"--kubeconfig={options.kubeconfig}"] if options.kubeconfig else []
-    pipe = asyncio.subprocess.PIPE
-    try:
-        process = await asyncio.create_subprocess_exec(
-            *command, stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe
-        )
-    except OSError as error:
-        raise CliError(
-            f"kubectl cannot be started: {error.strerror}; open needs it on the PATH", code=Exit.USAGE
-        ) from error
-    try:
-        local_port = await _read_port(process)
-        if local_port is None:
-            with contextlib.suppress(ProcessLookupError):  # it has ended by itself
-                process.kill()
-            _, complaint = await process.communicate()
-            text = complaint.decode(errors="replace").strip().rpartition("\n")[2] or "no answer"
-            raise CliError(f"kubectl port-forward to pod {pod.name} failed: {text}")
-        url = write_url(target.scheme, f"127.0.0.1:{local_port}", target.path)
+    way = forward_port(
+        session.home,
+        pod.name,
+        number,
+        kubeconfig=session.options.kubeconfig,
+        context=session.options.context,
+        patience_s=_PATIENCE_S,
+    )
+    async with contextlib.AsyncExitStack() as stack:
+        try:
+            forward = await stack.enter_async_context(way)
+        except NoKubectlError as error:
+            raise CliError(f"{error}; open needs it on the PATH", code=Exit.USAGE) from error
+        except ForwardError as error:
+            raise CliError(str(error)) from error
+        url = write_url(target.scheme, f"127.0.0.1:{forward.port}", target.path)
         print_line(f"{pod.title}: {url}   (Ctrl-C ends it)")
         sys.stdout.flush()
         if browser and target.scheme not in ("ws", "wss"):
             webbrowser.open(url)
-        await process.wait()
-        raise CliError(
-            f"the connection to pod {pod.name} has ended: the pod, or kubectl, is gone; run the command again"
-        )
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            process.terminate()
-
-
-async def _read_port(process: asyncio.subprocess.Process) -> int | None:
-    """Returns the port on this machine; None when kubectl names none in time."""
-    assert process.stdout is not None  # noqa: S101 - asked for with a pipe
-    try:
-        line = (await asyncio.wait_for(process.stdout.readline(), _PATIENCE_S)).decode()
-    except TimeoutError:
-        return None
-    match = _LISTENING.search(line)
-    return int(match[1]) if match else None
+        await forward.wait_closed()
+    raise CliError(f"the connection to pod {pod.name} has ended: the pod, or kubectl, is gone; run the command again")

@@ -3,15 +3,14 @@
 The API server's own pod proxy would do, were it not that it drops the Authorization header the scheduler asks for.
 """
 
-import asyncio
 import contextlib
-import re
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any, Final
 
 from robotapp_client.api.client import ApiClient
 from robotapp_client.api.resources import LEASES, PODS
+from robotapp_client.tools.port_forward import ForwardError, forward_port
 from robotapp_client.transport.errors import ApiError
 
 _SELECTOR: Final = "app.kubernetes.io/component=scheduler"
@@ -19,7 +18,6 @@ _RELEASE: Final = "app.kubernetes.io/instance"
 _LEASE: Final = "robotapp-scheduler"
 _PORT: Final = 10259
 _PATIENCE_S: Final = 5.0
-_LISTENING: Final = re.compile(r"127\.0\.0\.1:(\d+)")
 Pod = dict[str, Any]
 
 
@@ -33,16 +31,13 @@ async def open_tunnel(
 ) -> AsyncIterator[int]:
     """Gives a port of this machine that leads to the scheduler in the namespace. Raises NoTunnelError."""
     pod, port = await find_scheduler_pod(client, namespace)
-    command = ["kubectl", "port-forward", "-n", namespace, f"pod/{pod}", f":{port}"]
-    command += ["--context", context] if context else []
-    command += ["--kubeconfig", str(kubeconfig)] if kubeconfig else []
-    process, local_port = await _forward(command, pod)
-    try:
-        yield local_port
-    finally:
-        with contextlib.suppress(ProcessLookupError):  # the tunnel ends by itself when the pod does
-            process.terminate()
-        await process.wait()
+    way = forward_port(namespace, pod, port, kubeconfig=kubeconfig, context=context, patience_s=_PATIENCE_S)
+    async with contextlib.AsyncExitStack() as stack:
+        try:
+            forward = await stack.enter_async_context(way)
+        except ForwardError as error:
+            raise NoTunnelError(f"{error}{_name_role(error.refusal)}") from error
+        yield forward.port
 
 
 async def find_scheduler_pod(client: ApiClient, namespace: str) -> tuple[str, int]:
@@ -91,28 +86,6 @@ async def _find_leader(client: ApiClient, namespace: str) -> str:
     except ApiError:  # users seldom may read Leases
         return ""
     return str(lease.get("spec", {}).get("holderIdentity") or "")
-
-
-async def _forward(command: list[str], pod: str) -> tuple[asyncio.subprocess.Process, int]:
-    pipe = asyncio.subprocess.PIPE
-    try:
-        process = await asyncio.create_subprocess_exec(
-            *command, stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe
-        )
-    except OSError as error:
-        raise NoTunnelError(f"kubectl port-forward cannot be started: {error.strerror}") from error
-    assert process.stdout is not None  # noqa: S101 - asked for with a pipe
-    try:
-        line = (await asyncio.wait_for(process.stdout.readline(), _PATIENCE_S)).decode()
-    except TimeoutError:
-        line = ""
-    if match := _LISTENING.search(line):
-        return process, int(match[1])
-    if process.returncode is None:
-        process.terminate()
-    _, complaint = await process.communicate()
-    text = complaint.decode(errors="replace").strip().rpartition("\n")[2]
-    raise NoTunnelError(f"kubectl port-forward to {pod} failed: {text or 'no answer'}{_name_role(text)}")
 
 
 def _name_role(refusal: str) -> str:

@@ -79,7 +79,7 @@ def test_the_address_is_printed_and_the_end_of_the_connection_is_said(
     assert "amr-07/panel: ws://127.0.0.1:4000" in result.stdout
     assert result.exit_code == 1
     assert "the connection to pod a has ended" in result.stderr
-    assert (tmp_path / "arguments").read_text().split() == ["port-forward", "--namespace=fleet", "pod/a", ":8765"]
+    assert (tmp_path / "arguments").read_text().split() == ["port-forward", "-n", "fleet", "pod/a", ":8765"]
 
 
 def test_a_forward_that_cannot_begin_is_said_in_kubectls_words(stage: Stage, kubectl: Path) -> None:
