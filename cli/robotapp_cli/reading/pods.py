@@ -66,11 +66,17 @@ async def fetch_app(session: Session, selection: Selection) -> Json:
     return app
 
 
-async def list_pods(session: Session, app: Json, selection: Selection) -> list[AppPod]:
-    """Returns the selected pods by robot, component and name; helpers of the operator only where one is named."""
+def write_label_selector(app: Json, selection: Selection) -> str:
+    """Returns the selector of the app's children, or of those of the selected robot."""
     labels = [f"{Label.APP_UID}={meta(app)['uid']}"]
     labels += [f"{Label.INSTANCE}={selection.robot}"] if selection.robot else []
-    listing = await session.client.list(PODS, namespace=session.home, label_selector=",".join(labels))
+    return ",".join(labels)
+
+
+async def list_pods(session: Session, app: Json, selection: Selection) -> list[AppPod]:
+    """Returns the selected pods by robot, component and name; helpers of the operator only where one is named."""
+    labels = write_label_selector(app, selection)
+    listing = await session.client.list(PODS, namespace=session.home, label_selector=labels)
     pods = [AppPod(obj) for obj in listing.items if is_selected(obj, app, selection)]
     return sorted(pods, key=lambda pod: (pod.robot, pod.component, pod.name))
 

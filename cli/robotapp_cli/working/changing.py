@@ -1,18 +1,20 @@
 """`restart`, `suspend` and `resume`: changes that people would otherwise write as patches."""
 
 from datetime import UTC, datetime
-from typing import Final
 
-from robotapp_api.model.names import Label
 from robotapp_cli.output import print_line
 from robotapp_cli.reading.fields import meta
-from robotapp_cli.reading.pods import Selection, explain_no_pods, fetch_app, is_selected, name_selection
+from robotapp_cli.reading.pods import (
+    Selection,
+    explain_no_pods,
+    fetch_app,
+    is_selected,
+    name_selection,
+    write_label_selector,
+)
 from robotapp_cli.reading.session import Session
-from robotapp_client.api.bodies import STRATEGIC
 from robotapp_client.api.resources import DEPLOYMENTS, ROBOTAPPS
-
-RESTARTED_AT: Final = "kubectl.kubernetes.io/restartedAt"
-"""The annotation that `kubectl rollout restart` writes: the Deployment replaces its pods by its own strategy."""
+from robotapp_client.tools.rollout import restart_deployment
 
 
 async def set_suspended(session: Session, name: str, *, suspend: bool) -> None:
@@ -34,17 +36,14 @@ async def set_suspended(session: Session, name: str, *, suspend: bool) -> None:
 async def restart_components(session: Session, selection: Selection) -> None:
     """Replaces the pods of the selected components, as `kubectl rollout restart` does, and prints which."""
     app = await fetch_app(session, selection)
-    labels = [f"{Label.APP_UID}={meta(app)['uid']}"]
-    labels += [f"{Label.INSTANCE}={selection.robot}"] if selection.robot else []
-    listing = await session.client.list(DEPLOYMENTS, namespace=session.home, label_selector=",".join(labels))
+    labels = write_label_selector(app, selection)
+    listing = await session.client.list(DEPLOYMENTS, namespace=session.home, label_selector=labels)
     deployments = [deployment for deployment in listing.items if is_selected(deployment, app, selection)]
     if not deployments or app["spec"].get("suspend"):
         raise explain_no_pods(app, selection)
-    annotations = {RESTARTED_AT: datetime.now(UTC).isoformat(timespec="seconds")}
-    patch = {"spec": {"template": {"metadata": {"annotations": annotations}}}}
+    now = datetime.now(UTC).isoformat(timespec="seconds")
     for deployment in deployments:
-        name = str(meta(deployment)["name"])
-        await session.client.patch(DEPLOYMENTS, name, patch, namespace=session.home, content_type=STRATEGIC)
+        await restart_deployment(session.client, deployment, at=now)
     count = len(deployments)
     selection_text = name_selection(selection)
     print_line(

@@ -6,9 +6,7 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.naming import child_name
 from robotapp_client import ApiClient, NotFound
 from robotapp_client.api.resources import DEPLOYMENTS, ROBOTAPPS, Resource
-
-RESTARTED_AT = "kubectl.kubernetes.io/restartedAt"
-"""The annotation of a pod template that `kubectl rollout restart` writes: a new value rolls the pods."""
+from robotapp_client.tools.rollout import restart_deployment
 
 
 class NothingToChangeError(Exception):
@@ -40,13 +38,9 @@ async def restart_component(
     except NotFound as error:
         text = f"{component} has not started, so there is nothing to restart. Its message on the app's page says what it waits for."
         raise NothingToChangeError(text) from error
-    meta = deployment["metadata"]
-    if (meta.get("labels") or {}).get(Label.APP_UID) != uid:
+    if (deployment["metadata"].get("labels") or {}).get(Label.APP_UID) != uid:
         raise NothingToChangeError(f"Deployment {namespace}/{name} does not belong to the app.")
-    template = {"metadata": {"annotations": {RESTARTED_AT: at}}}
-    await client.patch(
-        DEPLOYMENTS, name, {"metadata": {"uid": meta["uid"]}, "spec": {"template": template}}, namespace=namespace
-    )
+    await restart_deployment(client, deployment, at=at)
 
 
 async def annotate(

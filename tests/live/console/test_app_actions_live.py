@@ -8,7 +8,7 @@ import pytest
 from tests.live.console.browsing import Console, make_token
 
 from robotapp_api.values.naming import child_name
-from robotapp_console.cluster.writes import RESTARTED_AT
+from robotapp_client.tools.rollout import RESTARTED_AT
 from robotapp_testbed import ControlPlane, wait_until
 
 pytestmark = pytest.mark.live

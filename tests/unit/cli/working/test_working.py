@@ -18,9 +18,9 @@ from robotapp_cli.reading.pods import AppPod
 from robotapp_cli.reading.session import Options
 from robotapp_cli.verbs import move_options
 from robotapp_cli.working import entering, logs
-from robotapp_cli.working.changing import RESTARTED_AT
 from robotapp_cli.working.entering import build_exec_command
 from robotapp_cli.working.logs import LogOptions, LogSource, build_query, choose_colour, list_sources
+from robotapp_client.tools.rollout import RESTARTED_AT
 
 Json = dict[str, Any]
 
