@@ -18,6 +18,7 @@ from tests.support.rigel.cases import ENVIRONMENT, first_generation, mutated
 from campaigns.bridge.bridge_watch import run
 from rigel_bridge.document.failures import BridgeError
 from rigel_bridge.document.tree import parse
+from rigel_bridge.generations.dockerfile import read_env
 from rigel_bridge.generations.load import load, outline
 from rigel_bridge.generations.model import Options
 
@@ -105,10 +106,13 @@ def difference(text: str, theirs: Mapping[str, Any], environment: Mapping[str, s
                 continue  # Rigel drops it; for us it names the distribution of the image that the user builds
             if not _same(value, rigels.get(field)):
                 return f"{field} is {rigels.get(field)!r} for Rigel, {value!r} for us"
-        for entry in rigels.get("env", ()):
-            name, value = str(entry.get("name")), entry.get("value")
-            if isinstance(value, str) and not _same(ours.env.get(name), value):
-                return f"env {name} is {value!r} for Rigel, {ours.env.get(name)!r} for us"
+        texts = {str(entry["name"]): entry.get("value") for entry in rigels.get("env", ())}
+        image = read_env({name: text for name, text in texts.items() if isinstance(text, str)})
+        for name, value in image.values.items():
+            if not _same(ours.env.values.get(name), value):
+                return f"env {name} is {value!r} for Rigel, {ours.env.values.get(name)!r} for us"
+        if missing := image.from_base.keys() - ours.env.from_base.keys():
+            return f"env {sorted(missing)} takes its value from the base image for Rigel, not for us"
     return ""
 
 
