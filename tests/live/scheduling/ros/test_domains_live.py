@@ -71,6 +71,18 @@ def test_a_bare_pod_gets_no_reserved_id_by_asking_for_it(installed_plane: Contro
             installed_plane.api.patch(POOL, {"spec": {"reserved": reserved}})
 
 
+def test_a_pod_whose_variable_reads_a_wrong_annotation_is_refused_with_the_line_to_write(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    path = "metadata.annotations['scheduler.robotics.io/domain']"
+    lost = wants("lost", "auto")
+    lost["spec"]["containers"][0]["env"] = [{"name": "ROS_DOMAIN_ID", "valueFrom": {"fieldRef": {"fieldPath": path}}}]
+    with nodes(installed_plane, edge("edge-1")):
+        stage.create_pod(lost)
+        message = stage.wait_refused("lost", reason="InvalidAnnotation")
+        assert f"metadata.annotations['{Annotation.GRANTED_DOMAIN}']" in message
+
+
 def test_the_second_pod_of_a_number_waits_is_told_who_has_it_and_gets_it_after_the_rest(
     installed_plane: ControlPlane, stage: Stage
 ) -> None:
