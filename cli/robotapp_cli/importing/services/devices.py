@@ -82,8 +82,8 @@ def _take_device(draft: Draft, item: Part, outside: str, inside: str) -> None:
         device["interface"] = posixpath.basename(outside)
     draft.fields.setdefault("devices", []).append(device)
     variable = f"ROBOTAPP_DEVICE_{device['name'].upper().replace('-', '_')}"
-    which = f"the {kind.type} device {device['interface']}" if kind.interface else f"any free {kind.type} device"
-    report.change(item, f"devices: {which}, claimed; its path is in {variable}, add usbID or model to choose one")
+    wish = f"the {kind.type} device {device['interface']}" if kind.interface else f"any free {kind.type} device"
+    report.change(item, f"devices: {wish}, claimed; its path is in {variable}, add usbID or model to choose one")
 
 
 def take_gpus(draft: Draft, part: Part) -> None:
@@ -119,11 +119,11 @@ def take_device_reservation(draft: Draft, part: Part) -> None:
     number = int(text) if text.isascii() and text.isdigit() else 1
     draft.limit("limits", f"{name}.com/gpu", number)
     _report_gpu(draft, count or part, number, is_exact=text.isdigit())
-    handled = frozenset({"count", "driver", "capabilities"})
+    read_fields = frozenset({"count", "driver", "capabilities"})
     for key in ("driver", "capabilities"):
         if inner := part.get(key):
             draft.report.take(inner, f"resources.limits: {name}.com/gpu")
-    report_fields(draft, part, handled, reasons)
+    report_fields(draft, part, read_fields, reasons)
 
 
 def take_runtime(draft: Draft, part: Part) -> None:
