@@ -14,7 +14,7 @@ from typing import Final
 from robotapp_testbed.binaries import cache
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.images import oci
-from robotapp_testbed.images.pythonic import Component, Ros1, Ros2, Ros2Jazzy
+from robotapp_testbed.images.pythonic import Component, Ros1, Ros2, Ros2Jazzy, Zenoh
 from robotapp_testbed.images.recipes import Pause, Recipe, Tools
 from robotapp_testbed.progress import Progress
 
@@ -27,6 +27,7 @@ RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {
     "console": partial(Component, "console"),
     "ros2": Ros2,
     "jazzy": Ros2Jazzy,
+    "zenoh": Zenoh,
     "ros1": Ros1,
 }
 _FORMAT = 1
