@@ -32,6 +32,7 @@ from robotapp_testbed.real import iproute, prerequisites, slots
 from robotapp_testbed.real.box import Box, Plan
 from robotapp_testbed.real.config import network, services
 from robotapp_testbed.real.config.addresses import NODES, POD_BRIDGE, Addresses
+from robotapp_testbed.real.image_box import Outsider, Place
 from robotapp_testbed.real.node import Description, RealNode, Surroundings
 from robotapp_testbed.real.scripts import sweep
 from robotapp_testbed.switch import LatencySwitch
@@ -91,6 +92,7 @@ class RealNodes(ControlPlane):
         self._slot: slots.Slot | None = None
         self._nodes: dict[str, RealNode] = {}
         self._boxes: list[Box] = []
+        self._outsiders: Place | None = None
 
     @property
     def addresses(self) -> Addresses:
@@ -117,6 +119,15 @@ class RealNodes(ControlPlane):
         if self._switch is None:
             raise TestbedError("the cluster is not started")
         return self._switch
+
+    def add_outsider(self, name: str, *, image: str) -> Outsider:
+        """Starts a machine that is no node on the nodes' network, with the programs of an image; it ends with the cluster."""
+        if self._outsiders is None:
+            raise TestbedError("the cluster is not started")
+        outsider = Outsider(name, len(self._boxes), self._outsiders)  # the hub is the first box
+        self._boxes.append(outsider.box)
+        outsider.start(images.archive(image))
+        return outsider
 
     def plug_switch(self) -> None:
         """Attach all nodes that are up, with the delays the cluster was made with; for a switch that has just started."""
@@ -168,6 +179,7 @@ class RealNodes(ControlPlane):
             box.kill()
         self._nodes.clear()
         self._boxes.clear()
+        self._outsiders = None
         self._switch = None
         if slot:
             sweep.remove_cgroups(slot.addresses.cgroup)
@@ -215,6 +227,9 @@ class RealNodes(ControlPlane):
 
     def _start_servers(self, layout: components.Layout, binaries: Mapping[str, Path]) -> None:
         hub = self._start_hub(layout)
+        self._outsiders = Place(
+            self.addresses, hub, nodes=len(self._descriptions), run_dir=layout.run_dir, logs_dir=layout.logs_dir
+        )
         archives = {images.reference(name): images.archive(name) for name in self._images}
         if self._delays is not None:
             self._switch = LatencySwitch(run_dir=layout.run_dir)
