@@ -74,8 +74,8 @@ def selector_of(wish: Kind) -> str:
 def _kind_condition(kind: str, interface: str) -> str:
     if interface:
         name = name_attribute(f"{kind}-{interface}")
-        typed = f"{_equals('type', kind)} && {_equals('interface', interface)}"
-        return f'({typed} || "{name}" in {_ATTRIBUTES} && {_ATTRIBUTES}["{name}"] == true)'
+        type_condition = f"{_equals('type', kind)} && {_equals('interface', interface)}"
+        return f'({type_condition} || "{name}" in {_ATTRIBUTES} && {_ATTRIBUTES}["{name}"] == true)'
     return f'({_equals("type", kind)} || "{name_attribute(kind)}" in {_ATTRIBUTES})'
 
 
