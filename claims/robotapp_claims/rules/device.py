@@ -25,7 +25,7 @@ from robotapp_claims.rules.release import Release
 
 USB: Final = "usb"
 """A type that devices of other types go by as well: a camera that an agent reports as video may be what a label calls usb."""
-_USB_IDENTITY: Final = re.compile(r"(?:usb:)?([0-9a-f]{4}:[0-9a-f]{4})(?::(.*))?", re.IGNORECASE)
+USB_IDENTITY: Final = re.compile(r"(?:usb:)?([0-9a-f]{4}:[0-9a-f]{4})(?::(.*))?", re.IGNORECASE)
 
 
 class Kind(Protocol):
@@ -204,7 +204,7 @@ def _stable_name(device_id: str, device_type: str) -> str:
 
 
 def _serial(identity: str) -> str:
-    found = _USB_IDENTITY.fullmatch(identity)
+    found = USB_IDENTITY.fullmatch(identity)
     return (found[2] or "") if found else identity
 
 
@@ -240,7 +240,7 @@ def identity_fits(usb_id: str, identity: str) -> bool:
 
     vid:pid are hexadecimal numbers, so their case means nothing; a serial's does. Anything else must be the same text.
     """
-    wanted_id, reported = _USB_IDENTITY.fullmatch(usb_id), _USB_IDENTITY.fullmatch(identity)
+    wanted_id, reported = USB_IDENTITY.fullmatch(usb_id), USB_IDENTITY.fullmatch(identity)
     if wanted_id is None or reported is None:
         return usb_id == identity
     same_model = wanted_id[1].lower() == reported[1].lower()

@@ -23,7 +23,7 @@ RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {
     "tools": Tools,
     "operator": partial(Component, "operator"),
     "scheduler": partial(Component, "scheduler"),
-    "agent": partial(Component, "agent"),
+    "agent": partial(Component, "agent", extra="driver"),
     "console": partial(Component, "console"),
     "ros2": Ros2,
     "jazzy": Ros2Jazzy,
