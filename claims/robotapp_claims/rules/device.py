@@ -8,7 +8,7 @@ import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from robotapp_api.model.names import GPU
 from robotapp_api.values.devices.words import list_interfaces, list_models, list_types
@@ -26,7 +26,10 @@ from robotapp_claims.rules.release import Release
 
 USB: Final = "usb"
 """A type that devices of other types go by as well: a camera that an agent reports as video may be what a label calls usb."""
-_USB_IDENTITY: Final = re.compile(r"(?:usb:)?(?:0x)?([0-9a-f]{4}):(?:0x)?([0-9a-f]{4})(?::(.*))?", re.IGNORECASE)
+USB_IDENTITY: Final = re.compile(
+    r"(?:usb:)?(?:0x)?(?P<vendor>[0-9a-f]{4}):(?:0x)?(?P<product>[0-9a-f]{4})(?::(?P<serial>.*))?",
+    re.IGNORECASE | re.DOTALL,
+)
 
 
 class Kind(Protocol):
@@ -205,8 +208,8 @@ def _stable_name(device_id: str, device_type: str) -> str:
 
 
 def _serial(identity: str) -> str:
-    parts = _USB_IDENTITY.fullmatch(identity)
-    return (parts[3] or "") if parts else identity
+    parts = split_identity(identity)
+    return parts.serial if parts else identity
 
 
 # Which device for which requirement
@@ -249,11 +252,24 @@ def identity_fits(usb_id: str, identity: str) -> bool:
     vid:pid are hexadecimal numbers, so their case and a leading 0x mean nothing; a serial's case does. Anything else must be the
     same text.
     """
-    wanted_id, reported = _USB_IDENTITY.fullmatch(usb_id), _USB_IDENTITY.fullmatch(identity)
+    wanted_id, reported = split_identity(usb_id), split_identity(identity)
     if wanted_id is None or reported is None:
         return usb_id == identity
-    same_model = all(wanted_id[part].lower() == reported[part].lower() for part in (1, 2))
-    return same_model and (not wanted_id[3] or wanted_id[3] == reported[3])
+    return wanted_id[:2] == reported[:2] and wanted_id.serial in {"", reported.serial}
+
+
+class UsbIdentity(NamedTuple):
+    """Vendor and product as hexadecimal digits in lower case; the serial as it is, "" without one."""
+
+    vendor: str
+    product: str
+    serial: str
+
+
+def split_identity(text: str) -> UsbIdentity | None:
+    """Returns the parts of vid:pid[:serial], with or without 0x and the prefix usb:; None for another text."""
+    parts = USB_IDENTITY.fullmatch(text)
+    return UsbIdentity(parts["vendor"].lower(), parts["product"].lower(), parts["serial"] or "") if parts else None
 
 
 @dataclass(frozen=True, slots=True)
