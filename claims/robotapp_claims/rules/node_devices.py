@@ -110,7 +110,7 @@ def _describe_wish(wish: Kind) -> str:
 
 
 def _is_meant(wish: Kind, device: Reported) -> bool:
-    """Whether a text of the wish is the device's present path, its id, or a name that udev makes of its serial."""
+    """Returns whether a text of the wish is the device's present path, its id, or a name that udev makes of its serial."""
     serial = device.identity.partition(":")[2].partition(":")[2]
     for text in filter(None, (wish.interface, wish.model, wish.usb_id)):
         port = PLUGGING_ORDER.fullmatch(text)

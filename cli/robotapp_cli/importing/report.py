@@ -8,7 +8,7 @@ from robotapp_cli.lint.findings import Path, shown
 
 
 class Verdict(StrEnum):
-    """What became of one thing of the compose file."""
+    """The fate of one thing of the compose file."""
 
     TAKEN = "taken"
     CHANGED = "changed"

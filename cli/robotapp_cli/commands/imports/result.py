@@ -1,4 +1,4 @@
-"""What both imports share: their options, the result and its report."""
+"""The parts that both imports share: their options, the result and its report."""
 
 import json
 import sys
