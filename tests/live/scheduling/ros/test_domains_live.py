@@ -1,7 +1,5 @@
 """DDS domains of pods without a RobotApp: granted in the Binding, one holder each, free again after the rest."""
 
-from collections.abc import Iterator
-
 import pytest
 
 from campaigns.rigs.stage import CLAIMS, Json, Stage, nodes, pod
@@ -11,15 +9,6 @@ from robotapp_testbed.machines.nodes import edge
 
 pytestmark = [pytest.mark.live, pytest.mark.usefixtures("scheduler", "short_rest")]
 POOL = f"/apis/{API_VERSION}/domainpools/default"
-
-
-@pytest.fixture
-def short_rest(installed_plane: ControlPlane) -> Iterator[None]:
-    """Ids rest for one second instead of the shipped sixty."""
-    before = installed_plane.api.get(POOL)["spec"].get("quarantineSeconds")
-    installed_plane.api.patch(POOL, {"spec": {"quarantineSeconds": 1}})
-    yield
-    installed_plane.api.patch(POOL, {"spec": {"quarantineSeconds": before}})
 
 
 def wants(name: str, domain: str) -> Json:
