@@ -41,7 +41,7 @@ from robotapp_operator.plan.diff.master_restarts import (
     read_master_starts,
     ros_deployments,
 )
-from robotapp_operator.plan.render.child import Child
+from robotapp_operator.plan.render.child import DEPLOYMENT, Child
 from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.instances import allowed_robots
@@ -391,8 +391,11 @@ class Children:
     def _wanted(
         self, app: App, robot: str, domain: Domain | None, observed: Mapping[ChildRef, Observed]
     ) -> list[Child]:
+        """Everything the instance should have. Of a suspended app only the Deployments that are there: those of a hundred apps that never ran would
+        keep the Deployment controller from the apps of others for a minute.
+        """
         parameters = self._plan_config(app, robot, observed)
-        return wanted_children(
+        children = wanted_children(
             desired_of(app, robot),
             domain=domain,
             parameters=parameters,
@@ -401,6 +404,9 @@ class Children:
             observed=observed,
             pods=self._cache.pods_by_deployment(app.uid, robot) if app.orders_starts else {},
         )
+        if not app.spec.suspend:
+            return children
+        return [child for child in children if child.ref.kind != DEPLOYMENT or child.ref in observed]
 
     def _master_starts(self, app: App, robot: str, observed: Mapping[ChildRef, Observed]) -> dict[str, str]:
         """Returns by component the starts of its ROS 1 master for which it was restarted, or has to be now."""
