@@ -16,6 +16,7 @@ from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.images import oci
 from robotapp_testbed.images.pythonic import Component, Ros1, Ros2, Ros2Jazzy, Zenoh
 from robotapp_testbed.images.recipes import Pause, Recipe, Tools
+from robotapp_testbed.images.reference import ReferenceRos2
 from robotapp_testbed.progress import Progress
 
 RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {
@@ -29,6 +30,7 @@ RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {
     "jazzy": Ros2Jazzy,
     "zenoh": Zenoh,
     "ros1": Ros1,
+    "teleop-ros2": partial(ReferenceRos2, "teleop-ros2"),
 }
 _FORMAT = 1
 """Raised when the same inputs shall give other bytes."""
