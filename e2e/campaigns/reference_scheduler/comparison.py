@@ -20,9 +20,9 @@ from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
 from robotapp_scheduler.core.cycle.diagnosis import QUIRK
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult as Found
+from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 
 Json = dict[str, Any]

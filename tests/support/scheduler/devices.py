@@ -51,7 +51,9 @@ def resource_slice(node: str, *devices: str, driver: str = DRIVER) -> ResourceSl
     """The only slice of the pool of a node."""
     pool = {"name": node, "generation": 1, "resourceSliceCount": 1}
     spec = {"driver": driver, "nodeName": node, "pool": pool, "devices": [{"name": device} for device in devices]}
-    return msgspec.convert({"metadata": {"name": f"{node}-{driver}", "uid": f"{node}-{driver}"}, "spec": spec}, ResourceSlice)
+    return msgspec.convert(
+        {"metadata": {"name": f"{node}-{driver}", "uid": f"{node}-{driver}"}, "spec": spec}, ResourceSlice
+    )
 
 
 def with_devices(cluster: Cache, **counts: int) -> None:

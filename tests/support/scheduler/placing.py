@@ -171,7 +171,9 @@ def handle_of(
 ) -> Handle:
     volumes = volumes or ScriptedVolumes()
     checks = DomainChecks(io.check_domains, metrics or Metrics(CollectorRegistry()), clock=lambda: 0.0)
-    return Handle(pods=io, domains=checks, claims=io, volumes=volumes, resource_claims=resource_claims or ScriptedClaims())
+    return Handle(
+        pods=io, domains=checks, claims=io, volumes=volumes, resource_claims=resource_claims or ScriptedClaims()
+    )
 
 
 class Said:

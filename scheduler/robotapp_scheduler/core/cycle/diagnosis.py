@@ -187,7 +187,8 @@ class Diagnosis:
             found = loaded.post_filter(pod, failure)
             if not isinstance(found, Outcome):
                 raise PluginError(loaded.name, f"post_filter must answer an Outcome, got {type(found).__name__}")
-            texts.append(found.text)
+            # Upstream's text of a place that was found stands alone.
+            texts = [found.text] if found.plan is not None else [*texts, found.text]
             if found.deallocate is not None:
                 decision.deallocate = found.deallocate
             if found.deallocate is not None or found == NOTHING:

@@ -25,6 +25,7 @@ from robotapp_scheduler.core.dynamic_resources.objects import (
     DeviceId,
     DeviceTaintRule,
     ResourceClaim,
+    ResourceClaimConsumerReference,
     ResourceSlice,
     allocated_devices,
 )
@@ -182,6 +183,22 @@ class ClaimCache:
             return Change.NONE
         self._written[key] = _version(claim)
         return self._store(key, claim)
+
+    def carry_out(self, uid: str, name: str) -> Change:
+        """Let the plan that a pod was placed with be written, in a cluster on paper."""
+        plan = self._plans.get(uid)
+        change = Change.NONE
+        user = ResourceClaimConsumerReference(resource="pods", name=name, uid=uid)
+        for planned in plan.claims if plan is not None else ():
+            key = _key(planned.claim)
+            claim = self._claims.get(key, planned.claim)
+            status = msgspec.structs.replace(
+                claim.status,
+                allocation=claim.status.allocation or planned.allocation,
+                reserved_for=(*claim.status.reserved_for, user),
+            )
+            change |= self._store(key, msgspec.structs.replace(claim, status=status))
+        return change | self.forget(uid)
 
     # --- Questions -------------------------------------------------------------------------------------------------
 

@@ -19,6 +19,7 @@ from robotapp_api.model.names import GROUP
 from robotapp_client.api.bodies import STRATEGIC
 from robotapp_client.api.client import ApiClient, Json
 from robotapp_client.api.resources import RESOURCECLAIMS
+from robotapp_client.api.times import Now, whole_seconds
 from robotapp_client.transport.errors import ApiError, ClientError, Conflict, ServerError, TooManyRequests
 from robotapp_scheduler.core.dynamic_resources.claim_cache import ClaimCache
 from robotapp_scheduler.core.dynamic_resources.claims_of_pods import (
@@ -57,7 +58,7 @@ class ClaimWriter:
         claims: ClaimCache,
         *,
         permitted: Callable[[], bool],
-        now: Callable[[], str],
+        now: Now,
         on_change: Callable[[Event], None],
         retry: Callable[[str], None],
     ) -> None:
@@ -187,7 +188,7 @@ class ClaimWriter:
             return
         status: Json = {"reservedFor": users}
         if allocation is not None:
-            status["allocation"] = {**_encoded(allocation), "allocationTimestamp": self._now()}
+            status["allocation"] = {**_encoded(allocation), "allocationTimestamp": whole_seconds(self._now())}
         await self._patch(claim, {"metadata": _preconditions(claim), "status": status}, "status")
 
     async def _protect(self, claim: ResourceClaim) -> ResourceClaim:
@@ -213,9 +214,9 @@ class ClaimWriter:
         return written
 
 
-def is_same(stored: AllocationResult, decided: AllocationResult) -> bool:
-    """Whether a stored allocation has the devices and nodes of a decided one."""
-    return (stored.devices.results, stored.node_selector) == (decided.devices.results, decided.node_selector)
+def is_same(allocation: AllocationResult, planned: AllocationResult) -> bool:
+    """Whether a stored allocation has the devices and nodes of the planned one."""
+    return (allocation.devices.results, allocation.node_selector) == (planned.devices.results, planned.node_selector)
 
 
 def _users_with(claim: ResourceClaim, pod: PodInfo, *, standing: bool) -> list[Json]:

@@ -22,7 +22,14 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.shell.metrics.metrics import Metrics
-from robotapp_scheduler.watch.routes import Route, device_routes, group_routes, plain_routes, robotics_routes, storage_routes
+from robotapp_scheduler.watch.routes import (
+    Route,
+    device_routes,
+    group_routes,
+    plain_routes,
+    robotics_routes,
+    storage_routes,
+)
 
 log = logging.getLogger(__name__)
 

@@ -29,7 +29,10 @@ def slice_of(node: str, *names: str, driver: str = DRIVER) -> Json:
 
 def class_of(driver: str = DRIVER, name: str = CLASS) -> Json:
     """A DeviceClass of all devices of a driver."""
-    return {"metadata": {"name": name}, "spec": {"selectors": [{"cel": {"expression": f'device.driver == "{driver}"'}}]}}
+    return {
+        "metadata": {"name": name},
+        "spec": {"selectors": [{"cel": {"expression": f'device.driver == "{driver}"'}}]},
+    }
 
 
 @contextmanager

@@ -122,7 +122,9 @@ def test_a_claim_made_from_a_template_is_found_by_the_pods_status(core: Schedule
     assert gate_of(core, by_template(None)) == 'pod "default/p": ResourceClaim not created yet'
     assert tried(core, by_template([{"name": "camera", "resourceClaimName": "p-camera-x"}])) == "n2"
     other = by_template([{"name": "camera", "resourceClaimName": "q-camera-x"}])
-    assert gate_of(core, other) == "ResourceClaim default/q-camera-x was not created for Pod default/p (Pod is not owner)"
+    assert (
+        gate_of(core, other) == "ResourceClaim default/q-camera-x was not created for Pod default/p (Pod is not owner)"
+    )
     assert tried(core, by_template([{"name": "camera"}])) in {"n1", "n2", "n3"}, "no claim was needed"
 
 

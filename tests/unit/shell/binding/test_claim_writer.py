@@ -1,6 +1,7 @@
 """Resource claims are written in upstream's order, each state at most once, whatever is lost on the way."""
 
 import copy
+from datetime import UTC, datetime
 from typing import Any
 
 import msgspec
@@ -79,7 +80,7 @@ class World:
             self.server,  # type: ignore[arg-type]
             self.cache,
             permitted=lambda: self.leads,
-            now=lambda: NOW,
+            now=lambda: datetime(2026, 1, 1, tzinfo=UTC),
             on_change=self.events.append,
             retry=self.retried.append,
         )
@@ -124,7 +125,10 @@ async def test_later_users_of_an_allocated_claim_are_added_beside_the_others_and
 
 
 async def test_what_others_wrote_meanwhile_is_kept() -> None:
-    world = World(claim("camera", allocated_on("n1")), stored=claim("camera", allocated_on("n1"), version="8", reservedFor=[OTHER]))
+    world = World(
+        claim("camera", allocated_on("n1")),
+        stored=claim("camera", allocated_on("n1"), version="8", reservedFor=[OTHER]),
+    )
     assert await world.bind(None) == ""
     assert world.status["reservedFor"] == [OTHER, SELF]
 

@@ -4,8 +4,9 @@ from collections import OrderedDict
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from robotapp_scheduler.core.dynamic_resources.allocator import AllocationError, FailedOnNode, allocate
+from robotapp_scheduler.core.dynamic_resources.allocator import TargetNode, allocate
 from robotapp_scheduler.core.dynamic_resources.claim_cache import ClaimCache
+from robotapp_scheduler.core.dynamic_resources.errors import AllocationError, NodeAllocationError
 from robotapp_scheduler.core.dynamic_resources.objects import AllocationResult, ResourceClaim
 
 MOST_CLASSES: Final = 32
@@ -60,8 +61,8 @@ def allocation_on(
 ) -> NodeAllocation:
     """The allocations of these claims on one node."""
     try:
-        results = allocate(cache.inventory, cache.classes, claims, name, labels, cache.allocated)
-    except FailedOnNode as error:
+        results = allocate(cache.inventory, cache.classes, claims, TargetNode(name, labels), cache.allocated)
+    except NodeAllocationError as error:
         return NodeAllocation(refusal=str(error))
     except AllocationError as error:
         return NodeAllocation(error=str(error))

@@ -80,7 +80,7 @@ class DynamicResources:
     normalize = "max"
     Args = DynamicResourcesArgs
 
-    def __init__(self, args: DynamicResourcesArgs | None = None) -> None:
+    def __init__(self, args: DynamicResourcesArgs | None = None) -> None:  # noqa: ARG002 - its defaults alone are valid
         self._allocations = NodeAllocations()
 
     def narrows(self, pod: PodInfo) -> bool:
@@ -141,9 +141,7 @@ class DynamicResources:
         if claims.unallocated:
             ((_, found),) = self._on_nodes(claims, nodes)
         if found.error:  # found for a pod with equal claims, which the text names
-            found = allocation_on(
-                nodes.cluster.resource_claims, claims.unallocated, nodes.names[0], nodes.labels_of(0)
-            )
+            found = allocation_on(nodes.cluster.resource_claims, claims.unallocated, nodes.names[0], nodes.labels_of(0))
         if found.error or found.refusal:
             raise ValueError(found.error or found.refusal)
         made = iter(found.results)
