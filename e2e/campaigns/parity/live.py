@@ -8,7 +8,7 @@ more time, in case an object was still on its way to one of them, and then made 
 
 import asyncio
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -16,12 +16,12 @@ from typing import Any, Final
 import aiohttp
 import yaml
 
-from campaigns.cluster_cases import FAMILIES, Case, seeded_case
+from campaigns.cluster_cases import ALL_FAMILIES, Case, seeded_case
 from campaigns.cluster_cases.regressions import regressions
 from campaigns.cluster_cases.shrinking import reduction
 from campaigns.parity import oracle as parity_oracle
 from campaigns.parity.oracle import OracleLog
-from campaigns.parity.probe import OURS, Pods, Prober
+from campaigns.parity.probe import OURS, Pods, Prober, names_claims
 from campaigns.parity.profiles import profiles, suffix
 from campaigns.parity.report import Report
 from campaigns.parity.stage import ADMISSION, Stage
@@ -35,11 +35,7 @@ from robotapp_testbed.control_plane.product import install, start_scheduler
 from robotapp_testbed.processes.process import Process
 
 Json = dict[str, Any]
-NOT_LIVE: Final[Mapping[str, str]] = {
-    "resource-claims": "refused in our own words unless allocated: not built (docs/parity.md)",
-}
-"""Families that are not compared live, and why."""
-LIVE: Final = [name for name in FAMILIES if name not in NOT_LIVE]
+LIVE: Final = list(ALL_FAMILIES)
 NODES, PLACED = 8, 8
 EVERY_ONE_NODE: Final = 4
 """Every so many cases there is one node, whose first reason is the whole text."""
@@ -182,7 +178,7 @@ class _Arena:
         try:
             await self._build(case, settle_s)
             theirs = await self._prober.verdict(case, parity_oracle.SCHEDULER_NAME, each.profile)
-            if theirs.preempts or (theirs.node and _binds_volumes(case)):
+            if theirs.preempts or (theirs.node and _binds_volumes(case)) or names_claims(case):
                 await self._stage.clear()
                 await self._build(case, settle_s)
             return theirs, await self._prober.verdict(case, OURS, each.profile)
@@ -192,7 +188,7 @@ class _Arena:
     async def _build(self, case: Case, settle_s: float) -> None:
         await self._stage.build(case)
         # Volumes and the rest come by other watches than pods, and more of them.
-        await asyncio.sleep(settle_s * (2 if _has_volumes(case) else 1))
+        await asyncio.sleep(settle_s * (2 if _has_volumes(case) or names_claims(case) else 1))
 
     async def _smallest(self, each: Numbered) -> Sequence[Json]:
         """What is left of the case when nothing more can be left out."""

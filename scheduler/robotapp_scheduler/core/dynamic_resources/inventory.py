@@ -1,29 +1,28 @@
-"""The devices of the cluster by node: complete pools of the newest generation, with the taints of rules."""
-
-from collections.abc import Iterable
+"""PROVISIONAL: first free devices, no selectors (branch d1 has the real one)."""
 
 from robotapp_scheduler.core.dynamic_resources.objects import DeviceId, DeviceTaintRule, ResourceSlice
 
 
 class Inventory:
-    """ResourceSlices and DeviceTaintRules as the watch has them, and the pools that follow from them."""
+    def __init__(self) -> None:
+        self.slices: dict[str, ResourceSlice] = {}
 
-    def apply_slice(self, resource_slice: ResourceSlice) -> Iterable[str] | None:
-        """Adds or replaces a slice. Returns the names of nodes whose devices may have changed, None for any node."""
-        raise NotImplementedError
+    def apply_slice(self, resource_slice: ResourceSlice) -> tuple[str, ...]:
+        self.slices[resource_slice.metadata.name] = resource_slice
+        return (resource_slice.spec.node_name,)
 
-    def remove_slice(self, resource_slice: ResourceSlice) -> Iterable[str] | None:
-        """Removes a slice; result as for `apply_slice`."""
-        raise NotImplementedError
+    def remove_slice(self, resource_slice: ResourceSlice) -> tuple[str, ...]:
+        self.slices.pop(resource_slice.metadata.name, None)
+        return (resource_slice.spec.node_name,)
 
-    def apply_taint_rule(self, rule: DeviceTaintRule) -> Iterable[str] | None:
-        """Adds or replaces a rule; result as for `apply_slice`."""
-        raise NotImplementedError
+    def apply_taint_rule(self, rule: DeviceTaintRule) -> None:
+        return None
 
-    def remove_taint_rule(self, rule: DeviceTaintRule) -> Iterable[str] | None:
-        """Removes a rule; result as for `apply_slice`."""
-        raise NotImplementedError
+    def remove_taint_rule(self, rule: DeviceTaintRule) -> None:
+        return None
 
     def node_of(self, device: DeviceId) -> str:
-        """The only node that can reach the device's pool, "" when there are several, or none is named."""
-        raise NotImplementedError
+        for each in self.slices.values():
+            if (each.spec.driver, each.spec.pool.name) == device[:2]:
+                return each.spec.node_name
+        return ""

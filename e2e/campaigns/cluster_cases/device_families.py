@@ -1,0 +1,304 @@
+"""Families about devices of resource.k8s.io: pools, requests, selectors, alternatives, constraints, taints, what is taken.
+
+They are compared live only: the scalar reference has no allocator. No claim is missing or on its way out, since such a pod
+is held before the queue, where neither scheduler says a word.
+"""
+
+from typing import Final
+
+from campaigns.cluster_cases.choices import Choices
+from campaigns.cluster_cases.scene import ZONE, Json, Scene
+
+API: Final = "resource.k8s.io/v1"
+DRIVERS: Final = ("gpu.example.com", "cam.example.com")
+MODELS: Final = ("a100", "h100")
+OTHER_USER: Final = {"resource": "pods", "name": "other", "uid": "uid-other"}
+ADMIN_LABEL: Final = "resource.kubernetes.io/admin-access"
+SELECTORS: Final = (
+    'device.driver == "gpu.example.com"',
+    'device.attributes["gpu.example.com"].model == "a100"',
+    'device.attributes["gpu.example.com"].rank > 1',
+    '"gpu.example.com" in device.attributes && device.attributes["gpu.example.com"].healthy',
+    'device.attributes["gpu.example.com"].?model.orValue("none") == "h100"',
+    'device.capacity["gpu.example.com"].memory.compareTo(quantity("16Gi")) >= 0',
+    'device.attributes["gpu.example.com"].version.isGreaterThan(semver("1.0.0"))',
+    'device.attributes["gpu.example.com"].model.startsWith("a")',
+    "true",
+    "false",
+)
+"""Some end with an error on devices of the other driver: then the attempt is one, on both sides."""
+
+
+def counts(choices: Choices, scene: Scene) -> None:
+    """Some devices per node, some of them taken, and a claim of one, several or all."""
+    offer(choices, scene)
+    take(choices, scene)
+    request = exactly(choices)
+    request["exactly"] |= choices.pick(({}, {"count": 2}, {"count": 3}, {"allocationMode": "All"}))
+    wish(scene, [request])
+
+
+def selectors(choices: Choices, scene: Scene) -> None:
+    """CEL expressions of the class and of the request."""
+    offer(choices, scene)
+    take(choices, scene)
+    if choices.chance(40):
+        device_class(scene, "picky", choices.pick(SELECTORS))
+    request = exactly(choices, choices.pick(("all", "gpus", "picky" if scene_has(scene, "picky") else "gpus")))
+    texts = choices.some(SELECTORS, least=1, most=2)
+    request["exactly"] |= {"selectors": [{"cel": {"expression": text}} for text in texts]}
+    request["exactly"] |= choices.pick(({}, {"count": 2}))
+    wish(scene, [request])
+
+
+def constraints(choices: Choices, scene: Scene) -> None:
+    """Several requests whose devices must have an attribute in common."""
+    offer(choices, scene)
+    take(choices, scene)
+    requests = [
+        exactly(choices, name=name) for name in choices.pick((("one", "two"), ("one",), ("one", "two", "three")))
+    ]
+    requests[0]["exactly"] |= choices.pick(({}, {"count": 2}))
+    named = choices.pick(([], [request["name"] for request in requests]))
+    attribute = choices.pick(("gpu.example.com/model", "gpu.example.com/rank", "example.com/rack"))
+    constraint: Json = {"matchAttribute": attribute} | ({"requests": named} if named else {})
+    wish(scene, requests, constraints=[constraint])
+
+
+def alternatives(choices: Choices, scene: Scene) -> None:
+    """Requests with a list, of which the first that fits is taken and counts in the score."""
+    offer(choices, scene)
+    take(choices, scene)
+    requests = []
+    for name in choices.pick((("one",), ("one", "two"))):
+        subs = [_sub(choices, f"sub{index}") for index in range(choices.pick((2, 3, 1)))]
+        requests.append({"name": name, "firstAvailable": subs})
+    if choices.chance(30):
+        requests.append(exactly(choices, name="plain"))
+    wish(scene, requests)
+
+
+def taints(choices: Choices, scene: Scene) -> None:
+    """Devices with taints of their own or of a rule, and requests that tolerate some."""
+    offer(choices, scene)
+    for each in scene.of_kind("ResourceSlice"):
+        for device in each["spec"]["devices"]:
+            if choices.chance(50):
+                device["taints"] = [_taint(choices)]
+    if choices.chance(50):
+        selector = choices.pick(({"driver": DRIVERS[0]}, {"pool": choices.pick(scene.names())}, {"device": "gpu0"}))
+        spec = {"deviceSelector": selector, "taint": _taint(choices)}
+        scene.add("DeviceTaintRule", "rule", api=API, spec=spec)
+    request = exactly(choices)
+    if choices.chance(60):
+        toleration: Json = choices.pick(({"operator": "Exists"}, {"key": "broken", "operator": "Exists"}))
+        toleration = {**toleration, **choices.pick(({}, {"effect": "NoSchedule"}, {"effect": "NoExecute"}))}
+        request["exactly"]["tolerations"] = [toleration]
+    wish(scene, [request])
+
+
+def pools(choices: Choices, scene: Scene) -> None:
+    """Pools that several or all nodes reach, of older generations, or not complete yet."""
+    if choices.chance(50):
+        offer(choices, scene)
+    classes(scene)
+    devices = [_device(choices, DRIVERS[0], f"net{index}") for index in range(choices.pick((1, 2, 3)))]
+    expression = choices.pick(
+        (
+            {"key": ZONE, "operator": "In", "values": ["z0", "z1"]},
+            {"key": "disk", "operator": "In", "values": ["ssd"]},
+            {"key": "rack", "operator": "Exists"},
+        )
+    )
+    reach: Json = choices.pick(
+        ({"allNodes": True}, {"nodeSelector": {"nodeSelectorTerms": [{"matchExpressions": [expression]}]}})
+    )
+    count = choices.pick((1, 1, 2))
+    pool = {"name": "shared", "generation": choices.pick((1, 2)), "resourceSliceCount": count}
+    spec = {"driver": DRIVERS[0], "pool": pool, **reach, "devices": devices}
+    scene.add("ResourceSlice", "shared-0", api=API, spec=spec)
+    if choices.chance(50):
+        older = {**pool, "generation": choices.pick((1, 2)), "resourceSliceCount": count}
+        more = [_device(choices, DRIVERS[0], f"more{index}") for index in range(2)]
+        scene.add("ResourceSlice", "shared-1", api=API, spec={**spec, "pool": older, "devices": more})
+    if choices.chance(30):
+        held("net0", scene, {"request": "r", "driver": DRIVERS[0], "pool": "shared", "device": "net0"})
+    request = exactly(choices, choices.pick(("gpus", "all")))
+    request["exactly"] |= choices.pick(({}, {"count": 2}, {"allocationMode": "All"}))
+    wish(scene, [request])
+
+
+def admin(choices: Choices, scene: Scene) -> None:
+    """Admin access, which takes no device from anybody."""
+    offer(choices, scene)
+    take(choices, scene)
+    for namespace in scene.of_kind("Namespace"):
+        namespace["metadata"]["labels"][ADMIN_LABEL] = "true"
+    request = exactly(choices)
+    request["exactly"] |= {"adminAccess": True} | choices.pick(({}, {"allocationMode": "All"}))
+    wish(scene, [request] + ([exactly(choices, name="plain")] if choices.chance(40) else []))
+
+
+def several(choices: Choices, scene: Scene) -> None:
+    """Several claims of one pod, some of them allocated already."""
+    offer(choices, scene)
+    take(choices, scene)
+    for name in choices.pick((("left", "right"), ("left",), ("left", "middle", "right"))):
+        status: Json = {}
+        if choices.chance(35):
+            status = {"allocation": allocated(choices, scene), "reservedFor": [OTHER_USER]}
+        wish(scene, [exactly(choices)], name=name, status=status)
+
+
+def configs(choices: Choices, scene: Scene) -> None:
+    """Parameters of class and claim that go with the allocation."""
+    offer(choices, scene)
+    for each in scene.of_kind("DeviceClass"):
+        if choices.chance(60):
+            each["spec"]["config"] = [_opaque(choices, "class")]
+    requests = [exactly(choices, name=name) for name in choices.pick((("one",), ("one", "two")))]
+    config = [_opaque(choices, "claim")]
+    if choices.chance(60):
+        config[0]["requests"] = [requests[0]["name"]]
+    wish(scene, requests, config=config if choices.chance(80) else None)
+
+
+def unused(choices: Choices, scene: Scene) -> None:
+    """An allocation that nobody uses, and that may be given up where no node reaches it."""
+    offer(choices, scene)
+    where = choices.pick((["gone"], [choices.pick(scene.names())], None))
+    status: Json = {"allocation": _allocation(where, "gpu0")}
+    if choices.chance(30):
+        status["reservedFor"] = [OTHER_USER]
+    wish(scene, [exactly(choices)], status=status)
+
+
+def no_class(choices: Choices, scene: Scene) -> None:
+    """A class that does not exist, of an exact request or of an alternative."""
+    offer(choices, scene)
+    request = exactly(choices, "unheard-of")
+    if choices.chance(50):
+        subs = [_sub(choices, "sub0"), {**_sub(choices, "sub1"), "deviceClassName": "unheard-of"}]
+        request = {"name": "one", "firstAvailable": subs}
+    wish(scene, [request])
+
+
+# --- Parts --------------------------------------------------------------------------------------------------------
+
+
+def classes(scene: Scene) -> None:
+    """A class of everything, and one of each driver."""
+    device_class(scene, "all", "true")
+    device_class(scene, "gpus", f'device.driver == "{DRIVERS[0]}"')
+    device_class(scene, "cams", f'device.driver == "{DRIVERS[1]}"')
+
+
+def device_class(scene: Scene, name: str, expression: str) -> None:
+    scene.add("DeviceClass", name, api=API, spec={"selectors": [{"cel": {"expression": expression}}]})
+
+
+def scene_has(scene: Scene, name: str) -> bool:
+    return any(each["metadata"]["name"] == name for each in scene.of_kind("DeviceClass"))
+
+
+def offer(choices: Choices, scene: Scene) -> None:
+    """Give most nodes a pool of one driver, or of both."""
+    classes(scene)
+    for node in scene.names():
+        for driver in DRIVERS[: choices.pick((1, 1, 2, 0))]:
+            short = driver.partition(".")[0]
+            devices = [_device(choices, driver, f"{short}{index}") for index in range(choices.pick((1, 2, 3, 4)))]
+            pool = {"name": node, "generation": 1, "resourceSliceCount": 1}
+            spec = {"driver": driver, "nodeName": node, "pool": pool, "devices": devices}
+            scene.add("ResourceSlice", f"{node}-{short}", api=API, spec=spec)
+
+
+def take(choices: Choices, scene: Scene) -> None:
+    """Let other claims have some of the devices."""
+    for each in scene.of_kind("ResourceSlice"):
+        spec = each["spec"]
+        for device in spec["devices"]:
+            if choices.chance(30):
+                result = {
+                    "request": "r",
+                    "driver": spec["driver"],
+                    "pool": spec["pool"]["name"],
+                    "device": device["name"],
+                }
+                held(f"{each['metadata']['name']}-{device['name']}", scene, result)
+
+
+def held(name: str, scene: Scene, result: Json) -> None:
+    """A claim of somebody else that has a device."""
+    spec = {"devices": {"requests": [{"name": "r", "exactly": {"deviceClassName": "all"}}]}}
+    status = {"allocation": {"devices": {"results": [result]}}, "reservedFor": [OTHER_USER]}
+    scene.add("ResourceClaim", f"held-{name}", namespace="third", api=API, spec=spec, status=status)
+
+
+def exactly(choices: Choices, of_class: str = "", name: str = "one") -> Json:
+    """A request of one device."""
+    return {"name": name, "exactly": {"deviceClassName": of_class or choices.pick(("gpus", "all", "cams"))}}
+
+
+def wish(
+    scene: Scene, requests: list[Json], *, name: str = "claim", status: Json | None = None, **more: object
+) -> None:
+    """A claim that the pod names."""
+    namespace = scene.pod["metadata"]["namespace"]
+    devices = {"requests": requests} | {key: value for key, value in more.items() if value}
+    scene.add("ResourceClaim", name, namespace=namespace, api=API, spec={"devices": devices}, status=status or {})
+    scene.pod["spec"].setdefault("resourceClaims", []).append({"name": name, "resourceClaimName": name})
+
+
+def allocated(choices: Choices, scene: Scene) -> Json:
+    """status.allocation of a device that no slice of the scene has."""
+    return _allocation(choices.pick(([choices.pick(scene.names())], scene.names(), None)), "elsewhere")
+
+
+def _allocation(nodes: list[str] | None, device: str) -> Json:
+    pool = nodes[0] if nodes else "shared"
+    result = {"request": "one", "driver": DRIVERS[0], "pool": pool, "device": device}
+    allocation: Json = {"devices": {"results": [result]}}
+    if nodes is not None:
+        terms = [{"matchFields": [{"key": "metadata.name", "operator": "In", "values": [node]}]} for node in nodes]
+        allocation["nodeSelector"] = {"nodeSelectorTerms": terms}
+    return allocation
+
+
+def _device(choices: Choices, driver: str, name: str) -> Json:
+    attributes: Json = {"model": {"string": choices.pick(MODELS)}}
+    if choices.chance(60):
+        attributes["rank"] = {"int": choices.pick((1, 2, 3))}
+    if choices.chance(50):
+        attributes["healthy"] = {"bool": choices.pick((True, False))}
+    if choices.chance(50):
+        attributes["version"] = {"version": choices.pick(("1.0.0", "1.2.3", "2.0.0-rc.1"))}
+    if choices.chance(50):
+        attributes["example.com/rack"] = {"string": choices.pick(("r0", "r1"))}
+    device: Json = {"name": name, "attributes": attributes}
+    if driver == DRIVERS[0] and choices.chance(80):
+        device["capacity"] = {"memory": {"value": choices.pick(("8Gi", "16Gi", "40Gi"))}}
+    return device
+
+
+def _sub(choices: Choices, name: str) -> Json:
+    sub: Json = {"name": name, "deviceClassName": choices.pick(("gpus", "cams", "all"))}
+    if choices.chance(30):
+        sub["count"] = 2
+    if choices.chance(30):
+        sub["selectors"] = [{"cel": {"expression": choices.pick(SELECTORS)}}]
+    return sub
+
+
+def _taint(choices: Choices) -> Json:
+    return {
+        "key": choices.pick(("broken", "slow")),
+        "value": "yes",
+        "effect": choices.pick(("NoSchedule", "NoExecute")),
+        "timeAdded": "2026-01-01T00:00:00Z",
+    }
+
+
+def _opaque(choices: Choices, what: str) -> Json:
+    driver = choices.pick(DRIVERS)
+    return {"opaque": {"driver": driver, "parameters": {"kind": what, "level": choices.pick((1, 2)), "none": None}}}
