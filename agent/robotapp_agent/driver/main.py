@@ -77,9 +77,11 @@ async def _run(options: Options) -> None:
     )
     client = ApiClient(endpoint, user_agent=MANAGER, field_manager=MANAGER, max_connections=2, timeout_s=REQUEST_S)
     async with client:
-        plugin = DevicePlugin(client, folders, node=name, boot_id=read_boot_id())
-        plugin.remove_leftovers()
         publisher = SlicePublisher(client, node)
+        plugin = DevicePlugin(
+            client, folders, node=name, boot_id=read_boot_id(), runtime_problem=lambda: publisher.runtime_problem
+        )
+        plugin.remove_leftovers()
         server = KubeletServer(plugin, options.kubelet_folder, registered=publisher.publish_soon)
         scanner = DeviceScanner(HostPaths.below(options.host_root), rules_path=options.device_rules, node=name)
         log.info("the driver of node %s starts, API server %s: %r", name, endpoint.server, plugin)

@@ -1,7 +1,7 @@
 """Prepares and unprepares claims: decides by the rules, records in the checkpoint, then writes the CDI spec."""
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import msgspec
@@ -34,12 +34,21 @@ class DevicePlugin:
     Between the answer of the API server and the checkpoint nothing is awaited, so two claims never pass the lock together.
     """
 
-    def __init__(self, client: ApiClient, folders: NodeFolders, *, node: str, boot_id: str) -> None:
-        """Raises CheckpointError."""
+    def __init__(
+        self,
+        client: ApiClient,
+        folders: NodeFolders,
+        *,
+        node: str,
+        boot_id: str,
+        runtime_problem: Callable[[], str] = str,
+    ) -> None:
+        """runtime_problem: a reason why containers would not get what is prepared, "" for none. Raises CheckpointError."""
         self._client = client
         self._folders = folders
         self._node = node
         self._boot_id = boot_id
+        self._runtime_problem = runtime_problem
         self._devices: dict[str, Device] = {}
         self._ledger = folders.checkpoint.load()
 
@@ -68,6 +77,8 @@ class DevicePlugin:
 
     async def prepare(self, reference: ClaimReference) -> tuple[DeviceAnswer, ...] | str:
         """The devices for the kubelet, or why the claim cannot be prepared. Preparing again changes nothing."""
+        if problem := self._runtime_problem():
+            return f"node {self._node} hands out no devices: {problem}"
         try:
             claim = await self._client.get(
                 RESOURCECLAIMS, reference.name, namespace=reference.namespace, as_type=ResourceClaim

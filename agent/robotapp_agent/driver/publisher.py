@@ -6,25 +6,40 @@ import logging
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
+import msgspec
+
 from robotapp_agent.devices.device import Device
 from robotapp_agent.driver.rules import slices as rules
 from robotapp_agent.shell.own_node import OwnNode
+from robotapp_api.checks.container_runtime import describe_missing_cdi
 from robotapp_claims.rules.identity import claim_name_device
 from robotapp_client.api.backoff import Backoff
 from robotapp_client.api.client import ApiClient
-from robotapp_client.api.resources import RESOURCESLICES, ROBOTCLAIMS
+from robotapp_client.api.resources import NODES, RESOURCESLICES, ROBOTCLAIMS
 from robotapp_client.transport.errors import ClientError, NotFound
 
 log = logging.getLogger(__name__)
 
 MOST_SLICES: Final = 3
 """128 devices fill two; one more is looked for, so that a pool that shrank leaves nothing."""
-CHECK_S: Final = 60.0
+CHECK_S: Final = 300.0
 """How often the slices are read again: the kubelet removes them when it has not seen the driver for 30 s."""
 WITHHELD_S: Final = 10.0
 """How often the RobotClaims of withheld devices are looked up."""
 
 Json = dict[str, Any]
+
+
+class _NodeInfo(msgspec.Struct, frozen=True, rename="camel"):
+    container_runtime_version: str = ""
+
+
+class _NodeStatus(msgspec.Struct, frozen=True, rename="camel"):
+    node_info: _NodeInfo = _NodeInfo()
+
+
+class _Node(msgspec.Struct, frozen=True):
+    status: _NodeStatus = _NodeStatus()
 
 
 class SlicePublisher:
@@ -38,6 +53,8 @@ class SlicePublisher:
         """Ids that no RobotClaim held when they appeared: from then on they are given out as ResourceClaims."""
         self._withheld: set[str] = set()
         self._with_taints = True
+        self.runtime_problem = ""
+        """A reason why this node's containers would not get their devices; then none is published."""
         self._wake = asyncio.Event()
         self._backoff = Backoff(base_s=1.0, cap_s=60.0)
 
@@ -78,8 +95,11 @@ class SlicePublisher:
         return WITHHELD_S if self._withheld else CHECK_S
 
     async def _publish(self, devices: tuple[Device, ...]) -> None:
-        await self._look_for_robotclaims(devices)
         node = self._node()
+        await self._look_at_runtime(node.name)
+        if self.runtime_problem:
+            devices = ()
+        await self._look_for_robotclaims(devices)
         slices = await self._read(node.name)
         pool_slices = self._build_slices(node, devices, slices)
         if rules.is_published(slices, pool_slices):
@@ -116,6 +136,13 @@ class SlicePublisher:
             return await self._client.create(RESOURCESLICES, pool_slice)
         metadata = {**pool_slice["metadata"], "resourceVersion": versions[name]}
         return await self._client.replace(RESOURCESLICES, {**pool_slice, "metadata": metadata})
+
+    async def _look_at_runtime(self, node: str) -> None:
+        info = (await self._client.get(NODES, node, as_type=_Node)).status.node_info
+        problem = describe_missing_cdi(info.container_runtime_version)
+        if problem and problem != self.runtime_problem:
+            log.error("no device of node %s is published, because %s", node, problem)
+        self.runtime_problem = problem
 
     async def _look_for_robotclaims(self, devices: tuple[Device, ...]) -> None:
         """A device that a RobotClaim holds is withheld until that is gone: a node that gains the driver restarts nothing."""

@@ -2,6 +2,8 @@
 
 import secrets
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -27,6 +29,8 @@ DEVICES = [
     Device(BUS, "can", interface="can0"),
 ]
 ROLLED_OUT_S = 60.0
+TOLD_S = 40.0
+Json = dict[str, Any]
 TALK = 'exec 3<>"$ROBOTAPP_DEVICE_ARM" && echo hello >&3 && read line <&3 && echo "$line from $ROBOTAPP_DEVICE_ARM"'
 SEE = 'head -c 4 "$ROBOTAPP_DEVICE_EYE" | wc -c'
 
@@ -55,8 +59,14 @@ def namespace(cluster: RealNodes) -> Iterator[str]:
         yield name
 
 
-def apply(cluster: RealNodes, namespace: str, *objects: dict[str, object]) -> None:
+def apply(cluster: RealNodes, namespace: str, *objects: Json) -> None:
     cluster.kubectl("apply", "-n", namespace, "-f", "-", stdin=list(objects))
+
+
+def wait_told(cluster: RealNodes, namespace: str, pod: str, words: str) -> None:
+    """Until an event of the pod has these words."""
+    told = wait_until(lambda: words in events_of(cluster, namespace, pod), timeout_s=TOLD_S)
+    assert told, f"{words!r} is in no event of {pod}:\n{events_of(cluster, namespace, pod)}"
 
 
 def kill_driver(cluster: RealNodes) -> None:
@@ -68,14 +78,14 @@ def kill_driver(cluster: RealNodes) -> None:
     cluster.kubectl("wait", "-n", "robotapp-agent", "--for=condition=Ready", "--timeout=60s", "pod", name)
 
 
-def agents(cluster: RealNodes) -> list[dict[str, object]]:
-    items: list[dict[str, object]] = cluster.api.get("/api/v1/namespaces/robotapp-agent/pods")["items"]
+def agents(cluster: RealNodes) -> list[Json]:
+    items: list[Json] = cluster.api.get("/api/v1/namespaces/robotapp-agent/pods")["items"]
     return items
 
 
-def driver_status(cluster: RealNodes) -> dict[str, object]:
+def driver_status(cluster: RealNodes) -> Json:
     (pod,) = agents(cluster)
-    statuses = pod["status"]["containerStatuses"]  # type: ignore[index]
+    statuses = pod["status"]["containerStatuses"]
     return next(status for status in statuses if status["name"] == "driver")
 
 
@@ -99,7 +109,7 @@ def test_a_second_claim_that_was_given_the_same_device_is_refused_and_told(clust
     claims.allocate(cluster, namespace, "second", node="robot-1", request="arm", device=ARM)
     apply(cluster, namespace, user_of("second", "rival"))
     told = f"device {ARM} of node robot-1 is in use by claim first"
-    assert wait_until(lambda: told in events_of(cluster, namespace, "rival"), timeout_s=30)
+    wait_told(cluster, namespace, "rival", told)
     kill_driver(cluster)
     assert real_pods.get(cluster, namespace, "rival")["status"]["phase"] == "Pending"
     assert shell(cluster, namespace, "holder", TALK) == "hello from /dev/ttyUSB0\n"
@@ -125,8 +135,7 @@ def test_an_unplugged_device_is_given_to_nobody_until_it_is_back(cluster: RealNo
     try:
         assert wait_until(lambda: "taints" in published(cluster, "robot-1")[EYE], timeout_s=60)
         apply(cluster, namespace, claim("eye", {"eye": CAMERA}), user_of("eye", "watcher"))
-        waiting = "cannot allocate all claims"
-        assert wait_until(lambda: waiting in events_of(cluster, namespace, "watcher"), timeout_s=30)
+        wait_told(cluster, namespace, "watcher", "cannot allocate all claims")
     finally:
         node.devices.plug(EYE)
     cluster.kubectl("wait", "-n", namespace, "--for=condition=Ready", "--timeout=60s", "pod", "watcher")
@@ -135,7 +144,7 @@ def test_an_unplugged_device_is_given_to_nobody_until_it_is_back(cluster: RealNo
 
 def test_a_can_bus_is_refused_to_a_pod_with_a_network_of_its_own(cluster: RealNodes, namespace: str) -> None:
     apply(cluster, namespace, claim("bus", {"bus": CAN}), user_of("bus", "driver"))
-    assert wait_until(lambda: "hostNetwork: true" in events_of(cluster, namespace, "driver"), timeout_s=30)
+    wait_told(cluster, namespace, "driver", "hostNetwork: true")
 
 
 def test_a_can_bus_is_named_to_a_pod_in_the_network_of_the_node(cluster: RealNodes, namespace: str) -> None:
@@ -146,7 +155,9 @@ def test_a_can_bus_is_named_to_a_pod_in_the_network_of_the_node(cluster: RealNod
 
 
 def test_the_driver_needs_little_memory(cluster: RealNodes) -> None:
-    node = cluster.api.get("/api/v1/nodes/robot-1/proxy/stats/summary")
-    (pod,) = [one for one in node["pods"] if one["podRef"]["namespace"] == "robotapp-agent"]
-    (driver,) = [one for one in pod["containers"] if one["name"] == "driver"]
-    assert 10 << 20 < driver["memory"]["rssBytes"] <= 50 << 20
+    node = cluster.node("robot-1")
+    container_id = driver_status(cluster)["containerID"].rpartition("/")[2]
+    (task,) = [line.split() for line in node.ctr("tasks", "list").splitlines() if line.startswith(container_id)]
+    status = Path(f"/proc/{task[1]}/status").read_text().splitlines()
+    (rss_kib,) = [int(line.split()[1]) for line in status if line.startswith("VmRSS:")]
+    assert 10_000 < rss_kib <= 50_000

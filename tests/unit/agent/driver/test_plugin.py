@@ -16,6 +16,7 @@ from tests.support.clients import client_for
 
 from robotapp_agent.devices.device import Device
 from robotapp_agent.driver.kubelet import KubeletServer, SocketGoneError
+from robotapp_agent.driver.messages import ClaimReference
 from robotapp_agent.driver.node_files import CdiFolder, Checkpoint, DeviceFiles
 from robotapp_agent.driver.plugin import DevicePlugin, NodeFolders
 from robotapp_client import ApiClient
@@ -263,6 +264,16 @@ async def test_an_unknown_device_is_refused_and_others_are_not_touched(node: Nod
     async with node.run():
         assert "has no device serial-9" in (await node.kubelet.prepare("driver")).error
         assert node.cdi.list_uids() == []
+
+
+async def test_nothing_is_prepared_where_containers_would_not_get_it(node: Node) -> None:
+    node.allocate("driver")
+    folders = NodeFolders(node.checkpoint, node.cdi, DeviceFiles(Path("/")))
+    problem = "its container runtime is old"
+    plugin = DevicePlugin(node.client, folders, node=NODE, boot_id=BOOT, runtime_problem=lambda: problem)
+    plugin.update_devices([ZERO])
+    answer = await plugin.prepare(ClaimReference("fleet", "uid-of-driver", "driver"))
+    assert answer == "node robot-1 hands out no devices: its container runtime is old"
 
 
 async def test_giving_back_what_was_never_prepared_is_no_error(node: Node) -> None:

@@ -15,7 +15,7 @@ from robotapp_agent.driver.publisher import SlicePublisher
 from robotapp_agent.shell.own_node import OwnNode
 from robotapp_claims.rules.identity import claim_name_device
 from robotapp_client import ApiClient
-from robotapp_client.api.resources import RESOURCESLICES, ROBOTCLAIMS
+from robotapp_client.api.resources import NODES, RESOURCESLICES, ROBOTCLAIMS
 
 Json = dict[str, Any]
 
@@ -60,6 +60,7 @@ async def place(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Place]:
     monkeypatch.setattr(module, "CHECK_S", 0.05)
     monkeypatch.setattr(module, "WITHHELD_S", 0.05)
     async with FakeApiServer() as api, client_for(api.endpoint) as client:
+        api.store.put(NODES, {"metadata": {"name": NODE}})
         yield Place(api, client)
 
 
@@ -157,3 +158,18 @@ async def test_a_node_that_was_made_again_gets_its_slices_again(place: Place) ->
     async with place.running() as publisher:
         publisher.update_devices([device()])
         await place.wait(lambda s: bool(s) and s[0]["metadata"]["ownerReferences"][0]["uid"] == "uid-of-the-next-node")
+
+
+async def test_a_runtime_that_would_leave_devices_out_gets_none(place: Place) -> None:
+    def run_on(version: str) -> None:
+        info = {"nodeInfo": {"containerRuntimeVersion": version}}
+        place.api.store.put(NODES, {"metadata": {"name": NODE}, "status": info})
+
+    run_on("containerd://1.6.20")
+    async with place.running() as publisher:
+        publisher.update_devices([device()])
+        await place.wait_for()
+        assert "1.6.20 reads no CDI specs" in publisher.runtime_problem
+        run_on("containerd://2.2.9")
+        await place.wait_for(ADAPTER)
+        assert publisher.runtime_problem == ""
