@@ -8,9 +8,19 @@ import re
 from collections.abc import Iterator
 from typing import Any, Final
 
+from robotapp_api.model.names import Label
 from robotapp_api.values.devices.words import list_interfaces, list_models, list_types
 from robotapp_claims.rules.device import Described, Kind, split_identity
-from robotapp_claims.rules.identity import hash10
+from robotapp_claims.rules.identity import device_label, hash10
+from robotapp_claims.rules.objects import (
+    Claim,
+    ClaimSpec,
+    ClaimStatus,
+    DeviceThing,
+    Holder,
+    Meta,
+    ResourceClaim,
+)
 
 DRIVER: Final = "devices.robotics.io"
 """Name of our DRA driver, of its DeviceClass, and domain of the attributes."""
@@ -97,3 +107,47 @@ def _beginnings(name: str) -> Iterator[str]:
     while end >= 0:
         yield name[:end]
         end = name.find("-", end + 1)
+
+
+def list_held(claim: ResourceClaim) -> tuple[Claim, ...]:
+    """Returns the devices of our driver that a ResourceClaim holds, in the form of RobotClaims: one rule shows both ledgers.
+
+    The pool is the node and the device the id that the agent reports, as the driver publishes them. Names have slashes, which no
+    RobotClaim has.
+    """
+    if claim.status.allocation is None:
+        return ()
+    holder, meta = _holder_of(claim), claim.metadata
+    pod = next((user.uid for user in claim.status.reserved_for if user.resource == "pods" and not user.api_group), "")
+    return tuple(
+        Claim(
+            metadata=Meta(name=f"resourceclaim/{meta.namespace}/{meta.name}/{result.device}", uid=meta.uid),
+            spec=ClaimSpec(
+                holder=holder,
+                device=DeviceThing(
+                    node=result.pool, type=result.device.partition("-")[0], id=device_label(result.device)
+                ),
+            ),
+            status=ClaimStatus(node=result.pool, pod=pod),
+        )
+        for result in claim.status.allocation.devices.results
+        if result.driver == DRIVER
+    )
+
+
+def _holder_of(claim: ResourceClaim) -> Holder:
+    """The RobotApp that controls the claim, else the claim itself."""
+    meta, owner = claim.metadata, claim.metadata.controller
+    if owner is not None and owner.is_app:
+        return Holder(
+            api_version=owner.api_version,
+            kind=owner.kind,
+            namespace=meta.namespace,
+            name=owner.name,
+            uid=owner.uid,
+            instance=meta.instance,
+            component=meta.labels.get(Label.COMPONENT, ""),
+        )
+    return Holder(
+        api_version="resource.k8s.io/v1", kind="ResourceClaim", namespace=meta.namespace, name=meta.name, uid=meta.uid
+    )

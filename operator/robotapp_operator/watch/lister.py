@@ -365,7 +365,7 @@ def _measured(app: App, instance: Instance, placed: Mapping[str, str], cache: Ca
 
 def _device_conflict(app: App, instance: Instance, cache: Cache) -> str:
     return device_trouble(
-        app, instance, claims=cache.claims.by_name, telemetry=_in_reach(app, instance, cache), nodes=cache.nodes
+        app, instance, claims=cache.claims_by_name, telemetry=_in_reach(app, instance, cache), nodes=cache.nodes
     )
 
 
