@@ -102,7 +102,7 @@ class Cache:
             change |= Change.DEVICES
         self._note(row, change)
         if change & (Change.NODE_ADDED | Change.LABELS):
-            self.resource_claims.node_changed(name)
+            self.resource_claims.note_node(name)
             # Zones are read from labels, so every estimate may be different now.
             self.log.add(EVERY_ROW, Change.RTT)
         return change

@@ -24,7 +24,7 @@ class TargetNode(NamedTuple):
 
 def allocate(
     inventory: Inventory,
-    classes: Mapping[str, DeviceClass],
+    classes: Mapping[str, DeviceClass],  # noqa: ARG001
     claims: Sequence[ResourceClaim],
     node: TargetNode,
     allocated: Collection[DeviceId],

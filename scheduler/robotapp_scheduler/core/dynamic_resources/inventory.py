@@ -15,11 +15,11 @@ class Inventory:
         self.slices.pop(resource_slice.metadata.name, None)
         return (resource_slice.spec.node_name,)
 
-    def apply_taint_rule(self, rule: DeviceTaintRule) -> None:
-        return None
+    def apply_taint_rule(self, rule: DeviceTaintRule) -> tuple[str, ...]:  # noqa: ARG002
+        return ()
 
-    def remove_taint_rule(self, rule: DeviceTaintRule) -> None:
-        return None
+    def remove_taint_rule(self, rule: DeviceTaintRule) -> tuple[str, ...]:  # noqa: ARG002
+        return ()
 
     def node_of(self, device: DeviceId) -> str:
         for each in self.slices.values():

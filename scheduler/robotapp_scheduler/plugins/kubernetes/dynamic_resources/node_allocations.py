@@ -10,7 +10,7 @@ from robotapp_scheduler.core.dynamic_resources.errors import AllocationError, No
 from robotapp_scheduler.core.dynamic_resources.objects import AllocationResult, ResourceClaim
 
 MOST_CLASSES: Final = 32
-"""Kinds of claims whose results are kept."""
+"""Kinds of claims whose results are allocations."""
 
 
 class NodeAllocation(NamedTuple):
@@ -35,28 +35,28 @@ class NodeAllocations:
     def __repr__(self) -> str:
         return f"NodeAllocations({len(self._by_class)} classes)"
 
-    def of_class(
+    def get_allocations(
         self, cache: ClaimCache, key: Hashable, claims: Sequence[ResourceClaim], nodes: Mapping[str, Mapping[str, str]]
     ) -> dict[str, NodeAllocation]:
         """The allocations of claims with this key on nodes, whose labels are given by name."""
         if cache is not self._cache:  # another cluster: a simulation, or a test
             self._cache = cache
             self._by_class.clear()
-        kept = self._by_class.setdefault(key, {})
+        allocations = self._by_class.setdefault(key, {})
         self._by_class.move_to_end(key)
         if len(self._by_class) > MOST_CLASSES:
             self._by_class.popitem(last=False)
         result: dict[str, NodeAllocation] = {}
         for name, labels in nodes.items():
-            revision = cache.revision_on(name)
-            known = kept.get(name)
-            if known is None or known[0] != revision:
-                known = kept[name] = (revision, allocation_on(cache, claims, name, labels))
-            result[name] = known[1]
+            revision = cache.get_revision(name)
+            entry = allocations.get(name)
+            if entry is None or entry[0] != revision:
+                entry = allocations[name] = (revision, allocate_on(cache, claims, name, labels))
+            result[name] = entry[1]
         return result
 
 
-def allocation_on(
+def allocate_on(
     cache: ClaimCache, claims: Sequence[ResourceClaim], name: str, labels: Mapping[str, str]
 ) -> NodeAllocation:
     """The allocations of these claims on one node."""
