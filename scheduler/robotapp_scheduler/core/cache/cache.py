@@ -118,6 +118,7 @@ class Cache:
         self.nodes.remove(name)
         self.topology.images.apply(row, ())
         self.devices.set_labels(name, {})
+        self.resource_claims.remove_node(name)
         self._note(row, change)
         # What this node measured no longer stands for its zone.
         self.log.add(EVERY_ROW, Change.RTT)

@@ -63,6 +63,8 @@ class ClaimCache:
         self.inventory = Inventory()
         self.revision = 0
         """Grows with every change after which an allocation on any node may be another one."""
+        self.removed_nodes = 0
+        """How many nodes have gone so far."""
         self._node_revisions: Counter[str] = Counter()
         """The same per node, for changes that concern one."""
         self._log = log
@@ -140,6 +142,12 @@ class ClaimCache:
     def note_node(self, name: str) -> None:
         """A node appeared or has other labels, on which its devices may depend. The change log has this change already."""
         self._node_revisions[name] += 1
+
+    def remove_node(self, name: str) -> None:
+        """A node is gone."""
+        self.removed_nodes += 1
+        self._node_revisions[name] += 1
+        self.inventory.forget_node(name)
 
     # --- Our own decisions -----------------------------------------------------------------------------------------
 
