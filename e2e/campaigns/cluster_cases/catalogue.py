@@ -90,17 +90,17 @@ FAMILIES = {
 DEVICE_FAMILIES = {
     f"dra-{name}": Family(apply, ("DynamicResources",), alone=True)
     for name, apply in (
-        ("counts", devices.counts),
-        ("selectors", devices.selectors),
-        ("constraints", devices.constraints),
-        ("alternatives", devices.alternatives),
-        ("taints", devices.taints),
-        ("pools", devices.pools),
-        ("admin", devices.admin),
-        ("several", devices.several),
-        ("configs", devices.configs),
-        ("unused", devices.unused),
-        ("no-class", devices.no_class),
+        ("counts", devices.draw_counts),
+        ("selectors", devices.draw_selectors),
+        ("constraints", devices.draw_constraints),
+        ("alternatives", devices.draw_alternatives),
+        ("taints", devices.draw_taints),
+        ("pools", devices.draw_pools),
+        ("admin", devices.draw_admin),
+        ("several", devices.draw_several),
+        ("configs", devices.draw_configs),
+        ("unused", devices.draw_unused),
+        ("no-class", devices.draw_no_class),
     )
 }
 """Families that are compared with kube-scheduler alone."""

@@ -29,80 +29,80 @@ SELECTORS: Final = (
 """Some end with an error on devices of the other driver: then the attempt is one, on both sides."""
 
 
-def counts(choices: Choices, scene: Scene) -> None:
+def draw_counts(choices: Choices, scene: Scene) -> None:
     """Some devices per node, some of them taken, and a claim of one, several or all."""
     offer(choices, scene)
     take(choices, scene)
-    request = exactly(choices)
+    request = make_request(choices)
     request["exactly"] |= choices.pick(({}, {"count": 2}, {"count": 3}, {"allocationMode": "All"}))
-    wish(scene, [request])
+    add_claim(scene, [request])
 
 
-def selectors(choices: Choices, scene: Scene) -> None:
+def draw_selectors(choices: Choices, scene: Scene) -> None:
     """CEL expressions of the class and of the request."""
     offer(choices, scene)
     take(choices, scene)
     if choices.chance(40):
-        device_class(scene, "picky", choices.pick(SELECTORS))
-    request = exactly(choices, choices.pick(("all", "gpus", "picky" if scene_has(scene, "picky") else "gpus")))
+        add_class(scene, "picky", choices.pick(SELECTORS))
+    request = make_request(choices, choices.pick(("all", "gpus", "picky" if has_class(scene, "picky") else "gpus")))
     texts = choices.some(SELECTORS, least=1, most=2)
     request["exactly"] |= {"selectors": [{"cel": {"expression": text}} for text in texts]}
     request["exactly"] |= choices.pick(({}, {"count": 2}))
-    wish(scene, [request])
+    add_claim(scene, [request])
 
 
-def constraints(choices: Choices, scene: Scene) -> None:
+def draw_constraints(choices: Choices, scene: Scene) -> None:
     """Several requests whose devices must have an attribute in common."""
     offer(choices, scene)
     take(choices, scene)
     requests = [
-        exactly(choices, name=name) for name in choices.pick((("one", "two"), ("one",), ("one", "two", "three")))
+        make_request(choices, name=name) for name in choices.pick((("one", "two"), ("one",), ("one", "two", "three")))
     ]
     requests[0]["exactly"] |= choices.pick(({}, {"count": 2}))
-    named = choices.pick(([], [request["name"] for request in requests]))
+    request_names = choices.pick(([], [request["name"] for request in requests]))
     attribute = choices.pick(("gpu.example.com/model", "gpu.example.com/rank", "example.com/rack"))
-    constraint: Json = {"matchAttribute": attribute} | ({"requests": named} if named else {})
-    wish(scene, requests, constraints=[constraint])
+    constraint: Json = {"matchAttribute": attribute} | ({"requests": request_names} if request_names else {})
+    add_claim(scene, requests, constraints=[constraint])
 
 
-def alternatives(choices: Choices, scene: Scene) -> None:
+def draw_alternatives(choices: Choices, scene: Scene) -> None:
     """Requests with a list, of which the first that fits is taken and counts in the score."""
     offer(choices, scene)
     take(choices, scene)
     requests = []
     for name in choices.pick((("one",), ("one", "two"))):
-        subs = [_sub(choices, f"sub{index}") for index in range(choices.pick((2, 3, 1)))]
+        subs = [_draw_alternative(choices, f"sub{index}") for index in range(choices.pick((2, 3, 1)))]
         requests.append({"name": name, "firstAvailable": subs})
     if choices.chance(30):
-        requests.append(exactly(choices, name="plain"))
-    wish(scene, requests)
+        requests.append(make_request(choices, name="plain"))
+    add_claim(scene, requests)
 
 
-def taints(choices: Choices, scene: Scene) -> None:
+def draw_taints(choices: Choices, scene: Scene) -> None:
     """Devices with taints of their own or of a rule, and requests that tolerate some."""
     offer(choices, scene)
-    for each in scene.of_kind("ResourceSlice"):
-        for device in each["spec"]["devices"]:
+    for resource_slice in scene.of_kind("ResourceSlice"):
+        for device in resource_slice["spec"]["devices"]:
             if choices.chance(50):
-                device["taints"] = [_taint(choices)]
+                device["taints"] = [_draw_taint(choices)]
     if choices.chance(50):
         selector = choices.pick(({"driver": DRIVERS[0]}, {"pool": choices.pick(scene.names())}, {"device": "gpu0"}))
-        spec = {"deviceSelector": selector, "taint": _taint(choices)}
+        spec = {"deviceSelector": selector, "taint": _draw_taint(choices)}
         scene.add("DeviceTaintRule", "rule", api=API, spec=spec)
-    request = exactly(choices)
+    request = make_request(choices)
     if choices.chance(60):
         toleration: Json = choices.pick(({"operator": "Exists"}, {"key": "broken", "operator": "Exists"}))
         toleration = {**toleration, **choices.pick(({}, {"effect": "NoSchedule"}, {"effect": "NoExecute"}))}
         request["exactly"]["tolerations"] = [toleration]
-    wish(scene, [request])
+    add_claim(scene, [request])
 
 
-def pools(choices: Choices, scene: Scene) -> None:
+def draw_pools(choices: Choices, scene: Scene) -> None:
     """Pools that several or all nodes reach, of older generations, or not complete yet."""
     if choices.chance(50):
         offer(choices, scene)
-    classes(scene)
-    devices = [_device(choices, DRIVERS[0], f"net{index}") for index in range(choices.pick((1, 2, 3)))]
+    add_classes(scene)
+    devices = [_draw_device(choices, DRIVERS[0], f"net{index}") for index in range(choices.pick((1, 2, 3)))]
     expression = choices.pick(
         (
             {"key": ZONE, "operator": "In", "values": ["z0", "z1"]},
@@ -119,95 +119,98 @@ def pools(choices: Choices, scene: Scene) -> None:
     scene.add("ResourceSlice", "shared-0", api=API, spec=spec)
     if choices.chance(50):
         older = {**pool, "generation": choices.pick((1, 2)), "resourceSliceCount": count}
-        more = [_device(choices, DRIVERS[0], f"more{index}") for index in range(2)]
+        more = [_draw_device(choices, DRIVERS[0], f"more{index}") for index in range(2)]
         scene.add("ResourceSlice", "shared-1", api=API, spec={**spec, "pool": older, "devices": more})
     if choices.chance(30):
-        held("net0", scene, {"request": "r", "driver": DRIVERS[0], "pool": "shared", "device": "net0"})
-    request = exactly(choices, choices.pick(("gpus", "all")))
+        add_held_claim("net0", scene, {"request": "r", "driver": DRIVERS[0], "pool": "shared", "device": "net0"})
+    request = make_request(choices, choices.pick(("gpus", "all")))
     request["exactly"] |= choices.pick(({}, {"count": 2}, {"allocationMode": "All"}))
-    wish(scene, [request])
+    add_claim(scene, [request])
 
 
-def admin(choices: Choices, scene: Scene) -> None:
+def draw_admin(choices: Choices, scene: Scene) -> None:
     """Admin access, which takes no device from anybody."""
     offer(choices, scene)
     take(choices, scene)
     for namespace in scene.of_kind("Namespace"):
         namespace["metadata"]["labels"][ADMIN_LABEL] = "true"
-    request = exactly(choices)
+    request = make_request(choices)
     request["exactly"] |= {"adminAccess": True} | choices.pick(({}, {"allocationMode": "All"}))
-    wish(scene, [request] + ([exactly(choices, name="plain")] if choices.chance(40) else []))
+    add_claim(scene, [request] + ([make_request(choices, name="plain")] if choices.chance(40) else []))
 
 
-def several(choices: Choices, scene: Scene) -> None:
+def draw_several(choices: Choices, scene: Scene) -> None:
     """Several claims of one pod, some of them allocated already."""
     offer(choices, scene)
     take(choices, scene)
     for name in choices.pick((("left", "right"), ("left",), ("left", "middle", "right"))):
         status: Json = {}
         if choices.chance(35):
-            status = {"allocation": allocated(choices, scene), "reservedFor": [OTHER_USER]}
-        wish(scene, [exactly(choices)], name=name, status=status)
+            status = {"allocation": draw_allocation(choices, scene), "reservedFor": [OTHER_USER]}
+        add_claim(scene, [make_request(choices)], name=name, status=status)
 
 
-def configs(choices: Choices, scene: Scene) -> None:
+def draw_configs(choices: Choices, scene: Scene) -> None:
     """Parameters of class and claim that go with the allocation."""
     offer(choices, scene)
-    for each in scene.of_kind("DeviceClass"):
+    for device_class in scene.of_kind("DeviceClass"):
         if choices.chance(60):
-            each["spec"]["config"] = [_opaque(choices, "class")]
-    requests = [exactly(choices, name=name) for name in choices.pick((("one",), ("one", "two")))]
-    config = [_opaque(choices, "claim")]
+            device_class["spec"]["config"] = [_draw_config(choices, "class")]
+    requests = [make_request(choices, name=name) for name in choices.pick((("one",), ("one", "two")))]
+    config = [_draw_config(choices, "claim")]
     if choices.chance(60):
         config[0]["requests"] = [requests[0]["name"]]
-    wish(scene, requests, config=config if choices.chance(80) else None)
+    add_claim(scene, requests, config=config if choices.chance(80) else None)
 
 
-def unused(choices: Choices, scene: Scene) -> None:
+def draw_unused(choices: Choices, scene: Scene) -> None:
     """An allocation that nobody uses, and that may be given up where no node reaches it."""
     offer(choices, scene)
-    where = choices.pick((["gone"], [choices.pick(scene.names())], None))
-    status: Json = {"allocation": _allocation(where, "gpu0")}
+    node_names = choices.pick((["gone"], [choices.pick(scene.names())], None))
+    status: Json = {"allocation": _make_allocation(node_names, "gpu0")}
     if choices.chance(30):
         status["reservedFor"] = [OTHER_USER]
-    wish(scene, [exactly(choices)], status=status)
+    add_claim(scene, [make_request(choices)], status=status)
 
 
-def no_class(choices: Choices, scene: Scene) -> None:
+def draw_no_class(choices: Choices, scene: Scene) -> None:
     """A class that does not exist, of an exact request or of an alternative."""
     offer(choices, scene)
-    request = exactly(choices, "unheard-of")
+    request = make_request(choices, "unheard-of")
     if choices.chance(50):
-        subs = [_sub(choices, "sub0"), {**_sub(choices, "sub1"), "deviceClassName": "unheard-of"}]
+        subs = [
+            _draw_alternative(choices, "sub0"),
+            {**_draw_alternative(choices, "sub1"), "deviceClassName": "unheard-of"},
+        ]
         request = {"name": "one", "firstAvailable": subs}
-    wish(scene, [request])
+    add_claim(scene, [request])
 
 
 # --- Parts --------------------------------------------------------------------------------------------------------
 
 
-def classes(scene: Scene) -> None:
+def add_classes(scene: Scene) -> None:
     """A class of everything, and one of each driver."""
-    device_class(scene, "all", "true")
-    device_class(scene, "gpus", f'device.driver == "{DRIVERS[0]}"')
-    device_class(scene, "cams", f'device.driver == "{DRIVERS[1]}"')
+    add_class(scene, "all", "true")
+    add_class(scene, "gpus", f'device.driver == "{DRIVERS[0]}"')
+    add_class(scene, "cams", f'device.driver == "{DRIVERS[1]}"')
 
 
-def device_class(scene: Scene, name: str, expression: str) -> None:
+def add_class(scene: Scene, name: str, expression: str) -> None:
     scene.add("DeviceClass", name, api=API, spec={"selectors": [{"cel": {"expression": expression}}]})
 
 
-def scene_has(scene: Scene, name: str) -> bool:
-    return any(each["metadata"]["name"] == name for each in scene.of_kind("DeviceClass"))
+def has_class(scene: Scene, name: str) -> bool:
+    return any(device_class["metadata"]["name"] == name for device_class in scene.of_kind("DeviceClass"))
 
 
 def offer(choices: Choices, scene: Scene) -> None:
     """Give most nodes a pool of one driver, or of both."""
-    classes(scene)
+    add_classes(scene)
     for node in scene.names():
         for driver in DRIVERS[: choices.pick((1, 1, 2, 0))]:
             short = driver.partition(".")[0]
-            devices = [_device(choices, driver, f"{short}{index}") for index in range(choices.pick((1, 2, 3, 4)))]
+            devices = [_draw_device(choices, driver, f"{short}{index}") for index in range(choices.pick((1, 2, 3, 4)))]
             pool = {"name": node, "generation": 1, "resourceSliceCount": 1}
             spec = {"driver": driver, "nodeName": node, "pool": pool, "devices": devices}
             scene.add("ResourceSlice", f"{node}-{short}", api=API, spec=spec)
@@ -215,8 +218,8 @@ def offer(choices: Choices, scene: Scene) -> None:
 
 def take(choices: Choices, scene: Scene) -> None:
     """Let other claims have some of the devices."""
-    for each in scene.of_kind("ResourceSlice"):
-        spec = each["spec"]
+    for resource_slice in scene.of_kind("ResourceSlice"):
+        spec = resource_slice["spec"]
         for device in spec["devices"]:
             if choices.chance(30):
                 result = {
@@ -225,22 +228,22 @@ def take(choices: Choices, scene: Scene) -> None:
                     "pool": spec["pool"]["name"],
                     "device": device["name"],
                 }
-                held(f"{each['metadata']['name']}-{device['name']}", scene, result)
+                add_held_claim(f"{resource_slice['metadata']['name']}-{device['name']}", scene, result)
 
 
-def held(name: str, scene: Scene, result: Json) -> None:
+def add_held_claim(name: str, scene: Scene, result: Json) -> None:
     """A claim of somebody else that has a device."""
     spec = {"devices": {"requests": [{"name": "r", "exactly": {"deviceClassName": "all"}}]}}
     status = {"allocation": {"devices": {"results": [result]}}, "reservedFor": [OTHER_USER]}
     scene.add("ResourceClaim", f"held-{name}", namespace="third", api=API, spec=spec, status=status)
 
 
-def exactly(choices: Choices, of_class: str = "", name: str = "one") -> Json:
+def make_request(choices: Choices, of_class: str = "", name: str = "one") -> Json:
     """A request of one device."""
     return {"name": name, "exactly": {"deviceClassName": of_class or choices.pick(("gpus", "all", "cams"))}}
 
 
-def wish(
+def add_claim(
     scene: Scene, requests: list[Json], *, name: str = "claim", status: Json | None = None, **more: object
 ) -> None:
     """A claim that the pod names."""
@@ -250,12 +253,12 @@ def wish(
     scene.pod["spec"].setdefault("resourceClaims", []).append({"name": name, "resourceClaimName": name})
 
 
-def allocated(choices: Choices, scene: Scene) -> Json:
+def draw_allocation(choices: Choices, scene: Scene) -> Json:
     """status.allocation of a device that no slice of the scene has."""
-    return _allocation(choices.pick(([choices.pick(scene.names())], scene.names(), None)), "elsewhere")
+    return _make_allocation(choices.pick(([choices.pick(scene.names())], scene.names(), None)), "elsewhere")
 
 
-def _allocation(nodes: list[str] | None, device: str) -> Json:
+def _make_allocation(nodes: list[str] | None, device: str) -> Json:
     pool = nodes[0] if nodes else "shared"
     result = {"request": "one", "driver": DRIVERS[0], "pool": pool, "device": device}
     allocation: Json = {"devices": {"results": [result]}}
@@ -265,7 +268,7 @@ def _allocation(nodes: list[str] | None, device: str) -> Json:
     return allocation
 
 
-def _device(choices: Choices, driver: str, name: str) -> Json:
+def _draw_device(choices: Choices, driver: str, name: str) -> Json:
     attributes: Json = {"model": {"string": choices.pick(MODELS)}}
     if choices.chance(60):
         attributes["rank"] = {"int": choices.pick((1, 2, 3))}
@@ -281,7 +284,7 @@ def _device(choices: Choices, driver: str, name: str) -> Json:
     return device
 
 
-def _sub(choices: Choices, name: str) -> Json:
+def _draw_alternative(choices: Choices, name: str) -> Json:
     sub: Json = {"name": name, "deviceClassName": choices.pick(("gpus", "cams", "all"))}
     if choices.chance(30):
         sub["count"] = 2
@@ -290,7 +293,7 @@ def _sub(choices: Choices, name: str) -> Json:
     return sub
 
 
-def _taint(choices: Choices) -> Json:
+def _draw_taint(choices: Choices) -> Json:
     return {
         "key": choices.pick(("broken", "slow")),
         "value": "yes",
@@ -299,6 +302,6 @@ def _taint(choices: Choices) -> Json:
     }
 
 
-def _opaque(choices: Choices, what: str) -> Json:
+def _draw_config(choices: Choices, what: str) -> Json:
     driver = choices.pick(DRIVERS)
     return {"opaque": {"driver": driver, "parameters": {"kind": what, "level": choices.pick((1, 2)), "none": None}}}

@@ -87,7 +87,9 @@ def control_plane() -> ControlPlane:
     return ControlPlane(kwok=False, controller_manager=False, extra_args={"kube-apiserver": [ADMISSION]})
 
 
-async def run(cp: ControlPlane, cases: Iterator[Numbered], *, seed: str, say: Callable[[str], None]) -> Report:
+async def run(
+    cp: ControlPlane, cases: Iterator[Numbered], *, seed: str, say: Callable[[str], None], shrunk: int = SHRUNK
+) -> Report:
     """Install ours, start both schedulers and compare."""
     await asyncio.to_thread(install, cp)
     oracle = await asyncio.to_thread(parity_oracle.start, cp)
@@ -100,7 +102,7 @@ async def run(cp: ControlPlane, cases: Iterator[Numbered], *, seed: str, say: Ca
             Pods(client) as pods,
         ):
             await _surround(client)
-            return await _Arena(pods, http, oracle, ours).run(cases, seed, say)
+            return await _Arena(pods, http, oracle, ours, shrunk=shrunk).run(cases, seed, say)
     finally:
         await asyncio.to_thread(ours.stop)
         await asyncio.to_thread(oracle.stop)
@@ -132,7 +134,11 @@ async def _surround(client: ApiClient) -> None:
 class _Arena:
     """One control plane with both schedulers running."""
 
-    def __init__(self, pods: Pods, http: aiohttp.ClientSession, oracle: Process, ours: Process) -> None:
+    def __init__(
+        self, pods: Pods, http: aiohttp.ClientSession, oracle: Process, ours: Process, *, shrunk: int
+    ) -> None:
+        """The first `shrunk` differences are made small."""
+        self._shrunk = shrunk
         self._stage = Stage(pods.client, (parity_oracle.SCHEDULER_NAME, OURS))
         self._prober = Prober(pods, http, OracleLog(oracle.log_path), ours)
 
@@ -155,7 +161,7 @@ class _Arena:
             return
         report.take(each.case, theirs)
         if unequal:
-            objects = await self._smallest(each) if len(report.found) < SHRUNK else each.case.objects
+            objects = await self._smallest(each) if len(report.found) < self._shrunk else each.case.objects
             names = {"number": each.number, "families": each.case.families, "profile": each.profile}
             report.differs(each.case, {**names, "differences": unequal, "objects": objects})
 
@@ -197,6 +203,9 @@ class _Arena:
             candidate = next(steps)
             while True:
                 case = replace(each.case, objects=candidate)
+                if not _has_its_claims(case):
+                    candidate = steps.send(False)
+                    continue
                 try:
                     theirs, ours = await self._both(replace(each, case=case), SETTLE_S[1])
                     candidate = steps.send(bool(judged(case, theirs, ours)))
@@ -206,6 +215,12 @@ class _Arena:
         except StopIteration as stop:
             smallest: Sequence[Json] = stop.value
             return smallest
+
+
+def _has_its_claims(case: Case) -> bool:
+    """A pod without its ResourceClaims is held before the queue, and neither scheduler says a word."""
+    claims = {each["metadata"]["name"] for each in case.objects if each["kind"] == "ResourceClaim"}
+    return claims.issuperset(each.get("resourceClaimName", "") for each in case.pod["spec"].get("resourceClaims") or ())
 
 
 def _has_volumes(case: Case) -> bool:

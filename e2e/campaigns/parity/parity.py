@@ -33,6 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--family", action="append", help="only cases with such a family at the centre, * for any characters: dra-*"
     )
+    parser.add_argument("--shrunk", type=int, default=3, metavar="N", help="make so many differences small (3)")
     parser.add_argument("--keep", action="store_true", help="keep what differs, made small, as regression cases")
     parser.add_argument(
         "--reference", action="store_true", help="against the scalar reference instead, without a cluster"
@@ -74,7 +75,7 @@ def _against_kube_scheduler(arguments: argparse.Namespace) -> int:
     if arguments.case is not None:
         cases = iter([parity_live.numbered(seed, arguments.case, families)])
     with parity_live.control_plane() as cp:
-        report = asyncio.run(parity_live.run(cp, cases, seed=seed, say=say))
+        report = asyncio.run(parity_live.run(cp, cases, seed=seed, say=say, shrunk=arguments.shrunk))
     save(arguments.json, report.as_json())
     for each in report.found if arguments.keep else ():
         path = keep(each["objects"], why="; ".join(each["differences"]), profile=each["profile"])

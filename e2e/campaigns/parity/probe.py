@@ -164,7 +164,7 @@ class Prober:
         return tuple(sorted(found))
 
     async def _claims(self, case: Case, versions: list[Json], message: str) -> Mapping[str, Json]:
-        """The pod's ResourceClaims once it is bound, or its refusal has been followed up."""
+        """Returns the pod's ResourceClaims once it is bound, or its refusal has been followed up."""
         deadline_s = time.monotonic() + (WRITES_S if not message else QUIET_S)
         freed = DEALLOCATED in message
         while time.monotonic() < deadline_s:
@@ -176,7 +176,7 @@ class Prober:
         return claims
 
     async def _claim(self, case: Case, name: str) -> Json:
-        """What schedulers write of a claim, without names and times that differ from attempt to attempt."""
+        """Returns what schedulers write of a claim, without names and times that differ from attempt to attempt."""
         stored = await self._client.get(RESOURCECLAIMS, name, namespace=case.pod["metadata"]["namespace"], as_type=dict)
         status = stored.get("status") or {}
         users = [
@@ -209,7 +209,7 @@ class Prober:
 
 
 def names_claims(case: Case) -> bool:
-    """Whether the pod of a case names ResourceClaims, which its scheduler may write."""
+    """Returns whether the pod of a case names ResourceClaims, which its scheduler may write."""
     return bool(_claim_names(case))
 
 

@@ -35,7 +35,8 @@ def claim(
 ) -> ResourceClaim:
     """A claim of one device, allocated or not. Its uid follows from its name."""
     meta = {"name": name, "namespace": "default", "uid": f"uid-of-{name}", "resourceVersion": version, **metadata}
-    spec = {"devices": {"requests": [{"name": "device", "exactly": {"deviceClassName": of_class, "count": 1}}]}}
+    exactly = {"deviceClassName": of_class, "allocationMode": "ExactCount", "count": 1}
+    spec = {"devices": {"requests": [{"name": "device", "exactly": exactly}]}}
     status: dict[str, Any] = {"reservedFor": reservedFor or []}
     if allocation is not None:
         status["allocation"] = allocation

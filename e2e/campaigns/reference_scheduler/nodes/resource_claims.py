@@ -23,7 +23,7 @@ def pre_filter(state: State) -> Rejection | None:
 
 
 def gives_up(state: State, refused: Iterable[Rejection]) -> bool:
-    """Whether an allocation that nobody uses is taken back, because a node does not reach it."""
+    """Returns whether an allocation that nobody uses is taken back, because a node does not reach it."""
     if not any(each.texts == (ELSEWHERE,) for each in refused):
         return False
     claims = (

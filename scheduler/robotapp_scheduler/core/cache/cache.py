@@ -102,7 +102,7 @@ class Cache:
             change |= Change.DEVICES
         self._note(row, change)
         if change & (Change.NODE_ADDED | Change.LABELS):
-            self.resource_claims.node_changed(name)
+            self.resource_claims.note_node(name)
             # Zones are read from labels, so every estimate may be different now.
             self.log.add(EVERY_ROW, Change.RTT)
         return change
@@ -118,6 +118,7 @@ class Cache:
         self.nodes.remove(name)
         self.topology.images.apply(row, ())
         self.devices.set_labels(name, {})
+        self.resource_claims.remove_node(name)
         self._note(row, change)
         # What this node measured no longer stands for its zone.
         self.log.add(EVERY_ROW, Change.RTT)

@@ -14,9 +14,9 @@ from robotapp_scheduler.core.dynamic_resources.claims_of_pods import (
     ClaimPlan,
     ClaimState,
     PodClaims,
-    named_claims,
-    preference_score,
-    refusal_of,
+    explain_refusal,
+    list_named_claims,
+    score_preference,
 )
 from robotapp_scheduler.core.dynamic_resources.inventory import Inventory
 from robotapp_scheduler.core.dynamic_resources.objects import (
@@ -63,6 +63,8 @@ class ClaimCache:
         self.inventory = Inventory()
         self.revision = 0
         """Grows with every change after which an allocation on any node may be another one."""
+        self.removed_nodes = 0
+        """How many nodes have gone so far."""
         self._node_revisions: Counter[str] = Counter()
         """The same per node, for changes that concern one."""
         self._log = log
@@ -87,9 +89,9 @@ class ClaimCache:
     def apply_claim(self, claim: ResourceClaim) -> Change:
         """A claim appeared or changed. An event that is older than our own write is skipped."""
         key = _key(claim)
-        written = self._written.get(key)
-        if written is not None:
-            if _version(claim) < written:
+        written_version = self._written.get(key)
+        if written_version is not None:
+            if _version(claim) < written_version:
                 return Change.NONE
             del self._written[key]
         return self._store(key, claim)
@@ -137,34 +139,40 @@ class ClaimCache:
         self._mark(None, Change.DEVICE_CLASSES)
         return Change.NONE
 
-    def node_changed(self, name: str) -> None:
+    def note_node(self, name: str) -> None:
         """A node appeared or has other labels, on which its devices may depend. The change log has this change already."""
         self._node_revisions[name] += 1
+
+    def remove_node(self, name: str) -> None:
+        """A node is gone."""
+        self.removed_nodes += 1
+        self._node_revisions[name] += 1
+        self.inventory.forget_node(name)
 
     # --- Our own decisions -----------------------------------------------------------------------------------------
 
     def assume(self, uid: str, plan: ClaimPlan, group: Hashable = None) -> None:
         """Count the allocations of a placed pod's plan before they are written. Pods of one `group` share them."""
         self._plans[uid] = plan
-        for planned in plan.claims:
-            if planned.allocation is None:
+        for planned_claim in plan.claims:
+            if planned_claim.allocation is None:
                 continue
-            claim_uid = planned.claim.metadata.uid
+            claim_uid = planned_claim.claim.metadata.uid
             in_flight = self._in_flight.get(claim_uid)
             if in_flight is not None:
                 in_flight.users.add(uid)
                 continue
-            self._in_flight[claim_uid] = _InFlight(planned.claim, planned.allocation, group, {uid})
-            self._count(_devices(planned.allocation), +1)
+            self._in_flight[claim_uid] = _InFlight(planned_claim.claim, planned_claim.allocation, group, {uid})
+            self._count(_devices(planned_claim.allocation), +1)
 
     def forget(self, uid: str) -> Change:
         """Take the allocations back that a pod was placed with, unless others were, too. Those that were written stand in
         their claims. Idempotent.
         """
         plan = self._plans.pop(uid, None)
-        freed = Change.NONE
-        for planned in plan.claims if plan is not None else ():
-            claim_uid = planned.claim.metadata.uid
+        change = Change.NONE
+        for planned_claim in plan.claims if plan is not None else ():
+            claim_uid = planned_claim.claim.metadata.uid
             in_flight = self._in_flight.get(claim_uid)
             if in_flight is None or uid not in in_flight.users:
                 continue
@@ -172,10 +180,10 @@ class ClaimCache:
             if not in_flight.users:
                 del self._in_flight[claim_uid]
                 self._count(_devices(in_flight.allocation), -1)
-                freed = Change.RESOURCE_CLAIMS
-        return freed
+                change = Change.RESOURCE_CLAIMS
+        return change
 
-    def written(self, claim: ResourceClaim) -> Change:
+    def record_write(self, claim: ResourceClaim) -> Change:
         """The API server's reply to our own write of a claim, which counts before the watch shows it."""
         key = _key(claim)
         old = self._claims.get(key)
@@ -189,12 +197,12 @@ class ClaimCache:
         plan = self._plans.get(uid)
         change = Change.NONE
         user = ResourceClaimConsumerReference(resource="pods", name=name, uid=uid)
-        for planned in plan.claims if plan is not None else ():
-            key = _key(planned.claim)
-            claim = self._claims.get(key, planned.claim)
+        for planned_claim in plan.claims if plan is not None else ():
+            key = _key(planned_claim.claim)
+            claim = self._claims.get(key, planned_claim.claim)
             status = msgspec.structs.replace(
                 claim.status,
-                allocation=claim.status.allocation or planned.allocation,
+                allocation=claim.status.allocation or planned_claim.allocation,
                 reserved_for=(*claim.status.reserved_for, user),
             )
             change |= self._store(key, msgspec.structs.replace(claim, status=status))
@@ -206,7 +214,7 @@ class ClaimCache:
         """The newest state of a claim."""
         return self._claims.get((namespace, name))
 
-    def claims(self) -> Collection[ResourceClaim]:
+    def list_claims(self) -> Collection[ResourceClaim]:
         """All claims."""
         return self._claims.values()
 
@@ -216,10 +224,10 @@ class ClaimCache:
         return self._allocated.keys()
 
     def is_in_flight(self, claim: ResourceClaim) -> bool:
-        """Whether an allocation was decided for the claim that is not written yet."""
+        """Returns whether an allocation was decided for the claim that is not written yet."""
         return claim.metadata.uid in self._in_flight
 
-    def revision_on(self, node: str) -> tuple[int, int]:
+    def get_revision(self, node: str) -> tuple[int, int]:
         """Equal as long as the same claims are allocated alike on this node."""
         return self.revision, self._node_revisions[node]
 
@@ -230,34 +238,34 @@ class ClaimCache:
         namespace = pod.metadata.namespace
         states: dict[str, ClaimState] = {}
         keys: list[Hashable] = []
-        for named in named_claims(pod):
-            if named.claim is None:
+        for named_claim in list_named_claims(pod):
+            if named_claim.claim is None:
                 continue
-            if not named.claim:
+            if not named_claim.claim:
                 return PodClaims(trouble=f'pod "{namespace}/{pod.metadata.name}": ResourceClaim not created yet')
-            claim = self._claims.get((namespace, named.claim))
+            claim = self._claims.get((namespace, named_claim.claim))
             if claim is None:
-                return PodClaims(trouble=f'could not find ResourceClaim "{namespace}/{named.claim}"')
-            trouble = refusal_of(claim, pod, made_for_pod=named.made_for_pod)
+                return PodClaims(trouble=f'could not find ResourceClaim "{namespace}/{named_claim.claim}"')
+            trouble = explain_refusal(claim, pod, made_for_pod=named_claim.made_for_pod)
             if trouble:
                 return PodClaims(trouble=trouble)
             if claim.metadata.uid in states:
                 continue  # two references to one claim
-            state = states[claim.metadata.uid] = self._state_of(claim, group)
-            keys.append(self._key_of(state))
+            state = states[claim.metadata.uid] = self._find_state(claim, group)
+            keys.append(self._make_key(state))
         return PodClaims(tuple(states.values()), key=tuple(keys))
 
-    def _state_of(self, claim: ResourceClaim, group: Hashable) -> ClaimState:
+    def _find_state(self, claim: ResourceClaim, group: Hashable) -> ClaimState:
         in_flight = self._in_flight.get(claim.metadata.uid) if claim.status.allocation is None else None
         shares = in_flight is not None and group is not None and in_flight.group == group
         return ClaimState(claim, in_flight.allocation if in_flight is not None and shares else None)
 
-    def _key_of(self, state: ClaimState) -> Hashable:
+    def _make_key(self, state: ClaimState) -> Hashable:
         if state.allocation is None:
-            return self._spec_key(state.claim)
-        return state.node_selector, preference_score(state.claim, state.allocation)
+            return self._encode_spec(state.claim)
+        return state.node_selector, score_preference(state.claim, state.allocation)
 
-    def _spec_key(self, claim: ResourceClaim) -> bytes:
+    def _encode_spec(self, claim: ResourceClaim) -> bytes:
         uid = claim.metadata.uid
         key = self._spec_keys.get(uid)
         if key is None:

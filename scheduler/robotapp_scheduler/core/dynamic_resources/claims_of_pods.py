@@ -66,29 +66,28 @@ class PlannedClaim(NamedTuple):
 
 
 class ClaimPlan(NamedTuple):
-    """What has to be written about the claims of a pod before it may be bound to the node."""
+    """Plan of what has to be written about the claims of a pod before it may be bound to the node."""
 
     claims: tuple[PlannedClaim, ...]
 
 
-def named_claims(pod: Pod) -> Iterator[NamedClaim]:
+def list_named_claims(pod: Pod) -> Iterator[NamedClaim]:
     """The claims a pod names, by themselves or by a template."""
-    made = {status.name: status.resource_claim_name for status in pod.status.resource_claim_statuses}
+    names = {status.name: status.resource_claim_name for status in pod.status.resource_claim_statuses}
     for reference in pod.spec.resource_claims:
         if reference.resource_claim_name:
             yield NamedClaim(reference.name, reference.resource_claim_name, made_for_pod=False)
         else:
-            yield NamedClaim(reference.name, made.get(reference.name, ""), made_for_pod=True)
+            yield NamedClaim(reference.name, names.get(reference.name, ""), made_for_pod=True)
 
 
-def refusal_of(claim: ResourceClaim, pod: Pod, *, made_for_pod: bool) -> str:
+def explain_refusal(claim: ResourceClaim, pod: Pod, *, made_for_pod: bool) -> str:
     """The reason why the pod cannot use the claim, in upstream's words; "" when it can."""
     meta = pod.metadata
     if claim.metadata.deletion_timestamp is not None:
         return f'resourceclaim "{claim.metadata.name}" is being deleted'
-    if made_for_pod and controller_uid(claim) != meta.uid:
-        where = f"{claim.metadata.namespace}/{claim.metadata.name}"
-        return f"ResourceClaim {where} was not created for Pod {meta.namespace}/{meta.name} (Pod is not owner)"
+    if made_for_pod and get_controller_uid(claim) != meta.uid:
+        return f"ResourceClaim {claim} was not created for Pod {meta.namespace}/{meta.name} (Pod is not owner)"
     users = claim.status.reserved_for
     if claim.status.allocation is not None and len(users) >= MOST_RESERVATIONS and not is_reserved_for(claim, meta.uid):
         # Upstream tries and fails at the API server, with back-off; only a user that goes can help.
@@ -96,28 +95,28 @@ def refusal_of(claim: ResourceClaim, pod: Pod, *, made_for_pod: bool) -> str:
     return ""
 
 
-def preference_score(claim: ResourceClaim, allocation: AllocationResult) -> int:
+def score_preference(claim: ResourceClaim, allocation: AllocationResult) -> int:
     """Upstream's score of an allocation: 8 for each request that got its first alternative, 7 for the second and so on."""
-    allocated = {result.request for result in allocation.devices.results}
+    allocated_requests = {result.request for result in allocation.devices.results}
     return sum(
         MOST_ALTERNATIVES - place
         for request in claim.spec.devices.requests
         for place, alternative in enumerate(request.first_available)
-        if f"{request.name}/{alternative.name}" in allocated
+        if f"{request.name}/{alternative.name}" in allocated_requests
     )
 
 
-def controller_uid(claim: ResourceClaim) -> str:
+def get_controller_uid(claim: ResourceClaim) -> str:
     """Uid of the owner that controls the claim, "" without one."""
     return next((owner.uid for owner in claim.metadata.owner_references or () if owner.controller), "")
 
 
 def is_reserved_for(claim: ResourceClaim, uid: str) -> bool:
-    """Whether the object with this uid is among the users of the claim."""
+    """Returns whether the object with this uid is among the users of the claim."""
     return any(user.uid == uid for user in claim.status.reserved_for)
 
 
-def robotapp_of(claim: ResourceClaim) -> tuple[str, str] | None:
+def find_robotapp(claim: ResourceClaim) -> tuple[str, str] | None:
     """Name and uid of the RobotApp that controls the claim: it keeps the allocation when its pods go. None for other claims."""
     group, kind = ROBOTAPPS
     for owner in claim.metadata.owner_references or ():

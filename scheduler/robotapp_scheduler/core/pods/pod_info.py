@@ -15,7 +15,7 @@ from robotapp_api.values.quantities.requests import PodRequests
 from robotapp_scheduler.core.api.annotations import any_read, parse_annotations
 from robotapp_scheduler.core.api.core_v1 import Affinity, NodeAffinity, OwnerReference, Pod, Toleration
 from robotapp_scheduler.core.api.ros import InvalidAnnotation, RosContext, RosRequest
-from robotapp_scheduler.core.dynamic_resources.claims_of_pods import PodClaims, named_claims
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import PodClaims, list_named_claims
 from robotapp_scheduler.core.pods.cached_property import CachedProperty
 from robotapp_scheduler.core.pods.domain_variable import find_lost_domain
 from robotapp_scheduler.core.pods.pod_group_index import group_ref_of, in_group
@@ -258,7 +258,9 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "spread_labels": lambda pod: tuple(
         (key, pod.labels.get(key)) for each in pod.pod.spec.topology_spread_constraints for key in each.match_label_keys
     ),
-    "resource_claims": lambda pod: (pod.namespace, *named_claims(pod.pod)) if pod.pod.spec.resource_claims else None,
+    "resource_claims": lambda pod: (
+        (pod.namespace, *list_named_claims(pod.pod)) if pod.pod.spec.resource_claims else None
+    ),
     CLAIM_FEATURE: lambda pod: pod.claims and pod.claims.key,
     "ros": lambda pod: pod.ros,
     "ros.tenant": lambda pod: pod.ros and pod.ros.tenant,

@@ -228,7 +228,7 @@ class ProfileRunner:
         return None
 
     def claim_plan(self, pod: PodInfo, node: str) -> ClaimPlan | None:
-        """What must be written about the pod's resource claims before it may be bound to this node. Raises ValueError."""
+        """Returns what must be written about the pod's resource claims before it may be bound to this node. Raises ValueError."""
         view = Snapshot(self._cluster, [self._cluster.nodes.row_of[node]])
         planner = self.profile.claim_planner
         return planner.plan_claims(pod, view) if planner is not None and planner.plan_claims is not None else None

@@ -25,8 +25,8 @@ from robotapp_scheduler.core.dynamic_resources.claim_cache import ClaimCache
 from robotapp_scheduler.core.dynamic_resources.claims_of_pods import (
     ClaimPlan,
     PlannedClaim,
+    find_robotapp,
     is_reserved_for,
-    robotapp_of,
 )
 from robotapp_scheduler.core.dynamic_resources.objects import AllocationResult, ResourceClaim
 from robotapp_scheduler.core.events.cluster_event import Event
@@ -74,33 +74,33 @@ class ClaimWriter:
         return f"<ClaimWriter, {len(self._tasks)} deallocations in flight>"
 
     async def bind(self, pod: PodInfo, plan: ClaimPlan) -> str:
-        """As `core.framework.handle.ResourceClaims` has it. Raises no error of the API server."""
-        for planned in plan.claims:
+        """Implements `core.framework.handle.ResourceClaims.bind`. Raises no error of the API server."""
+        for planned_claim in plan.claims:
             try:
-                await self._bind_claim(pod, planned)
+                await self._bind_claim(pod, planned_claim)
             except (UnwritableError, ClientError) as error:
                 return str(error)
         return ""
 
     async def release(self, pod: PodInfo, plan: ClaimPlan) -> None:
-        """As `core.framework.handle.ResourceClaims` has it. What fails is tried again with the pod's next attempt."""
-        for planned in plan.claims:
-            meta = planned.claim.metadata
+        """Implements `core.framework.handle.ResourceClaims.release`. What fails is tried again with the pod's next attempt."""
+        for planned_claim in plan.claims:
+            meta = planned_claim.claim.metadata
             claim = self._claims.get(meta.namespace, meta.name)
             if claim is None or claim.metadata.uid != meta.uid or not is_reserved_for(claim, pod.uid):
                 continue
             if not self._permitted():
                 return
-            removed = {"reservedFor": [{"$patch": "delete", "uid": pod.uid}]}
-            patch = {"metadata": {"uid": meta.uid}, "status": removed}
+            status = {"reservedFor": [{"$patch": "delete", "uid": pod.uid}]}
+            patch = {"metadata": {"uid": meta.uid}, "status": status}
             try:
                 await self._patch(claim, patch, "status", content_type=STRATEGIC)
             except ClientError as error:
-                log.warning("%s stays among the users of resource claim %s: %s", pod.key, _name(claim), error)
+                log.warning("%s stays among the users of resource claim %s: %s", pod.key, claim, error)
 
     def deallocate(self, claim: ResourceClaim, pod: PodInfo) -> None:
-        """As `core.framework.handle.ResourceClaims` has it. When it fails the pod is tried again."""
-        task = asyncio.create_task(self._deallocate(claim, pod), name=f"deallocate {_name(claim)}")
+        """Implements `core.framework.handle.ResourceClaims.deallocate`. When it fails the pod is tried again."""
+        task = asyncio.create_task(self._deallocate(claim, pod), name=f"deallocate {claim}")
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -114,7 +114,7 @@ class ClaimWriter:
         if not self._permitted():
             raise UnwritableError(DEPOSED)
         status: Json = {"allocation": None, "reservedFor": None, "devices": None}
-        await self._patch(claim, {"metadata": _preconditions(claim), "status": status}, "status")
+        await self._patch(claim, {"metadata": _make_preconditions(claim), "status": status}, "status")
 
     async def _deallocate(self, claim: ResourceClaim, pod: PodInfo) -> None:
         try:
@@ -122,43 +122,43 @@ class ClaimWriter:
         except Conflict:
             return  # the claim changed, and its event is about to move the pod
         except (ClientError, UnwritableError) as error:
-            log.warning("resource claim %s cannot be deallocated for %s: %s", _name(claim), pod.key, error)
+            log.warning("resource claim %s cannot be deallocated for %s: %s", claim, pod.key, error)
             self._retry(pod.uid)
 
     # --- One claim -------------------------------------------------------------------------------------------------
 
-    async def _bind_claim(self, pod: PodInfo, planned: PlannedClaim) -> None:
+    async def _bind_claim(self, pod: PodInfo, planned_claim: PlannedClaim) -> None:
         """Write one claim; after a conflict or a reply that got lost, read it and write what is left to be written."""
-        meta = planned.claim.metadata
-        claim = self._claims.get(meta.namespace, meta.name) or planned.claim
+        meta = planned_claim.claim.metadata
+        claim = self._claims.get(meta.namespace, meta.name) or planned_claim.claim
         conflicts = failures = 0
         while True:
             if not self._permitted():
                 raise UnwritableError(DEPOSED)
             try:
-                await self._write(claim, pod, planned)
+                await self._write(claim, pod, planned_claim)
             except Conflict as error:
                 conflicts += 1
                 if conflicts == TRIES:
-                    raise UnwritableError(_failed(planned, error)) from error
+                    raise UnwritableError(_explain_failure(planned_claim, error)) from error
             except ClientError as error:
                 if not (error.maybe_applied or isinstance(error, ServerError | TooManyRequests)):
-                    raise UnwritableError(_failed(planned, error)) from error
+                    raise UnwritableError(_explain_failure(planned_claim, error)) from error
                 # What was sent may still take effect. The same write for the same version decides it: one of the two applies.
                 failures += 1
                 await self._pause(failures, error)
             else:
                 return
-            claim = await self._read(planned, claim)
+            claim = await self._read(planned_claim, claim)
 
-    async def _read(self, planned: PlannedClaim, claim: ResourceClaim) -> ResourceClaim:
+    async def _read(self, planned_claim: PlannedClaim, claim: ResourceClaim) -> ResourceClaim:
         """The claim as stored now. While the API server does not answer, the caller's state."""
-        meta = planned.claim.metadata
+        meta = planned_claim.claim.metadata
         try:
             return await self._client.get(RESOURCECLAIMS, meta.name, namespace=meta.namespace, as_type=ResourceClaim)
         except ApiError as error:
             if error.status < 500 and error.status != 429:
-                raise UnwritableError(f"get updated claim {_name(planned.claim)} after conflict: {error}") from error
+                raise UnwritableError(f"get updated claim {planned_claim.claim} after conflict: {error}") from error
         except ClientError:
             pass
         return claim
@@ -167,36 +167,36 @@ class ClaimWriter:
         wish_s = error.pause_s if isinstance(error, ApiError) else 0.0
         await self._client.sleep(max(wish_s, min(MOST_DELAY_S, FIRST_DELAY_S * 5.0 ** min(failures, 6))))
 
-    async def _write(self, claim: ResourceClaim, pod: PodInfo, planned: PlannedClaim) -> None:
+    async def _write(self, claim: ResourceClaim, pod: PodInfo, planned_claim: PlannedClaim) -> None:
         """Bring the claim from this state to the planned one. Raises UnwritableError when its state rules that out."""
-        name, allocation = _name(planned.claim), planned.allocation
-        if claim.metadata.uid != planned.claim.metadata.uid:
+        name, allocation = planned_claim.claim, planned_claim.allocation
+        if claim.metadata.uid != planned_claim.claim.metadata.uid:
             raise UnwritableError(f"claim {name} got deleted in the meantime")
         if claim.metadata.deletion_timestamp is not None:
             raise UnwritableError(f"claim {name} got deleted in the meantime")
-        stored = claim.status.allocation
-        if stored is not None and allocation is not None:
-            if not is_same(stored, allocation):
+        stored_allocation = claim.status.allocation
+        if stored_allocation is not None and allocation is not None:
+            if _get_devices_and_nodes(stored_allocation) != _get_devices_and_nodes(allocation):
                 raise UnwritableError(f"claim {name} got allocated elsewhere in the meantime")
             allocation = None  # ours: a reply was lost, or another pod of the group wrote it
-        elif stored is None and allocation is None:
+        elif stored_allocation is None and allocation is None:
             raise UnwritableError(f"claim {name} got deallocated elsewhere in the meantime")
-        if allocation is not None and robotapp_of(claim) is None:
+        if allocation is not None and find_robotapp(claim) is None:
             claim = await self._protect(claim)
-        users = _users_with(claim, pod, standing=allocation is not None)
+        users = _add_users(claim, pod, standing=allocation is not None)
         if allocation is None and len(users) == len(claim.status.reserved_for):
             return
         status: Json = {"reservedFor": users}
         if allocation is not None:
-            status["allocation"] = {**_encoded(allocation), "allocationTimestamp": whole_seconds(self._now())}
-        await self._patch(claim, {"metadata": _preconditions(claim), "status": status}, "status")
+            status["allocation"] = {**_encode(allocation), "allocationTimestamp": whole_seconds(self._now())}
+        await self._patch(claim, {"metadata": _make_preconditions(claim), "status": status}, "status")
 
     async def _protect(self, claim: ResourceClaim) -> ResourceClaim:
         """Give the claim the finalizer without which the claim controller would never take the allocation back."""
         finalizers = claim.metadata.finalizers or []
         if FINALIZER in finalizers:
             return claim
-        metadata = {**_preconditions(claim), "finalizers": [*finalizers, FINALIZER]}
+        metadata = {**_make_preconditions(claim), "finalizers": [*finalizers, FINALIZER]}
         return await self._patch(claim, {"metadata": metadata})
 
     async def _patch(
@@ -206,43 +206,39 @@ class ClaimWriter:
         reply = await self._client.patch(
             RESOURCECLAIMS, meta.name, patch, namespace=meta.namespace, subresource=subresource, **content_type
         )
-        written = msgspec.convert(reply, ResourceClaim)
+        written_claim = msgspec.convert(reply, ResourceClaim)
         old = self._claims.get(meta.namespace, meta.name)
-        change = self._claims.written(written)
+        change = self._claims.record_write(written_claim)
         if change:
-            self._on_change(Event(RESOURCECLAIMS.plural, change, old, written))
-        return written
+            self._on_change(Event(RESOURCECLAIMS.plural, change, old, written_claim))
+        return written_claim
 
 
-def is_same(allocation: AllocationResult, planned: AllocationResult) -> bool:
-    """Whether a stored allocation has the devices and nodes of the planned one."""
-    return (allocation.devices.results, allocation.node_selector) == (planned.devices.results, planned.node_selector)
+def _get_devices_and_nodes(allocation: AllocationResult) -> tuple[object, ...]:
+    """Returns what makes two allocations of a claim the same one."""
+    return allocation.devices.results, allocation.node_selector
 
 
-def _users_with(claim: ResourceClaim, pod: PodInfo, *, standing: bool) -> list[Json]:
+def _add_users(claim: ResourceClaim, pod: PodInfo, *, standing: bool) -> list[Json]:
     """The claim's users with the pod among them, and the RobotApp when it is `standing` and owns the claim."""
-    users: list[Json] = [_encoded(user) for user in claim.status.reserved_for]
+    users: list[Json] = [_encode(user) for user in claim.status.reserved_for]
     if not is_reserved_for(claim, pod.uid):
         users.append({"resource": "pods", "name": pod.name, "uid": pod.uid})
-    owner = robotapp_of(claim) if standing else None
+    owner = find_robotapp(claim) if standing else None
     if owner is not None and not is_reserved_for(claim, owner[1]):
         users.append({"apiGroup": GROUP, "resource": "robotapps", "name": owner[0], "uid": owner[1]})
     return users
 
 
-def _preconditions(claim: ResourceClaim) -> Json:
+def _make_preconditions(claim: ResourceClaim) -> Json:
     return {"uid": claim.metadata.uid, "resourceVersion": claim.metadata.resource_version}
 
 
-def _encoded(value: Any) -> Json:
-    encoded: Json = msgspec.json.decode(msgspec.json.encode(value))
-    return encoded
+def _encode(value: Any) -> Json:
+    document: Json = msgspec.json.decode(msgspec.json.encode(value))
+    return document
 
 
-def _failed(planned: PlannedClaim, error: ClientError) -> str:
-    what = "allocation and reservation" if planned.allocation is not None else "reservation"
-    return f"add {what} to claim {_name(planned.claim)}: {error}"
-
-
-def _name(claim: ResourceClaim) -> str:
-    return f"{claim.metadata.namespace}/{claim.metadata.name}"
+def _explain_failure(planned_claim: PlannedClaim, error: ClientError) -> str:
+    written_part = "allocation and reservation" if planned_claim.allocation is not None else "reservation"
+    return f"add {written_part} to claim {planned_claim.claim}: {error}"

@@ -8,9 +8,9 @@ from robotapp_client.api.times import Now
 from robotapp_client.transport.errors import ClientError, Conflict, NotFound, means_gone
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.cache.cache import Cache
-from robotapp_scheduler.core.dynamic_resources.claims_of_pods import robotapp_of
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import find_robotapp
 from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
-from robotapp_scheduler.core.dynamic_resources.standing_consumers import is_standing, reason_to_release
+from robotapp_scheduler.core.dynamic_resources.standing_consumers import find_release_reason, is_standing
 from robotapp_scheduler.shell.binding.claim_writer import ClaimWriter, UnwritableError
 
 log = logging.getLogger(__name__)
@@ -21,20 +21,20 @@ TICK_S = 1.0
 class StandingClaims:
     """`run` on the leader. What could not be written is decided again at the next tick."""
 
-    def __init__(self, client: ApiClient, cluster: Cache, writer: ClaimWriter, *, now: Now) -> None:
+    def __init__(self, client: ApiClient, cache: Cache, writer: ClaimWriter, *, now: Now) -> None:
         self._client = client
-        self._cluster = cluster
+        self._cache = cache
         self._writer = writer
         self._now = now
 
     def __repr__(self) -> str:
-        return f"<StandingClaims of {self._cluster.resource_claims!r}>"
+        return f"<StandingClaims of {self._cache.resource_claims!r}>"
 
     async def run(self) -> None:
         """Look at all claims with a standing consumer until cancelled."""
         while True:
             await self._client.sleep(TICK_S)
-            for claim in [claim for claim in self._cluster.resource_claims.claims() if is_standing(claim)]:
+            for claim in [claim for claim in self._cache.resource_claims.list_claims() if is_standing(claim)]:
                 await self.review(claim)
 
     async def review(self, claim: ResourceClaim) -> None:
@@ -54,18 +54,19 @@ class StandingClaims:
         log.info("resource claim %s is given back: %s", claim, reason)
 
     def _reason(self, claim: ResourceClaim) -> str:
-        if ROBOTAPPS.plural in self._cluster.unseen_kinds:
+        if ROBOTAPPS.plural in self._cache.unseen_kinds:
             return ""
-        return reason_to_release(claim, self._app_of(claim), self._now())
+        row_of = self._cache.nodes.row_of
+        return find_release_reason(claim, self._app_of(claim), self._now(), exists=lambda name: name in row_of)
 
     def _app_of(self, claim: ResourceClaim) -> RobotApp | None:
-        owner = robotapp_of(claim)
-        app = self._cluster.apps.app(owner[1]) if owner is not None else None
+        owner = find_robotapp(claim)
+        app = self._cache.apps.app(owner[1]) if owner is not None else None
         return app.source if app is not None else None
 
     async def _is_app_gone(self, claim: ResourceClaim) -> bool:
-        """False when the reason is that the app is gone and the API server still has it: then the cache is behind."""
-        owner = robotapp_of(claim)
+        """Returns False when the reason is that the app is gone and the API server still has it: then the cache is behind."""
+        owner = find_robotapp(claim)
         if owner is None or self._app_of(claim) is not None:
             return True
         try:

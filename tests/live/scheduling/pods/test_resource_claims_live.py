@@ -126,3 +126,45 @@ def test_an_unused_allocation_that_no_node_can_reach_is_given_up_for_another_dev
         assert stage.wait_bound("early") == "edge-1"
         (found,) = claim_of(stage, "stuck")["status"]["allocation"]["devices"]["results"]
         assert found["pool"] == "edge-1"
+
+
+def test_a_claim_of_a_robotapp_keeps_its_device_between_pods_until_the_app_is_suspended(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    with nodes(installed_plane, edge("edge-1"), edge("edge-2")), devices(installed_plane, "edge-2", "video0"):
+        driver = {
+            "name": "driver",
+            "image": "registry.k8s.io/pause:3.10",
+            "devices": [{"name": "eye", "type": "camera"}],
+        }
+        app = stage.create_app("patrol", [driver])
+        owner = {
+            "apiVersion": "robotics.io/v1alpha1",
+            "kind": "RobotApp",
+            "name": "patrol",
+            "uid": app["metadata"]["uid"],
+        }
+        make_claim(stage, "patrol-driver")
+        labels = {"robotics.io/component": "driver"}
+        metadata = {"ownerReferences": [{**owner, "controller": True}], "labels": labels}
+        stage.cp.api.patch(f"{path(stage)}/patrol-driver", {"metadata": metadata})
+        stage.create_pod(wishing("first", resourceClaimName="patrol-driver"))
+        assert stage.wait_bound("first") == "edge-2"
+        claim = claim_of(stage, "patrol-driver")
+        assert "finalizers" not in claim["metadata"]
+        assert claim["status"]["reservedFor"][1] == {
+            "apiGroup": "robotics.io", "resource": "robotapps", "name": "patrol", "uid": app["metadata"]["uid"],
+        }  # fmt: skip
+        make_claim(stage, "rival")
+        stage.create_pod(wishing("rival", resourceClaimName="rival"))
+        assert stage.wait_refused("rival", reason="Unschedulable", saying="2 cannot allocate all claims.")
+        stage.delete_pod("first")
+        stage.wait(
+            lambda: users(stage, "patrol-driver") == {"patrol"}, what=lambda: str(claim_of(stage, "patrol-driver"))
+        )
+        stage.create_pod(wishing("second", resourceClaimName="patrol-driver"))
+        assert stage.wait_bound("second") == "edge-2"
+        stage.delete_pod("second")
+        app_path = f"/apis/robotics.io/v1alpha1/namespaces/{stage.namespace}/robotapps/patrol"
+        stage.cp.api.patch(app_path, {"spec": {"suspend": True}})
+        assert stage.wait_bound("rival") == "edge-2"

@@ -40,7 +40,7 @@ def test_a_decision_counts_until_its_write_is_answered_and_the_claim_from_then_o
     assert taken(cache) == {("n2", "d0")}
     assert log.since(position, int(NEWS), most=10) == [1], "only the row of the node whose device it is"
     written = claim("camera", allocated_on("n2"), version="9")
-    assert cache.written(written) is NEWS
+    assert cache.record_write(written) is NEWS
     assert cache.forget("uid-p") is NEWS
     assert taken(cache) == {("n2", "d0")}
     assert cache.apply_claim(claim("camera", version="7")) is Change.NONE, "an event from before the write"
@@ -72,7 +72,7 @@ def test_pods_of_a_group_share_an_allocation_that_is_not_written_yet_and_others_
 def test_a_reply_about_a_claim_that_was_made_anew_meanwhile_changes_nothing() -> None:
     cache, _ = make_cache()
     cache.apply_claim(claim("camera", uid="new", version="20"))
-    assert cache.written(claim("camera", allocated_on("n1"), version="25", uid="old")) is Change.NONE
+    assert cache.record_write(claim("camera", allocated_on("n1"), version="25", uid="old")) is Change.NONE
     assert taken(cache) == set()
 
 
@@ -93,12 +93,12 @@ def test_claims_with_equal_requests_have_equal_keys_and_results_are_kept_per_nod
     cache.apply_claim(claim("three", of_class="robots"))
     keys = [cache.resolve(wanting(name).pod).key for name in ("one", "two", "three")]
     assert keys[0] == keys[1] != keys[2]
-    before = [cache.revision_on(node) for node in ("n1", "n2")]
+    before = [cache.get_revision(node) for node in ("n1", "n2")]
     cache.assume("uid-p", plan("one", "n2"))
-    assert [cache.revision_on(node) == old for node, old in zip(("n1", "n2"), before, strict=True)] == [True, False]
+    assert [cache.get_revision(node) == old for node, old in zip(("n1", "n2"), before, strict=True)] == [True, False]
     position = log.position
     cache.apply_class(device_class("robots"))
-    assert cache.revision_on("n1") != before[0]
+    assert cache.get_revision("n1") != before[0]
     assert log.delta(position, most=5).rows(int(Change.DEVICE_CLASSES)) is None  # type: ignore[union-attr]  # it is there
     assert EVERY_ROW == -1
 
@@ -133,7 +133,7 @@ def test_whatever_happens_exactly_the_devices_of_claims_and_open_decisions_are_t
             decided.pop(number, None)
         elif step == "written":
             if number in claims:
-                cache.written(claim(name, allocated_on(node, device=device), version=str(version)))
+                cache.record_write(claim(name, allocated_on(node, device=device), version=str(version)))
                 claims[number] = wanted
         elif step == "seen":
             cache.apply_claim(claim(name, version=str(version)))

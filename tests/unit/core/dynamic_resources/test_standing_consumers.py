@@ -9,7 +9,7 @@ from tests.support.scheduler.devices import allocated_on, claim
 
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
-from robotapp_scheduler.core.dynamic_resources.standing_consumers import is_standing, reason_to_release
+from robotapp_scheduler.core.dynamic_resources.standing_consumers import find_release_reason, is_standing
 
 NOW = datetime(2026, 1, 1, 12, 0, 0, tzinfo=UTC)
 OWNER = {
@@ -29,6 +29,10 @@ def held(*users: dict[str, str], **metadata: Any) -> ResourceClaim:
     return claim("patrol-driver", allocated_on("n1"), reservedFor=list(users or [APP_USER]), **metadata)
 
 
+def release(claim: ResourceClaim, of_app: RobotApp | None, now: datetime, *, nodes: tuple[str, ...] = ("n1",)) -> str:
+    return find_release_reason(claim, of_app, now, exists=nodes.__contains__)
+
+
 def app(uid: str = "uid-app", *, devices: Any = DEVICES, name: str = "driver", **fields: Any) -> RobotApp:
     metadata = {"name": "patrol", "namespace": "default", "uid": uid, **fields.pop("metadata", {})}
     spec = {"components": [{"name": name, "devices": devices}], **fields}
@@ -37,7 +41,7 @@ def app(uid: str = "uid-app", *, devices: Any = DEVICES, name: str = "driver", *
 
 def test_an_allocation_is_kept_while_the_app_wants_it() -> None:
     assert is_standing(held())
-    assert reason_to_release(held(), app(), NOW) == ""
+    assert release(held(), app(), NOW) == ""
 
 
 @pytest.mark.parametrize(
@@ -59,21 +63,27 @@ def test_an_allocation_is_kept_while_the_app_wants_it() -> None:
     ],
 )
 def test_it_is_given_back_with_the_reason(found: ResourceClaim, of_app: RobotApp | None, reason: str) -> None:
-    assert reason_to_release(found, of_app, NOW) == reason
+    assert release(found, of_app, NOW) == reason
     users = (POD_USER, APP_USER)
     with_pod = msgspec.structs.replace(found, status=held(*users).status)
-    assert reason_to_release(with_pod, of_app, NOW) == "", "a device is not taken from a container"
+    assert release(with_pod, of_app, NOW) == "", "a device is not taken from a container"
 
 
 @pytest.mark.parametrize("text", ["2026-01-01T11:59:31Z", "soon", "", "2026-01-01", "2026-01-01T00:00:00"])
 def test_a_refusal_that_is_younger_or_no_time_changes_nothing(text: str) -> None:
-    assert reason_to_release(held(annotations={"robotics.io/refused-since": text}), app(), NOW) == ""
+    assert release(held(annotations={"robotics.io/refused-since": text}), app(), NOW) == ""
 
 
 def test_claims_of_others_are_left_alone() -> None:
     foreign = claim("mine", allocated_on("n1"), reservedFor=[APP_USER])
-    assert reason_to_release(foreign, None, NOW) == "", "its owner is no RobotApp"
+    assert release(foreign, None, NOW) == "", "its owner is no RobotApp"
     unused = claim("patrol-driver", allocated_on("n1"), ownerReferences=[OWNER])
-    assert reason_to_release(unused, None, NOW) == "", "allocated by another scheduler, which gives it back itself"
+    assert release(unused, None, NOW) == "", "allocated by another scheduler, which gives it back itself"
     waiting = claim("patrol-driver", ownerReferences=[OWNER])
-    assert reason_to_release(waiting, None, NOW) == ""
+    assert release(waiting, None, NOW) == ""
+
+
+def test_a_node_that_is_gone_for_good_holds_nobody() -> None:
+    assert release(held(), app(), NOW, nodes=("n2",)) == "node n1 is gone"
+    everywhere = claim("patrol-driver", allocated_on(), reservedFor=[APP_USER], ownerReferences=[OWNER])
+    assert release(everywhere, app(), NOW, nodes=()) == ""

@@ -18,8 +18,8 @@ from robotapp_scheduler.core.dynamic_resources.claims_of_pods import (
     ClaimState,
     PlannedClaim,
     PodClaims,
-    named_claims,
-    preference_score,
+    list_named_claims,
+    score_preference,
 )
 from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
 from robotapp_scheduler.core.events.cluster_event import Change, Event
@@ -41,7 +41,7 @@ from robotapp_scheduler.plugins.kubernetes.dynamic_resources.node_allocations im
     CANNOT_ALLOCATE,
     NodeAllocation,
     NodeAllocations,
-    allocation_on,
+    allocate_on,
 )
 
 ELSEWHERE: Final = "resourceclaim not available on the node"
@@ -57,8 +57,8 @@ class DynamicResourcesArgs(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     binding_timeout: str | None = None
 
     def __post_init__(self) -> None:
-        given = (("filterTimeout", self.filter_timeout, "10s"), ("bindingTimeout", self.binding_timeout, "10m"))
-        for name, value, usual in given:
+        durations = (("filterTimeout", self.filter_timeout, "10s"), ("bindingTimeout", self.binding_timeout, "10m"))
+        for name, value, usual in durations:
             if value is not None and parse_go_ns(value) != parse_go_ns(usual):
                 raise ValueError(f"{name}: only the default {usual} is supported")
 
@@ -98,20 +98,20 @@ class DynamicResources:
         """Refuses a pod whose claims cannot be used or allocated now, on whatever node."""
         if pod.claims is None:
             return None
-        text = pod.claims.trouble or _trouble(pod.claims, nodes.cluster.resource_claims)
+        text = pod.claims.trouble or _find_trouble(pod.claims, nodes.cluster.resource_claims)
         return PreFilter(status=Status(Code.UNRESOLVABLE, text)) if text else None
 
     def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
-        """True on nodes that reach the allocated devices and on which the other claims can be allocated."""
+        """Returns True on nodes that reach the allocated devices and on which the other claims can be allocated."""
         if pod.claims is None or not pod.claims.states:
             return None
         texts: list[tuple[str, ...]] = [("",), (ELSEWHERE,), (CANNOT_ALLOCATE,), ABORTS]
         codes = np.zeros(nodes.n, dtype=np.int32)
-        codes[~_reach(pod.claims.states, nodes)] = 1
+        codes[~_mask_reach(pod.claims.states, nodes)] = 1
         if pod.claims.unallocated:
-            for position, found in self._on_nodes(pod.claims, nodes):
-                reason = ABORTS if found.error else (found.refusal,)
-                if found.results:
+            for position, node_allocation in self._allocate_on_nodes(pod.claims, nodes):
+                reason = ABORTS if node_allocation.error else (node_allocation.refusal,)
+                if node_allocation.results:
                     continue
                 if reason not in texts:
                     texts.append(reason)
@@ -123,13 +123,15 @@ class DynamicResources:
         claims = pod.claims
         if claims is None or not claims.unallocated or not any(map(_has_alternatives, claims.states)):
             return None
-        settled = sum(
-            preference_score(state.claim, state.allocation) for state in claims.states if state.allocation is not None
+        settled_score = sum(
+            score_preference(state.claim, state.allocation) for state in claims.states if state.allocation is not None
         )
         scores = np.zeros(nodes.n, dtype=np.int64)
-        for position, found in self._on_nodes(claims, nodes):
-            if found.results:
-                scores[position] = settled + sum(map(preference_score, claims.unallocated, found.results))
+        for position, node_allocation in self._allocate_on_nodes(claims, nodes):
+            if node_allocation.results:
+                scores[position] = settled_score + sum(
+                    map(score_preference, claims.unallocated, node_allocation.results)
+                )
         return scores
 
     def plan_claims(self, pod: PodInfo, nodes: Snapshot) -> ClaimPlan | None:
@@ -137,24 +139,26 @@ class DynamicResources:
         claims = pod.claims
         if claims is None or not claims.states:
             return None
-        found = NodeAllocation()
+        node_allocation = NodeAllocation()
         if claims.unallocated:
-            ((_, found),) = self._on_nodes(claims, nodes)
-        if found.error:  # found for a pod with equal claims, which the text names
-            found = allocation_on(nodes.cluster.resource_claims, claims.unallocated, nodes.names[0], nodes.labels_of(0))
-        if found.error or found.refusal:
-            raise ValueError(found.error or found.refusal)
-        made = iter(found.results)
+            ((_, node_allocation),) = self._allocate_on_nodes(claims, nodes)
+        if node_allocation.error:  # found for a pod with equal claims, which the text names
+            node_allocation = allocate_on(
+                nodes.cluster.resource_claims, claims.unallocated, nodes.names[0], nodes.labels_of(0)
+            )
+        if node_allocation.error or node_allocation.refusal:
+            raise ValueError(node_allocation.error or node_allocation.refusal)
+        results = iter(node_allocation.results)
         return ClaimPlan(
             tuple(
-                PlannedClaim(state.claim, next(made) if state.allocation is None else state.pending)
+                PlannedClaim(state.claim, next(results) if state.allocation is None else state.pending)
                 for state in claims.states
             )
         )
 
     def post_filter(self, pod: PodInfo, failure: Failure) -> Outcome:
         """Gives up the allocation of a claim that nobody uses, when a node that would take the pod does not reach its devices."""
-        for state in _unavailable(pod, failure):
+        for state in _find_unavailable(pod, failure):
             users = state.claim.status.reserved_for
             if all(user.uid == pod.uid for user in users) and state.claim.status.allocation is not None:
                 return Outcome(DEALLOCATED, deallocate=state.claim)
@@ -182,9 +186,9 @@ class DynamicResources:
         return False
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
-        """True for claims of the pod whose status changed, for devices that got free, and for news of slices, classes and nodes."""
+        """Returns True for claims of the pod whose status changed, for devices that got free, and for news of slices, classes and nodes."""
         if event.change & Change.SELF:
-            return list(named_claims(event.old)) != list(named_claims(event.new))
+            return list(list_named_claims(event.old)) != list(list_named_claims(event.new))
         if event.resource != "resourceclaims":
             return True
         old: ResourceClaim | None = event.old
@@ -193,29 +197,31 @@ class DynamicResources:
             return True
         claim = new or old
         return claim is not None and (claim.metadata.namespace, claim.metadata.name) in {
-            (pod.namespace, named.claim) for named in named_claims(pod.pod)
+            (pod.namespace, named_claim.claim) for named_claim in list_named_claims(pod.pod)
         }
 
-    def _on_nodes(self, claims: PodClaims, nodes: Snapshot) -> Iterator[tuple[int, NodeAllocation]]:
+    def _allocate_on_nodes(self, claims: PodClaims, nodes: Snapshot) -> Iterator[tuple[int, NodeAllocation]]:
         """Allocations of the claims that have none, by position in the view."""
         positions = {name: position for position, name in enumerate(nodes.names) if name}
         labels = {name: nodes.labels_of(position) for name, position in positions.items()}
-        found = self._allocations.of_class(nodes.cluster.resource_claims, claims.key, claims.unallocated, labels)
-        return ((positions[name], allocation) for name, allocation in found.items())
+        allocations = self._allocations.get_allocations(
+            nodes.cluster.resource_claims, claims.key, claims.unallocated, labels
+        )
+        return ((positions[name], allocation) for name, allocation in allocations.items())
 
 
-def _trouble(claims: PodClaims, cache: ClaimCache) -> str:
-    """Why no node can do for the claims that have to be allocated, "" when one may."""
+def _find_trouble(claims: PodClaims, cache: ClaimCache) -> str:
+    """Explains why no node can do for the claims that have to be allocated, "" when one may."""
     for claim in claims.unallocated:
-        where = f"resource claim {claim.metadata.namespace}/{claim.metadata.name}"
+        prefix = f"resource claim {claim}"
         if cache.is_in_flight(claim):
-            return f"{where} is in the process of being allocated"
+            return f"{prefix} is in the process of being allocated"
         for request in claim.spec.devices.requests:
             if request.exactly is None and not request.first_available:
-                return f"{where}, request {request.name}: unknown request type"
-            named = [(request.name, request.exactly.device_class_name)] if request.exactly is not None else []
-            named += [(f"{request.name}/{sub.name}", sub.device_class_name) for sub in request.first_available]
-            for name, device_class in named:
+                return f"{prefix}, request {request.name}: unknown request type"
+            class_names = [(request.name, request.exactly.device_class_name)] if request.exactly is not None else []
+            class_names += [(f"{request.name}/{sub.name}", sub.device_class_name) for sub in request.first_available]
+            for name, device_class in class_names:
                 if device_class not in cache.classes:
                     return f"request {name}: device class {device_class} does not exist"
     return ""
@@ -225,7 +231,7 @@ def _has_alternatives(state: ClaimState) -> bool:
     return any(request.first_available for request in state.claim.spec.devices.requests)
 
 
-def _reach(states: tuple[ClaimState, ...], nodes: Snapshot) -> BoolArray:
+def _mask_reach(states: tuple[ClaimState, ...], nodes: Snapshot) -> BoolArray:
     """Nodes from which the allocated devices of all claims can be reached."""
     mask = np.ones(nodes.n, dtype=np.bool_)
     for state in states:
@@ -234,7 +240,7 @@ def _reach(states: tuple[ClaimState, ...], nodes: Snapshot) -> BoolArray:
     return mask
 
 
-def _unavailable(pod: PodInfo, failure: Failure) -> Iterator[ClaimState]:
+def _find_unavailable(pod: PodInfo, failure: Failure) -> Iterator[ClaimState]:
     """Allocated claims that are the first reason on some node."""
     evaluation = failure.evaluation
     if evaluation is None or pod.claims is None:
@@ -250,5 +256,5 @@ def _unavailable(pod: PodInfo, failure: Failure) -> Iterator[ClaimState]:
     rows = positions if evaluation.rows is None else evaluation.rows[positions]
     nodes = Snapshot(failure.cluster, [int(row) for row in rows])
     for state in pod.claims.states:
-        if not _reach((state,), nodes).all():
+        if not _mask_reach((state,), nodes).all():
             yield state
