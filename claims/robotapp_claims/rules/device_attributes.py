@@ -8,7 +8,8 @@ import re
 from collections.abc import Iterator
 from typing import Any, Final
 
-from robotapp_claims.rules.device import USB_IDENTITY, Described, Kind
+from robotapp_api.values.devices.words import list_interfaces, list_models, list_types
+from robotapp_claims.rules.device import Described, Kind, split_identity
 from robotapp_claims.rules.identity import hash10
 
 DRIVER: Final = "devices.robotics.io"
@@ -30,15 +31,14 @@ def attributes_of(device: Described, *, path: str = "") -> Attributes:
 
     `name_…` stands for a further name of the device: true for a whole name, false for the words that one begins with.
     """
-    identity = USB_IDENTITY.fullmatch(device.identity)
-    vendor, _, product = identity[1].lower().partition(":") if identity else ("", "", "")
+    vendor, product, serial = split_identity(device.identity) or ("", "", "")
     texts = {
         "type": device.type,
         "model": device.model,
         "interface": device.interface,
         "vendor": vendor,
         "product": product,
-        "serial": (identity[2] or "") if identity else "",
+        "serial": serial,
         "path": path,
     }
     attributes: Attributes = {key: {"string": text[:LONGEST_TEXT]} for key, text in texts.items() if text}
@@ -57,15 +57,19 @@ def name_attribute(word: str) -> str:
 
 def selector_of(wish: Kind) -> str:
     """CEL expression that holds for the devices that `fits_kind` accepts."""
-    conditions = [_kind_condition(wish.type, wish.interface)]
+    words = [
+        _kind_condition(kind, interface)
+        for kind in list_types(wish.type)
+        for interface in list_interfaces(wish.interface)
+    ]
+    conditions = [f"({' || '.join(words)})"]
     if wish.model:
-        conditions.append(_equals("model", wish.model))
-    identity = USB_IDENTITY.fullmatch(wish.usb_id or "")
+        conditions.append(_equals("model", *list_models(wish.model)))
+    identity = split_identity(wish.usb_id or "")
     if identity:
-        vendor, _, product = identity[1].lower().partition(":")
-        conditions += [_equals("vendor", vendor), _equals("product", product)]
-        if identity[2]:
-            conditions.append(_equals("serial", identity[2]))
+        conditions += [_equals("vendor", identity.vendor), _equals("product", identity.product)]
+        if identity.serial:
+            conditions.append(_equals("serial", identity.serial))
     elif wish.usb_id:
         conditions.append("false")
     return " && ".join([f'device.driver == "{DRIVER}"', *conditions])
@@ -75,13 +79,16 @@ def _kind_condition(kind: str, interface: str) -> str:
     if interface:
         name = name_attribute(f"{kind}-{interface}")
         type_condition = f"{_equals('type', kind)} && {_equals('interface', interface)}"
-        return f'({type_condition} || "{name}" in {_ATTRIBUTES} && {_ATTRIBUTES}["{name}"] == true)'
-    return f'({_equals("type", kind)} || "{name_attribute(kind)}" in {_ATTRIBUTES})'
+        return f'{type_condition} || "{name}" in {_ATTRIBUTES} && {_ATTRIBUTES}["{name}"] == true'
+    return f'{_equals("type", kind)} || "{name_attribute(kind)}" in {_ATTRIBUTES}'
 
 
-def _equals(attribute: str, text: str) -> str:
-    literal = json.dumps(text[:LONGEST_TEXT], ensure_ascii=False)
-    return f'"{attribute}" in {_ATTRIBUTES} && {_ATTRIBUTES}["{attribute}"] == {literal}'
+def _equals(attribute: str, *texts: str) -> str:
+    """CEL that holds where the attribute is one of the texts, each as JSON, whose escapes CEL has, too."""
+    literals = [json.dumps(text[:LONGEST_TEXT], ensure_ascii=False) for text in texts]
+    value = f'{_ATTRIBUTES}["{attribute}"]'
+    compared = f"{value} == {literals[0]}" if len(literals) == 1 else f"{value} in [{', '.join(literals)}]"
+    return f'"{attribute}" in {_ATTRIBUTES} && {compared}'
 
 
 def _beginnings(name: str) -> Iterator[str]:

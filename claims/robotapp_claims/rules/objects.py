@@ -323,5 +323,6 @@ class TelemetryDevice(Object, frozen=True, kw_only=True):
     model: str = ""
     interface: str = ""
     identity: str = ""
+    path: str = ""
     present: bool = True
     names: tuple[str, ...] = ()

@@ -7,7 +7,7 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label
+from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label, Reason
 from robotapp_api.values.placement.explanation import (
     describe_hardware,
     describe_refusals,
@@ -128,6 +128,8 @@ async def _instance(app: Json, pods: list[Json], *, instance: Instance, question
                 records[name] = record
             reasons = describe_refusals(record, peers, hardware=describe_hardware(app, name)) if record else []
             row = _row(name, pod, record, reasons)
+            if not row.node and (device := _missing_device(app, instance, name)):
+                row.reasons = [device, *row.reasons]
             if trouble := _helper_trouble(instance, pod):
                 row.reasons = [trouble, *row.reasons]
                 row.failing = True
@@ -145,6 +147,16 @@ def _helper_trouble(instance: Instance, pod: Json) -> str:
     name = f"{role}-{number}" if number else role
     helpers = instance.observed.get("helpers") or ()
     return next((str(helper.get("message", "")) for helper in helpers if role and helper.get("name") == name), "")
+
+
+def _missing_device(app: Json, instance: Instance, component: str) -> str:
+    """Returns what the operator observes of a device that no node has for the component, or that the driver of its node refuses."""
+    for obj in (instance.obj, app):
+        found = condition(obj, Condition.ALLOCATED)
+        message = str(found.get("message") or "").removeprefix(f"{instance.name}: ")
+        if found.get("reason") == Reason.WAITING_FOR_DEVICES and message.startswith(f"{component} ("):
+            return message
+    return ""
 
 
 def _why_none(app: Json, instance: Instance) -> str:

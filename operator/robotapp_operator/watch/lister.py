@@ -33,7 +33,7 @@ from robotapp_operator.plan.spec.dependencies import describe_wait, unmet_depend
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.links import LinkView, list_links
-from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
+from robotapp_operator.plan.spec.objects import Deployment, Node, Pod, Telemetry
 from robotapp_operator.plan.spec.robot_values import overridden, recorded_overrides
 from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
 from robotapp_operator.plan.status.components import (
@@ -43,7 +43,7 @@ from robotapp_operator.plan.status.components import (
     cut_off,
     helper_part,
 )
-from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble
+from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble, missing_device
 from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, name_of, parse_record
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView, edge_views
@@ -242,6 +242,7 @@ def instance_facts(
         devices_wanted=wanted,
         devices_held=min(having, wanted),
         busy=_device_conflict(app, instance, cache) if having < wanted else "",
+        missing_device=_missing_device(app, instance, [view.name for view in views if not view.bound], cache),
         claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
         trouble=trouble,
@@ -368,10 +369,35 @@ def _device_conflict(app: App, instance: Instance, cache: Cache) -> str:
     )
 
 
+def _missing_device(app: App, instance: Instance, components: Collection[str], cache: Cache) -> str:
+    if not components or not app.wants_devices or not app.our_scheduler:
+        return ""
+    return missing_device(
+        app,
+        instance,
+        components,
+        telemetry=_in_reach(app, instance, cache),
+        nodes=_nodes_in_reach(app, instance, cache),
+    )
+
+
+def _nodes_in_reach(app: App, instance: Instance, cache: Cache) -> Mapping[str, Node]:
+    """Nodes where components with devices may run: of a fleet's robots only the instance's own."""
+    if not _is_on_board(app, instance):
+        return cache.nodes
+    own = cache.nodes.of_robot(instance.robot)
+    return {name: node for name in own if (node := cache.nodes.get(name)) is not None}
+
+
+def _is_on_board(app: App, instance: Instance) -> bool:
+    """Whether all components with devices stay on the instance's robot."""
+    with_devices = [component for component in app.spec.components if component.devices]
+    return bool(instance.robot) and all(component.runs_on == (ROBOT,) for component in with_devices)
+
+
 def _in_reach(app: App, instance: Instance, cache: Cache) -> Mapping[str, Telemetry]:
     """Reports of the nodes where components with devices may run: of a fleet's robots only the instance's own."""
-    with_devices = [component for component in app.spec.components if component.devices]
-    if not instance.robot or any(component.runs_on != (ROBOT,) for component in with_devices):
+    if not _is_on_board(app, instance):
         return cache.telemetry
     own = cache.nodes.of_robot(instance.robot)
     return {name: cache.telemetry[name] for name in own if name in cache.telemetry}

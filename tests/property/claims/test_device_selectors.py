@@ -17,10 +17,19 @@ from robotapp_claims.rules.device_attributes import (
 )
 from robotapp_claims.rules.node_devices import Device
 
-TYPES = ("usb", "video", "serial", "can", "sensor", "sensor-usb")
-INTERFACES = ("", "can0", "usb-cam", "cam", "ttyTHS1")
-MODELS = ("", "C920", 'say "cheese"', "Grüße")
-IDENTITIES = ("", "046d:082d", "046D:082D:5F1A", "046d:082d:5f1a", "10c4:ea60", "10c4:ea60:a:b", "usb:10c4:ea60")
+TYPES = ("usb", "video", "camera", "tty", "serial", "can", "sensor", "sensor-usb")
+INTERFACES = ("", "/dev/ttyTHS1", "/dev/can0", "can0", "usb-cam", "cam", "ttyTHS1")
+MODELS = ("", "C920", 'say "cheese"', "say-cheese", "Grüße", "***")
+IDENTITIES = (
+    "",
+    "046d:082d",
+    "046D:082D:5F1A",
+    "046d:082d:5f1a",
+    "10c4:ea60",
+    "10c4:ea60:a:b",
+    "0x10C4:0xEA60",
+    "usb:10c4:ea60",
+)
 NAMES = ("usb", "sensor", "sensor-usb-cam", "sensor-cam", "can-can0", "Camera.front", "a" * 63)
 
 
@@ -36,7 +45,7 @@ wishes = st.builds(
     st.sampled_from(TYPES),
     st.sampled_from(MODELS),
     st.sampled_from(INTERFACES),
-    st.sampled_from((None, *IDENTITIES[1:6])),
+    st.sampled_from((None, *IDENTITIES[1:7])),
 )
 devices = st.builds(
     Device,
@@ -57,6 +66,16 @@ def selects(expression: str, attributes: Attributes, *, driver: str = DRIVER) ->
 
 @given(wishes, devices)
 def test_selector_and_rule_of_robotclaims_agree(wish: Wish, device: Device) -> None:
+    assert selects(selector_of(wish), attributes_of(device)) is fits_kind(wish, device)
+
+
+HOSTILE = st.text(alphabet="\"\\'\n\r\t\x00\x7f${}()[]|&!#\u2028ä😀a-", max_size=40)
+
+
+@given(HOSTILE, HOSTILE, HOSTILE, st.booleans())
+def test_no_text_of_a_wish_is_read_as_an_expression(model: str, interface: str, serial: str, same: bool) -> None:
+    wish = Wish("serial", model, interface, f"10c4:ea60:{serial}")
+    device = Device("x", "serial", model if same else "another", interface, "10c4:ea60:" + serial)
     assert selects(selector_of(wish), attributes_of(device)) is fits_kind(wish, device)
 
 

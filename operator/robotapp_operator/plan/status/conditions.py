@@ -106,7 +106,12 @@ def _devices_missing(facts: AppFacts) -> Verdict | None:
             f"scheduler {facts.app.scheduler_name} claims no devices, so their use is unknown; {_our_scheduler(facts)}"
         )
         return Verdict("Unknown", Reason.NOT_OUR_SCHEDULER, text)
-    if held >= wanted or facts.app.suspended:
+    if facts.app.suspended:
+        return None
+    for instance in facts.instances:
+        if instance.missing_device and not instance.bound:
+            return Verdict("False", Reason.WAITING_FOR_DEVICES, _named(facts, instance, instance.missing_device))
+    if held >= wanted:
         return None
     for instance in facts.instances:
         if instance.busy:

@@ -43,6 +43,8 @@ class InstanceFacts:
     devices_wanted: int = 0
     devices_held: int = 0
     busy: str = ""
+    missing_device: str = ""
+    """The device that no node has on which its component may run, and what is there instead."""
     claims: tuple[str, ...] = ()
     refusal: tuple[Reason, str] | None = None
     trouble: tuple[Reason, str] | None = None
