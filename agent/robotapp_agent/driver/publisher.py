@@ -11,7 +11,7 @@ import msgspec
 from robotapp_agent.devices.device import Device
 from robotapp_agent.driver.rules import slices as rules
 from robotapp_agent.shell.own_node import OwnNode
-from robotapp_api.checks.container_runtime import describe_missing_cdi
+from robotapp_api.values.devices.container_runtime import describe_missing_cdi
 from robotapp_claims.rules.identity import claim_name_device
 from robotapp_client.api.backoff import Backoff
 from robotapp_client.api.client import ApiClient

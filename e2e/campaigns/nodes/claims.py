@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from campaigns.nodes.real_pods import FOREVER, pod
+from campaigns.nodes.real_pods import FOREVER, get, pod
 from robotapp_claims.rules.device_attributes import DRIVER
 from robotapp_testbed import ControlPlane, wait_until
 
@@ -75,12 +75,19 @@ def events_of(cp: ControlPlane, namespace: str, name: str) -> str:
     return "\n".join(item.get("message") or "" for item in items)
 
 
-def allocate(cp: ControlPlane, namespace: str, name: str, *, node: str, request: str, device: str) -> None:
-    """Allocates a claim past every scheduler, as a second scheduler would that has not seen the first one's claim."""
+def place_past_schedulers(
+    cp: ControlPlane, namespace: str, user: Json, *, request: str, device: str, node: str
+) -> None:
+    """Creates the pod, allocates its one claim and binds it, as a second scheduler would that has not seen the first one's claims."""
+    user = {**user, "spec": {**user["spec"], "schedulerName": "nobody"}}
+    cp.kubectl("apply", "-n", namespace, "-f", "-", stdin=[user])
+    name, claim_name = user["metadata"]["name"], user["spec"]["resourceClaims"][0]["resourceClaimName"]
+    consumer = {"resource": "pods", "name": name, "uid": get(cp, namespace, name)["metadata"]["uid"]}
     result = {"request": request, "driver": DRIVER, "pool": node, "device": device}
     term = {"matchFields": [{"key": "metadata.name", "operator": "In", "values": [node]}]}
     allocation = {"devices": {"results": [result]}, "nodeSelector": {"nodeSelectorTerms": [term]}}
-    cp.kubectl(
-        "patch", "resourceclaim", name, "-n", namespace, "--subresource=status", "--type=merge", "--patch-file=/dev/stdin",
-        stdin={"status": {"allocation": allocation}},
-    )  # fmt: skip
+    status = {"allocation": allocation, "reservedFor": [consumer]}
+    cp.api.patch(f"{CLAIMS.format(namespace)}/{claim_name}/status", {"status": status})
+    target = {"apiVersion": "v1", "kind": "Node", "name": node}
+    binding = {"apiVersion": "v1", "kind": "Binding", "metadata": {"name": name}, "target": target}
+    cp.api.create(f"/api/v1/namespaces/{namespace}/pods/{name}/binding", binding)

@@ -2,7 +2,6 @@
 
 import secrets
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -106,8 +105,8 @@ def test_a_second_claim_that_was_given_the_same_device_is_refused_and_told(clust
     """The API server lets two claims have one device; the driver does not."""
     apply(cluster, namespace, claim("first", {"arm": SERIAL}), claim("second", {"arm": SERIAL}))
     real_pods.run(cluster, namespace, user_of("first", "holder"))
-    claims.allocate(cluster, namespace, "second", node="robot-1", request="arm", device=ARM)
-    apply(cluster, namespace, user_of("second", "rival"))
+    rival = user_of("second", "rival")
+    claims.place_past_schedulers(cluster, namespace, rival, request="arm", device=ARM, node="robot-1")
     told = f"device {ARM} of node robot-1 is in use by claim first"
     wait_told(cluster, namespace, "rival", told)
     kill_driver(cluster)
@@ -158,6 +157,6 @@ def test_the_driver_needs_little_memory(cluster: RealNodes) -> None:
     node = cluster.node("robot-1")
     container_id = driver_status(cluster)["containerID"].rpartition("/")[2]
     (task,) = [line.split() for line in node.ctr("tasks", "list").splitlines() if line.startswith(container_id)]
-    status = Path(f"/proc/{task[1]}/status").read_text().splitlines()
+    status = node.box.run("/bin/cat", f"/proc/{task[1]}/status").splitlines()
     (rss_kib,) = [int(line.split()[1]) for line in status if line.startswith("VmRSS:")]
     assert 10_000 < rss_kib <= 50_000

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robotapp_api.checks.container_runtime import describe_missing_cdi
+from robotapp_api.values.devices.container_runtime import describe_missing_cdi
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from tests.live.attacks import agent_tokens
 
 from robotapp_agent.driver.rules.slices import slices_of
 from robotapp_claims.rules.device_attributes import DRIVER
-from robotapp_testbed import ControlPlane
+from robotapp_testbed import ControlPlane, wait_until
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.control_plane.api import Api
 from robotapp_testbed.failures import ApiStatusError
@@ -21,6 +21,7 @@ pytestmark = pytest.mark.live
 MINE, OTHERS = "drivers-own-node", "drivers-other-node"
 SLICES = "/apis/resource.k8s.io/v1/resourceslices"
 POLICY = "robotapp-agent-driver"
+POLICY_S = 120.0
 Json = dict[str, Any]
 
 
@@ -40,6 +41,8 @@ def plane(installed_plane: ControlPlane) -> Iterator[ControlPlane]:
 @pytest.fixture(scope="module")
 def driver(plane: ControlPlane) -> Iterator[Api]:
     api = agent_tokens.api(plane, agent_tokens.bound_token(plane, MINE))
+    # The API server compiles a new policy in the background.
+    assert wait_until(lambda: is_refused(api, resource_slice(plane, OTHERS)), timeout_s=POLICY_S)
     yield api
     api.close()
     agent_tokens.remove(plane, MINE)
@@ -54,6 +57,14 @@ def _no_slices(plane: ControlPlane) -> Iterator[None]:
 def resource_slice(plane: ControlPlane, node: str = MINE, **spec: Any) -> Json:
     (body,) = slices_of(node, [{"name": "can-can0"}], node_uid=node_uids(plane)[node], generation=1)
     return {"apiVersion": "resource.k8s.io/v1", "kind": "ResourceSlice", **body, "spec": {**body["spec"], **spec}}
+
+
+def is_refused(api: Api, body: Json) -> bool:
+    try:
+        api.create(f"{SLICES}?dryRun=All", body)
+    except ApiStatusError as error:
+        return error.status == 403
+    return False
 
 
 def refused(call: Any, *arguments: Any) -> str:
@@ -77,7 +88,7 @@ def test_a_driver_touches_no_slice_of_another_node(plane: ControlPlane, driver: 
     path = f"{SLICES}/{stored['metadata']['name']}"
     assert "of its own node alone" in refused(driver.delete, path)
     assert "of its own node alone" in refused(
-        driver.replace, path, {**stored, "spec": {**stored["spec"], "devices": []}}
+        driver.request, "PUT", path, {**stored, "spec": {**stored["spec"], "devices": []}}
     )
 
 
