@@ -33,6 +33,8 @@ _LONGEST_ID: Final = 32
 _PLAIN_NAME: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 _ATTRIBUTES: Final = f'device.attributes["{DRIVER}"]'
 
+_HELD_NAME: Final = "resourceclaim/"
+
 Attributes = dict[str, dict[str, Any]]
 
 
@@ -121,7 +123,7 @@ def list_held(claim: ResourceClaim) -> tuple[Claim, ...]:
     pod = next((user.uid for user in claim.status.reserved_for if user.resource == "pods" and not user.api_group), "")
     return tuple(
         Claim(
-            metadata=Meta(name=f"resourceclaim/{meta.namespace}/{meta.name}/{result.device}", uid=meta.uid),
+            metadata=Meta(name=f"{_HELD_NAME}{meta.namespace}/{meta.name}/{result.device}", uid=meta.uid),
             spec=ClaimSpec(
                 holder=holder,
                 device=DeviceThing(
@@ -133,6 +135,11 @@ def list_held(claim: ResourceClaim) -> tuple[Claim, ...]:
         for result in claim.status.allocation.devices.results
         if result.driver == DRIVER
     )
+
+
+def is_handed_over(name: str) -> bool:
+    """Whether a held device of this name is held by a ResourceClaim: its driver hands it over."""
+    return name.startswith(_HELD_NAME)
 
 
 def _holder_of(claim: ResourceClaim) -> Holder:

@@ -136,6 +136,7 @@ class Observer:
             self._config(app, instance),
             (own.stays, own.device_stays),
             [self._cache.telemetry[node].status.devices for node in self._device_nodes(app, instance)],
+            self._cache.allocations.version if app.wants_devices else None,
             self._cache.devices_version if facts and _looks_for_devices(app, facts) else None,
         )
 

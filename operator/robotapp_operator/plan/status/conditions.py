@@ -28,8 +28,8 @@ MAX_BRIEF_BYTES: Final = 256
 """Bytes of a message of a RobotAppInstance, of which there may be thousands."""
 
 
-NOT_HANDED_OVER: Final = " reserved, but not handed over: no node gives devices to containers yet"
-"""True of every node until one runs a driver that does."""
+NOT_HANDED_OVER: Final = " reserved, but not handed over: their nodes have no driver that gives devices to containers"
+HANDED_OVER: Final = " handed over by the driver of the node"
 
 
 class Verdict(NamedTuple):
@@ -101,7 +101,8 @@ def _devices_missing(facts: AppFacts) -> Verdict | None:
     for instance in facts.instances:
         if instance.lost:
             return Verdict("False", Reason.DEVICE_LOST, _named(facts, instance, lost_text(instance)))
-    if wanted and not facts.app.our_scheduler:
+    served = all(instance.any_scheduler for instance in facts.instances if instance.devices_wanted)
+    if wanted and not facts.app.our_scheduler and not served:
         text = (
             f"scheduler {facts.app.scheduler_name} claims no devices, so their use is unknown; {_our_scheduler(facts)}"
         )
@@ -119,7 +120,8 @@ def _devices_missing(facts: AppFacts) -> Verdict | None:
     text = (
         f"{held} of {wanted} devices are claimed; kubectl robotapp explain {facts.app.name} shows what each node lacks"
     )
-    return Verdict("False", Reason.WAITING_FOR_DEVICES, text)
+    notes = [_named(facts, instance, instance.ledger_note) for instance in facts.instances if instance.ledger_note]
+    return Verdict("False", Reason.WAITING_FOR_DEVICES, "; ".join([text, *notes[:1]]))
 
 
 def _our_scheduler(facts: AppFacts) -> str:
@@ -135,12 +137,23 @@ def _all_allocated(facts: AppFacts) -> Verdict:
         text = f"nothing has to be claimed: {free}" if free else "the app needs neither a domain nor devices"
         return Verdict("True", Reason.NOTHING_TO_ALLOCATE, text)
     parts = [f"domain {shown(domains)}"] if domains else []
-    parts += [f"{held} of {wanted} devices{NOT_HANDED_OVER if held else ''}"] if wanted else []
+    parts += [f"{held} of {wanted} devices{_ledger_text(facts, held)}"] if wanted else []
+    parts += [_named(facts, instance, instance.ledger_note) for instance in facts.instances if instance.ledger_note][:1]
     parts += [free] if free else []
     asked = facts.app.requested_domain
     if asked is not None and facts.app.share_with and domains != [asked]:
         parts.append(f"spec.ros2.domain {asked} is not used, ros2.shareWith decides; remove one of the two")
     return Verdict("True", Reason.ALLOCATED, "; ".join(parts))
+
+
+def _ledger_text(facts: AppFacts, held: int) -> str:
+    """Returns how the held devices reach the containers."""
+    given = min(held, sum(instance.devices_handed_over for instance in facts.instances))
+    if not held:
+        return ""
+    if not given:
+        return NOT_HANDED_OVER
+    return HANDED_OVER if given == held else f", {given} of them{HANDED_OVER}, the others reserved alone"
 
 
 def _unclaimed_text(facts: AppFacts) -> str:

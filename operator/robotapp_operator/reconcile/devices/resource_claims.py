@@ -63,40 +63,40 @@ def plan_claims(
 
 async def write_claims(client: ApiClient, app: App, plan: ClaimPlan) -> list[tuple[Reason, str]]:
     """Deletes, then creates. Returns why claims were refused. Raises StartOver where an old claim of a name is not gone yet."""
-    for claim in plan.deletes:
-        await _delete(client, claim)
+    for resource_claim in plan.deletes:
+        await _delete(client, resource_claim)
     refusals = []
-    for wanted in plan.creates:
+    for claim in plan.creates:
         try:
-            await client.create(RESOURCECLAIMS, wanted.body(app), namespace=app.namespace)
+            await client.create(RESOURCECLAIMS, claim.body(app), namespace=app.namespace)
         except AlreadyExists:
-            refusals += await _explain_conflict(client, app, wanted)
+            refusals += await _explain_conflict(client, app, claim)
         except ApiError as error:
             reason = Reason.QUOTA_REFUSED if over_quota(error.message) else Reason.FAILED_CREATE
-            refusals.append((reason, f"ResourceClaim {wanted.name}: {error.message}"[:1024]))
+            refusals.append((reason, f"ResourceClaim {claim.name}: {error.message}"[:1024]))
     return refusals
 
 
-async def _delete(client: ApiClient, claim: ResourceClaim) -> None:
-    meta = claim.metadata
+async def _delete(client: ApiClient, resource_claim: ResourceClaim) -> None:
+    meta = resource_claim.metadata
     try:
         await client.delete(RESOURCECLAIMS, meta.name, namespace=meta.namespace, uid=meta.uid)
     except (NotFound, Conflict):
         log.debug("ResourceClaim %s is gone already", meta.name)
 
 
-async def _explain_conflict(client: ApiClient, app: App, wanted: DeviceClaim) -> list[tuple[Reason, str]]:
+async def _explain_conflict(client: ApiClient, app: App, claim: DeviceClaim) -> list[tuple[Reason, str]]:
     """Returns nothing for a claim of the app's own that the cache did not show yet."""
     try:
-        live = msgspec.convert(await client.get(RESOURCECLAIMS, wanted.name, namespace=app.namespace), ResourceClaim)
+        live = msgspec.convert(await client.get(RESOURCECLAIMS, claim.name, namespace=app.namespace), ResourceClaim)
     except NotFound as race:
         raise StartOver(str(race)) from race
     meta = live.metadata
     if meta.controller_uid != app.uid:
-        text = f"ResourceClaim {wanted.name} exists and belongs to somebody else; delete or rename it"
+        text = f"ResourceClaim {claim.name} exists and belongs to somebody else; delete or rename it"
         return [(Reason.FAILED_CREATE, text)]
-    if meta.deletion_timestamp is not None or meta.annotations.get(Annotation.CONTENT_HASH) != wanted.hash:
-        raise StartOver(f"the former ResourceClaim {wanted.name} is still there")
+    if meta.deletion_timestamp is not None or meta.annotations.get(Annotation.CONTENT_HASH) != claim.hash:
+        raise StartOver(f"the former ResourceClaim {claim.name} is still there")
     return []
 
 

@@ -58,3 +58,34 @@ def driver_nodes_of(component: Component, desired: Desired, drivers: DriverNodes
     """Returns the nodes with the driver that the component's own requirements admit."""
     labels = {name: drivers.labels[name] for name in drivers.names if name in drivers.labels}
     return nodes_for(component, desired, labels)
+
+
+def describe_ledger(
+    desired: Desired,
+    observed: Mapping[ChildRef, object],
+    drivers: DriverNodes,
+    all_labels: Mapping[str, Mapping[str, str]],
+    *,
+    places: Mapping[str, str],
+) -> str:
+    """Returns what a user may not expect of the first component that has it, "" without one. places: components and their nodes.
+
+    A component with a ResourceClaim runs on nodes with the driver alone. One with RobotClaims gets no device file, also where the
+    driver came after its start.
+    """
+    for component in desired.app.spec.components:
+        item = observed.get(ChildRef(DEPLOYMENT, desired.name_of(component.name)))
+        if not isinstance(item, Deployment) or not may_be_handed_over(component):
+            continue
+        if named_claim(item.spec):
+            admitted = nodes_for(component, desired, all_labels)
+            having = admitted & frozenset(drivers.names)
+            if not having:
+                return (
+                    f"{component.name} waits for a node with the driver of devices: none that it may run on has it now"
+                )
+            if having != admitted:
+                return f"{component.name} runs where the driver hands devices over: on {len(having)} of {len(admitted)} nodes that it may run on"
+        elif places.get(component.name) in drivers.names:
+            return f"{component.name} began before its node had the driver: write suspend: true, then false, to have its devices handed over"
+    return ""
