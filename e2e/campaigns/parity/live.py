@@ -134,9 +134,7 @@ async def _surround(client: ApiClient) -> None:
 class _Arena:
     """One control plane with both schedulers running."""
 
-    def __init__(
-        self, pods: Pods, http: aiohttp.ClientSession, oracle: Process, ours: Process, *, shrunk: int
-    ) -> None:
+    def __init__(self, pods: Pods, http: aiohttp.ClientSession, oracle: Process, ours: Process, *, shrunk: int) -> None:
         """The first `shrunk` differences are made small."""
         self._shrunk = shrunk
         self._stage = Stage(pods.client, (parity_oracle.SCHEDULER_NAME, OURS))

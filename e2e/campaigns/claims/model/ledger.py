@@ -17,7 +17,7 @@ NONE: Final = -1
 IDLE: Final[tuple[Any, ...]] = ("idle", NONE, NONE)
 LIVE, SUSPENDED, DELETED = "LSG"
 ABSENT, PENDING, BOUND, TERMINATING, FORCED, GONE = "NPBTFG"
-"""Phases of a pod. FORCED: its object was deleted by force, and the node has not ended it."""
+"""Phases of a pod. FORCED: its object was deleted by force, and the node has not is_last it."""
 EXISTS: Final = frozenset({PENDING, BOUND, TERMINATING})
 OURS, THEIRS = "ours", "kube-scheduler"
 
@@ -83,9 +83,9 @@ class LedgerModel:
         for k, call in enumerate(s.calls):
             if not k or call != s.calls[k - 1]:
                 yield from self._call(s, k, call)
-        alike = len(set(self.schedulers)) == 1
+        is_alike = len(set(self.schedulers)) == 1
         for k, scheduler in enumerate(s.schedulers):
-            if not (alike and k) or scheduler != s.schedulers[k - 1]:
+            if not (is_alike and k) or scheduler != s.schedulers[k - 1]:
                 yield from self._scheduler(s, k, scheduler)
 
     # Who notices a change: a conditional write is refused when its object has changed
@@ -97,12 +97,12 @@ class LedgerModel:
             if j == k or one == IDLE:
                 return to if j == k else one
             by_app = one[0] in {"app", "pods", "empty"}
-            unread = one[0] in {"bind", "evict"} or (
+            is_unread = one[0] in {"bind", "evict"} or (
                 one[0] == "pods" and self.rules.release_order == "app, claim, pods"
             )
-            stale_claim = self.rules.compares and not unread and claim != NONE
-            concerns = one[1] == claim if by_app else self.holders[one[1]] == claim
-            return IDLE if (stale_claim and concerns) or (not by_app and one[1] == pod) else one
+            stale_claim = self.rules.compares and not is_unread and claim != NONE
+            is_concerned = one[1] == claim if by_app else self.holders[one[1]] == claim
+            return IDLE if (stale_claim and is_concerned) or (not by_app and one[1] == pod) else one
 
         return self._sorted(tuple(judge(j, one) for j, one in enumerate(s.schedulers)))
 
@@ -118,13 +118,13 @@ class LedgerModel:
 
     def _people(self, s: State) -> Iterator[Move]:
         for h, state in enumerate(s.apps if self.stops else ()):
-            unwanted = tuple(NONE if owner == h else owner for owner in s.owners)
+            owners = tuple(NONE if owner == h else owner for owner in s.owners)
             if state == LIVE:
-                yield move(s, f"app{h} suspended", False, apps=put(s.apps, h, SUSPENDED), owners=unwanted)
+                yield move(s, f"app{h} suspended", False, apps=put(s.apps, h, SUSPENDED), owners=owners)
             elif state == SUSPENDED:
                 yield move(s, f"app{h} resumed", False, apps=put(s.apps, h, LIVE))
             if state != DELETED:
-                yield move(s, f"app{h} deleted", False, apps=put(s.apps, h, DELETED), owners=unwanted)
+                yield move(s, f"app{h} deleted", False, apps=put(s.apps, h, DELETED), owners=owners)
 
     def _controllers(self, s: State) -> Iterator[Move]:
         for h, claim in enumerate(s.claims):
@@ -132,12 +132,12 @@ class LedgerModel:
                 continue
             if s.apps[h] == DELETED:
                 yield self._write(s, f"claim{h} collected", True, h, None)
-            device, pods, stands = claim
+            device, pods, is_standing = claim
             for i in pods:
                 if s.pods[i].phase not in EXISTS:
                     rest = tuple(j for j in pods if j != i)
-                    ended = not rest and not stands and self._has_finalizer(h)
-                    value = EMPTY if ended else (device, rest, stands)
+                    is_last = not rest and not is_standing and self._has_finalizer(h)
+                    value = EMPTY if is_last else (device, rest, is_standing)
                     yield self._write(s, f"controller takes p{i} off claim{h}", True, h, value)
 
     def _has_finalizer(self, h: int) -> bool:
@@ -149,16 +149,16 @@ class LedgerModel:
     def _pods(self, s: State) -> Iterator[Move]:
         for i, pod in enumerate(s.pods):
             h = self.holders[i]
-            live = s.apps[h] == LIVE
+            is_live = s.apps[h] == LIVE
             peers = [j for j in range(len(s.pods)) if j != i and self.holders[j] == h]
             surplus = any(s.pods[j].phase in {PENDING, BOUND} for j in peers)
             if pod.phase == ABSENT:
-                if live and not any(j < i and s.pods[j].phase == ABSENT for j in peers):
+                if is_live and not any(j < i and s.pods[j].phase == ABSENT for j in peers):
                     yield self._set_pod(s, f"new p{i}", not surplus, i, Pod(PENDING))
             elif pod.phase == PENDING:
-                yield self._set_pod(s, f"delete pending p{i}", not live or surplus, i, Pod(GONE))
+                yield self._set_pod(s, f"delete pending p{i}", not is_live or surplus, i, Pod(GONE))
             elif pod.phase == BOUND:
-                yield self._set_pod(s, f"delete p{i}", not live or surplus, i, pod._replace(phase=TERMINATING))
+                yield self._set_pod(s, f"delete p{i}", not is_live or surplus, i, pod._replace(phase=TERMINATING))
                 if self.forces:
                     yield self._set_pod(s, f"delete p{i} by force", False, i, pod._replace(phase=FORCED))
             elif pod.phase == GONE:
@@ -178,10 +178,10 @@ class LedgerModel:
         if pod.device != NONE:
             yield self._set_pod(s, f"container of p{i} stops", True, i, pod._replace(device=NONE))
         elif not any(call[1] == i for call in s.calls):
-            prepared = [x for x, lock in enumerate(s.locks) if lock == (h, True)]
-            if prepared and not self._is_used(s, h, i):
-                locks = put(s.locks, prepared[0], (h, False))
-                yield move(s, f"d{prepared[0]} unprepared for claim{h}", True, locks=locks)
+            prepared_devices = [x for x, lock in enumerate(s.locks) if lock == (h, True)]
+            if prepared_devices and not self._is_used(s, h, i):
+                locks = put(s.locks, prepared_devices[0], (h, False))
+                yield move(s, f"d{prepared_devices[0]} unprepared for claim{h}", True, locks=locks)
             else:
                 yield self._set_pod(s, f"p{i} gone", True, i, Pod(GONE, NONE, pod.refused))
 
@@ -200,8 +200,8 @@ class LedgerModel:
         if call == IDLE:
             for j, pod in enumerate(s.pods):
                 claim = s.claims[self.holders[j]]
-                waits = pod.phase == BOUND and pod.device == NONE and all(other[1] != j for other in s.calls)
-                if waits and claim and claim[0] != NONE and j in claim[1]:
+                is_waiting = pod.phase == BOUND and pod.device == NONE and all(other[1] != j for other in s.calls)
+                if is_waiting and claim and claim[0] != NONE and j in claim[1]:
                     yield self._to(s, k, ("read", j, claim[0]), f"claim of p{j} read", True)
             return
         yield self._to(s, k, IDLE, "driver or kubelet dies", False)
@@ -234,8 +234,10 @@ class LedgerModel:
             return
         if self.rules.locks_first:
             locks = put(s.locks, x, (h, True))
-            outdated = {"take"} if self.rules.one_at_a_time else set()
-            calls = tuple(("read", *call[1:]) if call[0] in outdated and call[2] == x else call for call in s.calls)
+            outdated_steps = {"take"} if self.rules.one_at_a_time else set()
+            calls = tuple(
+                ("read", *call[1:]) if call[0] in outdated_steps and call[2] == x else call for call in s.calls
+            )
             calls = tuple(sorted(put(calls, k, ("reply", i, x))))
             yield move(s, f"d{x} locked for claim{h}", True, locks=locks, calls=calls)
         else:
@@ -244,8 +246,8 @@ class LedgerModel:
     def _run(self, s: State, k: int, i: int, x: int) -> Iterator[Move]:
         """The kubelet starts the container. Without the lock on the disk the driver may die before it is."""
         h, owner = self.holders[i], s.owners[x]
-        robbed = owner not in {NONE, h} and s.apps[owner] == LIVE
-        label = f"!RIVAL: p{i} gets d{x} of app{owner}" if robbed else f"p{i} runs with d{x}"
+        is_robbery = owner not in {NONE, h} and s.apps[owner] == LIVE
+        label = f"!RIVAL: p{i} gets d{x} of app{owner}" if is_robbery else f"p{i} runs with d{x}"
         owners = put(s.owners, x, NONE if h in self.theirs or s.apps[h] != LIVE else h)
         pods = put(s.pods, i, Pod(BOUND, x))
         calls = self._calls(s, k, IDLE)
@@ -290,13 +292,13 @@ class LedgerModel:
             if pod.phase != PENDING or claim is None or (kind == THEIRS) != (h in self.theirs):
                 continue
             device, pods, _ = claim
-            others = any(s.pods[j].phase in EXISTS for j in pods if j != i)
+            has_others = any(s.pods[j].phase in EXISTS for j in pods if j != i)
             if device == NONE:
                 steps = [("allocate", i, x) for x in range(self.devices) if self._looks_free(s, x, kind)]
             elif i in pods:
                 steps = [("bind", i, device)]
             else:
-                steps = [("reserve", i, device)] if kind == THEIRS or self.rules.may_reserve(others) else []
+                steps = [("reserve", i, device)] if kind == THEIRS or self.rules.may_reserve(has_others) else []
             for step in steps:
                 first = ("bind", i, step[2]) if self.rules.binds_first and kind == OURS else step
                 yield self._on(s, k, first, f"{step[0]} d{step[2]} for p{i}")
@@ -317,17 +319,19 @@ class LedgerModel:
         pods = claim[1] if step == "reserve" else ()
         if self.schedulers[k] == OURS and self.rules.drops_gone:
             pods = tuple(j for j in pods if s.pods[j].phase in EXISTS)
-        stands = self.schedulers[k] == OURS and self.rules.stands
+        is_standing = self.schedulers[k] == OURS and self.rules.stands
         to = IDLE if s.pods[i].phase != PENDING else ("bind", i, x)
-        yield self._write(s, f"claim{h} has d{x} for p{i}", True, h, (x, tuple(sorted({*pods, i})), stands), k=k, to=to)
+        yield self._write(
+            s, f"claim{h} has d{x} for p{i}", True, h, (x, tuple(sorted({*pods, i})), is_standing), k=k, to=to
+        )
 
     def _tidy(self, s: State, k: int) -> Iterator[Move]:
         """Begins to release what an app does not want any more, and to give back what the driver refuses."""
         for h, claim in enumerate(s.claims):
             if claim is not None and claim[0] != NONE and h not in self.theirs:
                 yield from self._begin_release(s, k, h, claim)
-                refused = [i for i in claim[1] if s.pods[i].refused and s.pods[i].device == NONE]
-                if refused and (self.rules.frees_first or not self._has_pods(s, claim)):
+                refused_pods = [i for i in claim[1] if s.pods[i].refused and s.pods[i].device == NONE]
+                if refused_pods and (self.rules.frees_first or not self._has_pods(s, claim)):
                     yield self._on(s, k, ("empty", h, NONE), f"claim{h} to be freed")
         for i, pod in enumerate(s.pods):
             ours = self.holders[i] not in self.theirs
@@ -354,9 +358,9 @@ class LedgerModel:
         elif step == "empty":
             yield self._write(s, f"claim{h} emptied", True, h, EMPTY, k=k)
         else:
-            unused = claim[0] != NONE and self.rules.may_release(wanted=False, pods_exist=self._has_pods(s, claim))
-            goes_on = s.apps[h] != LIVE if step == "app" else unused
-            yield self._on(s, k, ("empty", h, NONE) if goes_on else IDLE, f"{step} of claim{h} read")
+            is_unused = claim[0] != NONE and self.rules.may_release(wanted=False, pods_exist=self._has_pods(s, claim))
+            is_due = s.apps[h] != LIVE if step == "app" else is_unused
+            yield self._on(s, k, ("empty", h, NONE) if is_due else IDLE, f"{step} of claim{h} read")
 
     @staticmethod
     def _has_pods(s: State, claim: Claim) -> bool:
@@ -393,16 +397,16 @@ class LedgerModel:
             return False
         if any(pod.phase in {TERMINATING, FORCED, GONE} for pod in s.pods):
             return False
-        waits = False
+        has_waiting = False
         for h, state in enumerate(s.apps):
             pods = [pod for i, pod in enumerate(s.pods) if self.holders[i] == h and pod.phase != ABSENT]
             claim = s.claims[h]
             if len(pods) != (state == LIVE) or (state != LIVE and claim is not None and claim[0] != NONE):
                 return False
-            waits = waits or any(pod.phase == PENDING for pod in pods)
+            has_waiting = has_waiting or any(pod.phase == PENDING for pod in pods)
             if any(pod.phase == BOUND and pod.device == NONE for pod in pods):
                 return False
-        return not waits or {pod.device for pod in s.pods} >= set(range(self.devices))
+        return not has_waiting or {pod.device for pod in s.pods} >= set(range(self.devices))
 
 
 FIELD: Final = {name: index for index, name in enumerate(State._fields)}
