@@ -14,6 +14,8 @@ def main(topic: str) -> None:
     """Publishes numbers, ten per second. The library opens its session once and fails without a router, hence the first one."""
     end_on_request()
     open_session("client").close()
+    # A client accepts nobody, but the library's own configuration opens a port on `localhost`.
+    os.environ["ZENOH_CONFIG_OVERRIDE"] += ";listen/endpoints=[]"
     publisher = ROS2Publisher(topic, "std_msgs/msg/String", "string data\n", node_name="talker")
     number = 0
     while True:

@@ -139,13 +139,22 @@ def list_ready(cp: RealNodes, wanted: Sequence[str], *, within_s: float) -> list
 def test_readiness_follows_messages_with_servers_with_peers_with_cyclone_dds_and_with_a_zenoh_router(
     cluster: RealNodes,
 ) -> None:
-    assert list_ready(cluster, list(CHATS), within_s=STARTED_S) == list(CHATS)
+    ready = list_ready(cluster, list(CHATS), within_s=STARTED_S)
+    assert ready == list(CHATS), [read_pods(cluster, app) for app in CHATS if app not in ready]
     for line, wanted in (("touch /tmp/silence", []), ("rm /tmp/silence", list(CHATS))):
         for app in CHATS:
             run_in(cluster, app, "talker", line)
         allowed_s, began_s = FOLLOWS_S * slowness(seconds=0.2), time.monotonic()
         assert list_ready(cluster, wanted, within_s=allowed_s) == wanted, line
         logger.info("%s: all follow in %.1f s of %.1f s", line, time.monotonic() - began_s, allowed_s)
+
+
+def read_pods(cp: RealNodes, app: str) -> str:
+    """What kubectl shows of an app's pods and their last lines, for a failure's message."""
+    selector = f"robotics.io/app={app}"
+    pods = cp.kubectl("get", "pods", "-n", PLACE, "-l", selector, "-o", "wide")
+    events = cp.kubectl("get", "events", "-n", PLACE, "--field-selector=type=Warning")
+    return "\n".join((pods, events, cp.kubectl("logs", "-n", PLACE, "-l", selector, "--tail=8", "--prefix")))
 
 
 @pytest.mark.parametrize("app", ["server", "peers"])
