@@ -84,7 +84,7 @@ def _reads_name_of_pod(component: Component) -> bool:
 
 
 def reads_parameters_variable(component: Component) -> bool:
-    """Whether the program is told its parameter files by ROBOTAPP_PARAMS in its command line or environment, so that none are added."""
+    """Returns whether the program is told its parameter files by ROBOTAPP_PARAMS in its command line or environment, so that none are added."""
     values = (str(variable.get("value") or "") for variable in component.env)
     return any(PARAMETERS_VARIABLE in text for text in (*component.command, *component.args, *values))
 

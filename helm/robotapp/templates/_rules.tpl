@@ -114,9 +114,13 @@
 - apiGroups: [""]
   resources: [persistentvolumeclaims, persistentvolumes]
   verbs: [patch]
-# A pod with claims of devices goes where these are; before it is bound it is entered as one of their users.
+# A pod with claims of devices goes where these are, or can be allocated. Before it is bound, the allocation is written and
+# the pod entered as a user; `patch` on resourceclaims sets the finalizer that protects the allocation.
 - apiGroups: [resource.k8s.io]
   resources: [resourceclaims]
+  verbs: [get, list, watch, patch]
+- apiGroups: [resource.k8s.io]
+  resources: [resourceslices, deviceclasses, devicetaintrules]
   verbs: [get, list, watch]
 - apiGroups: [resource.k8s.io]
   # binding is no path: newer API servers ask for it before they let somebody change users of a claim.

@@ -41,7 +41,7 @@ from robotapp_operator.plan.diff.master_restarts import (
     read_master_starts,
     ros_deployments,
 )
-from robotapp_operator.plan.render.child import Child
+from robotapp_operator.plan.render.child import DEPLOYMENT, Child
 from robotapp_operator.plan.render.devices.ledger import claiming_components
 from robotapp_operator.plan.render.devices.resource_claim import wanted_claims
 from robotapp_operator.plan.render.parameters import ParameterState
@@ -435,9 +435,12 @@ class Children:
     def _wanted(
         self, app: App, robot: str, domain: Domain | None, observed: Mapping[ChildRef, Observed]
     ) -> list[Child]:
+        """Everything the instance should have. Of a suspended app only the Deployments that are there: those of a hundred apps that never ran would
+        keep the Deployment controller from the apps of others for a minute.
+        """
         parameters = self._plan_config(app, robot, observed)
         desired = desired_of(app, robot)
-        return wanted_children(
+        children = wanted_children(
             desired,
             domain=domain,
             parameters=parameters,
@@ -447,6 +450,9 @@ class Children:
             pods=self._cache.pods_by_deployment(app.uid, robot) if app.orders_starts else {},
             claiming=self._claiming(desired, observed) if app.wants_devices else (),
         )
+        if not app.spec.suspend:
+            return children
+        return [child for child in children if child.ref.kind != DEPLOYMENT or child.ref in observed]
 
     def _claiming(self, desired: Desired, observed: Mapping[ChildRef, Observed]) -> Collection[str]:
         """Returns the components that get their devices by a ResourceClaim."""

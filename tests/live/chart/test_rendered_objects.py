@@ -314,7 +314,7 @@ def test_switches_leave_their_objects_out(chart: Chart) -> None:
         }
     )
     kinds = {item["kind"] for item in objects}
-    assert kinds == {"ServiceAccount", "ConfigMap", "Deployment", "Lease", "DeviceClass"}
+    assert kinds == {"ServiceAccount", "ConfigMap", "Deployment", "Lease"}
 
 
 def test_only_listed_priority_classes_are_free_for_writers_without_pods(chart: Chart) -> None:

@@ -84,9 +84,9 @@ def _take_device(draft: Draft, item: Part, outside: str, inside: str) -> None:
     if is_device_path(inside) and inside not in [other.get("mountAs") for other in devices]:
         device["mountAs"] = inside
     draft.fields.setdefault("devices", []).append(device)
-    which = f"the {kind.type} device {device['interface']}" if kind.interface else f"any free {kind.type} device"
+    wish = f"the {kind.type} device {device['interface']}" if kind.interface else f"any free {kind.type} device"
     place = device.get("mountAs") or f"the path in {device_variable(device['name'])}"
-    text = f"devices: {which}, claimed, at {place} where the node hands devices over; add usbID or model to choose one"
+    text = f"devices: {wish}, claimed, at {place} where the node hands devices over; add usbID or model to choose one"
     report.change(item, text)
 
 
@@ -123,11 +123,11 @@ def take_device_reservation(draft: Draft, part: Part) -> None:
     number = int(text) if text.isascii() and text.isdigit() else 1
     draft.limit("limits", f"{name}.com/gpu", number)
     _report_gpu(draft, count or part, number, is_exact=text.isdigit())
-    handled = frozenset({"count", "driver", "capabilities"})
+    read_fields = frozenset({"count", "driver", "capabilities"})
     for key in ("driver", "capabilities"):
         if inner := part.get(key):
             draft.report.take(inner, f"resources.limits: {name}.com/gpu")
-    report_fields(draft, part, handled, reasons)
+    report_fields(draft, part, read_fields, reasons)
 
 
 def take_runtime(draft: Draft, part: Part) -> None:
