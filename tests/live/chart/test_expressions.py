@@ -51,7 +51,7 @@ def test_every_expression_compiles_on_every_release_the_chart_names(
 
 def test_no_object_of_the_chart_has_expressions_of_a_kind_that_is_not_compiled() -> None:
     found = [item["kind"] for item in rendered(RELEASES[0]) if with_expressions(item)]
-    assert set(found) == {*COMPILED, "DeviceClass"}, "schedulers evaluate the one selector of the DeviceClass"
+    assert set(found) == set(COMPILED)
 
 
 @pytest.mark.parametrize(
