@@ -85,7 +85,13 @@ def read_numbers(path: Path) -> list[int]:
         (connection,) = reader.connections
         assert (connection.topic, connection.msgtype) == (TOPIC, "std_msgs/msg/String")
         assert "string data" in connection.msgdef.data
-        return [int(bytes(data[8:-1]).decode()) for _, _, data in reader.messages()]
+        return [parse_number(bytes(data)) for _, _, data in reader.messages()]
+
+
+def parse_number(data: bytes) -> int:
+    """The text of a serialized `std_msgs/msg/String`: a head of 4 bytes, its length with the zero at its end, and padding."""
+    length = int.from_bytes(data[4:8], "little")
+    return int(data[8 : 8 + length - 1])
 
 
 def read_pod(cp: RealNodes) -> dict[str, Any]:
