@@ -63,6 +63,7 @@ def test_bags_are_listed_with_size_and_state(stage: Stage, recorded: Path) -> No
     ]
     assert [row["bytes"] for row in rows] == [path.stat().st_size for path in sorted(recorded.iterdir())]
     assert "all-000003-" in stage.text("bags", "list", "teleop", "all", "--robot", "amr-07")
+    assert "all-000003-" in stage.text("-n", "fleet", "bags", "list", "teleop")
 
 
 def test_a_closed_bag_shows_its_topics_and_an_open_one_says_why_not(stage: Stage, recorded: Path) -> None:
