@@ -168,6 +168,7 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
         "tests/live/crash/",
         "tests/live/peer_examples/",
     ),
+    "recorder/": ("tests/live/nodes/test_recordings.py",),
     "rigel_bridge/": ("tests/live/bridge/",),
     "ros_profile/": ("tests/live/bridge/test_cluster_live.py",),
     "scheduler/": ("tests/live/scheduling/", "tests/live/faults/"),
