@@ -104,8 +104,11 @@ def test_a_parameter_of_the_files_is_one_that_a_node_declares_or_gets(app: Path)
 
 
 def list_parameters(path: Path) -> set[str]:
-    nodes = yaml.safe_load(path.read_text())
-    return {name for node in nodes.values() for name in node.get("ros__parameters", node)}
+    """Returns none for a file that is not of parameters, such as a world."""
+    nodes = [node for node in yaml.safe_load(path.read_text()).values() if isinstance(node, dict)]
+    if path.parents[2].parent.name.endswith("ros2"):
+        return {name for node in nodes for name in node.get("ros__parameters", {})}
+    return {name for node in nodes for name in node}
 
 
 def test_the_readme_has_what_the_profile_generator_makes_of_the_package(app: Path) -> None:

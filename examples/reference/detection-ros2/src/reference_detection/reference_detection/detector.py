@@ -87,19 +87,21 @@ def detect(model, picture):
             break
         row, column = divmod(int(index), columns)
         sign = Sign(str(model.classes_[chances[index].argmax()]), column * STRIDE + SIGN / 2, row * STRIDE + SIGN / 2)
-        if all(max(abs(sign.x - known.x), abs(sign.y - known.y)) >= SIGN * 0.75 for known in signs):
+        if all(max(abs(sign.x - other_sign.x), abs(sign.y - other_sign.y)) >= SIGN * 0.75 for other_sign in signs):
             signs.append(sign)
     return signs
 
 
 def count_hits(truth, signs, within=SIGN / 3):
     """Returns how many signs of the truth were detected with their kind, each by one detection."""
-    rest = list(signs)
+    remaining_signs = list(signs)
     hits = 0
     for sign in truth:
-        near = [s for s in rest if s.kind == sign.kind and max(abs(s.x - sign.x), abs(s.y - sign.y)) <= within]
-        if near:
-            rest.remove(near[0])
+        near_signs = [
+            s for s in remaining_signs if s.kind == sign.kind and max(abs(s.x - sign.x), abs(s.y - sign.y)) <= within
+        ]
+        if near_signs:
+            remaining_signs.remove(near_signs[0])
             hits += 1
     return hits
 

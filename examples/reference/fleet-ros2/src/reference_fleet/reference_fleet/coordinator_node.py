@@ -39,12 +39,14 @@ class Coordinator(Node):
             self._assignments.publish(String(data=json.dumps({"robot": robot, "task": task})))
 
     def _watch(self):
-        silent = {robot for robot, at_s in self._heard_s.items() if time.monotonic() - at_s > self._silent_after_s}
-        for robot in silent - self._silent:
+        silent_robots = {
+            robot for robot, at_s in self._heard_s.items() if time.monotonic() - at_s > self._silent_after_s
+        }
+        for robot in silent_robots - self._silent:
             print(f"{robot} is silent, task {self._book.task_of(robot)} waits for it", flush=True)
-        for robot in self._silent - silent:
+        for robot in self._silent - silent_robots:
             print(f"{robot} is back", flush=True)
-        self._silent = silent
+        self._silent = silent_robots
 
     def _log_summary(self):
         print(f"{len(self._book.done)} of {len(self._book.owner)} tasks are done", flush=True)

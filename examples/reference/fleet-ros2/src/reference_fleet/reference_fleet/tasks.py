@@ -54,10 +54,10 @@ class TaskBook:
     def _read(self):
         """Reads the journal. A last line without its end was being written when the coordinator died: nobody heard of it."""
         text = self._path.read_text() if self._path.exists() else ""
-        whole = text[: text.rfind("\n") + 1]
-        if whole != text:
-            self._path.write_text(whole)
-        for line in whole.splitlines():
+        whole_lines = text[: text.rfind("\n") + 1]
+        if whole_lines != text:
+            self._path.write_text(whole_lines)
+        for line in whole_lines.splitlines():
             entry = json.loads(line)
             if "given" in entry:
                 self.owner[entry["task"]] = entry["given"]
