@@ -265,7 +265,7 @@ def instance_facts(
 def _links(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache) -> tuple[LinkView, ...]:
     """Returns the addresses of the components' Services. `placed`: components and their nodes."""
     has_external = app.spec.ros2 is not None and app.spec.ros2.external is not None
-    if not has_external and not any(component.service for component in app.spec.components):
+    if not has_external and not app.services:
         return ()
     services = {
         service.metadata.name: service

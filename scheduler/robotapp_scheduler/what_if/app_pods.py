@@ -9,6 +9,7 @@ import msgspec
 from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SCHEDULER_NAME, Label
 from robotapp_api.values.naming import child_name
 from robotapp_api.values.placement.component_nodes import may_be_on_robot, required_nodes, robot_tolerations, tier_terms
+from robotapp_api.values.replicas import expand_replicas
 from robotapp_claims.rules.instances import Instance, RobotSelection, instances_of, out_of_sight
 from robotapp_claims.rules.objects import Meta
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
@@ -106,7 +107,7 @@ def _pods(source: Mapping[str, Any], app: RobotApp, robot: str, profiles: Collec
             f"RobotApp {app.metadata.name}: schedulerName {str(scheduler)[:63]!r} is none of this scheduler's: "
             + ", ".join(sorted(profiles))
         )
-    components = source["spec"]["components"]
+    components = expand_replicas(source["spec"])["components"]
     if len({component["name"] for component in components}) < len(components):
         raise QuestionError(f"RobotApp {app.metadata.name}: several components have one name")
     for component in components:

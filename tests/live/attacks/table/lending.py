@@ -186,6 +186,7 @@ PLAIN: Final = frozenset(
         "recursiveReadOnly",
         "reliability",
         "remaps",
+        "replicaIdentity",
         "replicas",
         "requestedQos",
         "requests",
