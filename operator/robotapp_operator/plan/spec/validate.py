@@ -32,6 +32,7 @@ __all__ = [
     "decisive_robots",
     "domain_problems",
     "limit_note",
+    "name_problems",
     "notes_of",
     "override_notes",
     "problems_alone",
@@ -51,7 +52,7 @@ def problems_alone(app: App) -> tuple[Problem, ...]:
 
 def problems_with(app: App, nodes: Mapping[str, Node]) -> tuple[Problem, ...]:
     """Problems of the spec that depend on the current nodes."""
-    return (*_placement_problems(app, nodes), *_name_problems(app, nodes))
+    return tuple(_placement_problems(app, nodes))
 
 
 def domain_problems(app: App, pool: Pool | None, claims: Iterable[Claim]) -> tuple[Problem, ...]:
@@ -168,24 +169,24 @@ def _placement_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem
         yield Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", text, of_cluster=True)
 
 
-def _name_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem]:
-    """Names, keys and labels that are none for some robot, each with one such robot."""
+def name_problems(app: App, robots: Iterable[str]) -> Mapping[str, str]:
+    """Returns, by robot, why a name, key or label of the spec is none for it. Robots for which all of them are right are left out."""
     texts = [*list_helper_texts(app.written)]
     for component, at in _list_variants(app):
         texts += list_expanded_texts(component, at)
     texts = [text for text in texts if has_reference(text.text) and text.kind != "path"]
-    robots = sorted({robot_of(node) for node in allowed_robots(app, nodes)}) if texts else []
-    decisive = {kind: decisive_robots(kind, robots) for kind in {text.kind for text in texts}}
+    names = sorted(filter(None, robots)) if texts else []
+    decisive = {kind: decisive_robots(kind, names) for kind in {text.kind for text in texts}}
+    problems: dict[str, str] = {}
     for text in texts:
-        wrongs = ((robot, expanded_problem(text, reference_values(robot, ordinal=0))) for robot in decisive[text.kind])
-        robot, wrong = next((pair for pair in wrongs if pair[1]), ("", ""))
-        if wrong:
-            yield Problem(
-                Reason.INVALID_SPEC,
-                text.path,
-                f"{text.text} is for robot {robot}: {wrong}; label the robot's node otherwise ({Label.ROBOT}), or write another text",
-                of_cluster=True,
-            )
+        if any(expanded_problem(text, reference_values(robot, ordinal=0)) for robot in decisive[text.kind]):
+            for robot in names:
+                if robot not in problems and (wrong := expanded_problem(text, reference_values(robot, ordinal=0))):
+                    problems[robot] = (
+                        f"{text.path}: {text.text} is for robot {robot}: {wrong}; label the robot's node otherwise ({Label.ROBOT}), or "
+                        "write another text"
+                    )
+    return problems
 
 
 def decisive_robots(kind: str, robots: Sequence[str]) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.product import start_scheduler
 from robotapp_testbed.machines.nodes import Device, edge
 from robotapp_testbed.machines.telemetry import SimulatedTelemetry
-from robotapp_testbed.machines.topology import apply, remove
+from robotapp_testbed.machines.topology import Topology, apply, remove
 from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.usefixtures("operator")
@@ -28,13 +28,16 @@ RUN = {"package": "demo", "executable": "detect", "name": "detector"}
 
 @pytest.fixture(scope="module")
 def scheduler(installed_plane: ControlPlane) -> Iterator[Process]:
-    machines = [edge(f"bus-{number}", devices=[bus]) for number, bus in enumerate(BUSES)]
+    """Our scheduler, and three nodes with a CAN bus each."""
+    machines = Topology([edge(f"bus-{number}", devices=[bus]) for number, bus in enumerate(BUSES)])
     apply(installed_plane, machines)
-    process = start_scheduler(installed_plane, name=f"scheduler-{secrets.token_hex(3)}", sweep_seconds=1)
-    with SimulatedTelemetry(installed_plane, machines):
-        yield process
-    process.stop()
-    remove(installed_plane, machines)
+    try:
+        with SimulatedTelemetry(installed_plane, machines):
+            process = start_scheduler(installed_plane, name=f"scheduler-{secrets.token_hex(3)}", sweep_seconds=1)
+            yield process
+            process.stop()
+    finally:
+        remove(installed_plane, machines)
 
 
 @pytest.fixture

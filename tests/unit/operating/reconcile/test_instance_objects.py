@@ -8,7 +8,7 @@ import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.apiserver.store import Key as Stored
 from tests.support.clients import client_for
-from tests.support.factories import app_body, domain_claim, make_app, make_node, robots, telemetry
+from tests.support.factories import app_body, component, domain_claim, make_app, make_node, robots, telemetry
 from tests.unit.operating.controlling import place
 from tests.unit.operating.instance_writing import REFUSED, WrittenInstances
 
@@ -418,6 +418,23 @@ async def test_a_robot_whose_node_is_unclear_is_told_so_and_the_others_are_not(w
     }
     assert accepted["a"]["status"] == "True"
     assert (accepted["b"]["status"], accepted["b"]["reason"]) == ("False", "RobotNodeUnclear")
+
+
+async def test_a_robot_whose_name_makes_no_name_of_an_object_is_told_so_and_the_others_run(
+    world: WrittenInstances,
+) -> None:
+    world.cache.nodes.update(robots("a", "B"))
+    part = component("driver", envFrom=[{"configMapRef": {"name": "env-$(ROBOTAPP_ROBOT)", "optional": True}}])
+    uid = await world.app(robots=EACH, components=[part])
+    for robot in ("a", "B"):
+        await world.settle(uid, robot)
+    accepted = {
+        item["spec"]["robot"]: next(each for each in item["status"]["conditions"] if each["type"] == "Accepted")
+        for item in await world.stored()
+    }
+    assert accepted["a"]["status"] == "True"
+    assert (accepted["B"]["status"], accepted["B"]["reason"]) == ("False", "InvalidSpec")
+    assert '"env-B" is no name of an object' in accepted["B"]["message"]
 
 
 async def test_a_refused_app_has_objects_that_say_so(world: WrittenInstances) -> None:
