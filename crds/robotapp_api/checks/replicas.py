@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from robotapp_api.checks.containers import list_containers
 from robotapp_api.checks.problem import Problem, invalid
+from robotapp_api.checks.size import size_problem
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.base import dump
@@ -36,8 +37,11 @@ def expand_spec(spec: RobotAppSpec) -> RobotAppSpec:
     """Returns the spec with each replica that has an ordinal as a component of its own; one that `replica_problems` refuses as it is."""
     if not any(map(has_ordinals, spec.components)):
         return spec
+    body = expand_replicas(dump(spec))
+    if size_problem(body):
+        return spec
     try:
-        return RobotAppSpec.model_validate(expand_replicas(dump(spec)))
+        return RobotAppSpec.model_validate(body)
     except ValidationError:
         return spec
 
@@ -100,6 +104,10 @@ def _size_problems(spec: RobotAppSpec) -> Iterator[Problem]:
             f"allowed; write fewer replicas, or leave replicaIdentity: {ORDINAL} out",
         )
     if too_many:
+        return
+    if too_large := size_problem(expand_replicas(body)):
+        text = f"with each replica that has an ordinal as a component of its own: {too_large.message}"
+        yield too_large._replace(field="spec.components", message=text)
         return
     try:
         RobotAppSpec.model_validate(expand_replicas(body))

@@ -59,8 +59,8 @@ def list_replicas(components: Iterable[Json]) -> Replicas:
 
 
 def number_replicas(component: str, count: int) -> tuple[Replica, ...]:
-    """Returns so many replicas of a component, and one if there are to be none."""
-    return tuple(Replica(component, ordinal) for ordinal in range(max(1, count)))
+    """Returns so many replicas of a component, one if there are to be none, and one more than an app may have if there are to be more."""
+    return tuple(Replica(component, ordinal) for ordinal in range(min(max(1, count), MOST_COMPONENTS + 1)))
 
 
 def count_replicas(component: Json) -> int:

@@ -53,6 +53,11 @@ def test_replicas_that_stay_keep_their_names(before: int, after: int) -> None:
     assert all(is_replica_name(name, "a") for name in more)
 
 
+def test_a_number_without_bound_costs_nothing() -> None:
+    spec = {"components": [{"name": "a", "replicas": 10**12, "replicaIdentity": "Ordinal"}]}
+    assert expand_replicas(spec) is spec
+
+
 def test_only_a_number_after_the_name_makes_the_name_of_a_replica() -> None:
     assert is_replica_name("a-0", "a")
     assert not any(is_replica_name(name, "a") for name in ("a", "a-", "a-01", "a-x", "ab-0", "a-0-0"))

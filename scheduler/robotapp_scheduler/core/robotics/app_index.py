@@ -107,7 +107,8 @@ def tied(component: Component) -> bool:
 
 def read_app(source: RobotApp) -> App:
     """Prepare an app, each replica that has an ordinal as a component of its own. Durations that cannot be read are collected, never guessed."""
-    source = msgspec.structs.replace(source, spec=expand_struct(source.spec))
+    if (spec := expand_struct(source.spec)) is not source.spec:
+        source = msgspec.structs.replace(source, spec=spec)
     problems: list[str] = []
     links: dict[str, list[Link]] = {}
     for i, edge in enumerate(source.spec.edges):

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from tests.support.factories import UID, VERSION, after, component, make_app
 
-from robotapp_api.model.names import Label
+from robotapp_api.model.names import Label, Reason
 from robotapp_operator.plan.diff.diff import Observed, Plan, plan, wanted_children
 from robotapp_operator.plan.diff.scaled import note_scaled
 from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
@@ -211,6 +211,15 @@ def test_too_many_edges_between_replicas_are_refused() -> None:
     app = make_app(detectors(20), part, edges=[{"topic": "/a", "from": "det", "to": "map"}])
     (problem,) = problems_alone(app)
     assert (problem.field, "has 400 edges" in problem.message) == ("spec.edges", True)
+
+
+def test_replicas_that_are_too_large_together_are_refused_and_not_made() -> None:
+    """A spec of a megabyte with 32 replicas would be 32 of them in the operator's memory."""
+    env = [{"name": f"V{number}", "value": "x" * 20_000} for number in range(5)]
+    app = make_app(detectors(32, env=env))
+    (problem,) = problems_alone(app)
+    assert (problem.reason, problem.field) == (Reason.TOO_LARGE, "spec.components")
+    assert len(app.spec.components) == 1
 
 
 def test_a_program_without_a_name_of_each_replicas_own_is_noted() -> None:
