@@ -8,7 +8,7 @@ from typing import Any, Final, TypeVar
 import typer
 
 from robotapp_api.model.names import Label
-from robotapp_api.values.replicas import list_replicas
+from robotapp_api.values.replicas import find_replicas
 from robotapp_cli.reading.fields import Json, meta
 from robotapp_cli.reading.instances import name_of
 from robotapp_cli.reading.session import Options, endpoint
@@ -37,9 +37,7 @@ def complete_components(ctx: typer.Context, incomplete: str) -> list[str]:
     apps = _asked(ctx, ROBOTAPPS, lambda app: app if _name(app) == ctx.params.get("name") else {})
     names: list[str] = []
     for components in ((app.get("spec") or {}).get("components") or () for app in apps):
-        replicas = list_replicas(components)
-        names += [component["name"] for component in components]
-        names += [replica.name for group in replicas.values() for replica in group]
+        names += [*(component["name"] for component in components), *find_replicas(components)]
     return [name for name in names if name.startswith(incomplete)]
 
 

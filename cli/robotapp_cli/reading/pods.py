@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from robotapp_api.model.names import Label
-from robotapp_api.values.replicas import list_replicas
+from robotapp_api.values.replicas import find_replicas
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.reading.fields import Json, label, meta, status
 from robotapp_cli.reading.session import Session
@@ -57,9 +57,8 @@ async def fetch_app(session: Session, selection: Selection) -> Json:
     """Returns the app. Raises CliError when it has no such component."""
     app = await session.client.get(ROBOTAPPS, selection.app, namespace=session.home)
     names = [str(component["name"]) for component in app["spec"]["components"]]
-    replicas = (replica.name for group in list_replicas(app["spec"]["components"]).values() for replica in group)
     roles = {"discovery", "router", "master"}
-    if selection.component and selection.component not in {*names, *replicas, *roles}:
+    if selection.component and selection.component not in {*names, *find_replicas(app["spec"]["components"]), *roles}:
         shown_names = ", ".join(names[:MOST_LISTED])
         more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
         raise CliError(

@@ -32,7 +32,7 @@ class _Parts(Protocol):
 Spec = TypeVar("Spec", bound=_Parts)
 
 
-class Replica(NamedTuple):
+class NumberedReplica(NamedTuple):
     """One replica of a component with ordinals."""
 
     component: str
@@ -45,7 +45,7 @@ class Replica(NamedTuple):
         return f"{self.component}-{self.ordinal}"
 
 
-Replicas = Mapping[str, Sequence[Replica]]
+Replicas = Mapping[str, Sequence[NumberedReplica]]
 """By the name of each component with ordinals, its replicas in the order of their ordinals."""
 
 
@@ -58,9 +58,14 @@ def list_replicas(components: Iterable[Json]) -> Replicas:
     }
 
 
-def number_replicas(component: str, count: int) -> tuple[Replica, ...]:
+def find_replicas(components: Iterable[Json]) -> dict[str, NumberedReplica]:
+    """Returns the replicas that have ordinals by their names as components."""
+    return {replica.name: replica for group in list_replicas(components).values() for replica in group}
+
+
+def number_replicas(component: str, count: int) -> tuple[NumberedReplica, ...]:
     """Returns so many replicas of a component, one if there are to be none, and one more than an app may have if there are to be more."""
-    return tuple(Replica(component, ordinal) for ordinal in range(min(max(1, count), MOST_COMPONENTS + 1)))
+    return tuple(NumberedReplica(component, ordinal) for ordinal in range(min(max(1, count), MOST_COMPONENTS + 1)))
 
 
 def count_replicas(component: Json) -> int:

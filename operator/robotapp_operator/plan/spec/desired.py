@@ -23,7 +23,7 @@ from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME
 from robotapp_api.values.naming import child_name
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.references import Values, reference_values
-from robotapp_api.values.replicas import Replica, list_replicas
+from robotapp_api.values.replicas import NumberedReplica, find_replicas
 from robotapp_claims.rules.share import AppKey
 from robotapp_operator.plan.spec.covers import content_hash
 
@@ -114,18 +114,15 @@ class App:
     """By component: the overrides that made the spec what it is for one robot."""
     spec_with_replicas: RobotAppSpec | None = None
     """The spec as its author wrote it, None where that is `spec`: without ordinals."""
-    replicas: Mapping[str, Replica] = dataclasses.field(default_factory=dict)
+    replicas: Mapping[str, NumberedReplica] = dataclasses.field(default_factory=dict)
     """Those that have an ordinal, by their names as components."""
 
     def __post_init__(self) -> None:
         expanded = expand_spec(self.spec)
         if expanded is not self.spec:
-            replicas = list_replicas(
-                component.model_dump(by_alias=True, include=_IDENTITY) for component in self.spec.components
-            )
-            by_name = {replica.name: replica for group in replicas.values() for replica in group}
+            identities = [component.model_dump(by_alias=True, include=_IDENTITY) for component in self.spec.components]
+            object.__setattr__(self, "replicas", find_replicas(identities))
             object.__setattr__(self, "spec_with_replicas", self.spec)
-            object.__setattr__(self, "replicas", by_name)
             object.__setattr__(self, "spec", expanded)
 
     @property
