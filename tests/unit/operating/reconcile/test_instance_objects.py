@@ -442,3 +442,14 @@ async def test_a_refused_app_has_objects_that_say_so(world: WrittenInstances) ->
     await world.settle(uid)
     (item,) = await world.stored()
     assert item["status"]["phase"] == "Failed"
+
+
+async def test_replicas_with_ordinals_are_components_of_the_status(world: WrittenInstances) -> None:
+    part = component("det", replicas=2, replicaIdentity="Ordinal", dependsOn=[{"component": "base"}])
+    uid = await world.app(components=[component("base"), part])
+    await world.settle(uid)
+    (item,) = await world.stored()
+    messages = {each["name"]: each.get("message", "") for each in item["status"]["components"]}
+    assert set(messages) == {"base", "det-0", "det-1"}
+    assert messages["det-1"] == "waits until base is Ready (dependsOn)"
+    assert item["status"]["summary"]["ready"] == "0/3"
