@@ -90,11 +90,8 @@ def nominations(choices: Choices, scene: Scene) -> None:
 
 
 def resource_claims(choices: Choices, scene: Scene) -> None:
-    """Claims for devices: missing, not allocated, allocated on some nodes."""
-    trouble = choices.pick(("missing", "unallocated", "everywhere", "somewhere", "somewhere", "nowhere"))
-    if trouble == "missing":
-        _wish(scene)
-        return
+    """Claims for devices: not allocated and of no class, or allocated on some nodes."""
+    trouble = choices.pick(("unallocated", "everywhere", "somewhere", "somewhere", "nowhere"))
     names = {"everywhere": None, "somewhere": [choices.pick(scene.names())], "nowhere": ["gone"]}
     status: Json = {}
     if trouble in names:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from campaigns.cluster_cases import Case
 from campaigns.reference_scheduler import decide
@@ -20,6 +21,8 @@ class Verdict:
     best: frozenset[str] = frozenset()
     victims: tuple[str, ...] = ()
     """Evicted pods by name, sorted."""
+    claims: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Finalizers and status of the pod's ResourceClaims after the decision, by name."""
 
     @property
     def preempts(self) -> bool:
@@ -39,6 +42,10 @@ def differences(theirs: Verdict, ours: Verdict) -> list[str]:
         found.append(f"victims: theirs {theirs.victims}, ours {ours.victims}")
     if theirs.preempts and theirs.node != ours.node:
         found.append(f"nominated: theirs {theirs.node}, ours {ours.node}")
+    if (
+        theirs.node == ours.node and theirs.claims != ours.claims
+    ):  # on another of the best nodes there are other devices
+        found.append(f"claims: theirs {theirs.claims}, ours {ours.claims}")
     if theirs.feasible != ours.feasible:
         found.append(f"feasible: theirs {sorted(theirs.feasible)}, ours {sorted(ours.feasible)}")
     elif len(theirs.feasible) > 1:

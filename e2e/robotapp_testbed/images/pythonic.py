@@ -107,10 +107,10 @@ class Pythonic(Recipe):
 
 
 class Component(Pythonic):
-    """One of our deployed programs, with the dependencies of its extra, as its Dockerfile has it."""
+    """One of our deployed programs, with the dependencies of its extra, as its Dockerfile has it. `extra`: unless it has its name."""
 
-    def __init__(self, name: str) -> None:
-        self.selection = ("--no-dev", "--extra", name)
+    def __init__(self, name: str, *, extra: str = "") -> None:
+        self.selection = ("--no-dev", "--extra", extra or name)
         self.entrypoint = ("/usr/bin/python3", "-m", f"robotapp_{name}")
 
     def code(self) -> list[Path]:

@@ -120,6 +120,12 @@ class Component(Model):
             path=".replicas",
         ),
         Rule(
+            rule="!has(self.devices) || self.devices.all(d, !has(d.mountAs) || self.devices.exists_one(o, has(o.mountAs) && o.mountAs == d.mountAs))",
+            message="two devices cannot have one path; write another mountAs for one of them",
+            expression="'component %s: two devices cannot have one path; write another mountAs for one of them'.format([self.name])",
+            path=".devices",
+        ),
+        Rule(
             rule="!has(self.env) || !self.env.exists(e, e.name == 'ROS_DOMAIN_ID')",
             message="ROS_DOMAIN_ID is set by the operator from the claimed domain; drop it from env and write spec.ros2.domain if you need a certain number",
             expression="'component %s: ROS_DOMAIN_ID is set by the operator from the claimed domain; drop it from env and write spec.ros2.domain if you need a certain number'.format([self.name])",

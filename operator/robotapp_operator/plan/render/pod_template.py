@@ -10,6 +10,7 @@ from robotapp_api.model.names import SHARED_MEMORY_PATH, SHARED_MEMORY_VOLUME, W
 from robotapp_api.model.packed import unpacked
 from robotapp_operator.plan.render.child import component_labels
 from robotapp_operator.plan.render.command_line import full_node_name, parameter_variables, render_arguments
+from robotapp_operator.plan.render.devices.variables import device_variables
 from robotapp_operator.plan.render.environment import join_environment, ros1_environment, ros2_environment
 from robotapp_operator.plan.render.node_affinity import affinity, scheduling_gates, tolerations
 from robotapp_operator.plan.render.parameters import (
@@ -146,6 +147,7 @@ def _pod_environment(component: Component, desired: Desired, *, domain: Domain |
         {"name": "ROBOTAPP_INSTANCE", "value": desired.robot},
         {"name": "ROBOTAPP_ROBOT", "value": desired.robot},
         {"name": "ROBOTAPP_COMPONENT", "value": component.name},
+        *device_variables(component),
         *(_ros_environment(component, desired, domain=domain) if desired.app.uses_ros(component) else ()),
     ]
 

@@ -141,6 +141,7 @@ PLAIN: Final = frozenset(
         "minRate",
         "mode",
         "model",
+        "mountAs",
         "mountPath",
         "mountPropagation",
         "name",
