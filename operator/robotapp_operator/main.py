@@ -34,6 +34,7 @@ from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.queue.work import BACKGROUND
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.reconcile.controller import Controller
+from robotapp_operator.reconcile.devices.resource_claims import give_back
 from robotapp_operator.reconcile.domain_pools import Pools
 from robotapp_operator.reconcile.fleet_view import FleetView
 from robotapp_operator.reconcile.instance_objects import InstanceObjects
@@ -187,7 +188,13 @@ class Operator:
             ),
             reporter=Reporter(client, cache, memory, self.observer, self.recorder, **shared),
             fleet=self.fleet,
-            pod_events=PodEvents(client, cache, self.queue, clock=time.monotonic),
+            pod_events=PodEvents(
+                client,
+                cache,
+                self.queue,
+                clock=time.monotonic,
+                on_refused=lambda pod: give_back(client, cache, pod),
+            ),
             gates=Gates(client, cache, memory),
             probes=Probes(client, cache),
             pools=Pools(client, cache, now=_now),

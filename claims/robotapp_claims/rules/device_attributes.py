@@ -99,8 +99,8 @@ def _equals(attribute: str, *texts: str) -> str:
     """CEL that holds where the attribute is one of the texts, each as JSON, whose escapes CEL has, too."""
     literals = [json.dumps(text[:LONGEST_TEXT], ensure_ascii=False) for text in texts]
     value = f'{_ATTRIBUTES}["{attribute}"]'
-    compared = f"{value} == {literals[0]}" if len(literals) == 1 else f"{value} in [{', '.join(literals)}]"
-    return f'"{attribute}" in {_ATTRIBUTES} && {compared}'
+    comparison = f"{value} == {literals[0]}" if len(literals) == 1 else f"{value} in [{', '.join(literals)}]"
+    return f'"{attribute}" in {_ATTRIBUTES} && {comparison}'
 
 
 def _beginnings(name: str) -> Iterator[str]:
@@ -138,7 +138,7 @@ def list_held(claim: ResourceClaim) -> tuple[Claim, ...]:
 
 
 def is_handed_over(name: str) -> bool:
-    """Whether a held device of this name is held by a ResourceClaim: its driver hands it over."""
+    """Returns whether a held device of this name is held by a ResourceClaim: its driver hands it over."""
     return name.startswith(_HELD_NAME)
 
 

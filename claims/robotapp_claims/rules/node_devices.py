@@ -90,17 +90,17 @@ def describe_missing(wish: Kind, devices_by_node: Mapping[str, Sequence[Reported
     nodes = sorted(devices_by_node)
     places = ", ".join(nodes[:MOST_NAMED]) + (f" and {len(nodes) - MOST_NAMED} more" if len(nodes) > MOST_NAMED else "")
     start = f"no {_describe_wish(wish)} on {places}"
-    there = [
+    present = [
         (node, device) for node in nodes for device in devices_by_node[node] if device.present and device.type != GPU
     ]
-    meant = [(node, device) for node, device in there if _is_meant(wish, device)]
-    if meant:
-        return f"{start}: {_name_all(meant)} is what that name means now; write {_cure_of(meant[0][1])}"
-    alike = [(node, device) for node, device in there if device.type in list_types(wish.type)]
-    if alike:
-        return f"{start}, but {_name_all(alike)}; write {_cure_of(alike[0][1])}"
-    if there:
-        return f"{start}, but {_name_all(there)}; write type and usbID of one of them, or a rule of the agent that names it {wish.type}"
+    candidates = [(node, device) for node, device in present if _is_meant(wish, device)]
+    if candidates:
+        return f"{start}: {_name_all(candidates)} is what that name means now; write {_cure_of(candidates[0][1])}"
+    same_type = [(node, device) for node, device in present if device.type in list_types(wish.type)]
+    if same_type:
+        return f"{start}, but {_name_all(same_type)}; write {_cure_of(same_type[0][1])}"
+    if present:
+        return f"{start}, but {_name_all(present)}; write type and usbID of one of them, or a rule of the agent that names it {wish.type}"
     return f"{start}, which has no device; plug it in (kubectl robotapp devices lists what agents find)"
 
 

@@ -68,7 +68,8 @@ def list_command(
         rows = [(recorder, bag) for recorder in recorders for bag in read_bags(options, recorder)]
         if output.structured:
             write_structured(
-                [bag | {"recording": recorder.pod.component, "robot": recorder.pod.robot} for recorder, bag in rows], output
+                [bag | {"recording": recorder.pod.component, "robot": recorder.pod.robot} for recorder, bag in rows],
+                output,
             )
             return
         print_table(

@@ -12,6 +12,8 @@ from campaigns.cluster_cases.scene import ZONE, Json, Scene
 API: Final = "resource.k8s.io/v1"
 DRIVERS: Final = ("gpu.example.com", "cam.example.com")
 MODELS: Final = ("a100", "h100")
+LONG_AGO: Final = "2026-01-01T00:00:00Z"
+"""Without a time kube-scheduler would write one, which the API server refuses: the pod would fail for ever."""
 OTHER_USER: Final = {"resource": "pods", "name": "other", "uid": "uid-other"}
 ADMIN_LABEL: Final = "resource.kubernetes.io/admin-access"
 SELECTORS: Final = (
@@ -234,7 +236,10 @@ def take(choices: Choices, scene: Scene) -> None:
 def add_held_claim(name: str, scene: Scene, result: Json) -> None:
     """A claim of somebody else that has a device."""
     spec = {"devices": {"requests": [{"name": "r", "exactly": {"deviceClassName": "all"}}]}}
-    status = {"allocation": {"devices": {"results": [result]}}, "reservedFor": [OTHER_USER]}
+    status = {
+        "allocation": {"devices": {"results": [result]}, "allocationTimestamp": LONG_AGO},
+        "reservedFor": [OTHER_USER],
+    }
     scene.add("ResourceClaim", f"held-{name}", namespace="third", api=API, spec=spec, status=status)
 
 
@@ -261,7 +266,7 @@ def draw_allocation(choices: Choices, scene: Scene) -> Json:
 def _make_allocation(nodes: list[str] | None, device: str) -> Json:
     pool = nodes[0] if nodes else "shared"
     result = {"request": "one", "driver": DRIVERS[0], "pool": pool, "device": device}
-    allocation: Json = {"devices": {"results": [result]}}
+    allocation: Json = {"devices": {"results": [result]}, "allocationTimestamp": LONG_AGO}
     if nodes is not None:
         terms = [{"matchFields": [{"key": "metadata.name", "operator": "In", "values": [node]}]} for node in nodes]
         allocation["nodeSelector"] = {"nodeSelectorTerms": terms}
@@ -298,7 +303,7 @@ def _draw_taint(choices: Choices) -> Json:
         "key": choices.pick(("broken", "slow")),
         "value": "yes",
         "effect": choices.pick(("NoSchedule", "NoExecute")),
-        "timeAdded": "2026-01-01T00:00:00Z",
+        "timeAdded": LONG_AGO,
     }
 
 

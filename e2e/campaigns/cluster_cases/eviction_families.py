@@ -123,6 +123,10 @@ def _camera(scene: Scene, status: Json) -> None:
 def _allocated(names: list[str] | None) -> Json:
     """Devices that these nodes reach, or all."""
     if names is None:
-        return {"devices": {}}
+        return {"devices": {}, "allocationTimestamp": "2026-01-01T00:00:00Z"}
     field = {"key": "metadata.name", "operator": "In", "values": names}
-    return {"devices": {}, "nodeSelector": {"nodeSelectorTerms": [{"matchFields": [field]}]}}
+    return {
+        "devices": {},
+        "allocationTimestamp": "2026-01-01T00:00:00Z",
+        "nodeSelector": {"nodeSelectorTerms": [{"matchFields": [field]}]},
+    }

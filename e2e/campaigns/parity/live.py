@@ -28,7 +28,7 @@ from campaigns.parity.stage import ADMISSION, Stage
 from campaigns.parity.verdict import Verdict, judged
 from robotapp_client.api.client import ApiClient
 from robotapp_client.api.resources import NODETELEMETRIES
-from robotapp_client.transport.errors import BadRequest, Forbidden, Invalid
+from robotapp_client.transport.errors import BadRequest, Forbidden, Invalid, NotFound
 from robotapp_client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.product import install, start_scheduler
@@ -44,7 +44,7 @@ SETTLE_S: Final = (0.03, 0.3, 1.0, 4.0)
 SHRUNK: Final = 3
 ATTEMPTS: Final = 120
 REFUSALS: Final = (BadRequest, Forbidden, Invalid)
-PER_WORD: Final = 100
+PER_WORD: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +168,8 @@ class _Arena:
         for settle_s in SETTLE_S:
             try:
                 theirs, ours = await self._both(each, settle_s)
-            except Forbidden:  # for a class that admission has not seen yet: it reads them from a cache of its own
+            except (Forbidden, NotFound):
+                # A class that admission has not seen yet, or a pod of the case before that was evicted late.
                 if settle_s == SETTLE_S[-1]:
                     raise
                 await asyncio.sleep(settle_s)

@@ -144,7 +144,7 @@ class Ros2(RosNodes):
 class Ros1(RosNodes):
     """Debian's own ROS 1: roscore, rospy and message packages."""
 
-    packages = (*_SHELL, *_ROS_1)
+    packages: Sequence[str] = (*_SHELL, *_ROS_1)
 
 
 class Zenoh(RosNodes):

@@ -14,7 +14,7 @@ import msgspec
 from robotapp_api.model.names import EventReason, Label, Reason
 from robotapp_claims.protocol.domain_allocation import capacity_of, full_pool
 from robotapp_claims.protocol.domains import ensure_domain
-from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, Fence, check_request, quota_of
+from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, Fence, check_request, over_quota
 from robotapp_claims.rules.identity import holder_of_app
 from robotapp_claims.rules.instances import Instance, robot_of
 from robotapp_claims.rules.objects import App as ClaimsApp
@@ -209,9 +209,10 @@ class Children:
         return settled
 
     def _waits_for_its_pool(self, uid: str, robot: str) -> bool:
-        """Whether it has nothing yet, and by the caches every id of its pool is held by others: then no request is made.
+        """Whether it has nothing yet, and by the caches its namespace holds as many ids of the pool as it may, or others hold every id: then no
+        request is made.
 
-        The deletion of a claim, or a pool with more ids, adds its key again. Quotas and other apps' specs are read with quorum.
+        The deletion of a claim, or a pool with more ids or another quota, adds its key again. Other apps' specs are read with quorum.
         """
         record = self._cache.apps.get(uid)
         app = record.app if record is not None and not record.deleting else None
@@ -222,14 +223,22 @@ class Children:
         if instance is None or self._cache.children(uid, robot) or self._cache.domains_held(uid, robot):
             return False
         request = domain_request(app, instance, scope_value=self._scope_value(app, instance))
-        if request.share_with or request.isolation != "Domain" or quota_of(pool, app.namespace) is not None:
+        if request.share_with or request.isolation != "Domain" or check_request(request, pool) is not None:
             return False
-        if check_request(request, pool) is not None:
-            return False
-        full = full_pool(request, pool, capacity_of(request, pool, self._cache.all_claims()))
-        if full is not None:
-            self._memory.of(uid).outcomes[robot] = full
-        return full is not None
+        refusal = over_quota(request, pool, held=self._count_ids(app))
+        refusal = refusal or full_pool(request, pool, capacity_of(request, pool, self._cache.all_claims()))
+        if refusal is not None:
+            self._memory.of(uid).outcomes[robot] = refusal
+        return refusal is not None
+
+    def _count_ids(self, app: App) -> int:
+        """Returns how many ids of the app's pool its namespace holds by the caches."""
+        return sum(
+            claim.spec.domain is not None
+            and claim.spec.domain.pool == app.pool
+            and claim.holder.namespace == app.namespace
+            for claim in self._cache.all_claims()
+        )
 
     def _seems_new(self, uid: str, robot: str) -> bool:
         """Whether this process sees nothing of the instance, and has never taken a domain for it."""
@@ -372,19 +381,22 @@ class Children:
         starts = {each.child.component: read_master_starts(each.child.spec) for each in changes if is_restart(each)}
         if not starts:
             return
-        note = describe_restart(sorted(starts), max(starts.values()), robot=robot)
-        log.info("%s/%s: %s", app.namespace, app.name, note)
-        self._announce(app, PendingEvent(EventReason.MASTER_RESTARTED, note, warning=True))
+        note = describe_restart(sorted(starts), max(starts.values()))
+        self._announce_about(app, robot, EventReason.MASTER_RESTARTED, note, warning=True)
 
     def _announce_changes(self, app: App, robot: str, plan: Plan, written: Written) -> None:
         """Events about components that start anew because their ConfigMaps or Secrets have changed."""
         for change in plan.changes:
             child = change.child
             if child.change and change.over and change.amended is None and child.ref in written.versions:
-                whose = f"robot {robot}: " if robot else ""
-                note = f"{whose}{child.component} starts anew: {child.change} changed"
-                log.info("%s/%s: %s", app.namespace, app.name, note)
-                self._announce(app, PendingEvent(EventReason.CONFIG_CHANGED, note, warning=False))
+                note = f"{child.component} starts anew: {child.change} changed"
+                self._announce_about(app, robot, EventReason.CONFIG_CHANGED, note, warning=False)
+
+    def _announce_about(self, app: App, robot: str, reason: EventReason, note: str, *, warning: bool) -> None:
+        """Writes an event about one instance of the app."""
+        text = f"robot {robot}: {note}" if robot else note
+        log.info("%s/%s: %s", app.namespace, app.name, text)
+        self._announce(app, PendingEvent(reason, text, warning=warning))
 
     async def _is_back(self, app: App, robot: str) -> bool:
         """Whether the robot is chosen by the nodes as they are now and not by the cache: nothing ends on an old view."""

@@ -4,10 +4,11 @@ Which instances an app has, and whether its spec is accepted, depends on all nod
 So they are computed once for each version of the spec and the nodes.
 """
 
+import dataclasses
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import timedelta
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import Annotation, Label, Reason
@@ -38,7 +39,7 @@ from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.links import LinkView, list_links
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Pod, Telemetry
 from robotapp_operator.plan.spec.robot_values import overridden, recorded_overrides
-from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
+from robotapp_operator.plan.spec.validate import Problem, domain_problems, name_problems, problems_alone, problems_with
 from robotapp_operator.plan.status.components import (
     ComponentView,
     HelperView,
@@ -68,8 +69,12 @@ def instances_by_name(app: App, cache: Cache) -> Mapping[str, Instance]:
     version = (cache.nodes.identity_version, cache.nodes.readiness_version if choice else 0, choice)
 
     def work_out(kept: Collection[str] = ()) -> dict[str, Instance]:
-        found = instances_of(app, cache.nodes, running=running, claimed=claimed, kept=kept)
-        return {item.robot: item for item in found}
+        instances = instances_of(app, cache.nodes, running=running, claimed=claimed, kept=kept)
+        problems = name_problems(app, (item.robot for item in instances if item.node))
+        return {
+            item.robot: dataclasses.replace(item, problem=problems[item.robot]) if item.robot in problems else item
+            for item in instances
+        }
 
     found: Mapping[str, Instance] = cache.answers.get(app, "instances", version if robots else (), work_out)
     if robots is None:
@@ -245,10 +250,7 @@ def instance_facts(
         devices_wanted=wanted,
         devices_held=having,
         busy=_device_conflict(app, instance, cache) if having < wanted else "",
-        devices_handed_over=len(cache.devices_handed_over(app.uid, instance.robot)) if wanted else 0,
-        any_scheduler=not app.our_scheduler and all(_has_claim(part, app, instance, cache) for part in begun),
-        ledger_note=_describe_ledger(app, instance, owned, placed, cache) if app.wants_devices else "",
-        missing_device=_missing_device(app, instance, [view.name for view in views if not view.bound], cache),
+        **(_ledger_facts(app, instance, views, owned, cache) if app.wants_devices else {}),
         claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
         trouble=trouble,
@@ -272,7 +274,7 @@ def instance_facts(
 def _links(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache) -> tuple[LinkView, ...]:
     """Returns the addresses of the components' Services. `placed`: components and their nodes."""
     has_external = app.spec.ros2 is not None and app.spec.ros2.external is not None
-    if not has_external and not any(component.service for component in app.spec.components):
+    if not has_external and not app.services:
         return ()
     services = {
         service.metadata.name: service
@@ -375,6 +377,19 @@ def _device_conflict(app: App, instance: Instance, cache: Cache) -> str:
     )
 
 
+def _ledger_facts(
+    app: App, instance: Instance, views: Iterable[ComponentView], owned: Iterable[Deployment], cache: Cache
+) -> dict[str, Any]:
+    """Returns how the instance's devices reach its containers, and which of them no node has."""
+    placed = {view.name: view.node for view in views if view.node}
+    return {
+        "devices_handed_over": len(cache.devices_handed_over(app.uid, instance.robot)),
+        "any_scheduler": all(_has_claim(component, app, instance, cache) for component in app.spec.components),
+        "ledger_note": _describe_ledger(app, instance, owned, placed, cache),
+        "missing_device": _missing_device(app, instance, [view.name for view in views if not view.bound], cache),
+    }
+
+
 def _has_claim(component: Component, app: App, instance: Instance, cache: Cache) -> bool:
     """Whether its own devices are in a ResourceClaim, or it wants none."""
     claims = cache.allocations.claims.of_instance(app.uid, instance.robot).values()
@@ -394,7 +409,7 @@ def _describe_ledger(
 
 
 def _missing_device(app: App, instance: Instance, components: Collection[str], cache: Cache) -> str:
-    if not components or not app.wants_devices or not app.our_scheduler:
+    if not components or not app.our_scheduler:
         return ""
     return missing_device(
         app,

@@ -1,6 +1,9 @@
 """Devices reach containers on real nodes: the chart's driver, the kubelet, containerd 2, kube-scheduler as the scheduler."""
 
+import random
 import secrets
+import sys
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -29,8 +32,16 @@ DEVICES = [
 ]
 ROLLED_OUT_S = 60.0
 TOLD_S = 40.0
+TURNS_S = 240.0
+USERS = 4
+KILLS = 12
+ROBOT_1 = {"kubernetes.io/hostname": "robot-1"}
 Json = dict[str, Any]
 TALK = 'exec 3<>"$ROBOTAPP_DEVICE_ARM" && echo hello >&3 && read line <&3 && echo "$line from $ROBOTAPP_DEVICE_ARM"'
+ALONE = (
+    'exec 3<>"$ROBOTAPP_DEVICE_ARM"; for turn in $(seq 20); do echo "$HOSTNAME $turn" >&3; read line <&3; '
+    'test "$line" = "$HOSTNAME $turn" || { echo "$line"; exit 1; }; sleep 0.1; done; echo alone'
+)
 SEE = 'head -c 4 "$ROBOTAPP_DEVICE_EYE" | wc -c'
 
 
@@ -45,8 +56,11 @@ SERIAL, CAMERA, CAN = (selector_of(Wish("", kind)) for kind in ("serial", "video
 
 @pytest.fixture(scope="module")
 def cluster(real_machine: type[RealNodes]) -> Iterator[RealNodes]:
-    with real_machine([robot("robot-1", devices=DEVICES)], images=("tools", "agent"), cdi=True) as cp:
-        components_as_pods.start_agents(cp, values={"driver": {"enabled": True}})
+    nodes = [robot("robot-1", devices=DEVICES), robot("robot-2", devices=DEVICES[:1])]
+    with real_machine(nodes, images=("tools", "agent"), cdi=True) as cp:
+        # On robot-2 tests run the driver as a process, which starts again at once, however often it is killed.
+        only = {"kubernetes.io/hostname": "robot-1"}
+        components_as_pods.start_agents(cp, values={"driver": {"enabled": True}, "nodeSelector": only})
         assert wait_published(cp, "robot-1", ARM, EYE, BUS)
         yield cp
 
@@ -151,6 +165,72 @@ def test_a_can_bus_is_named_to_a_pod_in_the_network_of_the_node(cluster: RealNod
     apply(cluster, namespace, claim("bus", {"bus": CAN}, [{"requests": ["bus"], "network": "Host"}]))
     real_pods.run(cluster, namespace, user_of("bus", "driver", hostNetwork=True))
     assert shell(cluster, namespace, "driver", "echo $ROBOTAPP_DEVICE_BUS") == "can0\n"
+
+
+def test_a_node_that_crashed_gives_the_device_back_to_its_pod_and_to_no_rival(
+    cluster: RealNodes, namespace: str
+) -> None:
+    apply(cluster, namespace, claim("first", {"arm": SERIAL}), claim("second", {"arm": SERIAL}))
+    real_pods.run(cluster, namespace, user_of("first", "holder", nodeSelector=ROBOT_1))
+    rival = user_of("second", "rival")
+    claims.place_past_schedulers(cluster, namespace, rival, request="arm", device=ARM, node="robot-1")
+    wait_told(cluster, namespace, "rival", "in use by claim first")
+    before = real_pods.container(cluster, namespace, "holder")["restartCount"]
+    cluster.node("robot-1").restart()
+    assert real_pods.await_restart(cluster, namespace, "holder", above=before)
+    cluster.kubectl("wait", "-n", namespace, "--for=condition=Ready", "--timeout=90s", "pod", "holder")
+    assert shell(cluster, namespace, "holder", TALK) == "hello from /dev/ttyUSB0\n"
+    assert real_pods.get(cluster, namespace, "rival")["status"]["phase"] == "Pending"
+
+
+def test_a_restarted_kubelet_finds_driver_and_device_again(cluster: RealNodes, namespace: str) -> None:
+    apply(cluster, namespace, claim("arm", {"arm": SERIAL}))
+    real_pods.run(cluster, namespace, user_of("arm", "driver-0", nodeSelector=ROBOT_1))
+    cluster.node("robot-1").kubelet.restart()
+    assert shell_when_possible(cluster, namespace, "driver-0", TALK) == "hello from /dev/ttyUSB0\n"
+    cluster.kubectl("delete", "pod", "-n", namespace, "driver-0", "--wait=true")
+    real_pods.run(cluster, namespace, user_of("arm", "driver-1", nodeSelector=ROBOT_1))
+    assert shell(cluster, namespace, "driver-1", TALK) == "hello from /dev/ttyUSB0\n"
+
+
+def test_claims_that_were_all_given_one_device_take_turns_while_the_driver_is_killed(
+    cluster: RealNodes, namespace: str
+) -> None:
+    """Each program would read what another one writes: the serial line sends everything back."""
+    driver = cluster.node("robot-2").box.program("driver", driver_command(cluster))
+    driver.start()
+    try:
+        assert wait_published(cluster, "robot-2", ARM)
+        names = [f"user-{number}" for number in range(USERS)]
+        for name in names:
+            apply(cluster, namespace, claim(name, {"arm": SERIAL}))
+            body = user_of(name, name, ["sh", "-c", ALONE], restartPolicy="Never")
+            claims.place_past_schedulers(cluster, namespace, body, request="arm", device=ARM, node="robot-2")
+        for _ in range(KILLS):
+            time.sleep(random.uniform(0.1, 2.0))
+            driver.kill()
+            driver.start()
+        ended = wait_until(lambda: phases(cluster, namespace, names) <= {"Succeeded", "Failed"}, timeout_s=TURNS_S)
+        logs = [cluster.kubectl("logs", "-n", namespace, name, check=False) for name in names]
+        assert ended, [events_of(cluster, namespace, name) for name in names]
+        assert logs == ["alone\n"] * USERS
+    finally:
+        driver.kill()
+
+
+def phases(cluster: RealNodes, namespace: str, names: list[str]) -> set[str]:
+    return {real_pods.get(cluster, namespace, name)["status"]["phase"] for name in names}
+
+
+def driver_command(cluster: RealNodes) -> list[str]:
+    options = [f"--kubeconfig={cluster.kubeconfig()}", "--node-name=robot-2"]
+    return [sys.executable, "-m", "robotapp_agent.driver", *options]
+
+
+def shell_when_possible(cluster: RealNodes, namespace: str, name: str, line: str) -> str:
+    """A kubelet that has just started lets nobody in."""
+    assert wait_until(lambda: shell(cluster, namespace, name, "echo up", check=False) == "up\n", timeout_s=TOLD_S)
+    return shell(cluster, namespace, name, line)
 
 
 def test_the_driver_needs_little_memory(cluster: RealNodes) -> None:

@@ -163,7 +163,7 @@ def _full_component() -> dict[str, Any]:
             "links": [{"name": "ui", "port": "ui", "scheme": "http", "path": "/"}],
         },
         ready={"topic": {"name": "/odom", "minRate": 20}},
-        colocateWith=["mapper"], separateFrom=["logger"], replicas=1, onDisconnect="Failover",
+        colocateWith=["mapper"], separateFrom=["logger"], replicas=1, replicaIdentity="None", onDisconnect="Failover",
     )  # fmt: skip
 
 

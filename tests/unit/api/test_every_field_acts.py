@@ -123,6 +123,7 @@ READERS: Final[Mapping[str, str]] = {
         spec.components.template.spec.tolerations spec.components.runsOn spec.components.onDisconnect
         spec.components.requires.type spec.components.requires.model spec.components.requires.interface""",
     f"{PLAN}/render/deployments.py": "spec.components.replicas",
+    "crds/robotapp_api/checks/replicas.py": "spec.components.replicaIdentity",
     f"{PLAN}/render/services.py": """
         spec.components.service.metadata.labels spec.components.service.metadata.annotations spec.components.service.spec.type
         spec.components.service.spec.ports.name spec.components.service.spec.ports.port

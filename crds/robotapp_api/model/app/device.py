@@ -15,8 +15,8 @@ UsbId = Annotated[
 ]
 DevicePath = Annotated[
     str,
-    StringConstraints(max_length=128, pattern=DEVICE_PATH_PATTERN),
-    WithJsonSchema({"type": "string", "maxLength": 128}),
+    StringConstraints(max_length=96, pattern=DEVICE_PATH_PATTERN),
+    WithJsonSchema({"type": "string", "maxLength": 96}),
     Rule(
         rule=f"self.matches('{DEVICE_PATH_PATTERN}')",
         message="write a path below /dev, such as /dev/lidar, of letters, digits and . _ : @ + -",

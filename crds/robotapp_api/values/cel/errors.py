@@ -1,4 +1,4 @@
-"""What can be wrong with an expression, and with a value it meets."""
+"""Errors of an expression, and of its evaluation."""
 
 from typing import Any, Final
 
@@ -13,6 +13,6 @@ class EvaluationError(ValueError):
     """The expression has no value for this input; the text is that of cel-go."""
 
 
-def no_overload(*_: Any) -> EvaluationError:
+def make_overload_error(*_: Any) -> EvaluationError:
     """An operator or function was given values of the wrong type."""
     return EvaluationError(NO_OVERLOAD)

@@ -31,15 +31,15 @@ class Evaluation:
             raise EvaluationError(TOO_COSTLY)
 
     def with_variable(self, name: str, value: Any, body: "Step") -> Any:
-        """The value of `body` while the variable has this value; one of the same name outside is hidden."""
+        """The value of `body` while the variable has this value; one of the same name outside is hides_variable."""
         variables = self.variables
-        hidden = name in variables
+        hides_variable = name in variables
         outer = variables.get(name)
         variables[name] = value
         try:
             return body(self)
         finally:
-            if hidden:
+            if hides_variable:
                 variables[name] = outer
             else:
                 del variables[name]

@@ -1,17 +1,19 @@
 """Macros over the items of a list or map."""
 
 from collections.abc import Callable, Iterator
+from functools import cmp_to_key
 from typing import Any, Final, NamedTuple
 
-from robotapp_api.values.cel.errors import EvaluationError, no_overload
+from robotapp_api.values.cel.errors import EvaluationError, make_overload_error
 from robotapp_api.values.cel.evaluation import Evaluation, Step
-from robotapp_api.values.cel.operators import map_key
+from robotapp_api.values.cel.operators import get_map_key
+from robotapp_api.values.cel.values import compare
 
 Round = Callable[[Evaluation], Iterator[tuple[Any, Any]]]
 
 
 class Shape(NamedTuple):
-    """How a macro is called, and how it is evaluated."""
+    """Number of variables of a macro, and its evaluation."""
 
     variables: int
     fold: Callable[["Rounds", list[Step]], Any]
@@ -24,7 +26,7 @@ class Rounds:
 
     def __init__(self, evaluation: Evaluation, names: list[str], values: Any) -> None:
         if not isinstance(values, list | dict):
-            raise no_overload(values)
+            raise make_overload_error(values)
         self._evaluation = evaluation
         self._names = names
         self._values = values
@@ -32,7 +34,7 @@ class Rounds:
     def __repr__(self) -> str:
         return f"Rounds({self._names}, {len(self._values)} items)"
 
-    def items(self) -> Iterator[tuple[Any, Any]]:
+    def get_items(self) -> Iterator[tuple[Any, Any]]:
         """The values of the variables in each round: (item, None), or (index or key, value)."""
         for position, item in enumerate(self._values):
             self._evaluation.count_round()
@@ -43,7 +45,7 @@ class Rounds:
             else:
                 yield position, item
 
-    def value_of(self, step: Step, round_values: tuple[Any, Any]) -> Any:
+    def evaluate(self, step: Step, round_values: tuple[Any, Any]) -> Any:
         """The value of an argument of the macro in this round."""
         first, second = round_values
         if len(self._names) == 1:
@@ -54,20 +56,20 @@ class Rounds:
             lambda evaluation: evaluation.with_variable(self._names[1], second, step),
         )
 
-    def test(self, step: Step, round_values: tuple[Any, Any]) -> bool:
+    def check(self, step: Step, round_values: tuple[Any, Any]) -> bool:
         """The same for a condition."""
-        value = self.value_of(step, round_values)
+        value = self.evaluate(step, round_values)
         if not isinstance(value, bool):
-            raise no_overload(value)
+            raise make_overload_error(value)
         return value
 
 
-def _quantifier(rounds: Rounds, steps: list[Step], *, decisive: bool) -> bool:
+def _decide(rounds: Rounds, steps: list[Step], *, decisive: bool) -> bool:
     """all() or exists(): the decisive verdict on one item outweighs errors on others."""
     error: EvaluationError | None = None
-    for round_values in rounds.items():
+    for round_values in rounds.get_items():
         try:
-            if rounds.test(steps[0], round_values) is decisive:
+            if rounds.check(steps[0], round_values) is decisive:
                 return decisive
         except EvaluationError as trouble:
             error = error or trouble
@@ -76,62 +78,72 @@ def _quantifier(rounds: Rounds, steps: list[Step], *, decisive: bool) -> bool:
     return not decisive
 
 
-def _all(rounds: Rounds, steps: list[Step]) -> bool:
-    return _quantifier(rounds, steps, decisive=False)
+def _check_all(rounds: Rounds, steps: list[Step]) -> bool:
+    return _decide(rounds, steps, decisive=False)
 
 
-def _exists(rounds: Rounds, steps: list[Step]) -> bool:
-    return _quantifier(rounds, steps, decisive=True)
+def _check_any(rounds: Rounds, steps: list[Step]) -> bool:
+    return _decide(rounds, steps, decisive=True)
 
 
-def _exists_one(rounds: Rounds, steps: list[Step]) -> bool:
-    return sum([rounds.test(steps[0], round_values) for round_values in rounds.items()]) == 1
+def _check_one(rounds: Rounds, steps: list[Step]) -> bool:
+    return sum([rounds.check(steps[0], round_values) for round_values in rounds.get_items()]) == 1
 
 
 def _filter(rounds: Rounds, steps: list[Step]) -> list[Any]:
-    return [round_values[0] for round_values in rounds.items() if rounds.test(steps[0], round_values)]
+    return [round_values[0] for round_values in rounds.get_items() if rounds.check(steps[0], round_values)]
 
 
-def _chosen(rounds: Rounds, steps: list[Step]) -> Iterator[tuple[tuple[Any, Any], Any]]:
+def _get_values(rounds: Rounds, steps: list[Step]) -> Iterator[tuple[tuple[Any, Any], Any]]:
     """Rounds that pass the filter, if there is one, and the value of the last argument in them."""
     *conditions, transform = steps
-    for round_values in rounds.items():
-        if all(rounds.test(condition, round_values) for condition in conditions):
-            yield round_values, rounds.value_of(transform, round_values)
+    for round_values in rounds.get_items():
+        if all(rounds.check(condition, round_values) for condition in conditions):
+            yield round_values, rounds.evaluate(transform, round_values)
 
 
 def _map(rounds: Rounds, steps: list[Step]) -> list[Any]:
-    return [value for _, value in _chosen(rounds, steps)]
+    return [value for _, value in _get_values(rounds, steps)]
 
 
 def _transform_map(rounds: Rounds, steps: list[Step]) -> dict[Any, Any]:
-    return {key: value for (key, _), value in _chosen(rounds, steps)}
+    return {key: value for (key, _), value in _get_values(rounds, steps)}
 
 
 def _transform_map_entry(rounds: Rounds, steps: list[Step]) -> dict[Any, Any]:
     result: dict[Any, Any] = {}
-    for _, entries in _chosen(rounds, steps):
+    for _, entries in _get_values(rounds, steps):
         if not isinstance(entries, dict):
-            raise no_overload(entries)
+            raise make_overload_error(entries)
         for key, value in entries.items():
-            if map_key(key) in result:
+            if get_map_key(key) in result:
                 raise EvaluationError(f"insert failed: key {key} already exists")
             result[key] = value
     return result
 
 
+def _sort_by(rounds: Rounds, steps: list[Step]) -> list[Any]:
+    keys_and_items = [(rounds.evaluate(steps[0], round_values), round_values[0]) for round_values in rounds.get_items()]
+    return [item for _, item in sorted(keys_and_items, key=cmp_to_key(_compare_keys))]
+
+
+def _compare_keys(first: tuple[Any, Any], second: tuple[Any, Any]) -> int:
+    return compare(first[0], second[0])
+
+
 COMPREHENSIONS: Final[dict[tuple[str, int], Shape]] = {
-    ("all", 2): Shape(1, _all),
-    ("exists", 2): Shape(1, _exists),
-    ("exists_one", 2): Shape(1, _exists_one),
-    ("existsOne", 2): Shape(1, _exists_one),
+    ("all", 2): Shape(1, _check_all),
+    ("exists", 2): Shape(1, _check_any),
+    ("exists_one", 2): Shape(1, _check_one),
+    ("existsOne", 2): Shape(1, _check_one),
     ("filter", 2): Shape(1, _filter),
+    ("sortBy", 2): Shape(1, _sort_by),
     ("map", 2): Shape(1, _map),
     ("map", 3): Shape(1, _map),
-    ("all", 3): Shape(2, _all),
-    ("exists", 3): Shape(2, _exists),
-    ("existsOne", 3): Shape(2, _exists_one),
-    ("exists_one", 3): Shape(2, _exists_one),
+    ("all", 3): Shape(2, _check_all),
+    ("exists", 3): Shape(2, _check_any),
+    ("existsOne", 3): Shape(2, _check_one),
+    ("exists_one", 3): Shape(2, _check_one),
     ("transformList", 3): Shape(2, _map),
     ("transformList", 4): Shape(2, _map),
     ("transformMap", 3): Shape(2, _transform_map),
@@ -143,6 +155,6 @@ COMPREHENSIONS: Final[dict[tuple[str, int], Shape]] = {
 MACRO_NAMES: Final = frozenset(name for name, _ in COMPREHENSIONS)
 
 
-def comprehension(shape: Shape, names: list[str], source: Step, steps: list[Step]) -> Step:
+def compile_macro(shape: Shape, names: list[str], source: Step, steps: list[Step]) -> Step:
     """The closure of a macro over the items of `source`."""
     return lambda evaluation: shape.fold(Rounds(evaluation, names, source(evaluation)), steps)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, Final
 
-from robotapp_api.values.cel.errors import EvaluationError, no_overload
+from robotapp_api.values.cel.errors import EvaluationError, make_overload_error
 from robotapp_api.values.cel.evaluation import Evaluation, Step, limit_size
 from robotapp_api.values.cel.values import ABSENT, INT64, UINT64, DefaultMap, Optional, Unsigned, compare, equal
 
@@ -13,34 +13,34 @@ _MISSING: Final = object()
 # --- Access ----------------------------------------------------------------------------------------------------------
 
 
-def select(operand: Step, field: str, *, optional: bool) -> Step:
-    """operand.field."""
+def compile_select(operand: Step, field: str, *, optional: bool) -> Step:
+    """Compiles operand.field."""
     if optional:
         return lambda evaluation: _look_up_optional(operand(evaluation), field)
     return lambda evaluation: _look_up(operand(evaluation), field)
 
 
-def index(operand: Step, key: Step, *, optional: bool) -> Step:
-    """operand[key]."""
+def compile_index(operand: Step, key: Step, *, optional: bool) -> Step:
+    """Compiles operand[key]."""
     look_up = _look_up_optional if optional else _look_up
     return lambda evaluation: look_up(operand(evaluation), key(evaluation))
 
 
-def has_field(operand: Step, field: str) -> Step:
-    """has(operand.field)."""
+def compile_has(operand: Step, field: str) -> Step:
+    """Compiles has(operand.field)."""
 
-    def step(evaluation: Evaluation) -> bool:
+    def run(evaluation: Evaluation) -> bool:
         value = operand(evaluation)
         if isinstance(value, Optional):
             value = value.content if value.present else {}
         if not isinstance(value, dict):
-            raise no_overload(value)
+            raise make_overload_error(value)
         return field in value or isinstance(value, DefaultMap)
 
-    return step
+    return run
 
 
-def map_key(value: Any) -> Any:
+def get_map_key(value: Any) -> Any:
     """A value as key of a map; 2.0 and uint 2 find the entry of 2."""
     if isinstance(value, bool | str):
         return value
@@ -55,9 +55,9 @@ def _look_up(operand: Any, key: Any) -> Any:
     value = _find(operand, key)
     if value is not _MISSING:
         return value
-    if isinstance(operand, dict):
-        raise EvaluationError(f"no such key: {shown_key(key)}")
-    raise EvaluationError(f"index out of bounds: {key}")
+    if isinstance(operand, list):
+        raise EvaluationError(f"index out of bounds: {write_key(key)}")
+    raise EvaluationError(f"no such key: {write_key(key)}")
 
 
 def _look_up_optional(operand: Any, key: Any) -> Optional:
@@ -72,7 +72,7 @@ def _look_up_optional(operand: Any, key: Any) -> Optional:
 def _find(operand: Any, key: Any) -> Any:
     if isinstance(operand, dict):
         if not isinstance(key, str):
-            key = map_key(key)
+            key = get_map_key(key)
         if isinstance(operand, DefaultMap):
             return operand[key]
         return operand.get(key, _MISSING)
@@ -80,33 +80,33 @@ def _find(operand: Any, key: Any) -> Any:
         if key != int(key):
             raise EvaluationError(f"unsupported index value: {key}")
         return operand[int(key)] if 0 <= key < len(operand) else _MISSING
-    raise no_overload(operand, key)
+    return _MISSING
 
 
-def shown_key(key: Any) -> str:
+def write_key(key: Any) -> str:
     """A key in a message."""
     return str(key).lower() if isinstance(key, bool) else str(key)
 
 
-def contains(container: Any, item: Any) -> bool:
+def has_item(container: Any, item: Any) -> bool:
     """Item in container."""
     if isinstance(container, dict):
         try:
-            return map_key(item) in container
+            return get_map_key(item) in container
         except EvaluationError:
             return False
     if isinstance(container, list):
         return any(equal(item, entry) for entry in container)
-    raise no_overload(item, container)
+    raise make_overload_error(item, container)
 
 
 # --- Logic -----------------------------------------------------------------------------------------------------------
 
 
-def logical(steps: list[Step], *, decisive: bool) -> Step:
-    """|| (decisive: true) or && (false): the decisive value of one operand outweighs errors of others."""
+def compile_logical(steps: list[Step], *, decisive: bool) -> Step:
+    """Compiles || (decisive: true) or && (false): the decisive value of one operand outweighs errors of others."""
 
-    def step(evaluation: Evaluation) -> bool:
+    def run(evaluation: Evaluation) -> bool:
         error: EvaluationError | None = None
         for operand in steps:
             try:
@@ -114,48 +114,48 @@ def logical(steps: list[Step], *, decisive: bool) -> Step:
                 if value is decisive:
                     return decisive
                 if not isinstance(value, bool):
-                    raise no_overload(value)
+                    raise make_overload_error(value)
             except EvaluationError as trouble:
                 error = error or trouble
         if error is not None:
             raise error
         return not decisive
 
-    return step
+    return run
 
 
-def conditional(condition: Step, yes: Step, no: Step) -> Step:
+def compile_conditional(condition: Step, yes: Step, no: Step) -> Step:
     """Condition ? yes : no."""
 
-    def step(evaluation: Evaluation) -> Any:
+    def run(evaluation: Evaluation) -> Any:
         value = condition(evaluation)
         if value is True:
             return yes(evaluation)
         if value is False:
             return no(evaluation)
-        raise no_overload(value)
+        raise make_overload_error(value)
 
-    return step
+    return run
 
 
 # --- Arithmetic and comparison ---------------------------------------------------------------------------------------
 
 
-def unary(operator: str, operand: Step) -> Step:
-    """!operand or -operand."""
+def compile_unary(operator: str, operand: Step) -> Step:
+    """Compiles `!` or `-` before an operand."""
     if operator == "!":
 
         def negate(evaluation: Evaluation) -> bool:
             value = operand(evaluation)
             if not isinstance(value, bool):
-                raise no_overload(value)
+                raise make_overload_error(value)
             return not value
 
         return negate
-    return lambda evaluation: _negative(operand(evaluation))
+    return lambda evaluation: _negate(operand(evaluation))
 
 
-def binary_chain(first: Step, rest: list[tuple[str, Step]]) -> Step:
+def compile_chain(first: Step, rest: list[tuple[str, Step]]) -> Step:
     """First operator second operator third …, from left to right."""
     if len(rest) == 1:
         operator, second = rest[0]
@@ -163,24 +163,24 @@ def binary_chain(first: Step, rest: list[tuple[str, Step]]) -> Step:
         return lambda evaluation: function(first(evaluation), second(evaluation))
     functions = [(BINARY[operator], operand) for operator, operand in rest]
 
-    def step(evaluation: Evaluation) -> Any:
+    def run(evaluation: Evaluation) -> Any:
         value = first(evaluation)
         for function, operand in functions:
             value = function(value, operand(evaluation))
         return value
 
-    return step
+    return run
 
 
-def _negative(value: Any) -> Any:
+def _negate(value: Any) -> Any:
     if isinstance(value, float):
         return -value
     if type(value) is int:
-        return checked(-value)
-    raise no_overload(value)
+        return check_range(-value)
+    raise make_overload_error(value)
 
 
-def checked(value: int, *, unsigned: bool = False) -> int:
+def check_range(value: int, *, unsigned: bool = False) -> int:
     """The value as an int or uint. Raises EvaluationError when it is too large for 64 bits."""
     if unsigned:
         if value not in UINT64:
@@ -198,27 +198,27 @@ def add(first: Any, second: Any) -> Any:
             limit_size(len(first) + len(second))
             return first + second
         if isinstance(first, int) and not isinstance(first, bool):
-            return checked(first + second, unsigned=isinstance(first, Unsigned))
+            return check_range(first + second, unsigned=isinstance(first, Unsigned))
         if isinstance(first, float):
             return first + second
-    raise no_overload(first, second)
+    raise make_overload_error(first, second)
 
 
-def _arithmetic(function: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+def _make_arithmetic(function: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """An operator on two numbers of one type."""
 
     def apply(first: Any, second: Any) -> Any:
         if type(first) is not type(second) or isinstance(first, bool):
-            raise no_overload(first, second)
+            raise make_overload_error(first, second)
         if isinstance(first, float):
             if function is _divide:
                 return _divide_floats(first, second)
             if function is _modulo:
-                raise no_overload(first, second)
+                raise make_overload_error(first, second)
             return function(first, second)
         if isinstance(first, int):
-            return checked(int(function(int(first), int(second))), unsigned=isinstance(first, Unsigned))
-        raise no_overload(first, second)
+            return check_range(int(function(int(first), int(second))), unsigned=isinstance(first, Unsigned))
+        raise make_overload_error(first, second)
 
     return apply
 
@@ -250,10 +250,10 @@ BINARY: Final[dict[str, Callable[[Any, Any], Any]]] = {
     "<=": lambda first, second: compare(first, second) <= 0,
     ">": lambda first, second: compare(first, second) > 0,
     ">=": lambda first, second: compare(first, second) >= 0,
-    "in": lambda first, second: contains(second, first),
+    "in": lambda first, second: has_item(second, first),
     "+": add,
-    "-": _arithmetic(lambda first, second: first - second),
-    "*": _arithmetic(lambda first, second: first * second),
-    "/": _arithmetic(_divide),
-    "%": _arithmetic(_modulo),
+    "-": _make_arithmetic(lambda first, second: first - second),
+    "*": _make_arithmetic(lambda first, second: first * second),
+    "/": _make_arithmetic(_divide),
+    "%": _make_arithmetic(_modulo),
 }

@@ -93,114 +93,114 @@ class _Parser:
     """A parser by recursive descent that looks one token ahead."""
 
     def __init__(self, text: str) -> None:
-        self._tokens = _tokenize(text)
+        self._tokens = _split_into_tokens(text)
         self._depth = 0
         self._token = next(self._tokens)
 
     def parse(self) -> Node:
-        node = self._expression()
+        node = self._parse_expression()
         if self._token.kind != "end":
-            raise self._unexpected()
+            raise self._make_error()
         return node
 
-    def _expression(self) -> Node:
+    def _parse_expression(self) -> Node:
         self._depth += 1
         if self._depth > MAX_DEPTH:
             raise ExpressionError(f"the expression is nested deeper than {MAX_DEPTH} levels")
-        node = self._chain(0)
+        node = self._parse_chain(0)
         if self._accept("?"):
-            yes = self._chain(0)
+            yes = self._parse_chain(0)
             self._expect(":")
-            node = Conditional(node, yes, self._expression())
+            node = Conditional(node, yes, self._parse_expression())
         self._depth -= 1
         return node
 
-    def _chain(self, level: int) -> Node:
+    def _parse_chain(self, level: int) -> Node:
         if level == len(_LEVELS):
-            return self._unary()
-        first = self._chain(level + 1)
+            return self._parse_unary()
+        first = self._parse_chain(level + 1)
         rest: list[tuple[str, Node]] = []
         while self._token.text in _LEVELS[level] and self._token.kind in {"operator", "name"}:
             operator = self._advance().text
-            rest.append((operator, self._chain(level + 1)))
+            rest.append((operator, self._parse_chain(level + 1)))
         return Chain(first, tuple(rest)) if rest else first
 
-    def _unary(self) -> Node:
+    def _parse_unary(self) -> Node:
         operators: list[str] = []
         while self._token.kind == "operator" and self._token.text in {"!", "-"}:
             operators.append(self._advance().text)
             if operators[-1] == "-" and self._token.kind == "number" and not isinstance(self._token.value, Unsigned):
                 token = self._advance()
                 operators.pop()
-                node = self._members(Literal(-_number(token)))
+                node = self._parse_members(Literal(-_read_number(token)))
                 break
         else:
-            node = self._members(self._primary())
+            node = self._parse_members(self._parse_primary())
         for operator in reversed(operators):
             node = Unary(operator, node)
         if isinstance(node, Literal) and type(node.value) is int and node.value not in INT64:
             raise ExpressionError("invalid int literal")
         return node
 
-    def _members(self, node: Node) -> Node:
+    def _parse_members(self, node: Node) -> Node:
         while True:
             if self._accept("."):
                 optional = self._accept("?")
-                name = self._name()
+                name = self._parse_name()
                 if not optional and self._accept("("):
-                    node = Call(name, node, self._arguments(")"))
+                    node = Call(name, node, self._parse_arguments(")"))
                 else:
                     node = Select(node, name, optional)
             elif self._accept("["):
                 optional = self._accept("?")
-                index = self._expression()
+                index = self._parse_expression()
                 self._expect("]")
                 node = Index(node, index, optional)
             else:
                 return node
 
-    def _primary(self) -> Node:
+    def _parse_primary(self) -> Node:
         token = self._token
         if token.kind in {"number", "string"}:
             return Literal(self._advance().value)
         if token.kind == "name":
-            return self._identifier()
+            return self._parse_identifier()
         if self._accept("."):
-            return self._identifier()
+            return self._parse_identifier()
         if self._accept("("):
-            node = self._expression()
+            node = self._parse_expression()
             self._expect(")")
             return node
         if self._accept("["):
-            return self._list()
+            return self._parse_list()
         if self._accept("{"):
-            return self._map()
-        raise self._unexpected()
+            return self._parse_map()
+        raise self._make_error()
 
-    def _identifier(self) -> Node:
+    def _parse_identifier(self) -> Node:
         if self._token.text in _WORDS:
             return Literal(_WORDS[self._advance().text])
-        name = self._name()
+        name = self._parse_name()
         if name in _RESERVED:
             raise ExpressionError(f"reserved identifier: {name}")
         if self._accept("("):
-            return Call(name, None, self._arguments(")"))
+            return Call(name, None, self._parse_arguments(")"))
         return Identifier(name)
 
-    def _name(self) -> str:
+    def _parse_name(self) -> str:
         if self._token.kind != "name" or self._token.text in {*_WORDS, "in"}:
-            raise self._unexpected()
+            raise self._make_error()
         return self._advance().text
 
-    def _arguments(self, closing: str) -> tuple[Node, ...]:
+    def _parse_arguments(self, closing: str) -> tuple[Node, ...]:
         arguments: list[Node] = []
         while not self._accept(closing):
             if arguments:
                 self._expect(",")
-            arguments.append(self._expression())
+            arguments.append(self._parse_expression())
         return tuple(arguments)
 
-    def _list(self) -> Node:
+    def _parse_list(self) -> Node:
         items: list[tuple[Node, bool]] = []
         while not self._accept("]"):
             if items:
@@ -208,10 +208,10 @@ class _Parser:
                 if self._accept("]"):
                     break
             optional = self._accept("?")
-            items.append((self._expression(), optional))
+            items.append((self._parse_expression(), optional))
         return ListLiteral(tuple(items))
 
-    def _map(self) -> Node:
+    def _parse_map(self) -> Node:
         entries: list[tuple[Node, Node, bool]] = []
         while not self._accept("}"):
             if entries:
@@ -219,9 +219,9 @@ class _Parser:
                 if self._accept("}"):
                     break
             optional = self._accept("?")
-            key = self._expression()
+            key = self._parse_expression()
             self._expect(":")
-            entries.append((key, self._expression(), optional))
+            entries.append((key, self._parse_expression(), optional))
         return MapLiteral(tuple(entries))
 
     def _advance(self) -> Token:
@@ -236,15 +236,15 @@ class _Parser:
 
     def _expect(self, text: str) -> None:
         if not self._accept(text):
-            raise self._unexpected()
+            raise self._make_error()
 
-    def _unexpected(self) -> ExpressionError:
+    def _make_error(self) -> ExpressionError:
         token = self._token
-        what = "the end of the text" if token.kind == "end" else repr(token.text)
-        return ExpressionError(f"syntax error at character {token.offset + 1}: {what} is not expected there")
+        token_text = "the end of the text" if token.kind == "end" else repr(token.text)
+        return ExpressionError(f"syntax error at character {token.offset + 1}: {token_text} is not expected there")
 
 
-def _tokenize(text: str) -> Iterator[Token]:
+def _split_into_tokens(text: str) -> Iterator[Token]:
     offset = 0
     while offset < len(text):
         match = _TOKEN.match(text, offset)
@@ -254,19 +254,19 @@ def _tokenize(text: str) -> Iterator[Token]:
             )
         start, offset = offset, match.end()
         if match["string"]:
-            value, offset = _quoted(text, match)
+            value, offset = _read_quoted(text, match)
             yield Token("string", text[start:offset], start, value)
         elif match["float"]:
             yield Token("number", match[0], start, float(match["float"]))
         elif match["int"]:
-            yield Token("number", match[0], start, _integer(match["int"], unsigned=bool(match["unsigned"])))
+            yield Token("number", match[0], start, _read_integer(match["int"], unsigned=bool(match["unsigned"])))
         elif match["name"] or match["operator"]:
             yield Token("name" if match["name"] else "operator", match[0], start)
     while True:
         yield Token("end", "", len(text))
 
 
-def _integer(digits: str, *, unsigned: bool) -> int:
+def _read_integer(digits: str, *, unsigned: bool) -> int:
     value = int(digits, 16) if digits.startswith("0x") else int(digits)
     if not unsigned:
         return value  # 2**63 is allowed behind a minus, so the range is checked there
@@ -275,13 +275,13 @@ def _integer(digits: str, *, unsigned: bool) -> int:
     return Unsigned(value)
 
 
-def _number(token: Token) -> int | float:
+def _read_number(token: Token) -> int | float:
     if not isinstance(token.value, int | float):
         raise TypeError(token)
     return token.value
 
 
-def _quoted(text: str, match: re.Match[str]) -> tuple[str | bytes, int]:
+def _read_quoted(text: str, match: re.Match[str]) -> tuple[str | bytes, int]:
     """The value of a string or bytes constant, and where it ends."""
     prefix, quote = match["prefix"].lower(), match["quoted"]
     start, raw = match.end(), "r" in prefix

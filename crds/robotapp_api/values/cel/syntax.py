@@ -20,7 +20,7 @@ class Identifier:
 
 @dataclass(frozen=True, slots=True)
 class Select:
-    """operand.field, or operand.?field."""
+    """Access to a field: operand.field, or operand.?field."""
 
     operand: "Node"
     field: str
@@ -29,7 +29,7 @@ class Select:
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """operand[index], or operand[?index]."""
+    """Access to an item: operand[index], or operand[?index]."""
 
     operand: "Node"
     index: "Node"
@@ -38,7 +38,7 @@ class Index:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """function(arguments), or target.function(arguments)."""
+    """A call: function(arguments), or target.function(arguments)."""
 
     function: str
     target: "Node | None"
@@ -47,7 +47,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Unary:
-    """! or - and its operand."""
+    """An operand with `!` or `-` before it."""
 
     operator: str
     operand: "Node"
@@ -63,7 +63,7 @@ class Chain:
 
 @dataclass(frozen=True, slots=True)
 class Conditional:
-    """condition ? yes : no."""
+    """A choice between two values."""
 
     condition: "Node"
     yes: "Node"
@@ -72,14 +72,14 @@ class Conditional:
 
 @dataclass(frozen=True, slots=True)
 class ListLiteral:
-    """[items]; an optional item is left out when it has no value."""
+    """A list; an optional item is left out when it has no value."""
 
     items: "tuple[tuple[Node, bool], ...]"
 
 
 @dataclass(frozen=True, slots=True)
 class MapLiteral:
-    """{key: value}; an optional entry is left out when it has no value."""
+    """A map; an optional entry is left out when it has no value."""
 
     entries: "tuple[tuple[Node, Node, bool], ...]"
 

@@ -4,7 +4,7 @@ import re
 from functools import total_ordering
 from typing import Any, Final, NamedTuple
 
-from robotapp_api.values.cel.errors import EvaluationError, no_overload
+from robotapp_api.values.cel.errors import EvaluationError, make_overload_error
 from robotapp_api.values.quantities.quantity import parse_nano
 
 INT64: Final = range(-(2**63), 2**63)
@@ -76,7 +76,10 @@ class Semver:
         match = _SEMVER.fullmatch(text)
         numbers = tuple(int(match[part]) for part in ("major", "minor", "patch")) if match else ()
         if match is None or any(number not in UINT64 for number in numbers):
-            raise EvaluationError(f"invalid semantic version {text[:64]!r}")
+            short = text.count(".") < 2
+            raise EvaluationError(
+                "No Major.Minor.Patch elements found" if short else f"invalid semantic version {text[:64]!r}"
+            )
         self.numbers = numbers
         parts = match["pre"].split(".") if match["pre"] else []
         # Numbers sort before words, and a version with a pre-release before the one without.
@@ -96,23 +99,23 @@ class Semver:
         return hash(self._key)
 
 
-def normalized_semver(text: str) -> Semver:
+def normalize_semver(text: str) -> Semver:
     """Reads a version that may begin with `v`, be short, or have leading zeros."""
-    parts = [_without_zeros(part) for part in text.removeprefix("v").split(".", 2)]
+    parts = [_strip_zeros(part) for part in text.removeprefix("v").split(".", 2)]
     if len(parts) < 3 and ("+" in parts[-1] or "-" in parts[-1]):
         raise EvaluationError("short version cannot contain PreRelease/Build meta data")
     return Semver(".".join([*parts, "0", "0"][:3]))
 
 
-def _without_zeros(part: str) -> str:
+def _strip_zeros(part: str) -> str:
     if len(part) < 2:
         return part
-    stripped = part.lstrip("0")
-    return stripped if stripped[:1].isdigit() else f"0{stripped}"
+    digits = part.lstrip("0")
+    return digits if digits[:1].isdigit() else f"0{digits}"
 
 
 def is_number(value: Any) -> bool:
-    """int, uint or double."""
+    """Returns whether the value is an int, uint or double."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
@@ -139,20 +142,20 @@ def equal(first: Any, second: Any) -> bool:
 
 def compare(first: Any, second: Any) -> int:
     """-1, 0 or 1. Raises EvaluationError for values that have no order."""
-    ordered = (is_number(first) and is_number(second)) or (
+    has_order = (is_number(first) and is_number(second)) or (
         type(first) is type(second) and isinstance(first, str | bytes | bool)
     )
-    if not ordered:
-        raise no_overload(first, second)
+    if not has_order:
+        raise make_overload_error(first, second)
     return int(first > second) - int(first < second)
 
 
-def type_of(value: Any) -> TypeValue:
+def get_type(value: Any) -> TypeValue:
     """The type of a value."""
     for kind, name in _TYPE_NAMES:
         if isinstance(value, kind):
             return TypeValue(name)
-    raise no_overload(value)
+    raise make_overload_error(value)
 
 
 _TYPE_NAMES: Final[tuple[tuple[type, str], ...]] = (

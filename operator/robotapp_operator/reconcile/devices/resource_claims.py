@@ -15,6 +15,8 @@ from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment, Pod
 from robotapp_operator.plan.status.components import over_quota
 from robotapp_operator.queue.work import StartOver
+from robotapp_operator.reconcile.apply_plan import evict
+from robotapp_operator.watch.cache import Cache
 
 log = logging.getLogger(__name__)
 
@@ -75,6 +77,28 @@ async def write_claims(client: ApiClient, app: App, plan: ClaimPlan) -> list[tup
             reason = Reason.QUOTA_REFUSED if over_quota(error.message) else Reason.FAILED_CREATE
             refusals.append((reason, f"ResourceClaim {claim.name}: {error.message}"[:1024]))
     return refusals
+
+
+async def give_back(client: ApiClient, cache: Cache, pod: Pod) -> None:
+    """Replaces a pod, and the claim whose device another one keeps: its successor has a device chosen that is free.
+
+    Two schedulers may give one device to two claims; the driver hands it to the first. The pod goes before the claim, so no device is
+    freed below a pod.
+    """
+    meta = pod.metadata
+    claims = cache.allocations.claims.of_instance(meta.app_uid, meta.instance).values()
+    own = [
+        claim
+        for claim in claims
+        if claim.metadata.controller_uid == meta.app_uid
+        and claim.metadata.namespace == meta.namespace
+        and any(user.uid == meta.uid for user in claim.status.reserved_for)
+    ]
+    if not own or await evict(client, pod):
+        return
+    for claim in own:
+        log.info("the driver refuses pod %s/%s its device: pod and claim are made anew", meta.namespace, meta.name)
+        await _delete(client, claim)
 
 
 async def _delete(client: ApiClient, resource_claim: ResourceClaim) -> None:

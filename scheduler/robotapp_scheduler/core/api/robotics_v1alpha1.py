@@ -52,6 +52,7 @@ class Component(Slim):
     separate_from: tuple[str, ...] = ()
     depends_on: tuple[Dependency, ...] = ()
     replicas: int = 1
+    replica_identity: str = ""
     on_disconnect: str = ""
 
 

@@ -10,7 +10,7 @@ from typing import Final
 
 from robotapp_scheduler.core.dynamic_resources.constraints import Constraint
 from robotapp_scheduler.core.dynamic_resources.errors import AllocationError, NodeAllocationError
-from robotapp_scheduler.core.dynamic_resources.inventory import Inventory, NodePool, TargetNode, device_reaches
+from robotapp_scheduler.core.dynamic_resources.inventory import Inventory, NodePool, TargetNode, reaches_from_device
 from robotapp_scheduler.core.dynamic_resources.objects import (
     MOST_DEVICES,
     AllocationResult,
@@ -20,7 +20,7 @@ from robotapp_scheduler.core.dynamic_resources.objects import (
 )
 from robotapp_scheduler.core.dynamic_resources.offered_devices import OfferedDevice, tolerates_all
 from robotapp_scheduler.core.dynamic_resources.requests import Requirement, ResolvedClaim, resolve_claims
-from robotapp_scheduler.core.dynamic_resources.results import ChosenDevice, allocation_result
+from robotapp_scheduler.core.dynamic_resources.results import ChosenDevice, make_result
 
 MOST_STEPS: Final = 100_000
 """Devices that are looked at for one node before the search is given up; kube-scheduler gives up after 10 s."""
@@ -53,8 +53,8 @@ class Allocator:
             search.explain_failure()
             return None
         return tuple(
-            allocation_result(resolved.claim, search.selected[index], search.chosen[index], node.name)
-            for index, resolved in enumerate(self._resolved)
+            make_result(resolved_claim.claim, search.selected[index], search.chosen[index], node.name)
+            for index, resolved_claim in enumerate(self._resolved)
         )
 
     @cached_property
@@ -76,8 +76,10 @@ class Search:
         self._pools = pools
         self._node = node
         self._allocated = allocated
-        self._candidates = [offered for pool in pools for offer in pool.offers for offered in offer.devices]
-        self._constraints = [resolved.new_constraints() for resolved in claims]
+        self._candidates = [
+            offered_device for pool in pools for offer in pool.offers for offered_device in offer.devices
+        ]
+        self._constraints = [resolved_claim.make_constraints() for resolved_claim in claims]
         self._users: dict[DeviceId, set[int]] = {}
         """Claims, by index, to which a device is given in the solution so far."""
         self._steps = 0
@@ -88,7 +90,7 @@ class Search:
         """A device that fits, but needs what this scheduler does not serve."""
         self.chosen: list[list[ChosenDevice]] = [[] for _ in claims]
         self.selected: list[list[Requirement]] = [
-            [alternatives[0] for alternatives in resolved.requests] for resolved in claims
+            [alternatives[0] for alternatives in resolved_claim.requests] for resolved_claim in claims
         ]
         """The alternative of each request that is served."""
 
@@ -97,7 +99,7 @@ class Search:
 
     def run(self) -> bool:
         """Fills `chosen` and `selected`. Returns whether everything could be allocated."""
-        self._counts = [self._count_devices(resolved) for resolved in self._claims]
+        self._counts = [self._count_devices(resolved_claim) for resolved_claim in self._claims]
         # Claims may need hundreds of devices in all, so the choices made so far are on a stack of our own.
         stack = [self._serve_request(0, 0)]
         while stack:
@@ -120,32 +122,36 @@ class Search:
 
     # --- Numbers -----------------------------------------------------------------------------------------------------
 
-    def _count_devices(self, resolved: ResolvedClaim) -> list[list[int]]:
+    def _count_devices(self, resolved_claim: ResolvedClaim) -> list[list[int]]:
         """Number of devices of each alternative. Raises AllocationError when even the fewest are too many for a claim."""
         counts: list[list[int]] = []
         total = 0
-        for alternatives in resolved.requests:
-            counts.append([self._device_count(resolved, requirement) for requirement in alternatives])
+        for alternatives in resolved_claim.requests:
+            counts.append([self._count_request(resolved_claim, requirement) for requirement in alternatives])
             fewest = min(counts[-1])
             if fewest > MOST_DEVICES - total:
                 raise AllocationError(
-                    f"claim {resolved.claim}, request {alternatives[0].request}: adding {fewest} devices exceeds "
+                    f"claim {resolved_claim.claim}, request {alternatives[0].request}: adding {fewest} devices exceeds "
                     f"the claim limit of {MOST_DEVICES}, with {total} already accounted for"
                 )
             total += fewest
         return counts
 
-    def _device_count(self, resolved: ResolvedClaim, requirement: Requirement) -> int:
+    def _count_request(self, resolved_claim: ResolvedClaim, requirement: Requirement) -> int:
         if not requirement.takes_all:
             return requirement.count
+        devices: list[OfferedDevice] = []
         for pool in self._pools:
             if pool.incomplete or pool.invalid:
                 state = "being updated" if pool.incomplete else "invalid"
                 raise AllocationError(
-                    f"claim {resolved.claim}, request {requirement.short_name}: asks for all devices, "
+                    f"claim {resolved_claim.claim}, request {requirement.short_name}: asks for all devices, "
                     f"but resource pool {pool} is currently {state}"
                 )
-        devices = [offered for offered in self._candidates if self._is_selectable(requirement, offered)]
+            offered_devices = (offered_device for offer in pool.offers for offered_device in offer.devices)
+            devices += (
+                offered_device for offered_device in offered_devices if self._is_selectable(requirement, offered_device)
+            )
         self._all_devices[requirement] = devices
         return len(devices)
 
@@ -182,10 +188,12 @@ class Search:
         candidates = self._candidates
         for index in range(start, len(candidates)):
             self._count_step()
-            offered = candidates[index]
-            if self._is_in_use(offered.id, claim_index, admin_access=requirement.admin_access):
+            offered_device = candidates[index]
+            if self._is_in_use(offered_device.id, claim_index, admin_access=requirement.admin_access):
                 continue
-            if self._is_selectable(requirement, offered) and self._take(claim_index, requirement, offered):
+            if self._is_selectable(requirement, offered_device) and self._take(
+                claim_index, requirement, offered_device
+            ):
                 yield self._take_one(claim_index, request_index, requirement, missing - 1, index + 1)
                 self._give_back(claim_index)
 
@@ -193,11 +201,11 @@ class Search:
         """Takes every device that the request selects, if there are any and all are free."""
         devices = self._all_devices[requirement]
         taken_count = 0
-        for offered in devices:
+        for offered_device in devices:
             self._count_step()
-            if self._is_in_use(offered.id, claim_index, admin_access=requirement.admin_access):
+            if self._is_in_use(offered_device.id, claim_index, admin_access=requirement.admin_access):
                 break
-            if not self._take(claim_index, requirement, offered, must=True):
+            if not self._take(claim_index, requirement, offered_device, must=True):
                 break
             taken_count += 1
         if devices and taken_count == len(devices):
@@ -205,40 +213,42 @@ class Search:
         for _ in range(taken_count):
             self._give_back(claim_index)
 
-    def _take(self, claim_index: int, requirement: Requirement, offered: OfferedDevice, *, must: bool = False) -> bool:
+    def _take(
+        self, claim_index: int, requirement: Requirement, offered_device: OfferedDevice, *, must: bool = False
+    ) -> bool:
         """Gives a free device to the claim if its taints are tolerated and all constraints hold.
 
         Raises AllocationError when a device that the request needs breaks a constraint: that is the claim's mistake.
         """
-        if offered.unserved:
-            self._unserved_device = offered
+        if offered_device.unserved:
+            self._unserved_device = offered_device
             return False
-        if not tolerates_all(requirement.tolerations, offered.taints):
+        if not tolerates_all(requirement.tolerations, offered_device.taints):
             return False
-        added: list[Constraint] = []
+        passed_constraints: list[Constraint] = []
         for constraint in self._constraints[claim_index]:
-            if not constraint.concerns(requirement.request, requirement.name):
+            if not constraint.applies_to(requirement.request, requirement.name):
                 continue
-            if not constraint.add(offered):
-                for former in added:
+            if not constraint.add(offered_device):
+                for former in passed_constraints:
                     former.remove_last()
                 if must:
                     raise AllocationError(
                         f"claim {self._claims[claim_index].claim}, request {requirement.short_name}: "
-                        f"cannot add device {offered.id} because a claim constraint would not be satisfied"
+                        f"cannot add device {offered_device.id} because a claim constraint would not be satisfied"
                     )
                 return False
-            added.append(constraint)
-        self._users.setdefault(offered.id, set()).add(claim_index)
-        self.chosen[claim_index].append((requirement, offered))
+            passed_constraints.append(constraint)
+        self._users.setdefault(offered_device.id, set()).add(claim_index)
+        self.chosen[claim_index].append((requirement, offered_device))
         return True
 
     def _give_back(self, claim_index: int) -> None:
         """Undoes the last `_take` for the claim."""
-        requirement, offered = self.chosen[claim_index].pop()
-        self._users[offered.id].discard(claim_index)
+        requirement, offered_device = self.chosen[claim_index].pop()
+        self._users[offered_device.id].discard(claim_index)
         for constraint in self._constraints[claim_index]:
-            if constraint.concerns(requirement.request, requirement.name):
+            if constraint.applies_to(requirement.request, requirement.name):
                 constraint.remove_last()
 
     # --- Facts about a device ----------------------------------------------------------------------------------------
@@ -250,16 +260,16 @@ class Search:
             return users is not None and claim_index in users
         return bool(users) or device in self._allocated
 
-    def _is_selectable(self, requirement: Requirement, offered: OfferedDevice) -> bool:
-        """Do all selectors match the device? Raises AllocationError when one cannot be evaluated."""
+    def _is_selectable(self, requirement: Requirement, offered_device: OfferedDevice) -> bool:
+        """Returns whether all selectors match the device. Raises AllocationError when one cannot be evaluated."""
         for selector, place in requirement.selectors:
-            verdict = offered.verdict_of(selector)
+            verdict = offered_device.verdict_of(selector)
             if verdict is False:
                 return False
             if verdict is not True:
-                raise AllocationError(f"{place}{verdict.on_device(offered.id)}")
-        if offered.offer.resource_slice.spec.per_device_node_selection:
-            return device_reaches(offered.device, self._node)
+                raise AllocationError(f"{place}{verdict.on_device(offered_device.id)}")
+        if offered_device.offer.resource_slice.spec.per_device_node_selection:
+            return reaches_from_device(offered_device.device, self._node)
         return True
 
     def _count_step(self) -> None:

@@ -12,7 +12,7 @@ INCOMPARABLE: Final = None
 
 
 class Constraint:
-    """A constraint and the values of the devices that were added to it. Adding a device never makes a broken one hold."""
+    """A constraint and the values of the devices that were passed_constraints to it. Adding a device never makes a broken one hold."""
 
     __slots__ = ("_attribute", "_distinct", "_requests", "_values")
 
@@ -25,16 +25,16 @@ class Constraint:
     def __repr__(self) -> str:
         return f"Constraint({self._attribute}, {'distinct' if self._distinct else 'match'}, {self._values})"
 
-    def concerns(self, request: str, name: str) -> bool:
-        """Is the constraint about devices of this request, or of this subrequest of it?"""
+    def applies_to(self, request: str, name: str) -> bool:
+        """Returns whether the constraint is about devices of this request, or of this subrequest of it."""
         return not self._requests or request in self._requests or name in self._requests
 
-    def add(self, offered: OfferedDevice) -> bool:
+    def add(self, offered_device: OfferedDevice) -> bool:
         """Adds the device if the constraint still holds with it."""
-        attribute = lookup_attribute(offered, self._attribute)
+        attribute = lookup_attribute(offered_device, self._attribute)
         if attribute is None:
             return False
-        value = scalar_value(attribute)
+        value = get_scalar_value(attribute)
         if self._distinct:
             fits = value not in self._values if value is not INCOMPARABLE else not self._values
         else:
@@ -44,22 +44,22 @@ class Constraint:
         return fits
 
     def remove_last(self) -> None:
-        """Takes the device out that was added last."""
+        """Takes the device out that was passed_constraints last."""
         self._values.pop()
 
 
-def lookup_attribute(offered: OfferedDevice, name: str) -> DeviceAttribute | None:
+def lookup_attribute(offered_device: OfferedDevice, name: str) -> DeviceAttribute | None:
     """The attribute by its full name. The driver's name stands for the domain of attributes that have none."""
-    attributes = offered.device.attributes or {}
+    attributes = offered_device.device.attributes or {}
     attribute = attributes.get(name)
     if attribute is None:
         domain, separator, short_name = name.partition("/")
-        if separator and domain == offered.id.driver:
+        if separator and domain == offered_device.id.driver:
             return attributes.get(short_name)
     return attribute
 
 
-def scalar_value(attribute: DeviceAttribute) -> ScalarValue | None:
+def get_scalar_value(attribute: DeviceAttribute) -> ScalarValue | None:
     """Kind and value, None for a list."""
     if attribute.string_value is not None:
         return "string", attribute.string_value

@@ -51,23 +51,23 @@ class PoolSlices:
         names = {offer.resource_slice.spec.node_name for offer in self.offers.values()}
         return None if "" in names else names
 
-    def for_node(self, node: TargetNode) -> NodePool | None:
+    def get_node_pool(self, node: TargetNode) -> NodePool | None:
         """The pool as the node sees it, None when it offers nothing there or is being replaced by a newer generation."""
         offers = [offer for offer in self.offers.values() if reaches(offer.resource_slice, node)]
         if not offers:
             return None
-        generation = max(_generation(offer) for offer in offers)
-        offers = sorted((offer for offer in offers if _generation(offer) == generation), key=_name)
-        expected = offers[0].resource_slice.spec.pool.resource_slice_count
+        generation = max(_get_generation(offer) for offer in offers)
+        offers = sorted((offer for offer in offers if _get_generation(offer) == generation), key=_get_name)
+        slice_count = offers[0].resource_slice.spec.pool.resource_slice_count
         driver, name = self.key
-        if len(offers) != expected:
-            generations = [_generation(offer) for offer in self.offers.values()]
+        if len(offers) != slice_count:
+            generations = [_get_generation(offer) for offer in self.offers.values()]
             if max(generations) > generation:
                 return None
-            if generations.count(generation) != expected:
+            if generations.count(generation) != slice_count:
                 return NodePool(driver, name, incomplete=True)
         offers = [offer for offer in offers if not offer.resource_slice.spec.shared_counters]
-        names = [offered.id for offer in offers for offered in offer.devices]
+        names = [offered_device.id for offer in offers for offered_device in offer.devices]
         if len(set(names)) != len(names):
             return NodePool(driver, name, invalid=True)
         return NodePool(driver, name, tuple(offers))
@@ -94,12 +94,12 @@ class Inventory:
         """Adds or replaces a slice. Returns the names of nodes whose devices may have changed, None for any node."""
         name, spec = resource_slice.metadata.name, resource_slice.spec
         key = (spec.driver, spec.pool.name)
-        concerned: Collection[str] | None = NONE_CONCERNED
+        node_names: Collection[str] | None = NONE_CONCERNED
         former_key = self._pool_of_slice.get(name)
         if former_key is not None:
             if self._pools[former_key].offers[name].resource_slice.spec == spec:
                 return NONE_CONCERNED
-            concerned = self._drop_slice(name, former_key)
+            node_names = self._drop_slice(name, former_key)
         pool = self._pools.get(key)
         if pool is None:
             pool = self._pools[key] = PoolSlices(key)
@@ -107,7 +107,7 @@ class Inventory:
         offer.apply_taints(self._rules.values())
         self._pool_of_slice[name] = key
         self._index(pool)
-        return self._forget(_union(concerned, pool.node_names()))
+        return self._forget(_join(node_names, pool.node_names()))
 
     def remove_slice(self, resource_slice: ResourceSlice) -> Collection[str] | None:
         """Removes a slice; result as for `apply_slice`."""
@@ -122,12 +122,12 @@ class Inventory:
         if former_rule is not None and former_rule.spec == rule.spec:
             return NONE_CONCERNED
         self._rules[name] = rule
-        return self._taint_again([rule] if former_rule is None else [former_rule, rule])
+        return self._apply_rules([rule] if former_rule is None else [former_rule, rule])
 
     def remove_taint_rule(self, rule: DeviceTaintRule) -> Collection[str] | None:
         """Removes a rule; result as for `apply_slice`."""
         former_rule = self._rules.pop(rule.metadata.name, None)
-        return NONE_CONCERNED if former_rule is None else self._taint_again([former_rule])
+        return NONE_CONCERNED if former_rule is None else self._apply_rules([former_rule])
 
     def node_of(self, device: DeviceId) -> str:
         """The only node that can reach the device's pool, "" when there are several, or none is named."""
@@ -144,7 +144,7 @@ class Inventory:
         if entry is not None and (entry[0] is node.labels or entry[0] == node.labels):
             return entry[1]
         keys = self._pools_by_node.get(node.name, set()) | self._shared_pools
-        node_pools = [pool for key in sorted(keys) if (pool := self._pools[key].for_node(node)) is not None]
+        node_pools = [pool for key in sorted(keys) if (pool := self._pools[key].get_node_pool(node)) is not None]
         node_pools.sort(key=_has_binding_conditions)
         pools = tuple(node_pools)
         self._node_pools[node.name] = (node.labels, pools)
@@ -157,19 +157,19 @@ class Inventory:
     def _drop_slice(self, name: str, key: PoolKey) -> Collection[str] | None:
         """Takes a slice out of its pool, and returns the nodes that reached the pool before."""
         pool = self._pools[key]
-        concerned = pool.node_names()
+        node_names = pool.node_names()
         del pool.offers[name]
-        for node_name in concerned or tuple(self._pools_by_node):
+        for node_name in node_names or tuple(self._pools_by_node):
             self._pools_by_node.get(node_name, set()).discard(key)
         self._shared_pools.discard(key)
         if pool.offers:
             self._index(pool)
         else:
             del self._pools[key]
-        for node_name in concerned or tuple(self._pools_by_node):
+        for node_name in node_names or tuple(self._pools_by_node):
             if not self._pools_by_node.get(node_name, True):
                 del self._pools_by_node[node_name]
-        return concerned
+        return node_names
 
     def _index(self, pool: PoolSlices) -> None:
         for offer in pool.offers.values():
@@ -179,36 +179,36 @@ class Inventory:
             else:
                 self._shared_pools.add(pool.key)
 
-    def _taint_again(self, rules: list[DeviceTaintRule]) -> Collection[str] | None:
+    def _apply_rules(self, rules: list[DeviceTaintRule]) -> Collection[str] | None:
         """Sets the taints of all pools that one of the rules selects."""
-        concerned: Collection[str] | None = NONE_CONCERNED
+        node_names: Collection[str] | None = NONE_CONCERNED
         for pool in self._pools.values():
             if any(selects_pool(rule, *pool.key) for rule in rules):
                 for offer in pool.offers.values():
                     offer.apply_taints(self._rules.values())
-                concerned = _union(concerned, pool.node_names())
-        return concerned
+                node_names = _join(node_names, pool.node_names())
+        return node_names
 
-    def _forget(self, concerned: Collection[str] | None) -> Collection[str] | None:
+    def _forget(self, node_names: Collection[str] | None) -> Collection[str] | None:
         """Drops the computed pools of nodes whose devices may have changed."""
-        if concerned is None:
+        if node_names is None:
             self._node_pools.clear()
         else:
-            for node_name in concerned:
+            for node_name in node_names:
                 self._node_pools.pop(node_name, None)
-        return concerned
+        return node_names
 
 
 def reaches(resource_slice: ResourceSlice, node: TargetNode) -> bool:
-    """Does the slice offer a device to the node?"""
+    """Returns whether the slice offers a device to the node."""
     spec = resource_slice.spec
     if spec.per_device_node_selection:
-        return any(device_reaches(device, node) for device in spec.devices)
+        return any(reaches_from_device(device, node) for device in spec.devices)
     return _selects(node, spec.node_name, all_nodes=spec.all_nodes, node_selector=spec.node_selector)
 
 
-def device_reaches(device: Device, node: TargetNode) -> bool:
-    """Does a device of a slice with perDeviceNodeSelection offer itself to the node?"""
+def reaches_from_device(device: Device, node: TargetNode) -> bool:
+    """Returns whether a device of a slice with perDeviceNodeSelection is offered to the node."""
     return _selects(node, device.node_name, all_nodes=device.all_nodes, node_selector=device.node_selector)
 
 
@@ -220,11 +220,11 @@ def _selects(node: TargetNode, node_name: str, *, all_nodes: bool, node_selector
     return node_selector is not None and matches_node_terms(node_selector.node_selector_terms, node.labels, node.name)
 
 
-def _generation(offer: SliceOffer) -> int:
+def _get_generation(offer: SliceOffer) -> int:
     return offer.resource_slice.spec.pool.generation
 
 
-def _name(offer: SliceOffer) -> str:
+def _get_name(offer: SliceOffer) -> str:
     return offer.name
 
 
@@ -232,6 +232,6 @@ def _has_binding_conditions(pool: NodePool) -> bool:
     return any(offer.has_binding_conditions for offer in pool.offers)
 
 
-def _union(first: Collection[str] | None, second: Collection[str] | None) -> Collection[str] | None:
+def _join(first: Collection[str] | None, second: Collection[str] | None) -> Collection[str] | None:
     """Both sets of node names; None stands for all nodes."""
     return None if first is None or second is None else {*first, *second}

@@ -71,13 +71,13 @@ class DeviceRequirements(Slim):
 
 
 class ExactDeviceRequest(DeviceRequirements):
-    """requests[].exactly."""
+    """An exact request (requests[].exactly)."""
 
     admin_access: bool | None = None
 
 
 class DeviceSubRequest(DeviceRequirements):
-    """requests[].firstAvailable[]."""
+    """One of several requests of which the first that fits is served (requests[].firstAvailable[])."""
 
     name: str = ""
 
@@ -113,7 +113,7 @@ class DeviceClaimConfiguration(Slim):
 
 
 class DeviceClaim(Slim):
-    """spec.devices of a claim."""
+    """Requests, constraints and configuration of a claim."""
 
     given_requests: tuple[DeviceRequest, ...] | None = msgspec.field(name="requests", default=None)
     """The API server writes null for none."""
@@ -127,7 +127,7 @@ class DeviceClaim(Slim):
 
 
 class ResourceClaimSpec(Slim):
-    """spec of a claim."""
+    """The spec of a claim."""
 
     devices: DeviceClaim = msgspec.field(default_factory=DeviceClaim)
 
@@ -156,14 +156,14 @@ class DeviceAllocationConfiguration(Slim):
 
 
 class DeviceAllocationResult(Slim):
-    """status.allocation.devices."""
+    """Allocated devices and their configuration."""
 
     results: tuple[DeviceRequestAllocationResult, ...] = ()
     config: tuple[DeviceAllocationConfiguration, ...] = ()
 
 
 class AllocationResult(Slim):
-    """status.allocation; without a node selector the devices can be reached from everywhere."""
+    """The allocation of a claim; without a node selector the devices can be reached from everywhere."""
 
     devices: DeviceAllocationResult = msgspec.field(default_factory=DeviceAllocationResult)
     node_selector: NodeSelector | None = None
@@ -186,7 +186,7 @@ class ResourceClaimConsumerReference(Slim):
 
 
 class ResourceClaimStatus(Slim):
-    """status of a claim."""
+    """The status of a claim."""
 
     allocation: AllocationResult | None = None
     reserved_for: tuple[ResourceClaimConsumerReference, ...] = ()
@@ -206,7 +206,7 @@ class ResourceClaim(Slim):
 
 
 class ResourceClaimTemplateSpec(Slim):
-    """spec of a template."""
+    """The spec of a template."""
 
     metadata: Metadata = msgspec.field(default_factory=Metadata)
     spec: ResourceClaimSpec = msgspec.field(default_factory=ResourceClaimSpec)
@@ -220,7 +220,7 @@ class ResourceClaimTemplate(Slim):
 
 
 class DeviceClassSpec(Slim):
-    """spec of a class."""
+    """The spec of a class."""
 
     selectors: tuple[DeviceSelector, ...] = ()
     config: tuple[DeviceClaimConfiguration, ...] = ()
@@ -282,7 +282,7 @@ class Device(Slim):
 
 
 class ResourcePool(Slim):
-    """spec.pool of a slice."""
+    """The pool of a slice."""
 
     name: str = ""
     generation: int = 0
@@ -290,7 +290,7 @@ class ResourcePool(Slim):
 
 
 class ResourceSliceSpec(Slim):
-    """spec of a slice."""
+    """The spec of a slice."""
 
     driver: str = ""
     pool: ResourcePool = msgspec.field(default_factory=ResourcePool)
@@ -310,7 +310,7 @@ class ResourceSlice(Slim):
 
 
 class DeviceTaintSelector(Slim):
-    """spec.deviceSelector of a rule: fields that are set must be equal."""
+    """The devices of a rule: fields that are set must be equal."""
 
     driver: str | None = None
     pool: str | None = None
@@ -318,7 +318,7 @@ class DeviceTaintSelector(Slim):
 
 
 class DeviceTaintRuleSpec(Slim):
-    """spec of a rule; without a selector it concerns no device."""
+    """The spec of a rule; without a selector it concerns no device."""
 
     device_selector: DeviceTaintSelector | None = None
     taint: DeviceTaint = msgspec.field(default_factory=DeviceTaint)

@@ -12,7 +12,7 @@ from robotapp_scheduler.core.dynamic_resources.objects import (
     DeviceToleration,
     ResourceSlice,
 )
-from robotapp_scheduler.core.dynamic_resources.selectors import DeviceInput, Selector, Verdict, device_input
+from robotapp_scheduler.core.dynamic_resources.selectors import DeviceInput, Selector, Verdict, make_input
 
 MOST_SELECTORS: Final = 256
 """Selectors whose verdicts about a slice are kept; a user can make any number of claims with selectors of their own."""
@@ -33,18 +33,18 @@ class OfferedDevice:
         self.offer = offer
         self.taints: tuple[DeviceTaint, ...] = ()
         """Taints of the device and of rules that must be tolerated."""
-        self.unserved = unserved_feature(device)
+        self.unserved = explain_unserved(device)
 
     def __repr__(self) -> str:
         return f"OfferedDevice({self.id})"
 
     def verdict_of(self, selector: Selector) -> Verdict:
-        """What the selector decides about the device; it is evaluated once."""
+        """Returns what the selector decides about the device; it is evaluated once."""
         verdicts = self.offer.verdicts_of(selector)
         verdict = verdicts[self._index]
         if verdict is None:
             if self._input is None:
-                self._input = device_input(self.id.driver, self.device)
+                self._input = make_input(self.id.driver, self.device)
             verdict = verdicts[self._index] = selector.evaluate(self._input)
         return verdict
 
@@ -70,15 +70,15 @@ class SliceOffer:
     def apply_taints(self, rules: Iterable[DeviceTaintRule]) -> None:
         """Sets the taints of each device: its own, then those of the rules that select it."""
         rules = [rule for rule in rules if selects_pool(rule, self.driver, self.pool)]
-        for offered in self.devices:
+        for offered_device in self.devices:
             taints = [
-                *offered.device.taints,
-                *(rule.spec.taint for rule in rules if selects_device(rule, offered.device.name)),
+                *offered_device.device.taints,
+                *(rule.spec.taint for rule in rules if selects_device(rule, offered_device.device.name)),
             ]
-            offered.taints = tuple(taint for taint in taints if taint.effect in BLOCKING_EFFECTS)
+            offered_device.taints = tuple(taint for taint in taints if taint.effect in BLOCKING_EFFECTS)
 
     def verdicts_of(self, selector: Selector) -> list[Verdict | None]:
-        """What the selector has decided about each device; None stands for a device it was not evaluated on yet."""
+        """Returns what the selector has decided about each device; None stands for a device it was not evaluated on yet."""
         verdicts = self._verdicts.get(selector)
         if verdicts is None:
             if len(self._verdicts) >= MOST_SELECTORS:
@@ -87,8 +87,8 @@ class SliceOffer:
         return verdicts
 
 
-def unserved_feature(device: Device) -> str:
-    """Why this scheduler cannot allocate the device, "" when it can."""
+def explain_unserved(device: Device) -> str:
+    """Returns why this scheduler cannot allocate the device, "" when it can."""
     if device.consumes_counters:
         return "it is a partition of a larger device (consumesCounters)"
     if device.allow_multiple_allocations:
@@ -99,24 +99,24 @@ def unserved_feature(device: Device) -> str:
 
 
 def selects_pool(rule: DeviceTaintRule, driver: str, pool: str) -> bool:
-    """Can the rule concern devices of the pool?"""
+    """Returns whether the rule can concern devices of the pool."""
     selector = rule.spec.device_selector
     return selector is not None and selector.driver in {None, driver} and selector.pool in {None, pool}
 
 
 def selects_device(rule: DeviceTaintRule, device: str) -> bool:
-    """Does the rule, which selects the pool, concern the device?"""
+    """Returns whether the rule, which selects the pool, concerns the device."""
     selector = rule.spec.device_selector
     return selector is not None and selector.device in {None, device}
 
 
 def tolerates_all(tolerations: Iterable[DeviceToleration], taints: Iterable[DeviceTaint]) -> bool:
-    """Is each of the taints tolerated?"""
+    """Returns whether each of the taints is tolerated."""
     return all(any(tolerates(toleration, taint) for toleration in tolerations) for taint in taints)
 
 
 def tolerates(toleration: DeviceToleration, taint: DeviceTaint) -> bool:
-    """Does the toleration cover the taint? An empty key or effect covers all keys or effects."""
+    """Returns whether the toleration covers the taint. An empty key or effect covers all keys or effects."""
     if toleration.effect not in {"", taint.effect} or toleration.key not in {"", taint.key}:
         return False
     if toleration.operator in {"", "Equal"}:

@@ -1,4 +1,4 @@
-"""What claims ask for, with classes looked up and selectors compiled: the same for every node."""
+"""Requests of claims with classes looked up and selectors compiled: the same for every node."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ CLASS_NOT_FOUND: Final = 'deviceclass.resource.k8s.io "{}" not found'
 
 
 class OwnedSelector(NamedTuple):
-    """A selector and where it stands, for messages."""
+    """A selector and place it stands, for messages."""
 
     selector: Selector
     place: str
@@ -61,8 +61,8 @@ class ResolvedClaim(NamedTuple):
     requests: tuple[tuple[Requirement, ...], ...]
     """Alternatives of each request."""
 
-    def new_constraints(self) -> list[Constraint]:
-        """Constraints that no device has been added to."""
+    def make_constraints(self) -> list[Constraint]:
+        """Constraints that no device has been passed_constraints to."""
         return [Constraint(constraint) for constraint in self.claim.spec.devices.constraints]
 
 
@@ -97,17 +97,17 @@ def _resolve(
     subrequest: str,
     classes: Mapping[str, DeviceClass],
 ) -> Requirement:
-    where = f"claim {claim}, request {subrequest or request.name}"
-    _refuse_unserved(requirements, where)
+    place = f"claim {claim}, request {subrequest or request.name}"
+    _refuse_unserved(requirements, place)
     class_name = requirements.device_class_name
     if not class_name:
-        raise AllocationError(f"{where}: missing device class name (unsupported request type?)")
+        raise AllocationError(f"{place}: missing device class name (unsupported request type?)")
     device_class = classes.get(class_name)
     if device_class is None:
         text = CLASS_NOT_FOUND.format(class_name)
-        raise AllocationError(f"{where}: could not retrieve device class {class_name}: {text}")
+        raise AllocationError(f"{place}: could not retrieve device class {class_name}: {text}")
     if requirements.allocation_mode not in {ALL, EXACT_COUNT}:
-        raise AllocationError(f"{where}: unsupported count mode {requirements.allocation_mode}")
+        raise AllocationError(f"{place}: unsupported count mode {requirements.allocation_mode}")
     return Requirement(
         request=request.name,
         subrequest=subrequest,
@@ -120,16 +120,16 @@ def _resolve(
     )
 
 
-def _refuse_unserved(requirements: DeviceRequirements, where: str) -> None:
+def _refuse_unserved(requirements: DeviceRequirements, place: str) -> None:
     if requirements.derived_attributes:
-        raise AllocationError(f"{where}: cannot handle request with derived attributes, the feature is disabled")
+        raise AllocationError(f"{place}: cannot handle request with derived attributes, the feature is disabled")
     for index, selector in enumerate(requirements.selectors):
         if selector.cel is None:
-            text = f"{where}, selector #{index}: CEL expression empty (unsupported selector type?)"
+            text = f"{place}, selector #{index}: CEL expression empty (unsupported selector type?)"
             raise AllocationError(text)
     if requirements.capacity and requirements.capacity.get("requests"):
         raise AllocationError(
-            f"{where}: this scheduler does not share devices by capacity; "
+            f"{place}: this scheduler does not share devices by capacity; "
             "remove `capacity` and ask for it in a CEL selector on device.capacity"
         )
 

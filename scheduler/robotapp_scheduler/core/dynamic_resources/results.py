@@ -1,4 +1,4 @@
-"""What is written into a claim's status: devices, the configuration that goes with them, and the nodes that reach them."""
+"""Allocations as they are written into the status of claims: devices, the configuration that goes with them, and the nodes that reach them."""
 
 from collections.abc import Iterable, Sequence
 
@@ -21,28 +21,30 @@ from robotapp_scheduler.core.dynamic_resources.requests import Requirement
 ChosenDevice = tuple[Requirement, OfferedDevice]
 
 
-def allocation_result(
+def make_result(
     claim: ResourceClaim, selected: Sequence[Requirement], chosen: Sequence[ChosenDevice], node_name: str
 ) -> AllocationResult:
     """The allocation of a claim. `selected` has the requirement that was served of each request."""
     results = tuple(
         DeviceRequestAllocationResult(
             request=requirement.name,
-            driver=offered.id.driver,
-            pool=offered.id.pool,
-            device=offered.id.device,
+            driver=offered_device.id.driver,
+            pool=offered_device.id.pool,
+            device=offered_device.id.device,
             admin_access=True if requirement.admin_access else None,
             tolerations=requirement.tolerations,
         )
-        for requirement, offered in chosen
+        for requirement, offered_device in chosen
     )
     return AllocationResult(
-        devices=DeviceAllocationResult(results=results, config=_configuration(claim, selected)),
-        node_selector=_node_selector(claim, [offered for _, offered in chosen], node_name),
+        devices=DeviceAllocationResult(results=results, config=_make_configuration(claim, selected)),
+        node_selector=_make_node_selector(claim, [offered_device for _, offered_device in chosen], node_name),
     )
 
 
-def _configuration(claim: ResourceClaim, selected: Sequence[Requirement]) -> tuple[DeviceAllocationConfiguration, ...]:
+def _make_configuration(
+    claim: ResourceClaim, selected: Sequence[Requirement]
+) -> tuple[DeviceAllocationConfiguration, ...]:
     """Configuration of the classes, each once, then of the claim as far as it is about what was allocated."""
     configuration: list[tuple[str, tuple[str, ...], OpaqueDeviceConfiguration | None]] = []
     names_by_class: dict[str, list[str]] = {}
@@ -55,31 +57,31 @@ def _configuration(claim: ResourceClaim, selected: Sequence[Requirement]) -> tup
                 (FROM_CLASS, tuple(names), entry.opaque) for entry in requirement.device_class.spec.config
             )
     for entry in claim.spec.devices.config:
-        if not entry.requests or any(_names(entry.requests, requirement) for requirement in selected):
+        if not entry.requests or any(_includes(entry.requests, requirement) for requirement in selected):
             configuration.append((FROM_CLAIM, entry.requests, entry.opaque))
     return tuple(
         DeviceAllocationConfiguration(
             source=source,
-            requests=() if all(_names(requests, requirement) for requirement in selected) else requests,
+            requests=() if all(_includes(requests, requirement) for requirement in selected) else requests,
             opaque=opaque,
         )
         for source, requests, opaque in configuration
     )
 
 
-def _names(requests: Iterable[str], requirement: Requirement) -> bool:
-    """Is the request among those named, by itself or by its subrequest?"""
+def _includes(requests: Iterable[str], requirement: Requirement) -> bool:
+    """Returns whether the request is among those named, by itself or by its subrequest."""
     return requirement.request in requests or requirement.name in requests
 
 
-def _node_selector(claim: ResourceClaim, devices: Iterable[OfferedDevice], node_name: str) -> NodeSelector | None:
+def _make_node_selector(claim: ResourceClaim, devices: Iterable[OfferedDevice], node_name: str) -> NodeSelector | None:
     """The nodes from which all of the devices can be reached, None for all nodes."""
     fields: list[NodeRequirement] = []
     expressions: list[NodeRequirement] = []
-    for offered in devices:
-        spec = offered.offer.resource_slice.spec
-        source = offered.device if spec.per_device_node_selection else spec
-        if source.node_name or offered.device.binds_to_node:
+    for offered_device in devices:
+        spec = offered_device.offer.resource_slice.spec
+        source = offered_device.device if spec.per_device_node_selection else spec
+        if source.node_name or offered_device.device.binds_to_node:
             only_node = NodeRequirement(key="metadata.name", operator="In", values=(node_name,))
             return NodeSelector(node_selector_terms=(NodeSelectorTerm(match_fields=(only_node,)),))
         terms = source.node_selector.node_selector_terms if source.node_selector is not None else ()

@@ -4,7 +4,7 @@ from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.values.cel import EvaluationError, ExpressionError, Program, compile_expression
-from robotapp_api.values.cel.values import DefaultMap, Semver, parse_quantity
+from robotapp_api.values.cel.values import DefaultMap, Semver, get_type, parse_quantity
 from robotapp_scheduler.core.dynamic_resources.objects import Device, DeviceAttribute, DeviceId
 
 VARIABLES: Final = frozenset({"device"})
@@ -17,7 +17,7 @@ DeviceInput = dict[str, Any]
 
 
 class SelectorError(NamedTuple):
-    """Why a selector has no verdict about a device."""
+    """The reason why a selector has no verdict about a device."""
 
     text: str
     compiled: bool
@@ -50,7 +50,7 @@ class Selector:
         return f"Selector({self.text!r})"
 
     def evaluate(self, device: DeviceInput | EvaluationError) -> Verdict:
-        """Does the selector match the device?"""
+        """Returns whether the selector matches the device."""
         if self._program is None:
             return self._error or SelectorError("", compiled=False)
         if isinstance(device, EvaluationError):
@@ -61,7 +61,8 @@ class Selector:
             text = str(trouble)
             return SelectorError(text + HINT if "no such key:" in text else text, compiled=True)
         if not isinstance(value, bool):
-            return SelectorError("CEL result could not be converted to bool", compiled=True)
+            kind = get_type(value).type_name
+            return SelectorError(f"CEL result of type {kind} could not be converted to bool", compiled=True)
         return value
 
 
@@ -71,7 +72,7 @@ def compile_selector(text: str) -> Selector:
     return Selector(text)
 
 
-def device_input(driver: str, device: Device) -> DeviceInput | EvaluationError:
+def make_input(driver: str, device: Device) -> DeviceInput | EvaluationError:
     """The variables of an expression about the device, or why an attribute of it cannot be read.
 
     Attributes and capacities stand by domain; the driver's name is the domain of those that have none.
@@ -79,7 +80,7 @@ def device_input(driver: str, device: Device) -> DeviceInput | EvaluationError:
     attributes: DefaultMap = DefaultMap()
     for name, attribute in (device.attributes or {}).items():
         try:
-            _put(attributes, name, driver, _attribute_value(attribute))
+            _put(attributes, name, driver, _read_attribute(attribute))
         except EvaluationError as trouble:
             return EvaluationError(f"attribute {name}: {trouble}")
     capacity: DefaultMap = DefaultMap()
@@ -105,11 +106,11 @@ def _put(by_domain: DefaultMap, name: str, driver: str, value: Any) -> None:
     by_domain.setdefault(domain, {})[short_name] = value
 
 
-def _attribute_value(attribute: DeviceAttribute) -> Any:
+def _read_attribute(attribute: DeviceAttribute) -> Any:
     if attribute.version_value is not None:
-        return _semver(attribute.version_value)
+        return _read_semver(attribute.version_value)
     if attribute.version_values is not None:
-        return [_semver(text) for text in attribute.version_values]
+        return [_read_semver(text) for text in attribute.version_values]
     for values in (attribute.int_values, attribute.bool_values, attribute.string_values):
         if values is not None:
             return list(values)
@@ -119,7 +120,7 @@ def _attribute_value(attribute: DeviceAttribute) -> Any:
     raise EvaluationError("unsupported attribute value")
 
 
-def _semver(text: str) -> Semver:
+def _read_semver(text: str) -> Semver:
     try:
         return Semver(text)
     except EvaluationError as trouble:

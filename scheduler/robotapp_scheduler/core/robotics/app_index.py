@@ -8,12 +8,15 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
+import msgspec
+
 from robotapp_api.model.names import ROBOT_END, Label
 from robotapp_api.values.placement.better_node import edge_to, topic_of
 from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
 from robotapp_api.values.placement.tiers import ROBOT
 from robotapp_api.values.quantities.bandwidth import bandwidth_bps
 from robotapp_api.values.quantities.duration import parse_us
+from robotapp_api.values.replicas import expand_struct
 from robotapp_scheduler.core.api.core_v1 import Owned, Pod
 from robotapp_scheduler.core.api.robotics_v1alpha1 import (
     Component,
@@ -110,7 +113,9 @@ def tied(component: Component) -> bool:
 
 
 def read_app(source: RobotApp) -> App:
-    """Prepare an app. Durations that cannot be read are collected, never guessed."""
+    """Prepare an app, each replica that has an ordinal as a component of its own. Durations that cannot be read are collected, never guessed."""
+    if (spec := expand_struct(source.spec)) is not source.spec:
+        source = msgspec.structs.replace(source, spec=spec)
     problems: list[str] = []
     links: dict[str, list[Link]] = {}
     for i, edge in enumerate(source.spec.edges):

@@ -192,6 +192,7 @@ PLAIN: Final = frozenset(
         "regex",
         "reliability",
         "remaps",
+        "replicaIdentity",
         "replicas",
         "requestedQos",
         "requests",

@@ -14,6 +14,7 @@ from campaigns.rigs.live import Tenant, eventually, part
 from robotapp_api.model.names import Label
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import ApiStatusError
+from robotapp_testbed.processes.process import Process
 
 pytestmark = pytest.mark.usefixtures("operator")
 
@@ -141,3 +142,21 @@ def test_without_a_driver_the_pods_are_as_before_and_a_pod_that_runs_keeps_its_l
         assert [item["metadata"]["labels"][Label.APP] for item in claims(tenant)] == ["other"]
         tenant.delete("base")
         tenant.delete("other")
+
+
+def test_an_app_with_an_allocated_claim_is_deleted_without_the_operator(
+    tenant: Tenant, installed_plane: ControlPlane, ids: str, operator: Process
+) -> None:
+    """The last test of the module: the operator does not come back."""
+    with running_driver(installed_plane) as device:
+        for name in ("base", "arm"):
+            tenant.apply(name, part("driver", devices=[LIDAR]), ros2={"pool": ids})
+        eventually(lambda: len(claims(tenant)) == 2)
+        for claim in claims(tenant):
+            allocate(tenant, claim, device)
+        eventually(lambda: all(item["status"].get("allocation") for item in claims(tenant)))
+        operator.stop()
+        tenant.delete("base")
+        eventually(lambda: len(claims(tenant)) == 1, what=lambda: claims(tenant))
+        tenant.cp.kubectl("delete", "robotapp", "arm", "-n", tenant.namespace, "--cascade=foreground", "--timeout=60s")
+        eventually(lambda: not claims(tenant), what=lambda: claims(tenant))

@@ -3,67 +3,48 @@
 import re
 from typing import Any
 
-from robotapp_api.values.cel.errors import EvaluationError, no_overload
-from robotapp_api.values.cel.operators import checked
-from robotapp_api.values.cel.values import ABSENT, Optional, Quantity, Semver, Unsigned, type_of
-
-__all__ = [
-    "content",
-    "content_or",
-    "either",
-    "has_value",
-    "optional_none",
-    "optional_of",
-    "optional_of_non_zero",
-    "same",
-    "size",
-    "to_bool",
-    "to_bytes",
-    "to_double",
-    "to_int",
-    "to_string",
-    "to_uint",
-    "type_of",
-]
+from robotapp_api.values.cel.errors import EvaluationError, make_overload_error
+from robotapp_api.values.cel.operators import check_range
+from robotapp_api.values.cel.values import ABSENT, Optional, Quantity, Semver, Unsigned
 
 _INTEGER = re.compile(r"[+-]?[0-9]+", re.ASCII)
 _TRUE = frozenset({"1", "t", "T", "TRUE", "true", "True"})
 _FALSE = frozenset({"0", "f", "F", "FALSE", "false", "False"})
 
 
-def size(value: Any) -> int:
+def get_size(value: Any) -> int:
     """Number of characters, bytes, items or entries."""
     if isinstance(value, str | bytes | list | dict):
         return len(value)
-    raise no_overload(value)
+    raise make_overload_error(value)
 
 
-def same(value: Any) -> Any:
-    """dyn(): the value, whose type nothing may be concluded from."""
+def keep(value: Any) -> Any:
+    """Returns the value: dyn() matters to the type check only."""
     return value
 
 
 def to_int(value: Any) -> int:
-    """int(): doubles lose their fraction."""
+    """Converts to int; doubles lose their fraction."""
     if isinstance(value, str):
         if not _INTEGER.fullmatch(value):
             raise EvaluationError(f'strconv.ParseInt: parsing "{value}": invalid syntax')
-        return checked(int(value))
-    return checked(_whole(value))
+        return check_range(int(value))
+    return check_range(_drop_fraction(value))
 
 
 def to_uint(value: Any) -> int:
-    """uint()."""
+    """Converts to uint."""
     if isinstance(value, str):
         if not (value.isascii() and value.isdigit()):
             raise EvaluationError(f'strconv.ParseUint: parsing "{value}": invalid syntax')
-        return checked(int(value), unsigned=True)
-    return checked(_whole(value), unsigned=True)
+        return check_range(int(value), unsigned=True)
+    return check_range(_drop_fraction(value), unsigned=True)
 
 
-def _whole(value: Any) -> int:
+def _drop_fraction(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise no_overload(value)
+        raise make_overload_error(value)
     try:
         return int(value)
     except (ValueError, OverflowError):  # NaN, infinity
@@ -71,19 +52,19 @@ def _whole(value: Any) -> int:
 
 
 def to_double(value: Any) -> float:
-    """double()."""
+    """Converts to double."""
     if isinstance(value, str):
         try:
             return float(value)
         except ValueError:
             raise EvaluationError(f'strconv.ParseFloat: parsing "{value}": invalid syntax') from None
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise no_overload(value)
+        raise make_overload_error(value)
     return float(value)
 
 
 def to_string(value: Any) -> str:
-    """string()."""
+    """Converts to string."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool):
@@ -91,81 +72,81 @@ def to_string(value: Any) -> str:
     if isinstance(value, int):
         return str(int(value))
     if isinstance(value, float):
-        return _float_text(value)
+        return _write_float(value)
     if isinstance(value, bytes):
         try:
             return value.decode()
         except UnicodeDecodeError:
             raise EvaluationError("invalid UTF-8 in bytes, cannot convert to string") from None
-    raise no_overload(value)
+    raise make_overload_error(value)
 
 
-def _float_text(value: float) -> str:
-    """As Go prints it: no point where there is no fraction, exponents from 1e21 on."""
+def _write_float(value: float) -> str:
+    """Writes a double like Go: no point where there is no fraction, exponents from 1e21 on."""
     if value == int(value) and abs(value) < 1e21:
         return str(int(value))
     return repr(value)
 
 
 def to_bytes(value: Any) -> bytes:
-    """bytes()."""
+    """Converts to bytes."""
     if isinstance(value, str):
         return value.encode()
     if isinstance(value, bytes):
         return value
-    raise no_overload(value)
+    raise make_overload_error(value)
 
 
 def to_bool(value: Any) -> bool:
-    """bool()."""
+    """Converts to bool."""
     if isinstance(value, bool):
         return value
     if isinstance(value, str) and value in _TRUE | _FALSE:
         return value in _TRUE
     if isinstance(value, str):
         raise EvaluationError(f'strconv.ParseBool: parsing "{value}": invalid syntax')
-    raise no_overload(value)
+    raise make_overload_error(value)
 
 
-def optional_of(value: Any) -> Optional:
-    """optional.of()."""
+def make_present(value: Any) -> Optional:
+    """Makes an optional value that is present."""
     return Optional(present=True, content=value)
 
 
-def optional_none() -> Optional:
-    """optional.none()."""
+def make_absent() -> Optional:
+    """Makes an optional value that is absent."""
     return ABSENT
 
 
-def optional_of_non_zero(value: Any) -> Optional:
-    """optional.ofNonZeroValue(): absent for null, false, 0 and what is empty."""
+def make_present_unless_empty(value: Any) -> Optional:
+    """Makes an optional value: absent for null, false, 0 and what is empty."""
     empty = value is None or value in (False, 0, "", b"") or value in ([], {})
-    return ABSENT if empty and not isinstance(value, Quantity | Semver | Unsigned) else optional_of(value)
+    return ABSENT if empty and not isinstance(value, Quantity | Semver | Unsigned) else make_present(value)
 
 
 def has_value(value: Any) -> bool:
-    """optional.hasValue()."""
-    return _optional(value).present
+    """Returns whether an optional value is present."""
+    return _check_optional(value).present
 
 
-def content(value: Any) -> Any:
-    """optional.value()."""
-    if not _optional(value).present:
+def get_content(value: Any) -> Any:
+    """Returns what an optional value holds; an absent one is an error."""
+    if not _check_optional(value).present:
         raise EvaluationError("optional.none() dereference")
     return value.content
 
 
-def content_or(value: Any, default: Any) -> Any:
-    """optional.orValue()."""
-    return value.content if _optional(value).present else default
+def get_content_or(value: Any, default: Any) -> Any:
+    """Returns what an optional value holds, or the default."""
+    return value.content if _check_optional(value).present else default
 
 
-def either(value: Any, other: Any) -> Optional:
-    """optional.or()."""
-    return value if _optional(value).present else _optional(other)
+def choose_present(value: Any, other: Any) -> Optional:
+    """Returns the first optional value that is present, if any."""
+    return value if _check_optional(value).present else _check_optional(other)
 
 
-def _optional(value: Any) -> Optional:
+def _check_optional(value: Any) -> Optional:
     if not isinstance(value, Optional):
-        raise no_overload(value)
+        raise make_overload_error(value)
     return value

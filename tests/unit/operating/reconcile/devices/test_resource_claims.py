@@ -4,15 +4,20 @@ from typing import Any
 
 import msgspec
 import pytest
+from tests.support.apiserver import FakeApiServer
+from tests.support.clients import client_for
 from tests.support.factories import component, make_app
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_claims.rules.objects import ResourceClaim
+from robotapp_client import TooManyRequests
+from robotapp_client.api.resources import PODS, RESOURCECLAIMS
 from robotapp_operator.plan.diff.diff import wanted_children
 from robotapp_operator.plan.render.devices.resource_claim import DeviceClaim, wanted_claims
 from robotapp_operator.plan.spec.desired import Domain, desired_of
 from robotapp_operator.plan.spec.objects import Deployment, Pod
-from robotapp_operator.reconcile.devices.resource_claims import plan_claims
+from robotapp_operator.reconcile.devices.resource_claims import give_back, plan_claims
+from robotapp_operator.watch.cache import Cache
 
 APP = make_app(component("driver", devices=[{"name": "lidar", "type": "serial"}]))
 CHILDREN = wanted_children(
@@ -76,3 +81,36 @@ def test_claims_of_others_are_never_deleted() -> None:
     owner = {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "name": "x", "uid": "other", "controller": True}
     others = [stored(ownerReferences=[owner]), stored(ownerReferences=[]), stored(namespace="elsewhere")]
     assert names(plan_claims(APP, [], others, deployments=[], pods=[])) == ([], [])
+
+
+async def test_a_refused_claim_goes_after_its_pod_and_never_below_one() -> None:
+    async with FakeApiServer() as api, client_for(api.endpoint) as client:
+        body = WANTED.body(APP)
+        stored_claim = await client.create(RESOURCECLAIMS, body, namespace=APP.namespace)
+        labels = {Label.APP_UID.value: APP.uid, Label.INSTANCE.value: "", Label.COMPONENT.value: "driver"}
+        pod_body = {"metadata": {"name": "p", "namespace": APP.namespace, "labels": labels}, "spec": {"nodeName": "n"}}
+        pod_uid = (await client.create(PODS, pod_body))["metadata"]["uid"]
+        user = {"resource": "pods", "name": "p", "uid": pod_uid}
+        cache = Cache()
+        claim = msgspec.convert({**stored_claim, "status": {"reservedFor": [user]}}, ResourceClaim)
+        cache.allocations.put_claim(claim, before=None)
+        found = msgspec.convert(await client.get(PODS, "p", namespace=APP.namespace), Pod)
+
+        other = msgspec.structs.replace(found, metadata=msgspec.structs.replace(found.metadata, uid="another"))
+        await give_back(client, cache, other)
+        assert len((await client.list(RESOURCECLAIMS)).items) == 1, "a claim of another pod"
+
+        refused = True
+
+        async def evict(_path: str, _body: bytes) -> bytes:
+            assert (await client.list(RESOURCECLAIMS)).items, "the pod goes first"
+            if refused:
+                raise TooManyRequests("disruption budget", status=429)
+            return b"{}"
+
+        client.post_raw = evict  # type: ignore[method-assign,assignment]
+        await give_back(client, cache, found)
+        assert len((await client.list(RESOURCECLAIMS)).items) == 1, "its pod is still there"
+        refused = False
+        await give_back(client, cache, found)
+        assert (await client.list(RESOURCECLAIMS)).items == []
