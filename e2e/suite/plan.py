@@ -168,6 +168,7 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
         "tests/live/crash/",
         "tests/live/peer_examples/",
     ),
+    "recorder/": ("tests/live/nodes/test_recordings.py",),
     "rigel_bridge/": ("tests/live/bridge/",),
     "ros_profile/": ("tests/live/bridge/test_cluster_live.py",),
     "scheduler/": ("tests/live/scheduling/", "tests/live/faults/"),
@@ -178,6 +179,7 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "e2e/controlplane/": ("e2e/tests/live/testbed/",),
     "e2e/cel_cost/": ("tests/live/crds/",),
     "e2e/cluster_dns/": ("tests/live/nodes/",),
+    "e2e/container_runtime/": ("tests/live/nodes/",),
     "e2e/pause/": ("tests/live/nodes/",),
     "e2e/latency_switch/": ("e2e/tests/live/switch/",),
     "e2e/ros_nodes/": (

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from robotapp_api.model.names import Label
 from robotapp_testbed import images
-from robotapp_testbed.binaries import pins, programs
+from robotapp_testbed.binaries import container_runtime, pins, programs
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.control_plane import components
 from robotapp_testbed.control_plane.authority import Authority
@@ -54,8 +54,9 @@ class RealNodes(ControlPlane):
     An entry is a name, or a node of robotapp_testbed.machines.nodes, whose name, labels, taints and devices are taken:
     the agent on a node with devices finds doubles of those, else what this machine has. `delays` are one-way
     milliseconds by pair of names: with them (an empty mapping will do) the latency switch carries what pods send to other
-    nodes, without them a plain bridge does. `images` are names of robotapp_testbed.images, there on every node. Needs root
-    and a few packages: UnavailableError says which. The other arguments are those of ControlPlane.
+    nodes, without them a plain bridge does. `images` are names of robotapp_testbed.images, there on every node. With `cdi`
+    the nodes run a containerd that gives containers the devices of their claims. Needs root and a few packages:
+    UnavailableError says which. The other arguments are those of ControlPlane.
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class RealNodes(ControlPlane):
         delays: Mapping[tuple[str, str], float] | None = None,
         *,
         images: Sequence[str] = ("tools",),
+        cdi: bool = False,
         kube_scheduler: bool | str | Path = True,
         kwok: bool = False,
         audit: bool | str = False,
@@ -88,6 +90,7 @@ class RealNodes(ControlPlane):
         self._given_args = extra_args or {}
         self._delays = delays
         self._images = ("pause", *images)
+        self._cdi = cdi
         self._switch: LatencySwitch | None = None
         self._slot: slots.Slot | None = None
         self._nodes: dict[str, RealNode] = {}
@@ -286,6 +289,7 @@ class RealNodes(ControlPlane):
             key=serving / "tls.key",
             client_ca=layout.run_dir / "nodes-ca.crt",
             images=archives,
+            runtime=container_runtime.build() if self._cdi else None,
             plain_data=self._delays is None,
         )
 

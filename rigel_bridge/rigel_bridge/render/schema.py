@@ -20,7 +20,7 @@ _MATCHES: Final = re.compile(r"self\.matches\('([^'\\]*)'\)")
 _EQUALS: Final = re.compile(r"self == '([^'\\]*)'")
 _EMPTY: Final = "size(self) == 0"
 _LABEL: Final = r"[a-z0-9]([-a-z0-9]*[a-z0-9])?"
-_ROBOT: Final = r"\$\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\)"
+_ROBOT: Final = r"\$\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE|ROBOTAPP_ORDINAL)\)"
 _VALUE: Final = f"([A-Za-z0-9]|{_ROBOT})"
 _PATTERNS: Final = {
     r"^[a-z]+$": "lower-case letters, such as jazzy",

@@ -1,6 +1,7 @@
-"""What real ROS makes of our rendering: rclpy with Fast DDS, Cyclone DDS and ROS 1 in containers on real nodes.
+"""What real ROS makes of our rendering: rclpy with Fast DDS, Cyclone DDS, Zenoh and ROS 1 in containers on real nodes.
 
-rmw_cyclonedds and rmw_zenoh are in no package index, so with Cyclone DDS the listener is rclpy with Fast DDS.
+rmw_cyclonedds and rmw_zenoh are in no package index. With Cyclone DDS the listener is rclpy with Fast DDS. With Zenoh two
+libraries speak rmw_zenoh's wire format by way of the operator's router, and the operator's probe runs on a stand-in of rclpy.
 `pytest --log-cli-level=INFO` on this file prints the seconds that it measures.
 """
 
@@ -51,9 +52,11 @@ def part(name: str, node: str, args: Sequence[str], image: str = "jazzy", **spec
     return {"name": name, **own, "template": {"spec": {"nodeSelector": {"kubernetes.io/hostname": node}, **spec}}}
 
 
-def chat(name: str, ros2: Mapping[str, Any], *, distro: str, talker: Any, listener: Sequence[str]) -> dict[str, Any]:
+def chat(
+    name: str, ros2: Mapping[str, Any], *, distro: str, talker: Any, listener: Sequence[str], image: str = "jazzy"
+) -> dict[str, Any]:
     """An app whose listener is ready while it hears the talker."""
-    hearer = {**part("listener", "robot-1", listener), "ready": {"topic": {"name": TOPIC}}}
+    hearer = {**part("listener", "robot-1", listener, image), "ready": {"topic": {"name": TOPIC}}}
     spec = {"ros": {"distro": distro}, "ros2": ros2, "components": [talker, hearer]}
     return {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "metadata": {"name": name}, "spec": spec}
 
@@ -80,6 +83,13 @@ def cyclone_dds(name: str) -> dict[str, Any]:
     return chat(name, ros2, distro="lyrical", talker=talker, listener=["env", *variables, *LISTEN])
 
 
+def zenoh(name: str) -> dict[str, Any]:
+    """With the operator's router, from the image of the first component, as every app with Zenoh has it."""
+    talker = part("talker", "edge-1", ["python3", "-m", "ros_nodes.zenoh.talker", TOPIC], "zenoh")
+    listener = ["python3", "-m", "ros_nodes.zenoh.listener", TOPIC]
+    return chat(name, {"rmw": "rmw_zenoh_cpp"}, distro="jazzy", talker=talker, listener=listener, image="zenoh")
+
+
 CHATS = {
     "server": fast_dds(
         "server",
@@ -90,6 +100,7 @@ CHATS = {
     ),
     "peers": fast_dds("peers", mode="Peers"),
     "cyclone": cyclone_dds("cyclone"),
+    "zenoh": zenoh("zenoh"),
 }
 
 
@@ -97,7 +108,7 @@ CHATS = {
 def cluster(real_machine: type[RealNodes]) -> Iterator[RealNodes]:
     """All apps start at once."""
     nodes, delays = [robot("robot-1"), edge("edge-1")], {("robot-1", "edge-1"): 2}
-    with real_machine(nodes, delays=delays, images=("jazzy", "ros2", "ros1"), kube_scheduler=True) as cp:
+    with real_machine(nodes, delays=delays, images=("jazzy", "ros2", "zenoh", "ros1"), kube_scheduler=True) as cp:
         product.install(cp)
         product.start_operator(cp)
         product.start_scheduler(cp)
@@ -125,14 +136,25 @@ def list_ready(cp: RealNodes, wanted: Sequence[str], *, within_s: float) -> list
     return [app for app in CHATS if is_ready(cp, app)]
 
 
-def test_readiness_follows_messages_with_servers_with_peers_and_with_cyclone_dds(cluster: RealNodes) -> None:
-    assert list_ready(cluster, list(CHATS), within_s=STARTED_S) == list(CHATS)
+def test_readiness_follows_messages_with_servers_with_peers_with_cyclone_dds_and_with_a_zenoh_router(
+    cluster: RealNodes,
+) -> None:
+    ready = list_ready(cluster, list(CHATS), within_s=STARTED_S)
+    assert ready == list(CHATS), [read_pods(cluster, app) for app in CHATS if app not in ready]
     for line, wanted in (("touch /tmp/silence", []), ("rm /tmp/silence", list(CHATS))):
         for app in CHATS:
             run_in(cluster, app, "talker", line)
         allowed_s, began_s = FOLLOWS_S * slowness(seconds=0.2), time.monotonic()
         assert list_ready(cluster, wanted, within_s=allowed_s) == wanted, line
         logger.info("%s: all follow in %.1f s of %.1f s", line, time.monotonic() - began_s, allowed_s)
+
+
+def read_pods(cp: RealNodes, app: str) -> str:
+    """What kubectl shows of an app's pods and their last lines, for a failure's message."""
+    selector = f"robotics.io/app={app}"
+    pods = cp.kubectl("get", "pods", "-n", PLACE, "-l", selector, "-o", "wide")
+    events = cp.kubectl("get", "events", "-n", PLACE, "--field-selector=type=Warning")
+    return "\n".join((pods, events, cp.kubectl("logs", "-n", PLACE, "-l", selector, "--tail=8", "--prefix")))
 
 
 @pytest.mark.parametrize("app", ["server", "peers"])

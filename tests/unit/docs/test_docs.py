@@ -135,6 +135,7 @@ def test_the_page_of_the_environment_lists_every_variable_that_the_operator_sets
     parts = (
         component("arm", devices=[{"name": "can", "type": "can"}], parameters=[{"inline": "{}"}]),
         component("base"),
+        component("copy", replicaIdentity="Ordinal"),
         component("store", ros="None", parameters=[{"inline": "listener 1883"}]),
     )
     found = set()
