@@ -31,6 +31,7 @@ RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {
     "zenoh": Zenoh,
     "ros1": Ros1,
     "detection-ros2": partial(ReferenceRos2, "detection-ros2", "detection", "reference_detection.detector"),
+    "fleet-ros1": partial(ReferenceRos1, "fleet-ros1"),
     "fleet-ros2": partial(ReferenceRos2, "fleet-ros2"),
     "navigation-ros2": partial(ReferenceRos2, "navigation-ros2", "navigation"),
     "teleop-ros1": partial(ReferenceRos1, "teleop-ros1"),

@@ -93,17 +93,20 @@ class Programs:
 
     def kill(self, name: str) -> None:
         """Ends a program and what it started at once, as the loss of its node does."""
-        for pid in reversed(list_descendants(self._programs[name].pid)):
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+        self._signal(name, signal.SIGKILL)
         self._programs[name].kill()
 
     def pause(self, name: str) -> None:
-        """Holds a program still, as a robot that is out of reach."""
-        self._programs[name].pause()
+        """Holds a program and what it started still, as a robot that is out of reach."""
+        self._signal(name, signal.SIGSTOP)
 
     def resume(self, name: str) -> None:
-        self._programs[name].resume()
+        self._signal(name, signal.SIGCONT)
+
+    def _signal(self, name: str, number: signal.Signals) -> None:
+        for pid in reversed(list_descendants(self._programs[name].pid)):
+            with suppress(ProcessLookupError):
+                os.kill(pid, number)
 
     def stop(self, name: str) -> None:
         """Ends a program as the kubelet does."""

@@ -97,7 +97,9 @@ def test_the_compose_file_imports_to_the_same_programs(app: Path) -> None:
 
 def test_a_parameter_of_the_files_is_one_that_a_node_declares_or_gets(app: Path) -> None:
     package = read_package(app)
-    sources = "".join(path.read_text() for path in package.rglob("*") if path.suffix in (".py", ".cpp"))
+    sources = "".join(
+        path.read_text() for path in package.rglob("*") if path.suffix in (".py", ".cpp") or path.parent.name == "nodes"
+    )
     names = {name for path in (package / "config").glob("*.yaml") for name in list_parameters(path)}
     assert names
     assert sorted(name for name in names if f'"{name}"' not in sources and f'"~{name}"' not in sources) == []
@@ -124,7 +126,13 @@ def test_what_the_robotapp_starts_is_part_of_the_package(app: Path) -> None:
         match component["args"]:
             case ["ros2", "run", package.name, executable, *_]:
                 assert f'"{executable} = ' in (package / "setup.py").read_text()
-            case ["roslaunch", "--wait", package.name, launch_file]:
+            case ["roslaunch", "--wait", package.name, launch_file, *_]:
                 assert (package / "launch" / launch_file).is_file()
             case words:
                 pytest.fail(f"unknown way to start: {shlex.join(words)}")
+
+
+def test_both_generations_of_the_fleet_keep_their_tasks_by_the_same_journal() -> None:
+    """Each folder is whole, as a repository of its own would be, so the file is there twice."""
+    first, second = sorted(FOLDER.glob("fleet-*/src/**/tasks.py"))
+    assert first.read_text() == second.read_text()

@@ -4,8 +4,6 @@ import json
 import os
 from pathlib import Path
 
-OPEN, GIVEN, DONE = "open", "given", "done"
-
 
 class TaskBook:
     """Every change is on disk before anybody hears of it, so what was promised survives the coordinator.
@@ -21,8 +19,8 @@ class TaskBook:
         self._read()
         self._file = self._path.open("a")
 
-    def state_of(self, task):
-        return DONE if task in self.done else GIVEN if self.owner[task] else OPEN
+    def close(self):
+        self._file.close()
 
     def task_of(self, robot):
         """Returns the task that a robot has and has not finished, or None."""
