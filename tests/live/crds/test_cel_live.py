@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from tests.support.cel_cases import FAILING_EXPRESSIONS, TRUE_EXPRESSIONS
+from tests.support.scheduler.cel_cases import FAILING_EXPRESSIONS, TRUE_EXPRESSIONS
 
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.failures import ApiStatusError

@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from tests.support.cel_cases import FAILING_EXPRESSIONS, TRUE_EXPRESSIONS, VARIABLES
+from tests.support.scheduler.cel_cases import FAILING_EXPRESSIONS, TRUE_EXPRESSIONS, VARIABLES
 
 from robotapp_api.values.cel import EvaluationError, ExpressionError, compile_expression
 from robotapp_api.values.cel import parser as parser_module
