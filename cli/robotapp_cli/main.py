@@ -24,7 +24,7 @@ from robotapp_cli.commands.claims import show_domains
 from robotapp_cli.commands.console import ConsoleOptions, start_console
 from robotapp_cli.commands.devices import show_devices
 from robotapp_cli.commands.explain import Question, show_explain
-from robotapp_cli.commands.importing import add_import_command
+from robotapp_cli.commands.imports.command import add_import_command
 from robotapp_cli.commands.nodes import show_nodes, show_robots
 from robotapp_cli.commands.rendering import show_children, show_file
 from robotapp_cli.commands.simulate import Wish, show_simulation

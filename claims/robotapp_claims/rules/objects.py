@@ -336,5 +336,59 @@ class TelemetryDevice(Object, frozen=True, kw_only=True):
     model: str = ""
     interface: str = ""
     identity: str = ""
+    path: str = ""
     present: bool = True
     names: tuple[str, ...] = ()
+
+
+# Claims of devices that a DRA driver hands over (resource.k8s.io/v1)
+
+
+class DeviceResult(Object, frozen=True, kw_only=True):
+    """One allocated device."""
+
+    request: str = ""
+    driver: str = ""
+    pool: str = ""
+    device: str = ""
+
+
+class DeviceResults(Object, frozen=True, kw_only=True):
+    results: tuple[DeviceResult, ...] = ()
+
+
+class Allocation(Object, frozen=True, kw_only=True):
+    devices: DeviceResults = DeviceResults()
+
+
+class ClaimUser(Object, frozen=True, kw_only=True):
+    """Who may use the claim: pods, and for as long as it lives the RobotApp."""
+
+    api_group: str = ""
+    resource: str = ""
+    name: str = ""
+    uid: str = ""
+
+
+class ResourceClaimStatus(Object, frozen=True, kw_only=True):
+    allocation: Allocation | None = None
+    reserved_for: tuple[ClaimUser, ...] = ()
+
+
+class ResourceClaim(Object, frozen=True, kw_only=True):
+    """A ResourceClaim; what it requests is read by schedulers alone."""
+
+    metadata: Meta
+    status: ResourceClaimStatus = ResourceClaimStatus()
+
+
+class SliceSpec(Object, frozen=True, kw_only=True):
+    driver: str = ""
+    node_name: str = ""
+
+
+class ResourceSlice(Object, frozen=True, kw_only=True):
+    """A list of devices that a driver publishes, as far as it shows where the driver runs."""
+
+    metadata: Meta
+    spec: SliceSpec = SliceSpec()

@@ -20,7 +20,7 @@ _PATIENCE_S: Final = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What is opened: a port of a component's container, and how its address is written."""
+    """The port of a component's container, and how its address is written."""
 
     component: str
     link: str

@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from robotapp_api.checks.containers import list_containers
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.distros import NO_ROS
@@ -16,8 +15,6 @@ from robotapp_api.values.component_references import ExpandedText, expanded_prob
 from robotapp_api.values.references import has_reference, reference_values, unknown_reference
 from robotapp_api.values.replicas import ORDINAL
 
-_DEVICE_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\(ROBOTAPP_DEVICE_[A-Za-z0-9_]*\))")
-"""A reference that the kubelet would replace; `$$(NAME)` is the text `$(NAME)`."""
 _ROBOT_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\((?:ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\))")
 _BASE_IMAGE: Final = re.compile(r"(?:(?:[a-z0-9.-]+(?::[0-9]+)?/)?(?:library/|osrf/|arm64v8/)?)ros(?::[^/]*)?(?:@.*)?")
 """Images of ROS itself, whose program is bash."""
@@ -30,7 +27,6 @@ _FIELDS_OF_ONE_POD: Final = frozenset({"metadata.name", "metadata.uid"})
 
 def command_line_problems(component: Component, at: str) -> Iterator[Problem]:
     """`at`: where the component stands, such as `spec.components[0]`."""
-    yield from _device_reference_problems(component, at)
     yield from expanded_text_problems(list_expanded_texts(component, at))
     if component.parameters and is_launch(component) and not reads_parameters_variable(component):
         yield invalid(
@@ -98,7 +94,7 @@ def _reads_name_of_pod(component: Component) -> bool:
 
 
 def reads_parameters_variable(component: Component) -> bool:
-    """Whether the program is told its parameter files by ROBOTAPP_PARAMS in its command line or environment, so that none are added."""
+    """Returns whether the program is told its parameter files by ROBOTAPP_PARAMS in its command line or environment, so that none are added."""
     values = (str(variable.get("value") or "") for variable in component.env)
     return any(PARAMETERS_VARIABLE in text for text in (*component.command, *component.args, *values))
 
@@ -114,24 +110,6 @@ def is_launch(component: Component) -> bool:
         if word.rpartition("/")[2] == "ros2":
             return words[index + 1 : index + 2] == ["launch"]
     return False
-
-
-def _device_reference_problems(component: Component, at: str) -> Iterator[Problem]:
-    texts = [(f"{at}.run.args", word) for word in component.run.args] if component.run else []
-    if component.launch:
-        texts += [(f"{at}.launch.arguments", value) for value in component.launch.arguments.values()]
-    for container, where in list_containers(component, at):
-        texts += [
-            (f"{where}.{field}", str(text)) for field in ("command", "args") for text in container.get(field) or ()
-        ]
-        texts += [(f"{where}.env", str(variable.get("value") or "")) for variable in container.get("env") or ()]
-    for field, text in texts:
-        if reference := _DEVICE_REFERENCE.search(text):
-            yield invalid(
-                field,
-                f"{reference[1]} would reach {component.name} as this very text, because no node hands devices over yet; write the path "
-                "that your device plugin gives, such as /dev/ttyUSB0, and ask for its resource in resources.limits",
-            )
 
 
 def program_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:

@@ -77,6 +77,8 @@ class Label(StrEnum):
     """On Node and NodeTelemetry objects that no machine stands behind (tests and the demo)."""
 
 
+POD_CLAIM: Final = "devices"
+"""What a pod of a RobotApp calls the ResourceClaim of its devices."""
 HARDWARE_PREFIX: Final = "hardware.robotics.io/"
 HARDWARE_SOURCE: Final = "hardware.robotics.io/source"
 """On nodes whose hardware labels were made from their NodeTelemetry: they are capabilities, and the devices are only there."""
@@ -111,6 +113,8 @@ class Annotation(StrEnum):
     """On children: hash of the labels and spec they were written with."""
     PARAMETERS_HASH = "robotics.io/parameters-hash"
     """On pods: hash of the ConfigMap keys that are their parameter files."""
+    DEVICES_HASH = "robotics.io/devices-hash"
+    """On pods with a ResourceClaim for their devices: hash of what it requests."""
     MASTER_STARTS = "robotics.io/master-starts"
     """On pods of ROS 1 apps: starts of their master for which they were restarted, because it did not have their names and topics."""
     FIRST_NODE = "robotics.io/first-node"
@@ -137,6 +141,10 @@ class Annotation(StrEnum):
     """On pods: hash of the ConfigMaps and Secrets that they mount or read as environment, once it is another than at first."""
     LOST_DEVICES = "robotics.io/lost-devices"
     """On a component's Deployment: claims of devices that vanished, each with the uid of the pod that had it."""
+    RELEASE = "robotics.io/release"
+    """On a ResourceClaim of a component, written by the operator: why its devices are to be given back once no pod uses them."""
+    REFUSED_SINCE = "robotics.io/refused-since"
+    """On a ResourceClaim of a component: since when the driver refuses to hand its devices over, because another claim has them."""
 
 
 PARAMETERS_PREFIX: Final = "robotics.io/parameters-"

@@ -10,6 +10,6 @@ position only. Objects are valid for an API server; statuses, deletion and prior
 """
 
 from campaigns.cluster_cases.case import Case, build_case, cases, seeded_case
-from campaigns.cluster_cases.catalogue import FAMILIES, Family
+from campaigns.cluster_cases.catalogue import ALL_FAMILIES, DEVICE_FAMILIES, FAMILIES, Family
 
-__all__ = ["FAMILIES", "Case", "Family", "build_case", "cases", "seeded_case"]
+__all__ = ["ALL_FAMILIES", "DEVICE_FAMILIES", "FAMILIES", "Case", "Family", "build_case", "cases", "seeded_case"]

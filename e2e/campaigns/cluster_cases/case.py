@@ -8,7 +8,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from campaigns.cluster_cases.catalogue import FAMILIES, clash
+from campaigns.cluster_cases.catalogue import ALL_FAMILIES, clash
 from campaigns.cluster_cases.choices import Choices, DrawnChoices, SeededChoices
 from campaigns.cluster_cases.scene import Scene, draw_scene
 from campaigns.reference_scheduler import ClusterDump
@@ -100,8 +100,8 @@ def build_case(
         if one not in chosen and not any(clash(one, other) for other in chosen):
             chosen.append(one)
     scene = draw_scene(choices, nodes=nodes, placed=placed)
-    for name in sorted(chosen, key=list(FAMILIES).index):
-        FAMILIES[name].apply(choices, scene)
+    for name in sorted(chosen, key=list(ALL_FAMILIES).index):
+        ALL_FAMILIES[name].apply(choices, scene)
     return Case(tuple(chosen), _objects(scene))
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from campaigns.cluster_cases import device_families as devices
 from campaigns.cluster_cases import eviction_families as eviction
 from campaigns.cluster_cases import migrated_families as migrated
 from campaigns.cluster_cases import node_families as node
@@ -86,6 +87,25 @@ FAMILIES = {
     "resource-claims": Family(eviction.resource_claims, ("DynamicResources",), alone=True),
 }
 
+DEVICE_FAMILIES = {
+    f"dra-{name}": Family(apply, ("DynamicResources",), alone=True)
+    for name, apply in (
+        ("counts", devices.draw_counts),
+        ("selectors", devices.draw_selectors),
+        ("constraints", devices.draw_constraints),
+        ("alternatives", devices.draw_alternatives),
+        ("taints", devices.draw_taints),
+        ("pools", devices.draw_pools),
+        ("admin", devices.draw_admin),
+        ("several", devices.draw_several),
+        ("configs", devices.draw_configs),
+        ("unused", devices.draw_unused),
+        ("no-class", devices.draw_no_class),
+    )
+}
+"""Families that are compared with kube-scheduler alone."""
+ALL_FAMILIES = FAMILIES | DEVICE_FAMILIES
+
 _CONTAINERS = {
     "amounts",
     "extended",
@@ -109,6 +129,6 @@ CLASHES = (
 
 
 def clash(left: str, right: str) -> bool:
-    if FAMILIES[left].alone or FAMILIES[right].alone:
+    if ALL_FAMILIES[left].alone or ALL_FAMILIES[right].alone:
         return True
     return any(left in group and right in group for group in CLASHES)

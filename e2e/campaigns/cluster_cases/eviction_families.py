@@ -90,11 +90,8 @@ def nominations(choices: Choices, scene: Scene) -> None:
 
 
 def resource_claims(choices: Choices, scene: Scene) -> None:
-    """Claims for devices: missing, not allocated, allocated on some nodes."""
-    trouble = choices.pick(("missing", "unallocated", "everywhere", "somewhere", "somewhere", "nowhere"))
-    if trouble == "missing":
-        _wish(scene)
-        return
+    """Claims for devices: not allocated and of no class, or allocated on some nodes."""
+    trouble = choices.pick(("unallocated", "everywhere", "somewhere", "somewhere", "nowhere"))
     names = {"everywhere": None, "somewhere": [choices.pick(scene.names())], "nowhere": ["gone"]}
     status: Json = {}
     if trouble in names:
@@ -126,6 +123,10 @@ def _camera(scene: Scene, status: Json) -> None:
 def _allocated(names: list[str] | None) -> Json:
     """Devices that these nodes reach, or all."""
     if names is None:
-        return {"devices": {}}
+        return {"devices": {}, "allocationTimestamp": "2026-01-01T00:00:00Z"}
     field = {"key": "metadata.name", "operator": "In", "values": names}
-    return {"devices": {}, "nodeSelector": {"nodeSelectorTerms": [{"matchFields": [field]}]}}
+    return {
+        "devices": {},
+        "allocationTimestamp": "2026-01-01T00:00:00Z",
+        "nodeSelector": {"nodeSelectorTerms": [{"matchFields": [field]}]},
+    }

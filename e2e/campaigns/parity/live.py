@@ -8,7 +8,7 @@ more time, in case an object was still on its way to one of them, and then made 
 
 import asyncio
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -16,30 +16,26 @@ from typing import Any, Final
 import aiohttp
 import yaml
 
-from campaigns.cluster_cases import FAMILIES, Case, seeded_case
+from campaigns.cluster_cases import ALL_FAMILIES, Case, seeded_case
 from campaigns.cluster_cases.regressions import regressions
 from campaigns.cluster_cases.shrinking import reduction
 from campaigns.parity import oracle as parity_oracle
 from campaigns.parity.oracle import OracleLog
-from campaigns.parity.probe import OURS, Pods, Prober
+from campaigns.parity.probe import OURS, Pods, Prober, names_claims
 from campaigns.parity.profiles import profiles, suffix
 from campaigns.parity.report import Report
 from campaigns.parity.stage import ADMISSION, Stage
 from campaigns.parity.verdict import Verdict, judged
 from robotapp_client.api.client import ApiClient
 from robotapp_client.api.resources import NODETELEMETRIES
-from robotapp_client.transport.errors import BadRequest, Forbidden, Invalid
+from robotapp_client.transport.errors import BadRequest, Forbidden, Invalid, NotFound
 from robotapp_client.transport.kubeconfig import load as login
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.product import install, start_scheduler
 from robotapp_testbed.processes.process import Process
 
 Json = dict[str, Any]
-NOT_LIVE: Final[Mapping[str, str]] = {
-    "resource-claims": "refused in our own words unless allocated: not built (docs/parity.md)",
-}
-"""Families that are not compared live, and why."""
-LIVE: Final = [name for name in FAMILIES if name not in NOT_LIVE]
+LIVE: Final = list(ALL_FAMILIES)
 NODES, PLACED = 8, 8
 EVERY_ONE_NODE: Final = 4
 """Every so many cases there is one node, whose first reason is the whole text."""
@@ -48,7 +44,7 @@ SETTLE_S: Final = (0.03, 0.3, 1.0, 4.0)
 SHRUNK: Final = 3
 ATTEMPTS: Final = 120
 REFUSALS: Final = (BadRequest, Forbidden, Invalid)
-PER_WORD: Final = 100
+PER_WORD: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +87,9 @@ def control_plane() -> ControlPlane:
     return ControlPlane(kwok=False, controller_manager=False, extra_args={"kube-apiserver": [ADMISSION]})
 
 
-async def run(cp: ControlPlane, cases: Iterator[Numbered], *, seed: str, say: Callable[[str], None]) -> Report:
+async def run(
+    cp: ControlPlane, cases: Iterator[Numbered], *, seed: str, say: Callable[[str], None], shrunk: int = SHRUNK
+) -> Report:
     """Install ours, start both schedulers and compare."""
     await asyncio.to_thread(install, cp)
     oracle = await asyncio.to_thread(parity_oracle.start, cp)
@@ -104,7 +102,7 @@ async def run(cp: ControlPlane, cases: Iterator[Numbered], *, seed: str, say: Ca
             Pods(client) as pods,
         ):
             await _surround(client)
-            return await _Arena(pods, http, oracle, ours).run(cases, seed, say)
+            return await _Arena(pods, http, oracle, ours, shrunk=shrunk).run(cases, seed, say)
     finally:
         await asyncio.to_thread(ours.stop)
         await asyncio.to_thread(oracle.stop)
@@ -136,7 +134,9 @@ async def _surround(client: ApiClient) -> None:
 class _Arena:
     """One control plane with both schedulers running."""
 
-    def __init__(self, pods: Pods, http: aiohttp.ClientSession, oracle: Process, ours: Process) -> None:
+    def __init__(self, pods: Pods, http: aiohttp.ClientSession, oracle: Process, ours: Process, *, shrunk: int) -> None:
+        """The first `shrunk` differences are made small."""
+        self._shrunk = shrunk
         self._stage = Stage(pods.client, (parity_oracle.SCHEDULER_NAME, OURS))
         self._prober = Prober(pods, http, OracleLog(oracle.log_path), ours)
 
@@ -159,7 +159,7 @@ class _Arena:
             return
         report.take(each.case, theirs)
         if unequal:
-            objects = await self._smallest(each) if len(report.found) < SHRUNK else each.case.objects
+            objects = await self._smallest(each) if len(report.found) < self._shrunk else each.case.objects
             names = {"number": each.number, "families": each.case.families, "profile": each.profile}
             report.differs(each.case, {**names, "differences": unequal, "objects": objects})
 
@@ -168,7 +168,8 @@ class _Arena:
         for settle_s in SETTLE_S:
             try:
                 theirs, ours = await self._both(each, settle_s)
-            except Forbidden:  # for a class that admission has not seen yet: it reads them from a cache of its own
+            except (Forbidden, NotFound):
+                # A class that admission has not seen yet, or a pod of the case before that was evicted late.
                 if settle_s == SETTLE_S[-1]:
                     raise
                 await asyncio.sleep(settle_s)
@@ -182,7 +183,7 @@ class _Arena:
         try:
             await self._build(case, settle_s)
             theirs = await self._prober.verdict(case, parity_oracle.SCHEDULER_NAME, each.profile)
-            if theirs.preempts or (theirs.node and _binds_volumes(case)):
+            if theirs.preempts or (theirs.node and _binds_volumes(case)) or names_claims(case):
                 await self._stage.clear()
                 await self._build(case, settle_s)
             return theirs, await self._prober.verdict(case, OURS, each.profile)
@@ -192,7 +193,7 @@ class _Arena:
     async def _build(self, case: Case, settle_s: float) -> None:
         await self._stage.build(case)
         # Volumes and the rest come by other watches than pods, and more of them.
-        await asyncio.sleep(settle_s * (2 if _has_volumes(case) else 1))
+        await asyncio.sleep(settle_s * (2 if _has_volumes(case) or names_claims(case) else 1))
 
     async def _smallest(self, each: Numbered) -> Sequence[Json]:
         """What is left of the case when nothing more can be left out."""
@@ -201,6 +202,9 @@ class _Arena:
             candidate = next(steps)
             while True:
                 case = replace(each.case, objects=candidate)
+                if not _has_its_claims(case):
+                    candidate = steps.send(False)
+                    continue
                 try:
                     theirs, ours = await self._both(replace(each, case=case), SETTLE_S[1])
                     candidate = steps.send(bool(judged(case, theirs, ours)))
@@ -210,6 +214,12 @@ class _Arena:
         except StopIteration as stop:
             smallest: Sequence[Json] = stop.value
             return smallest
+
+
+def _has_its_claims(case: Case) -> bool:
+    """A pod without its ResourceClaims is held before the queue, and neither scheduler says a word."""
+    claims = {each["metadata"]["name"] for each in case.objects if each["kind"] == "ResourceClaim"}
+    return claims.issuperset(each.get("resourceClaimName", "") for each in case.pod["spec"].get("resourceClaims") or ())
 
 
 def _has_volumes(case: Case) -> bool:

@@ -2,7 +2,7 @@
 
 Compared are the feasible nodes, the FailedScheduling text character by character (on clusters of one node that is the
 node's first reason), the weighted score of every plugin, that our choice is among kube-scheduler's best, and who is
-evicted for which node. With --reference ours is compared with the scalar reference instead, without a cluster.
+evicted for which node, and the ResourceClaims that were written. With --reference ours is compared with the scalar reference instead, without a cluster.
 """
 
 import argparse
@@ -10,6 +10,7 @@ import asyncio
 import json
 import sys
 from collections.abc import Sequence
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", default="1")
     parser.add_argument("--json", type=Path, help="write counts per family and every difference to this file")
     parser.add_argument("--case", type=int, metavar="N", help="this one case of the seed alone")
-    parser.add_argument("--family", action="append", help="only cases with this family at the centre")
+    parser.add_argument(
+        "--family", action="append", help="only cases with such a family at the centre, * for any characters: dra-*"
+    )
+    parser.add_argument("--shrunk", type=int, default=3, metavar="N", help="make so many differences small (3)")
     parser.add_argument("--keep", action="store_true", help="keep what differs, made small, as regression cases")
     parser.add_argument(
         "--reference", action="store_true", help="against the scalar reference instead, without a cluster"
@@ -63,12 +67,15 @@ def _against_reference(arguments: argparse.Namespace) -> int:
 
 def _against_kube_scheduler(arguments: argparse.Namespace) -> int:
     seed = arguments.seed
-    families = arguments.family or parity_live.LIVE
+    families = [name for name in parity_live.LIVE if any(fnmatch(name, pattern) for pattern in arguments.family or "*")]
+    if not families:
+        print(f"no family is called {', '.join(arguments.family)}; there are {', '.join(parity_live.LIVE)}")
+        return 2
     cases = parity_live.campaign(seed, arguments.cases or 3000, families)
     if arguments.case is not None:
         cases = iter([parity_live.numbered(seed, arguments.case, families)])
     with parity_live.control_plane() as cp:
-        report = asyncio.run(parity_live.run(cp, cases, seed=seed, say=say))
+        report = asyncio.run(parity_live.run(cp, cases, seed=seed, say=say, shrunk=arguments.shrunk))
     save(arguments.json, report.as_json())
     for each in report.found if arguments.keep else ():
         path = keep(each["objects"], why="; ".join(each["differences"]), profile=each["profile"])

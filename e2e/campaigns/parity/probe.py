@@ -19,7 +19,7 @@ from campaigns.parity.stage import HELD, delete_now
 from campaigns.parity.verdict import FOUND, Verdict
 from campaigns.rigs.watching import Watching
 from robotapp_client.api.client import ApiClient
-from robotapp_client.api.resources import PODS
+from robotapp_client.api.resources import PODS, RESOURCECLAIMS
 from robotapp_client.informer.reflector import Change, Reflector
 from robotapp_client.transport.errors import NotFound
 from robotapp_testbed.processes.process import Process
@@ -33,6 +33,8 @@ EVICTIONS_S: Final = 10.0
 QUIET_S: Final = 0.5
 """Who was to be evicted and is not yet gone was terminating from the start."""
 LOOK_S: Final = 0.02
+WRITES_S: Final = 10.0
+DEALLOCATED: Final = "deallocation of ResourceClaim completed"
 
 
 @dataclass
@@ -97,11 +99,12 @@ class Prober:
             victims = await self._victims(case, message)
             # A pod that was refused may have been tried again since: then the scores are of another attempt.
             scores, best = await self._scores(scheduler, f"{namespace}/{name}") if not message else ({}, frozenset())
+            claims = await self._claims(case, versions, message) if names_claims(case) else {}
         finally:
             with suppress(NotFound):
                 await delete_now(self._client, PODS.path(namespace, name))
             self._pods.forget(f"{namespace}/{name}")
-        return Verdict(node, message.replace(name, NAME), scores, best, victims)
+        return Verdict(node, message.replace(name, NAME), scores, best, victims, claims)
 
     async def _promise(self, namespace: str, name: str, node: str) -> None:
         """The API server takes a nomination only of a pod that is there: it waits behind a gate for it."""
@@ -160,6 +163,36 @@ class Prober:
                 found.append(meta["name"])
         return tuple(sorted(found))
 
+    async def _claims(self, case: Case, versions: list[Json], message: str) -> Mapping[str, Json]:
+        """Returns the pod's ResourceClaims once it is bound, or its refusal has been followed up."""
+        deadline_s = time.monotonic() + (WRITES_S if not message else QUIET_S)
+        freed = DEALLOCATED in message
+        while time.monotonic() < deadline_s:
+            claims = {name: await self._claim(case, name) for name in _claim_names(case)}
+            is_bound = bool(versions) and bool(versions[-1]["spec"].get("nodeName"))
+            if is_bound or (message and not freed):
+                return claims
+            await self._pods.change(timeout_s=LOOK_S)
+        return claims
+
+    async def _claim(self, case: Case, name: str) -> Json:
+        """Returns what schedulers write of a claim, without names and times that differ from attempt to attempt."""
+        stored = await self._client.get(RESOURCECLAIMS, name, namespace=case.pod["metadata"]["namespace"], as_type=dict)
+        status = stored.get("status") or {}
+        users = [
+            {key: value for key, value in user.items() if key != "uid"} | {"name": _without_serial(user["name"])}
+            for user in status.get("reservedFor") or ()
+        ]
+        allocation = dict(status.get("allocation") or {})
+        allocation["allocationTimestamp"] = "set" if allocation.pop("allocationTimestamp", None) else "none"
+        finalizers = stored["metadata"].get("finalizers") or []
+        return {
+            "finalizers": finalizers,
+            "reservedFor": users,
+            "allocation": allocation,
+            "devices": status.get("devices"),
+        }
+
     async def _scores(self, scheduler: str, key: str) -> tuple[Mapping[str, Mapping[str, int]], frozenset[str]]:
         if scheduler == SCHEDULER_NAME:
             scores = self._log.read().pop(key, Scores())
@@ -173,6 +206,19 @@ class Prober:
                 return None
             found: Json = msgspec.json.decode(await response.read())
             return found
+
+
+def names_claims(case: Case) -> bool:
+    """Returns whether the pod of a case names ResourceClaims, which its scheduler may write."""
+    return bool(_claim_names(case))
+
+
+def _claim_names(case: Case) -> list[str]:
+    return [each["resourceClaimName"] for each in case.objects[-1]["spec"].get("resourceClaims") or ()]
+
+
+def _without_serial(name: str) -> str:
+    return NAME if name.startswith(f"{NAME}-") else name
 
 
 def probe(case: Case, name: str, scheduler: str) -> Json:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from random import Random
 from typing import Any, Final
 
-from campaigns.cluster_cases import FAMILIES
+from campaigns.cluster_cases import ALL_FAMILIES
 
 Json = dict[str, Any]
 GPU: Final = "example.com/gpu"
@@ -87,7 +87,7 @@ PLUGINS: Final[Mapping[str, Json]] = {
 def suffix(seed: str, number: int, families: Sequence[str]) -> str:
     """The profile of a case. Preemption stays with the default one: the reference that judges its ties has that."""
     random = Random(f"{seed}/{number}/profile")
-    if any("DefaultPreemption" in FAMILIES[name].plugins for name in families) or random.random() > 0.4:
+    if any("DefaultPreemption" in ALL_FAMILIES[name].plugins for name in families) or random.random() > 0.4:
         return ""
     return random.choice(tuple(PROFILES))
 

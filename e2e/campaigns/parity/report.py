@@ -46,6 +46,7 @@ class Report:
         self.compared["scores of all plugins"] += len(theirs.scores) > 1
         self.compared["feasible sets"] += not theirs.message
         self.compared["texts"] += bool(theirs.message)
+        self.compared["resource claims as written"] += bool(theirs.claims)
 
     def differs(self, case: Case, found: Json) -> None:
         self._of(case)["differences"] += 1

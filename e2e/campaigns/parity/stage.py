@@ -16,6 +16,8 @@ from robotapp_client.api.resources import (
     CSIDRIVERS,
     CSINODES,
     CSISTORAGECAPACITIES,
+    DEVICECLASSES,
+    DEVICETAINTRULES,
     NAMESPACES,
     NODES,
     PERSISTENTVOLUMECLAIMS,
@@ -25,6 +27,7 @@ from robotapp_client.api.resources import (
     REPLICASETS,
     REPLICATIONCONTROLLERS,
     RESOURCECLAIMS,
+    RESOURCESLICES,
     SERVICES,
     STATEFULSETS,
     STORAGECLASSES,
@@ -41,7 +44,8 @@ KINDS: Final = {
     for each in (
         NAMESPACES, PRIORITYCLASSES, RUNTIMECLASSES, STORAGECLASSES, CSIDRIVERS, PERSISTENTVOLUMECLAIMS,
         PERSISTENTVOLUMES, NODES, CSINODES, CSISTORAGECAPACITIES, VOLUMEATTACHMENTS, PODDISRUPTIONBUDGETS, SERVICES,
-        REPLICATIONCONTROLLERS, REPLICASETS, STATEFULSETS, RESOURCECLAIMS, PODS,
+        REPLICATIONCONTROLLERS, REPLICASETS, STATEFULSETS, RESOURCECLAIMS,
+        RESOURCESLICES, DEVICECLASSES, DEVICETAINTRULES, PODS,
     )
 }  # fmt: skip
 LASTING: Final = frozenset({"Namespace", "PriorityClass", "RuntimeClass"})
@@ -123,7 +127,7 @@ class Stage:
             await self._delete(item)
 
     async def _drop(self, item: Json) -> None:
-        if item["metadata"].get("finalizers"):
+        if item["metadata"].get("finalizers") or item["kind"] == "ResourceClaim":  # an allocation comes with one
             with suppress(NotFound):
                 await self._patch(item, {"metadata": {"finalizers": None}})
         with suppress(NotFound):

@@ -1,7 +1,8 @@
 """What one scheduler decided about a case, and every way in which two such verdicts differ."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from campaigns.cluster_cases import Case
 from campaigns.reference_scheduler import decide
@@ -20,6 +21,8 @@ class Verdict:
     best: frozenset[str] = frozenset()
     victims: tuple[str, ...] = ()
     """Evicted pods by name, sorted."""
+    claims: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Finalizers and status of the pod's ResourceClaims after the decision, by name."""
 
     @property
     def preempts(self) -> bool:
@@ -39,6 +42,10 @@ def differences(theirs: Verdict, ours: Verdict) -> list[str]:
         found.append(f"victims: theirs {theirs.victims}, ours {ours.victims}")
     if theirs.preempts and theirs.node != ours.node:
         found.append(f"nominated: theirs {theirs.node}, ours {ours.node}")
+    if (
+        theirs.node == ours.node and theirs.claims != ours.claims
+    ):  # on another of the best nodes there are other devices
+        found.append(f"claims: theirs {theirs.claims}, ours {ours.claims}")
     if theirs.feasible != ours.feasible:
         found.append(f"feasible: theirs {sorted(theirs.feasible)}, ours {sorted(ours.feasible)}")
     elif len(theirs.feasible) > 1:
@@ -59,11 +66,20 @@ def _scores(theirs: Verdict, ours: Verdict) -> list[str]:
     return found
 
 
+def _without_device(verdict: Verdict) -> Verdict:
+    """Returns the verdict with the text of a failed expression up to the device it failed for."""
+    head, found, _ = verdict.message.partition(" on device ")
+    return replace(verdict, message=head) if found and "CEL runtime error" in verdict.message else verdict
+
+
 def judged(case: Case, theirs: Verdict, ours: Verdict) -> list[str]:
     """`differences`, but for two places of one price: kube-scheduler takes any of them, so each must be among the best.
 
-    Which nodes those are, and who has to go there, is what the scalar reference says.
+    Which nodes those are, and who has to go there, is what the scalar reference says. On several nodes a CEL expression may
+    fail for several devices, and each scheduler names the one that it met first.
     """
+    if sum(each["kind"] == "Node" for each in case.objects) > 1:
+        theirs, ours = _without_device(theirs), _without_device(ours)
     unequal = differences(theirs, ours)
     if not unequal or not (theirs.preempts and ours.preempts) or theirs.node == ours.node:
         return unequal

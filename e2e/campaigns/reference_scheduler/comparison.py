@@ -20,9 +20,9 @@ from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
 from robotapp_scheduler.core.cycle.diagnosis import QUIRK
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult as Found
+from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
 from robotapp_scheduler.core.framework.interface import Code
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.pods.resource_claims import ResourceClaim
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 
 Json = dict[str, Any]
@@ -50,7 +50,7 @@ def feed(core: SchedulerCore, kind: str, item: Json, *, remove: bool = False) ->
     elif kind in SELECTING:
         cluster.topology.apply_selecting(kind, msgspec.convert(item, Selecting))
     elif kind == "ResourceClaim":
-        cluster.resource_claims.apply(msgspec.convert(item, ResourceClaim))
+        cluster.resource_claims.apply_claim(msgspec.convert(item, ResourceClaim))
     elif kind in STORAGE:
         as_type, name = STORAGE[kind]
         getattr(cluster.volumes, f"apply_{name}")(msgspec.convert(item, as_type))

@@ -2,6 +2,7 @@
 
 from campaigns.reference_scheduler import filtering, scoring
 from campaigns.reference_scheduler.model import ClusterDump, Config, Json, Rejection, ScoringError
+from campaigns.reference_scheduler.nodes.resource_claims import gives_up
 from campaigns.reference_scheduler.outcome import NO_NODES, Decision, fit_message
 from campaigns.reference_scheduler.preemption import preempt
 from campaigns.reference_scheduler.state import State, name_of
@@ -58,6 +59,8 @@ def decide(cluster: ClusterDump, pod: Json, config: Config = _DEFAULTS) -> Decis
         decision.message += " not found"
         return decision
     decision.preemption = preempt(state, decision)
+    if gives_up(state, decision.rejections.values()) and not decision.preemption.victims:
+        decision.preemption.tail = f"deallocation of ResourceClaim completed, {decision.preemption.tail}"
     decision.message = f"{decision.message} {decision.preemption.tail}".rstrip()
     return decision
 

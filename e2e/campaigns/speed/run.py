@@ -140,7 +140,8 @@ class Case:
     pods: int
 
     def pod(self, name: str) -> load.Json:
-        return pod(name, "measured", self.contestant.scheduler_name, self.workload.pod)
+        claims = {"resourceClaims": [{"name": "device", "resourceClaimName": name}]} if self.workload.devices else {}
+        return pod(name, "measured", self.contestant.scheduler_name, self.workload.pod | claims)
 
 
 class Run:
@@ -241,7 +242,9 @@ class Run:
         return {f"create→bound p{percent} ms": percentile(waits, percent) for percent in (50, 99)}
 
     async def _create(self, case: Case) -> None:
-        objects = (case.pod(f"measured-{index:05}") for index in range(case.pods))
+        names = [f"measured-{index:05}" for index in range(case.pods)]
+        await self._scenery.create_claims(case.workload, names)
+        objects = map(case.pod, names)
         await load.create(self._client, PODS, objects, namespace=NAMESPACE)
 
     async def _collect(self) -> None:

@@ -7,20 +7,32 @@ from campaigns.scheduler import load
 from campaigns.scheduler.load import Json
 from campaigns.speed.contestants import Contestant
 from campaigns.speed.workloads import (
+    DEVICE_CLASS_OBJECT,
     PRIORITIES,
     ROLE,
     SCHEDULER,
     Workload,
+    device_claim,
     filler,
     filler_name,
     node,
     node_name,
     placed,
     pod,
+    resource_slice,
     seed,
 )
 from robotapp_client.api.client import ApiClient
-from robotapp_client.api.resources import NAMESPACES, NODES, PODS, SERVICES, Resource
+from robotapp_client.api.resources import (
+    DEVICECLASSES,
+    NAMESPACES,
+    NODES,
+    PODS,
+    RESOURCECLAIMS,
+    RESOURCESLICES,
+    SERVICES,
+    Resource,
+)
 from robotapp_client.transport.errors import NotFound
 
 NAMESPACE = "bench"
@@ -58,6 +70,11 @@ class Scenery:
         if workload.seeds:
             self._say(f"creating {workload.seeds} pods in zone-0")
             await self._pods(seed(index, self._size.nodes) for index in range(workload.seeds))
+        if workload.devices:
+            self._say(f"creating {workload.devices} devices on each node")
+            await load.ensure(self._client, DEVICECLASSES, DEVICE_CLASS_OBJECT)
+            slices = (resource_slice(index, workload.devices) for index in range(self._size.nodes))
+            await load.create(self._client, RESOURCESLICES, slices)
         await self.mend(workload)
 
     async def mend(self, workload: Workload) -> None:
@@ -76,9 +93,16 @@ class Scenery:
                 await self._client.delete(SERVICES, "green", namespace=NAMESPACE)
             except NotFound:
                 return
+        if workload.devices:
+            await self._client.request("DELETE", RESOURCESLICES.path())
         for role, number in (("seed", workload.seeds), ("filler", workload.fillers)):
             if number:
                 await load.delete_pods(self._client, NAMESPACE, f"{ROLE}={role}")
+
+    async def create_claims(self, workload: Workload, pods: Iterable[str]) -> None:
+        """A claim for each of these pods, under its name."""
+        if workload.devices:
+            await load.create(self._client, RESOURCECLAIMS, map(device_claim, pods), namespace=NAMESPACE)
 
     async def create_waiting(self, workload: Workload, contestant: Contestant) -> None:
         if workload.waiting:
@@ -91,6 +115,17 @@ class Scenery:
         for role in ("measured", "waiting", "churn"):
             await load.delete_pods(self._client, NAMESPACE, f"{ROLE}={role}")
         await load.delete_events(self._client, NAMESPACE)
+        await self._delete_claims()
+
+    async def _delete_claims(self) -> None:
+        """Claims have the finalizer of their allocation, which no controller takes off here."""
+
+        async def delete(name: str) -> None:
+            await self._client.patch(RESOURCECLAIMS, name, {"metadata": {"finalizers": None}}, namespace=NAMESPACE)
+            await self._client.delete(RESOURCECLAIMS, name, namespace=NAMESPACE)
+
+        listing = await self._client.list(RESOURCECLAIMS, namespace=NAMESPACE)
+        await load.each([item["metadata"]["name"] for item in listing.items], delete)
 
     async def _pods(self, pods: Iterable[Json]) -> None:
         await load.create(self._client, PODS, pods, namespace=NAMESPACE)

@@ -38,7 +38,7 @@ class Workload:
 
     `pod` is merged into the plain pod. `waiting`: that many pods of this shape that cannot be placed wait meanwhile.
     `seeds`: pods of the load's group stand in zone-0 only. `fillers`: low-priority pods on each node. `victims`: how
-    many of them each pod takes the place of.
+    many of them each pod takes the place of. `devices`: how many each node has; then each pod names a claim of one of its own.
     """
 
     name: str
@@ -53,6 +53,7 @@ class Workload:
     seeds: int = 0
     fillers: int = 0
     victims: int = 0
+    devices: int = 0
     churn: bool = False
     latency: bool = True
 
@@ -105,6 +106,32 @@ def seed(index: int, nodes: int) -> Json:
     in_zone = max(1, nodes // ZONES)
     shape = {"labels": {"group": "load"}, "nodeName": node_name(index % in_zone * ZONES)}
     return pod(f"seed-{index:05}", "seed", "nobody", shape)
+
+
+DRIVER, DEVICE_CLASS = "bench.example.com", "bench"
+DEVICE_CLASS_OBJECT: Json = {
+    "metadata": {"name": DEVICE_CLASS},
+    "spec": {"selectors": [{"cel": {"expression": f'device.driver == "{DRIVER}"'}}]},
+}
+
+
+def resource_slice(node_index: int, devices: int) -> Json:
+    """The devices of a node, of two models in turn."""
+    name = node_name(node_index)
+    offered = [
+        {"name": f"device-{number}", "attributes": {"model": {"string": "ab"[number % 2]}}} for number in range(devices)
+    ]
+    pool = {"name": name, "generation": 1, "resourceSliceCount": 1}
+    spec = {"driver": DRIVER, "nodeName": name, "pool": pool, "devices": offered}
+    return {"metadata": {"name": name}, "spec": spec}
+
+
+def device_claim(name: str) -> Json:
+    """A claim of one device of either model, by a selector that looks at an attribute."""
+    expression = f'device.attributes["{DRIVER}"].model in ["a", "b"]'
+    exactly = {"deviceClassName": DEVICE_CLASS, "selectors": [{"cel": {"expression": expression}}]}
+    spec = {"devices": {"requests": [{"name": "device", "exactly": exactly}]}}
+    return {"metadata": {"name": name, "labels": {ROLE: "measured"}}, "spec": spec}
 
 
 def _term(color: str, key: str) -> Json:
@@ -173,5 +200,7 @@ _ROWS = (
              _of_group(ZONE_AFFINITY), Targets(30), slow_pods=400, waiting=2000, waiting_pod=WAITING_SPREAD, seeds=SEEDS),
     Workload("unschedulable-waiting", "basic pods while 5000 pods that fit nowhere wait", {}, Targets(2), pods=3000,
              waiting=5000, waiting_pod=WAITING_LARGE),
+    Workload("devices", "each pod names a ResourceClaim of one device of its own; eight devices on each node", {},
+             Targets(3, 5), pods=500, devices=8, latency=False),
 )  # fmt: skip
 WORKLOADS: Mapping[str, Workload] = {each.name: each for each in _ROWS}

@@ -14,8 +14,9 @@ from typing import Final
 from robotapp_testbed.binaries import cache
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.images import oci
-from robotapp_testbed.images.pythonic import Component, Ros1, Ros2, Ros2Jazzy
+from robotapp_testbed.images.pythonic import Component, Ros1, Ros2, Ros2Jazzy, Zenoh
 from robotapp_testbed.images.recipes import Pause, Recipe, Tools
+from robotapp_testbed.images.reference import ReferenceRos2
 from robotapp_testbed.progress import Progress
 
 RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {
@@ -23,11 +24,13 @@ RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {
     "tools": Tools,
     "operator": partial(Component, "operator"),
     "scheduler": partial(Component, "scheduler"),
-    "agent": partial(Component, "agent"),
+    "agent": partial(Component, "agent", extra="driver"),
     "console": partial(Component, "console"),
     "ros2": Ros2,
     "jazzy": Ros2Jazzy,
+    "zenoh": Zenoh,
     "ros1": Ros1,
+    "teleop-ros2": partial(ReferenceRos2, "teleop-ros2"),
 }
 _FORMAT = 1
 """Raised when the same inputs shall give other bytes."""

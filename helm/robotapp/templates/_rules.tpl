@@ -63,6 +63,10 @@
 - apiGroups: [apps]
   resources: [replicasets]
   verbs: [get, list, watch]
+# Devices that a driver hands over: claims are made and deleted. Who gets which device is in their status, which schedulers write.
+- apiGroups: [resource.k8s.io]
+  resources: [resourceclaims]
+  verbs: [get, list, watch, create, delete]
 # patch: takes the scheduling gate off pods of other schedulers once their domain is claimed.
 - apiGroups: [""]
   resources: [pods]
@@ -95,6 +99,10 @@
 - apiGroups: [""]
   resources: [nodes]
   verbs: [get, list, watch]
+# On which nodes the driver of devices runs.
+- apiGroups: [resource.k8s.io]
+  resources: [resourceslices]
+  verbs: [get, list, watch]
 {{ include "robotapp.callerRules" . }}
 {{- end -}}
 
@@ -106,9 +114,13 @@
 - apiGroups: [""]
   resources: [persistentvolumeclaims, persistentvolumes]
   verbs: [patch]
-# A pod with claims of devices goes where these are; before it is bound it is entered as one of their users.
+# A pod with claims of devices goes where these are, or can be allocated. Before it is bound, the allocation is written and
+# the pod entered as a user; `patch` on resourceclaims sets the finalizer that protects the allocation.
 - apiGroups: [resource.k8s.io]
   resources: [resourceclaims]
+  verbs: [get, list, watch, patch]
+- apiGroups: [resource.k8s.io]
+  resources: [resourceslices, deviceclasses, devicetaintrules]
   verbs: [get, list, watch]
 - apiGroups: [resource.k8s.io]
   # binding is no path: newer API servers ask for it before they let somebody change users of a claim.

@@ -5,7 +5,7 @@ from typing import Final
 
 from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef
 from robotapp_scheduler.plugins.kubernetes.default_preemption import DefaultPreemption
-from robotapp_scheduler.plugins.kubernetes.dynamic_resources import DynamicResources
+from robotapp_scheduler.plugins.kubernetes.dynamic_resources.plugin import DynamicResources
 from robotapp_scheduler.plugins.kubernetes.node.declared_features import NodeDeclaredFeatures
 from robotapp_scheduler.plugins.kubernetes.node.image_locality import ImageLocality
 from robotapp_scheduler.plugins.kubernetes.node.node_affinity import NodeAffinity
@@ -57,7 +57,7 @@ KUBERNETES: Final = (
     PluginRef("VolumeZone"),
     PluginRef("PodTopologySpread", 2),
     PluginRef("InterPodAffinity", 2),
-    PluginRef("DynamicResources"),
+    PluginRef("DynamicResources", 2),
     PluginRef("DefaultPreemption"),
     PluginRef("NodeResourcesBalancedAllocation", 1),
     PluginRef("ImageLocality", 1),

@@ -18,6 +18,7 @@ from robotapp_client.transport.errors import ClientError, NotFound
 from robotapp_client.transport.kubeconfig import default_kubeconfigs, load
 from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.api.kept_annotations import BETA_CLASS, BIND_COMPLETED, MIGRATED_PLUGINS, SELECTED_NODE
+from robotapp_scheduler.core.dynamic_resources.objects import DeviceClass, ResourceClaim
 from robotapp_scheduler.simulation.dump import encode
 from robotapp_scheduler.watch.routes import resources
 
@@ -61,15 +62,30 @@ async def export(client: ApiClient) -> bytes:
 
 def shareable(item: Any) -> Any:
     """The object with the annotations that rules read: others may hold anything, as the manifest that `kubectl apply` noted. Without
-    the text of a pod's status, which kubelets write.
+    the text of a pod's status, which kubelets write, and parameters of drivers in claims and device classes.
     """
     found: dict[str, str] = getattr(item.metadata, "annotations", None) or {}
     kept = {key: value for key, value in found.items() if _is_read(key)}
     if len(kept) != len(found):
         item = msgspec.structs.replace(item, metadata=msgspec.structs.replace(item.metadata, annotations=kept))
+    if isinstance(item, ResourceClaim | DeviceClass):
+        item = _without_parameters(item)
     if isinstance(item, Pod) and item.status.message:
         item = msgspec.structs.replace(item, status=msgspec.structs.replace(item.status, message=""))
     return item
+
+
+def _without_parameters(item: ResourceClaim | DeviceClass) -> ResourceClaim | DeviceClass:
+    if isinstance(item, DeviceClass):
+        return msgspec.structs.replace(item, spec=msgspec.structs.replace(item.spec, config=()))
+    devices = msgspec.structs.replace(item.spec.devices, config=())
+    item = msgspec.structs.replace(item, spec=msgspec.structs.replace(item.spec, devices=devices))
+    if item.status.allocation is None:
+        return item
+    results = msgspec.structs.replace(item.status.allocation.devices, config=())
+    allocation = msgspec.structs.replace(item.status.allocation, devices=results)
+    status = msgspec.structs.replace(item.status, allocation=allocation, devices=())
+    return msgspec.structs.replace(item, status=status)
 
 
 def _is_read(key: str) -> bool:

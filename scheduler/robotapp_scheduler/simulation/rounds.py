@@ -64,6 +64,7 @@ class Rounds:
     def _round(self) -> bool:
         """One pass over the queue; True when a pod found a node."""
         found = False
+        cluster = self._core.cluster
         while batch := self._core.queue.pop():
             self._popped(len(batch))
             joint = self._core.joint_problem_of(batch)
@@ -76,6 +77,8 @@ class Rounds:
                     found = True
                     self._rejected.pop(uid, None)
                     self._core.queue.done(uid)
+                    if decision.claims is not None:
+                        cluster.resource_claims.carry_out(uid, decision.pod.name)
                     self._placed(decision)
                 elif decision.queued is not None:
                     self._rejected[uid] = decision

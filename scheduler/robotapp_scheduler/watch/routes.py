@@ -17,6 +17,8 @@ from robotapp_client.api.resources import (
     CSINODES,
     CSISTORAGECAPACITIES,
     DEPLOYMENTS,
+    DEVICECLASSES,
+    DEVICETAINTRULES,
     NAMESPACES,
     NODES,
     NODETELEMETRIES,
@@ -27,6 +29,7 @@ from robotapp_client.api.resources import (
     REPLICASETS,
     REPLICATIONCONTROLLERS,
     RESOURCECLAIMS,
+    RESOURCESLICES,
     ROBOTAPPS,
     ROBOTCLAIMS,
     SERVICES,
@@ -52,9 +55,10 @@ from robotapp_scheduler.core.api.storage_v1 import (
 )
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.disruption_budgets import DisruptionBudget
+from robotapp_scheduler.core.dynamic_resources.claim_cache import ClaimCache
+from robotapp_scheduler.core.dynamic_resources.objects import DeviceClass, DeviceTaintRule, ResourceClaim, ResourceSlice
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.pods.pod_group_index import PodGroups
-from robotapp_scheduler.core.pods.resource_claims import ResourceClaim, ResourceClaims
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
 
 
@@ -74,10 +78,19 @@ class Route:
     """See `Reflector`."""
 
 
-def storage_routes(volumes: Volumes, claims: ResourceClaims) -> tuple[Route, ...]:
-    """Claims of devices and of volumes, volumes, and everything that determines where those can be."""
+def device_routes(claims: ClaimCache) -> tuple[Route, ...]:
+    """Claims of devices, and everything that determines which devices they can have; claims come last, since they name devices."""
     return (
-        Route(RESOURCECLAIMS, ResourceClaim, claims.apply, claims.remove),
+        Route(DEVICECLASSES, DeviceClass, claims.apply_class, claims.remove_class),
+        Route(RESOURCESLICES, ResourceSlice, claims.apply_slice, claims.remove_slice),
+        Route(DEVICETAINTRULES, DeviceTaintRule, claims.apply_taint_rule, claims.remove_taint_rule),
+        Route(RESOURCECLAIMS, ResourceClaim, claims.apply_claim, claims.remove_claim),
+    )
+
+
+def storage_routes(volumes: Volumes) -> tuple[Route, ...]:
+    """Claims of volumes, volumes, and everything that determines where those can be."""
+    return (
         Route(PERSISTENTVOLUMECLAIMS, VolumeClaim, volumes.apply_claim, volumes.remove_claim),
         Route(PERSISTENTVOLUMES, PersistentVolume, volumes.apply_volume, volumes.remove_volume),
         Route(STORAGECLASSES, StorageClass, volumes.apply_class, volumes.remove_class),
@@ -106,7 +119,8 @@ def routes(cluster: Cache) -> tuple[Route, ...]:
     """All routes but that of pods, whose events also go to the queue."""
     return (
         *plain_routes(cluster),
-        *storage_routes(cluster.volumes, cluster.resource_claims),
+        *device_routes(cluster.resource_claims),
+        *storage_routes(cluster.volumes),
         *group_routes(cluster.pod_groups),
         *robotics_routes(cluster),
     )

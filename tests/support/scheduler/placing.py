@@ -15,6 +15,8 @@ from robotapp_scheduler.core.api.core_v1 import Metadata, Node, NodeStatus, Pod,
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import ClaimPlan
+from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.framework.handle import READY, BindOutcome, BindResult, Handle, Reserved
 from robotapp_scheduler.core.framework.profiles import Catalogue, PluginRef, PluginSet, ProfileSpec, build_profiles
@@ -22,7 +24,7 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.preemption.preemption import Plan
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
-from robotapp_scheduler.plugins.kubernetes.dynamic_resources import DynamicResources
+from robotapp_scheduler.plugins.kubernetes.dynamic_resources.plugin import DynamicResources
 from robotapp_scheduler.plugins.kubernetes.volumes.volume_binding import VolumeBinding
 from robotapp_scheduler.plugins.ros.bind import ROSBind
 from robotapp_scheduler.plugins.ros.reserve import ROSReserve
@@ -42,7 +44,7 @@ CLAIMING: Final[Mapping[str, type]] = {
     "DynamicResources": DynamicResources,
 }
 POINTS: Final[Mapping[str, Sequence[str]]] = {
-    "reserve": ("ROSReserve",),
+    "reserve": ("ROSReserve", "DynamicResources"),
     "preBind": ("VolumeBinding", "DynamicResources"),
     "postBind": ("ROSReserve",),
 }
@@ -124,6 +126,27 @@ def given(answer: Reserved | Exception) -> Reserved:
     return answer
 
 
+class ScriptedClaims:
+    """Resource claims that are written at once, or never, for a reason."""
+
+    def __init__(self) -> None:
+        self.trouble = ""
+        self.bound: list[str] = []
+        """Pods that were to become users of their resource claims."""
+        self.released: list[str] = []
+        self.deallocated: list[str] = []
+
+    async def bind(self, pod: PodInfo, _plan: ClaimPlan) -> str:
+        self.bound.append(pod.name)
+        return self.trouble
+
+    async def release(self, pod: PodInfo, _plan: ClaimPlan) -> None:
+        self.released.append(pod.name)
+
+    def deallocate(self, claim: ResourceClaim, _pod: PodInfo) -> None:
+        self.deallocated.append(claim.metadata.name)
+
+
 class ScriptedVolumes:
     """Volumes that are bound at once, or not before `ready`, or never, for a reason."""
 
@@ -132,12 +155,6 @@ class ScriptedVolumes:
         self.ready = asyncio.Event()
         self.ready.set()
         self.asked: list[str] = []
-        self.entered: list[str] = []
-        """Pods that were to become users of their resource claims."""
-
-    async def enter(self, pod: PodInfo) -> str:
-        self.entered.append(pod.name)
-        return self.trouble
 
     async def bind(self, pod: PodInfo, _plan: VolumePlan) -> str:
         self.asked.append(pod.name)
@@ -145,10 +162,18 @@ class ScriptedVolumes:
         return self.trouble
 
 
-def handle_of(io: Scripted, *, volumes: ScriptedVolumes | None = None, metrics: Metrics | None = None) -> Handle:
+def handle_of(
+    io: Scripted,
+    *,
+    volumes: ScriptedVolumes | None = None,
+    resource_claims: ScriptedClaims | None = None,
+    metrics: Metrics | None = None,
+) -> Handle:
     volumes = volumes or ScriptedVolumes()
     checks = DomainChecks(io.check_domains, metrics or Metrics(CollectorRegistry()), clock=lambda: 0.0)
-    return Handle(pods=io, domains=checks, claims=io, volumes=volumes, resource_claims=volumes)
+    return Handle(
+        pods=io, domains=checks, claims=io, volumes=volumes, resource_claims=resource_claims or ScriptedClaims()
+    )
 
 
 class Said:
@@ -195,13 +220,14 @@ class Rig:
             self.core.cluster.apply_node(Node(metadata=Metadata(name=f"n{index}"), status=status))
         self.io = Scripted()
         self.volumes = ScriptedVolumes()
+        self.claims = ScriptedClaims()
         self.said = Said()
         self.metrics = Metrics(CollectorRegistry())
         self.waiting: dict[str, Pod] = {}
         self.evicted: list[tuple[Plan, PodInfo]] = []
         binding_cycle = BindingCycle(
             self.core,
-            handle=handle_of(self.io, volumes=self.volumes, metrics=self.metrics),
+            handle=handle_of(self.io, volumes=self.volumes, resource_claims=self.claims, metrics=self.metrics),
             claim_waits=ClaimWaits(self.core, self.io, self.said, waiting=self.waiting),  # type: ignore[arg-type]
             reporter=self.said,  # type: ignore[arg-type]
             metrics=self.metrics,

@@ -133,7 +133,7 @@ def _full_component() -> dict[str, Any]:
         },
         devices=[
             {"name": "cam", "type": "usb", "model": "d435", "interface": "usb3", "usbID": "8086:0b3a", "count": 1,
-                "sharing": "Exclusive", "onLoss": "Keep"}
+                "mountAs": "/dev/cam", "sharing": "Exclusive", "onLoss": "Keep"}
         ],
         requires=[{"type": "gpu", "model": "nvidia", "interface": "pcie"}],
         stdin=True, tty=True, sharedMemory={"size": "512Mi"},

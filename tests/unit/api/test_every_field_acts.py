@@ -132,6 +132,7 @@ READERS: Final[Mapping[str, str]] = {
         spec.components.service.links.path""",
     f"{PLAN}/status/latency.py": "spec.edges.latency.percentile",
     f"{PLAN}/status/device_conflicts.py": "spec.components.devices.name",
+    f"{PLAN}/render/devices/variables.py": "spec.components.devices.mountAs",
     f"{PLAN}/moves/device_moves.py": "spec.components.devices.onLoss",
     f"{PLAN}/moves/rescheduling.py": "spec.placement.reschedule.when spec.placement.reschedule.maxPerDay",
     f"{CORE}/robotics/resolve.py": """

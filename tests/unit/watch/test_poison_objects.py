@@ -14,7 +14,14 @@ from tests.support.work_unit import is_within
 from tests.unit.watch.poison_objects import POISON_OBJECTS
 
 from robotapp_scheduler.core.cache.cache import Cache
-from robotapp_scheduler.watch.routes import Route, group_routes, plain_routes, robotics_routes, storage_routes
+from robotapp_scheduler.watch.routes import (
+    Route,
+    device_routes,
+    group_routes,
+    plain_routes,
+    robotics_routes,
+    storage_routes,
+)
 
 MOST_S = 0.8
 """CPU to take one of them over, on the machine of work_unit: ten times what the worst needs."""
@@ -25,7 +32,8 @@ def routes(cluster: Cache) -> list[Route]:
     return [
         *plain_routes(cluster),
         *robotics_routes(cluster),
-        *storage_routes(cluster.volumes, cluster.resource_claims),
+        *storage_routes(cluster.volumes),
+        *device_routes(cluster.resource_claims),
         *group_routes(cluster.pod_groups),
     ]
 

@@ -28,9 +28,14 @@ def parse_bytes(quantity: str | int) -> int:
     return _scaled(str(quantity), 0)
 
 
+def parse_nano(quantity: str | int) -> int:
+    """Billionths of a unit, as exact as the API server keeps them. Raises ValueError on anything else."""
+    return _scaled(str(quantity), 9, INT64_MAX * 10**9)
+
+
 @lru_cache(maxsize=16_384)
-def _scaled(text: str, power: int) -> int:
-    """`text` times 10**power, rounded away from zero, capped at int64."""
+def _scaled(text: str, power: int, most: int = INT64_MAX) -> int:
+    """`text` times 10**power, rounded away from zero, capped at `most`."""
     match = _GRAMMAR.fullmatch(text) if len(text) <= MAX_LENGTH else None
     if match is None or not (match["whole"] or match["fraction"]):
         raise ValueError(f"{text[:MAX_LENGTH]!r} is not a quantity; write for example 500m, 2, 1.5, 40M or 512Mi")
@@ -40,4 +45,4 @@ def _scaled(text: str, power: int) -> int:
     up: int = 10 ** max(power, 0) * 1024 ** _POWER_OF_1024.get(suffix, 0)
     down: int = 10 ** max(-power, 0)
     magnitude = -(-int(match["whole"] + fraction) * up // down)
-    return min(magnitude, INT64_MAX) * (-1 if match["sign"] == "-" else 1)
+    return min(magnitude, most) * (-1 if match["sign"] == "-" else 1)

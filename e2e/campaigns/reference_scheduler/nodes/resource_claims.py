@@ -1,20 +1,38 @@
-"""DynamicResources as far as we go: a pod whose claims are not allocated is refused."""
+"""DynamicResources without allocation: claims that are allocated, or of a class that does not exist."""
+
+from collections.abc import Iterable
 
 from campaigns.reference_scheduler.labels import labels_of, term_matches
 from campaigns.reference_scheduler.model import Json, Rejection
-from campaigns.reference_scheduler.state import State, identity, name_of, namespace_of
+from campaigns.reference_scheduler.state import State, name_of, namespace_of
 
-_RESERVATIONS = 256
+ELSEWHERE = "resourceclaim not available on the node"
 
 
 def pre_filter(state: State) -> Rejection | None:
     for reference in state.pod["spec"].get("resourceClaims") or []:
         name = _claim_name(state.pod, reference)
         claim = _claim(state, name)
-        if claim is None or _allocated(claim) is None or not _reservable(state, claim):
-            text = f"resource claim {(name or reference['name'])!r} is not allocated; this scheduler does not allocate devices"
-            return Rejection((text,), final=True)
+        if claim is None:
+            return Rejection((f'could not find ResourceClaim "{namespace_of(state.pod)}/{name}"',), final=True)
+        if _allocated(claim) is None:
+            request = claim["spec"]["devices"]["requests"][0]
+            of_class = request["exactly"]["deviceClassName"]
+            return Rejection((f"request {request['name']}: device class {of_class} does not exist",), final=True)
     return None
+
+
+def gives_up(state: State, refused: Iterable[Rejection]) -> bool:
+    """Returns whether an allocation that nobody uses is taken back, because a node does not reach it."""
+    if not any(each.texts == (ELSEWHERE,) for each in refused):
+        return False
+    claims = (
+        _claim(state, _claim_name(state.pod, each)) or {} for each in state.pod["spec"].get("resourceClaims") or []
+    )
+    return any(
+        not (claim.get("status") or {}).get("reservedFor") and (_allocated(claim) or {}).get("nodeSelector")
+        for claim in claims
+    )
 
 
 def resource_claims(state: State, node: Json) -> Rejection | None:
@@ -24,7 +42,7 @@ def resource_claims(state: State, node: Json) -> Rejection | None:
         where = (_allocated(claim) or {}).get("nodeSelector")
         terms = (where or {}).get("nodeSelectorTerms") or []
         if where and not any(term_matches(term, labels_of(node), name_of(node)) for term in terms):
-            return Rejection(("resourceclaim not available on the node",), final=True)
+            return Rejection((ELSEWHERE,), final=True)
     return None
 
 
@@ -47,8 +65,3 @@ def _claim(state: State, name: str) -> Json | None:
 def _allocated(claim: Json) -> Json | None:
     found: Json | None = (claim.get("status") or {}).get("allocation")
     return found
-
-
-def _reservable(state: State, claim: Json) -> bool:
-    holders = (claim.get("status") or {}).get("reservedFor") or []
-    return len(holders) < _RESERVATIONS or any(each.get("uid") == identity(state.pod) for each in holders)

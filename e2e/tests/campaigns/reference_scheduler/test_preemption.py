@@ -96,19 +96,19 @@ def test_broken_budgets_weigh_more_than_priorities() -> None:
 @pytest.mark.parametrize(
     ("claim", "feasible"),
     [
-        (None, False),
         ({"status": {}}, False),
         ({"status": {"allocation": {}}}, True),
         ({"status": {"allocation": {"devices": {}}}}, True),
     ],
 )
-def test_a_pod_is_refused_until_its_device_claims_are_allocated(claim: Json | None, *, feasible: bool) -> None:
+def test_a_pod_is_refused_while_the_class_of_its_claim_does_not_exist(claim: Json, *, feasible: bool) -> None:
     incoming = pod("new")
     incoming["spec"]["resourceClaims"] = [{"name": "cam", "resourceClaimName": "cam"}]
-    claims = [] if claim is None else [{"metadata": {"name": "cam", "namespace": "default"}, **claim}]
+    spec = {"devices": {"requests": [{"name": "r", "exactly": {"deviceClassName": "cameras"}}]}}
+    claims = [{"metadata": {"name": "cam", "namespace": "default"}, "spec": spec, **claim}]
     decision = decide(ClusterDump(nodes=[node()], resource_claims=claims), incoming)
     assert bool(decision.feasible) is feasible
     if not feasible:
-        text = "resource claim 'cam' is not allocated; this scheduler does not allocate devices"
+        text = "request r: device class cameras does not exist"
         tail = "preemption: 0/1 nodes are available: 1 Preemption is not helpful for scheduling."
         assert decision.message == f"0/1 nodes are available: {text}. {tail}"

@@ -64,10 +64,11 @@ def wanted_children(
     master_starts: Mapping[str, str] = {},
     observed: Mapping[ChildRef, Observed] = {},
     pods: Mapping[str, Sequence[Pod]] | None = None,
+    claiming: Collection[str] = (),
 ) -> list[Child]:
     """Everything the instance should have, infrastructure first: it starts while the components are scheduled.
 
-    master_starts: by component, those of the ROS 1 master for which it was restarted.
+    master_starts: by component, those of the ROS 1 master for which it was restarted. claiming: components with a ResourceClaim.
     A component that waits for others is not created; where it exists, it gets no pods. Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
     """
     if desired.app.ros_version == 2 and domain is None:
@@ -86,6 +87,7 @@ def wanted_children(
         running=running,
         master_starts=master_starts,
         waiting=waiting.keys(),
+        claiming=claiming,
     )
     return [*children, *(child for child in deployments if child.component not in waiting or child.ref in observed)]
 

@@ -19,6 +19,7 @@ from robotapp_api.model.names import (
 from robotapp_api.model.packed import unpacked
 from robotapp_operator.plan.render.child import component_labels
 from robotapp_operator.plan.render.command_line import full_node_name, parameter_variables, render_arguments
+from robotapp_operator.plan.render.devices.variables import device_variables
 from robotapp_operator.plan.render.environment import join_environment, ros1_environment, ros2_environment
 from robotapp_operator.plan.render.node_affinity import affinity, scheduling_gates, tolerations
 from robotapp_operator.plan.render.parameters import (
@@ -155,6 +156,7 @@ def _pod_environment(component: Component, desired: Desired, *, domain: Domain |
         {"name": ROBOT_VARIABLE, "value": desired.robot},
         {"name": "ROBOTAPP_COMPONENT", "value": desired.app.written_name(component.name)},
         *_replica_environment(component, desired),
+        *device_variables(component),
         *(_ros_environment(component, desired, domain=domain) if desired.app.uses_ros(component) else ()),
     ]
 

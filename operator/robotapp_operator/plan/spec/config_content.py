@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
 from robotapp_api.model.app.component import Component
-from robotapp_api.values.component_references import list_object_references
+from robotapp_api.values.component_references import list_further_containers, list_object_references
 from robotapp_api.values.overrides import apply_overrides
 from robotapp_api.values.references import ObjectReference, Values, expand, reference_values
 from robotapp_operator.plan.spec.covers import content_hash
@@ -120,7 +120,8 @@ def config_content(component: Component, app: App, robot: str, cluster_config: C
     sentences: list[str] = []
     values = app.reference_values(component.name, robot)
     references = _mounted(component, values), _files(component, values)
-    digests, file_digests = (_read(group, app.namespace, cluster_config, sentences) for group in references)
+    unneeded = _list_unmounted(component)
+    digests, file_digests = (_read(group, app.namespace, cluster_config, sentences, unneeded) for group in references)
     return ConfigContent(digests, file_digests, content_hash(references), tuple(dict.fromkeys(sentences)))
 
 
@@ -135,6 +136,16 @@ def _mounted(component: Component, values: Values) -> list[ObjectReference]:
         )
         for reference in list_object_references(component, "")
     ]
+
+
+def _list_unmounted(component: Component) -> tuple[str, ...]:
+    """Returns where the volumes stand that no container mounts. The kubelet leaves them out, so a pod starts without their objects."""
+    further = (container.get("volumeMounts") or () for container, _ in list_further_containers(component, ""))
+    mounted = {str(mount.get("name")) for mounts in (component.volume_mounts, *further) for mount in mounts}
+    volumes = component.template.spec.volumes
+    return tuple(
+        f".template.spec.volumes[{index}]." for index, volume in enumerate(volumes) if volume.get("name") not in mounted
+    )
 
 
 def _files(component: Component, values: Values) -> list[ObjectReference]:
@@ -155,11 +166,19 @@ def _files(component: Component, values: Values) -> list[ObjectReference]:
 
 
 def _read(
-    references: Iterable[ObjectReference], namespace: str, cluster_config: ClusterConfig, missing: list[str]
+    references: Iterable[ObjectReference],
+    namespace: str,
+    cluster_config: ClusterConfig,
+    sentences: list[str],
+    unneeded: tuple[str, ...],
 ) -> dict[str, str]:
+    """Returns the hashes by kind and name, and appends a sentence for each object that a pod lacks. unneeded: where those stand that it
+    starts without.
+    """
     parts: dict[str, list[str]] = {}
     for reference in references:
         text: str | None = None
+        missing = [] if reference.path.startswith(unneeded) else sentences
         if reference.kind == CONFIG_MAP and reference.name not in OF_THE_SYSTEM:
             text = _read_config_map(reference, cluster_config.config_maps.get(f"{namespace}/{reference.name}"), missing)
         elif reference.kind == SECRET and namespace in cluster_config.secrets:

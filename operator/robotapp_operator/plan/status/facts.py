@@ -43,6 +43,14 @@ class InstanceFacts:
     devices_wanted: int = 0
     devices_held: int = 0
     busy: str = ""
+    devices_handed_over: int = 0
+    """Of those held: devices that a driver gives to the containers."""
+    any_scheduler: bool = False
+    """Whether all devices that it wants for itself are in ResourceClaims, which every scheduler allocates."""
+    ledger_note: str = ""
+    """What a user may not expect of how its components get devices."""
+    missing_device: str = ""
+    """The device that no node has on which its component may run, and what is there instead."""
     claims: tuple[str, ...] = ()
     refusal: tuple[Reason, str] | None = None
     trouble: tuple[Reason, str] | None = None

@@ -12,7 +12,7 @@ from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_api.values.quantities.duration import format_us, time_text
 from robotapp_operator.plan.diff.master_restarts import MOST_RESTARTS
 from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
-from robotapp_operator.plan.spec.text import clip, shown
+from robotapp_operator.plan.spec.text import clip, count, shown
 from robotapp_operator.plan.status.facts import AppFacts, Grace, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView
 
@@ -210,6 +210,6 @@ def _though_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
         return (
             Rank.OVER_BUDGET,
             Reason.BUDGET_EXCEEDED,
-            f"{len(over)} edges are over budget, worst {edge_text(over[0])}",
+            f"{count(len(over), 'edge')} over budget, worst {edge_text(over[0])}",
         )
     return None

@@ -52,6 +52,7 @@ class Metadata(Slim):
     labels: Labels | None = None
     annotations: Labels | None = None
     owner_references: list[OwnerReference] | None = None
+    finalizers: list[str] | None = None
     deletion_timestamp: str | None = None
     creation_timestamp: str | None = None
 

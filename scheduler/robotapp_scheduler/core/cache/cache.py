@@ -20,6 +20,7 @@ from robotapp_scheduler.core.cache.disruption_budgets import Budgets
 from robotapp_scheduler.core.cache.nominator import Nominator
 from robotapp_scheduler.core.cache.placed_pods import NameIndex, PortUsers, PredictedLabels, PriorityColumns, Records
 from robotapp_scheduler.core.cache.topology_index import Topology
+from robotapp_scheduler.core.dynamic_resources.claim_cache import ClaimCache
 from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
 from robotapp_scheduler.core.nodes.columns import IntArray
@@ -29,7 +30,6 @@ from robotapp_scheduler.core.pods.interning import Interner
 from robotapp_scheduler.core.pods.pod_group_index import PodGroups, in_group
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo, same_groups
 from robotapp_scheduler.core.pods.pod_signature import PodSignatures, same_signature
-from robotapp_scheduler.core.pods.resource_claims import ResourceClaims
 from robotapp_scheduler.core.robotics.access_links import AccessLinks
 from robotapp_scheduler.core.robotics.app_index import AppIndex
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant, DeviceIndex
@@ -65,7 +65,7 @@ class Cache:
         self.rtt = RttModel(self.nodes, clock)
         self.log = ChangeLog()
         self.topology = Topology(self.nodes, self.log)
-        self.resource_claims = ResourceClaims(self.log)
+        self.resource_claims = ClaimCache(lambda: self.log, self.nodes.row_of.get)
         self.placed: dict[str, PlacedPod] = {}
         """Pods on nodes by uid, assumed ones included."""
         self._by_node: dict[str, dict[str, PlacedPod]] = {}
@@ -102,6 +102,7 @@ class Cache:
             change |= Change.DEVICES
         self._note(row, change)
         if change & (Change.NODE_ADDED | Change.LABELS):
+            self.resource_claims.note_node(name)
             # Zones are read from labels, so every estimate may be different now.
             self.log.add(EVERY_ROW, Change.RTT)
         return change
@@ -117,6 +118,7 @@ class Cache:
         self.nodes.remove(name)
         self.topology.images.apply(row, ())
         self.devices.set_labels(name, {})
+        self.resource_claims.remove_node(name)
         self._note(row, change)
         # What this node measured no longer stands for its zone.
         self.log.add(EVERY_ROW, Change.RTT)
@@ -167,7 +169,7 @@ class Cache:
 
     def forget(self, uid: str) -> Change:
         """Take an assumption back; a confirmed pod stays. Idempotent."""
-        freed = self.volumes.forget(uid)
+        freed = self.volumes.forget(uid) | self.resource_claims.forget(uid)
         record = self.placed.get(uid)
         if record is None or not record.assumed:
             return freed

@@ -28,7 +28,7 @@ from robotapp_scheduler.core.framework.interface import Code, PluginError, Statu
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.framework.registered_plugin import QueueingHint, RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.preemption.preemption import Failure, Outcome
+from robotapp_scheduler.core.preemption.preemption import NOTHING, Failure, Outcome
 from robotapp_scheduler.core.queue.queued_pod_info import PreEnqueueStatus
 from robotapp_scheduler.core.runtime.evaluation import Evaluation
 from robotapp_scheduler.core.runtime.profile_runner import PreFilterResult, ProfileRunner, pod_hash
@@ -180,14 +180,21 @@ class Diagnosis:
             spared=self._spared | self._cluster.apps.partners(pod.member),
             remembered=lambda key: self._runner.remembered(pod, key),
         )
+        texts: list[str] = []
         for loaded in self._runner.profile.post_filters:
             if loaded.post_filter is None:
                 continue
             found = loaded.post_filter(pod, failure)
             if not isinstance(found, Outcome):
                 raise PluginError(loaded.name, f"post_filter must answer an Outcome, got {type(found).__name__}")
-            decision.message += f" {found.text}" if found.text else ""
+            # Upstream's text of a place that was found stands alone.
+            texts = [found.text] if found.plan is not None else [*texts, found.text]
+            if found.deallocate is not None:
+                decision.deallocate = found.deallocate
+            if found.deallocate is not None or found == NOTHING:
+                continue
             decision.nominate, decision.plan, decision.post_filtered = found.nominate, found.plan, True
+        decision.message += f" {', '.join(filter(None, texts))}".rstrip()
         return decision
 
 

@@ -224,6 +224,8 @@ class SchedulerCore:
             self.cluster.assume(pod, decision.node, decision.grants)
             if decision.volumes is not None:
                 self.cluster.volumes.assume(pod.uid, decision.volumes)
+            if decision.claims is not None:
+                self.cluster.resource_claims.assume(pod.uid, decision.claims, group_key(pod))
         self.explain.add(recorder.record(decision), recorder.best)
         return decision
 
@@ -279,6 +281,7 @@ class SchedulerCore:
         runner = self._runners[pod.scheduler_name]
         pod.ros = None
         pod.volume_key = self.cluster.volumes.key_of(pod)
+        self._resolve_claims(pod)
         if pod.member is not None and runner.profile.unfit_for_apps:
             return unfit(pod, runner.profile.unfit_for_apps, self.cluster.nodes.count)
         if pod.plain or not runner.profile.uses_ros:
@@ -294,6 +297,10 @@ class SchedulerCore:
         if until is not None and until != LATEST:
             self._held[group_key(pod)] = until
         return None
+
+    def _resolve_claims(self, pod: PodInfo) -> None:
+        if pod.pod.spec.resource_claims:
+            pod.claims = self.cluster.resource_claims.resolve(pod.pod, group_key(pod))
 
     def _attempt(
         self,
@@ -327,6 +334,8 @@ class SchedulerCore:
         if evaluation is None:
             evaluation = with_nominated(self.cluster, pod, runner.evaluate(pod, names))
         recorder.evaluation = evaluation
+        if pod.claims is not None:
+            runner.check_aborts(pod, evaluation)
         if evaluation.feasible == 0:
             return self._diagnosis(runner).nowhere(pod, evaluation, narrowed, names)
         row_of = self.cluster.nodes.row_of
@@ -381,6 +390,7 @@ class SchedulerCore:
             node=node,
             grants=self._grants(pod, node) if runner.profile.reserves_devices else (),
             volumes=runner.volume_plan(pod, node) if pod.volume_key is not None else None,
+            claims=runner.claim_plan(pod, node) if pod.claims is not None else None,
             nodes=self.cluster.nodes.count,
             feasible=evaluation.feasible,
             total=total,
@@ -413,6 +423,7 @@ class SchedulerCore:
             return None
         if pod.uid in self._preempting:
             return PREEMPTING
+        self._resolve_claims(pod)
         for loaded in runner.profile.pre_enqueue:
             status = loaded.pre_enqueue(pod) if loaded.pre_enqueue is not None else None
             if status is not None and status.code is not Code.SUCCESS:

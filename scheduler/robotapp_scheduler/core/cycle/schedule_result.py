@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import msgspec
 
 from robotapp_api.model.names import PodReason
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import ClaimPlan
+from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
 from robotapp_scheduler.core.framework.interface import Code, PluginError
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
@@ -49,6 +51,10 @@ class ScheduleResult(msgspec.Struct, kw_only=True, eq=False):
     """Weighted total of the chosen node; 0 when only one node was feasible and nothing was scored."""
     volumes: VolumePlan | None = None
     """What has to be written before the bind; None when every volume is bound."""
+    claims: ClaimPlan | None = None
+    """The same for resource claims; None for a pod without any."""
+    deallocate: ResourceClaim | None = None
+    """A claim that nobody uses and whose devices no node that takes this refused pod can reach: its allocation is to be taken back."""
     nominate: str | None = None
     """The node the refused pod is to wait for; "" = none any more, None = as before."""
     plan: "Plan | None" = None

@@ -64,6 +64,10 @@ class Change(IntFlag):
     """The features that a node's kubelet declares."""
     RESOURCE_CLAIMS = auto()
     """A ResourceClaim came, went, was allocated or shared with another pod."""
+    RESOURCE_SLICES = auto()
+    """A ResourceSlice or DeviceTaintRule appeared or changed: nodes may offer other devices."""
+    DEVICE_CLASSES = auto()
+    """A DeviceClass appeared or changed."""
     POD_GROUPS = auto()
     """A PodGroup came, went or changed its requirements."""
     SELF = auto()
@@ -142,6 +146,8 @@ _STORAGE: Final = (
     (Change.CAPACITY, "storage.k8s.io/CSIStorageCapacity"),
     (Change.ATTACHMENT, "storage.k8s.io/VolumeAttachment"),
     (Change.RESOURCE_CLAIMS, "resource.k8s.io/ResourceClaim"),
+    (Change.RESOURCE_SLICES, "resource.k8s.io/ResourceSlice"),
+    (Change.DEVICE_CLASSES, "resource.k8s.io/DeviceClass"),
 )
 _LABELS: Final = (
     (Change.NODE_ADDED, "NodeAdd"),
@@ -183,7 +189,7 @@ READS: Final[dict[str, Change]] = {
     "namespaces": NODE | Change.NAMESPACES,
     "selectors": NODE | Change.SELECTORS,
     "images": NODE | Change.IMAGES,
-    "resource_claims": NODE | Change.RESOURCE_CLAIMS,
+    "resource_claims": NODE | Change.RESOURCE_CLAIMS | Change.RESOURCE_SLICES | Change.DEVICE_CLASSES,
     "terms": NODE | Change.TERMS,
     "facts": NODE | Change.FACTS,
 }

@@ -13,6 +13,8 @@ import msgspec
 
 from robotapp_claims.rules.objects import Claim
 from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import ClaimPlan
+from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
@@ -122,10 +124,18 @@ class Volumes(Protocol):
 
 
 class ResourceClaims(Protocol):
-    """Makes pods users of their resource claims."""
+    """Writes allocations and users of resource claims."""
 
-    async def enter(self, pod: PodInfo) -> str:
-        """Add the pod to `reservedFor` of all its claims. The reason why it cannot be, "" when it is."""
+    async def bind(self, pod: PodInfo, plan: ClaimPlan) -> str:
+        """Write the allocations of the plan and add the pod to `reservedFor` of all its claims. The reason why it cannot be done,
+        "" when it is.
+        """
+
+    async def release(self, pod: PodInfo, plan: ClaimPlan) -> None:
+        """Take the pod from `reservedFor` of the claims of a plan: it is not bound."""
+
+    def deallocate(self, claim: ResourceClaim, pod: PodInfo) -> None:
+        """Begin to take the allocation from a claim that nobody uses, so that the waiting pod can have other devices."""
 
 
 @dataclass(frozen=True, slots=True)

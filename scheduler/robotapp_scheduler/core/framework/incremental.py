@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.snapshot import Snapshot
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import ClaimPlan
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.framework.interface import BindContext, Code
 from robotapp_scheduler.core.nodes.node_facts import NodeFact
@@ -99,10 +100,13 @@ Room = Callable[[PodInfo], Mapping[str, int]]
 Without it in any filter: preemption runs every filter for every candidate.
 """
 
-# --- Volumes ----------------------------------------------------------------------------------------------------------
+# --- Volumes and resource claims ----------------------------------------------------------------------------------------
 
 Plan = Callable[[PodInfo, Snapshot], VolumePlan | None]
 """`plan(pod, nodes)`: what must be written about volumes before the bind; `nodes` is the one chosen. Without it: nothing is written."""
+
+PlanClaims = Callable[[PodInfo, Snapshot], ClaimPlan | None]
+"""`plan_claims(pod, nodes)`: the same about resource claims. Raises ValueError when the claims cannot be allocated anywhere."""
 
 # --- Around the bind, of built-in plugins only ------------------------------------------------------------------------
 

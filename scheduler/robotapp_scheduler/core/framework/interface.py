@@ -72,6 +72,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.snapshot import LabelColumn, Snapshot
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import ClaimPlan
 from robotapp_scheduler.core.framework.handle import READY, Handle
 from robotapp_scheduler.core.nodes.columns import BoolArray, FloatArray
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -79,6 +80,8 @@ from robotapp_scheduler.core.robotics.device_index import DeviceGrant
 from robotapp_scheduler.core.volumes.volume_cache import VolumePlan
 
 MAX_SCORE: Final = 100
+ABORTS: Final = ("the attempt ends with an error",)
+"""The reason of rows on which `filter` found that the pod cannot be scheduled at all; `plan_claims` raises the error for them."""
 
 
 class Code(StrEnum):
@@ -211,12 +214,13 @@ class BindContext:
     """One attempt to bind a pod. `annotations` go into the Binding, so the pod has them the moment it is bound.
 
     `kept` is for the plugin's own use, from `reserve` to `post_bind`; `handle` writes to the API server.
-    `grants` are the devices and `volumes` the plan that were chosen with the node.
+    `grants` are the devices, `volumes` and `claims` the plans that were chosen with the node.
     """
 
     __slots__ = (
         "annotations",
         "annotations_read",
+        "claims",
         "grants",
         "handle",
         "kept",
@@ -227,11 +231,17 @@ class BindContext:
     )
 
     def __init__(
-        self, handle: Handle, *, grants: Sequence[DeviceGrant] = (), volumes: VolumePlan | None = None
+        self,
+        handle: Handle,
+        *,
+        grants: Sequence[DeviceGrant] = (),
+        volumes: VolumePlan | None = None,
+        claims: ClaimPlan | None = None,
     ) -> None:
         self.handle = handle
         self.grants = grants
         self.volumes = volumes
+        self.claims = claims
         self.annotations: dict[str, str] = {}
         self.annotations_read = False
         """Whether a bind hook has read `binding_annotations`, without which it cannot hand the grants over."""

@@ -161,6 +161,9 @@ class Profile:
         self.everywhere = tuple(loaded for chain in plugins.values() for loaded in chain)
         """One for each point that a plugin takes part in."""
         self.all = {loaded.name: loaded for loaded in self.everywhere}
+        planners = (loaded for loaded in self.everywhere if loaded.plan_claims is not None and not loaded.shadow)
+        self.claim_planner = next(planners, None)
+        """The plugin that allocates resource claims."""
         self.reads = tuple(sorted({name for loaded in (*self.filters, *self.scores) for name in loaded.reads}))
         """Features of the class key."""
         self.uses_ros = any(name.startswith(ROS_FEATURES) for name in self.reads)

@@ -15,6 +15,7 @@ from robotapp_scheduler.core.framework.incremental import (
     Minds,
     Narrows,
     Plan,
+    PlanClaims,
     Relevant,
     Room,
     ScoreAmong,
@@ -122,6 +123,7 @@ class RegisteredPlugin:
         self.pre_filter: Callable[[PodInfo, Snapshot], PreFilter | None] | None = getattr(plugin, "pre_filter", None)
         self.narrows: Narrows | None = getattr(plugin, "narrows", None)
         self.plan: Plan | None = getattr(plugin, "plan", None)
+        self.plan_claims: PlanClaims | None = getattr(plugin, "plan_claims", None)
         self.post_filter: Callable[[PodInfo, Any], Any] | None = getattr(plugin, "post_filter", None)
         self.touched_by: TouchedBy | None = getattr(plugin, "touched_by", None)
         self.beside: BesideHook | None = getattr(plugin, "beside", None)

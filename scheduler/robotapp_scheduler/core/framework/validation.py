@@ -38,6 +38,7 @@ HOOKS: Final = (
         "bind",
         "post_bind",
         "plan",
+        "plan_claims",
         "filter_row",
         "score_row",
         "relevant",
@@ -101,7 +102,7 @@ def _names(plugin: Any) -> Iterator[str]:
         if unknown:
             yield f"`{attribute}` names {', '.join(unknown)}; facts of nodes are {', '.join(sorted(READS))}"
     if len({next((live for live in LIVE if name.startswith(live)), "") for name in map(str, reads)}) > 1:
-        yield f"`reads` {', '.join(sorted(map(str, reads)))} mixes parts of ros or volumes with other features"
+        yield f"`reads` {', '.join(sorted(map(str, reads)))} mixes parts of ros, volumes or claims with other features"
 
 
 def _normalize(plugin: object, normalizers: Collection[str]) -> Iterator[str]:

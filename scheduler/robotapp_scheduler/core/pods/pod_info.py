@@ -15,20 +15,22 @@ from robotapp_api.values.quantities.requests import PodRequests
 from robotapp_scheduler.core.api.annotations import any_read, parse_annotations
 from robotapp_scheduler.core.api.core_v1 import Affinity, NodeAffinity, OwnerReference, Pod, Toleration
 from robotapp_scheduler.core.api.ros import InvalidAnnotation, RosContext, RosRequest
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import PodClaims, list_named_claims
 from robotapp_scheduler.core.pods.cached_property import CachedProperty
+from robotapp_scheduler.core.pods.domain_variable import find_lost_domain
 from robotapp_scheduler.core.pods.pod_group_index import group_ref_of, in_group
 from robotapp_scheduler.core.pods.pod_signature import HostPort, PodSignature, controller_of
 from robotapp_scheduler.core.pods.pod_volumes import PodVolumes, volumes_of
-from robotapp_scheduler.core.pods.resource_claims import wanted
 from robotapp_scheduler.core.selectors.affinity_index import PlacedTerm
 from robotapp_scheduler.core.selectors.affinity_terms import attracts_itself
 from robotapp_scheduler.core.selectors.label_sets import LabelSet
 
 ROS_FEATURES: Final = "ros"
 VOLUME_FEATURE: Final = "volumes"
-OWN_FEATURES: Final = frozenset({"uid", "name", "annotations", "annotated_hardware", "node_name"})
+CLAIM_FEATURE: Final = "claims"
+OWN_FEATURES: Final = frozenset({"uid", "name", "annotations", "annotated_hardware", "node_name", "resource_claims"})
 """Features in which replicas differ; the others follow from the pod's signature."""
-LIVE: Final = (ROS_FEATURES, VOLUME_FEATURE)
+LIVE: Final = (ROS_FEATURES, VOLUME_FEATURE, CLAIM_FEATURE)
 """Features that depend on more than the pod: found anew at each attempt, never kept."""
 NO_ROS: Final[tuple[Hashable, ...]] = (None,)
 """Key of every plugin that reads parts of "ros", for a pod without ROS fields."""
@@ -66,6 +68,8 @@ class PodInfo:
         """(QoS class, reliability, liveliness) for the queue; None for a pod without ROS fields."""
         self.volume_key: Hashable = None
         """What its volumes look like right now; None for a pod without volumes. Set like `ros`."""
+        self.claims: PodClaims | None = None
+        """Its ResourceClaims as they are right now; None for a pod without any. Set like `ros`, and before its gates are tested."""
         self.signature = PodSignature(pod) if signature is None else signature
         """What it has in common with other replicas."""
 
@@ -181,7 +185,10 @@ class PodInfo:
 
     @CachedProperty
     def _ros_request(self) -> RosRequest | InvalidAnnotation | None:
-        return parse_annotations(self.annotations)
+        request = parse_annotations(self.annotations)
+        if isinstance(request, RosRequest) and request.dds_domain:
+            return find_lost_domain(self.pod.spec, self.annotations, request.dds_domain) or request
+        return request
 
     def features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
         """The values of some features as a key: two pods with equal keys are equal to every rule that reads these."""
@@ -201,9 +208,11 @@ class PodInfo:
         return value
 
     def live_features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
-        """The same for volumes, or for parts of "ros": resolved anew at each attempt, so never kept."""
+        """The same for volumes, resource claims, or parts of "ros": resolved anew at each attempt, so never kept."""
         if names == (VOLUME_FEATURE,):
             return (self.volume_key,)
+        if names == (CLAIM_FEATURE,):
+            return (self.claims and self.claims.key,)
         return NO_ROS if self.ros is None else tuple(FEATURES[name](self) for name in names)
 
 
@@ -249,7 +258,10 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "spread_labels": lambda pod: tuple(
         (key, pod.labels.get(key)) for each in pod.pod.spec.topology_spread_constraints for key in each.match_label_keys
     ),
-    "resource_claims": lambda pod: (pod.namespace, *wanted(pod.pod)) if pod.pod.spec.resource_claims else None,
+    "resource_claims": lambda pod: (
+        (pod.namespace, *list_named_claims(pod.pod)) if pod.pod.spec.resource_claims else None
+    ),
+    CLAIM_FEATURE: lambda pod: pod.claims and pod.claims.key,
     "ros": lambda pod: pod.ros,
     "ros.tenant": lambda pod: pod.ros and pod.ros.tenant,
     "ros.qos": lambda pod: pod.ros and pod.ros.qos_class,
@@ -263,7 +275,8 @@ FEATURES: Final[dict[str, Callable[[PodInfo], Hashable]]] = {
     "ros.devices": lambda pod: pod.ros and (pod.ros.devices, pod.ros.holder),
 }
 """What a plugin may name in `reads`. The parts of "ros" are None for a pod without ROS fields; a plugin names parts of
-"ros", or "volumes" (which stands for everything about them, claims and their state included), or other features."""
+"ros", or "volumes" (which stands for everything about them, claims and their state included), or "claims" (the same for
+resource claims), or other features."""
 
 
 class PlacedPod(msgspec.Struct, gc=False):

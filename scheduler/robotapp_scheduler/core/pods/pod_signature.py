@@ -153,8 +153,6 @@ def same_signature(old: Pod, labels: Mapping[str, str], new: Pod) -> bool:
     before, now = old.metadata, new.metadata
     if labels != (now.labels or {}) or before.owner_references != now.owner_references:
         return False
-    if new.spec.resource_claims and old.status.resource_claim_statuses != new.status.resource_claim_statuses:
-        return False
     if old.spec.node_name == new.spec.node_name:
         return old.spec == new.spec
     return msgspec.structs.replace(old.spec, node_name=new.spec.node_name) == new.spec
@@ -168,7 +166,7 @@ def _key(pod: Pod) -> bytes:
             meta.namespace, meta.labels, owner, spec.scheduler_name, spec.priority, spec.containers,
             spec.init_containers, spec.overhead, spec.resources, spec.node_selector, spec.affinity, spec.tolerations,
             spec.topology_spread_constraints, spec.host_network, spec.host_users,
-            (spec.resource_claims, pod.status.resource_claim_statuses) if spec.resource_claims else None,
+            spec.resource_claims,
             (meta.name, spec.volumes) if spec.volumes else None,  # an ephemeral volume's claim is named after its pod
         )
     )  # fmt: skip

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.snapshot import AdjustedSnapshot, Snapshot
+from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
 from robotapp_scheduler.core.explain.record import histogram
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.core.preemption.filter_dependencies import Influence
@@ -36,13 +37,19 @@ class Plan(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Result of a `post_filter`: the rest of the message, the node to wait for ("" = none any more, None = as before)."""
+    """Result of a `post_filter`: the rest of the message, the node to wait for ("" = none any more, None = as before).
+
+    The allocation of `deallocate` is to be taken back.
+    """
 
     text: str
     nominate: str | None = None
     plan: Plan | None = None
+    deallocate: ResourceClaim | None = None
 
 
+NOTHING: Final = Outcome("")
+"""Result of a `post_filter` that has nothing to do for the pod."""
 Remembered = dict[int, tuple[int, Candidate | None, bool]]
 """Per row where no other node matters: (version of the row it was made of, victims, do filters depend on its pods of lower priority)."""
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cache.snapshot import Snapshot
-from robotapp_scheduler.core.framework.interface import Code, Status
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import ClaimPlan
+from robotapp_scheduler.core.framework.interface import ABORTS, Code, Status
 from robotapp_scheduler.core.framework.profiles import Profile
 from robotapp_scheduler.core.framework.registered_plugin import RegisteredPlugin
 from robotapp_scheduler.core.pods.pod_info import PodInfo
@@ -225,6 +226,23 @@ class ProfileRunner:
             if plan is not None:
                 return plan
         return None
+
+    def claim_plan(self, pod: PodInfo, node: str) -> ClaimPlan | None:
+        """Returns what must be written about the pod's resource claims before it may be bound to this node. Raises ValueError."""
+        view = Snapshot(self._cluster, [self._cluster.nodes.row_of[node]])
+        planner = self.profile.claim_planner
+        return planner.plan_claims(pod, view) if planner is not None and planner.plan_claims is not None else None
+
+    def check_aborts(self, pod: PodInfo, evaluation: Evaluation) -> None:
+        """Raise the ValueError of a filter that found, on a node no other filter rejected, that the pod cannot be scheduled at all."""
+        for code in evaluation.counts():
+            if evaluation.reasons.values[code].texts == ABORTS:
+                position = evaluation.examples(code)[0]
+                name = evaluation.reasons.values[code].plugin
+                try:
+                    self.claim_plan(pod, self.name_of(evaluation, position))
+                except ValueError as error:
+                    raise ValueError(f'running "{name}" filter plugin: {error}') from error
 
     def remembered(self, pod: PodInfo, key: Hashable) -> dict[Any, Any]:
         """A dictionary in which a post_filter keeps results for pods of this class; the least recently used ones are dropped."""

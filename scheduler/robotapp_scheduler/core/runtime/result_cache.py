@@ -138,7 +138,7 @@ class ResultCache:
 
     def _key(self, pod: PodInfo) -> Hashable:
         own = [feature(pod) for feature in self._own_reads]
-        return (pod.features(self._shape_reads), *own, pod.ros, pod.volume_key)
+        return (pod.features(self._shape_reads), *own, pod.ros, pod.volume_key, pod.claims and pod.claims.key)
 
     def _most_classes(self) -> int:
         size = max(self._cluster.nodes.size, 1)

@@ -87,6 +87,8 @@ class BindingCycle:
             self._core.cluster.nominations.nominate(decision.pod, decision.nominate)
         if known and decision.plan is not None:
             self._evict(decision.plan, decision.pod)
+        if known and decision.deallocate is not None:
+            self._handle.resource_claims.deallocate(decision.deallocate, decision.pod)
         self._core.queue.requeue(queued, Rejection(decision.rejected_by))
         if not known:
             return
@@ -122,7 +124,7 @@ class BindingCycle:
         return profile.send is not None and all(code is Code.SKIP for code in self._pre_flights(profile, decision))
 
     def _pre_flights(self, profile: Profile, decision: ScheduleResult) -> list[Code]:
-        context = BindContext(self._handle, grants=decision.grants, volumes=decision.volumes)
+        context = BindContext(self._handle, grants=decision.grants, volumes=decision.volumes, claims=decision.claims)
         return [pre_flight(decision.pod, context) for pre_flight in profile.pre_flights]
 
     def _profile(self, pod: PodInfo) -> Profile:
@@ -204,6 +206,7 @@ class BindingCycle:
                 str(decision.node),
                 grants=decision.grants,
                 volumes=decision.volumes,
+                claims=decision.claims,
                 annotations=self._fallback(decision),
             )
             if refused is None:
@@ -253,6 +256,8 @@ class BindingCycle:
         self._core.queue.done(pod.uid)
         if decision.volumes is not None:
             self._core.cluster.volumes.forget(pod.uid)  # the claims now name their volumes themselves
+        if decision.claims is not None:
+            self._core.cluster.resource_claims.forget(pod.uid)  # likewise, their devices
         self._reporter.scheduled(pod.pod, node, more=budget_without_end() if pod.budget_without_end else "")
         self._metrics.bound(_queued(decision), pod.scheduler_name, started_s=started_s, now_s=self._clock())
 

@@ -15,6 +15,7 @@ import msgspec
 
 from robotapp_api.model.names import GRANTED_PREFIX, PodReason
 from robotapp_scheduler.core.api.core_v1 import Pod
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import ClaimPlan
 from robotapp_scheduler.core.explain.record import histogram
 from robotapp_scheduler.core.framework.handle import BindOutcome, BindResult, Handle, Readiness, Reserved
 from robotapp_scheduler.core.framework.interface import BindContext, Code, PluginError, Status
@@ -107,6 +108,7 @@ class ExtensionPoints:
         *,
         grants: Sequence[DeviceGrant] = (),
         volumes: VolumePlan | None = None,
+        claims: ClaimPlan | None = None,
         annotations: Mapping[str, str] = NO_ANNOTATIONS,
     ) -> Refused | None:
         """Call all hooks before the bind; None when the pod may be bound to this node, or `stale`.
@@ -114,7 +116,7 @@ class ExtensionPoints:
         `annotations` go into the Binding beside those of the plugins. May be called again after `give_back`.
         """
         self._node, self.stale = node, False
-        self.context = BindContext(self._handle, grants=grants, volumes=volumes)
+        self.context = BindContext(self._handle, grants=grants, volumes=volumes, claims=claims)
         self.context.annotations.update(annotations)
         return (
             await self._run_point("Reserve", "reserve", self._profile.reserves)

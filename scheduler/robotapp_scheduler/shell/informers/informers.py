@@ -14,7 +14,7 @@ import msgspec
 
 from robotapp_api.model.names import GROUP
 from robotapp_client.api.client import ApiClient
-from robotapp_client.api.resources import PODS, Resource
+from robotapp_client.api.resources import PODS, RESOURCECLAIMS, Resource
 from robotapp_client.informer.reflector import Change as Seen
 from robotapp_client.informer.reflector import Reflector
 from robotapp_client.transport.errors import ClientError, NotFound
@@ -22,7 +22,14 @@ from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.shell.metrics.metrics import Metrics
-from robotapp_scheduler.watch.routes import Route, group_routes, plain_routes, robotics_routes, storage_routes
+from robotapp_scheduler.watch.routes import (
+    Route,
+    device_routes,
+    group_routes,
+    plain_routes,
+    robotics_routes,
+    storage_routes,
+)
 
 log = logging.getLogger(__name__)
 
@@ -105,7 +112,7 @@ class Informers:
             (pods, on_pod),
             *self._routed(*plain_routes(cluster)),
         )
-        self._storage = self._routed(*storage_routes(cluster.volumes, cluster.resource_claims))
+        self._storage = self._routed(*storage_routes(cluster.volumes), *device_routes(cluster.resource_claims))
         self._groups = list(self._routed(*group_routes(cluster.pod_groups)))
         """Those that are not watched yet."""
         self._robotics = self._routed(*robotics_routes(cluster))
@@ -125,6 +132,8 @@ class Informers:
                 self._start(group, route, handle)
             for route, handle in await self._served(self._storage):
                 self._start(group, route, handle)
+            watched = {reflector.plural for reflector in self._reflectors}
+            self._cluster.resource_claims.served = RESOURCECLAIMS.plural in watched
             await self._start_robotics(group)
             await asyncio.gather(*(reflector.synced.wait() for reflector in self._reflectors))
             await asyncio.gather(*(kind.settled.wait() for kind in self._kinds.values()))

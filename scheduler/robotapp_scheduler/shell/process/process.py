@@ -42,9 +42,10 @@ from robotapp_scheduler.shell.binding.binder import Binder
 from robotapp_scheduler.shell.binding.binding_cycle import BindingCycle
 from robotapp_scheduler.shell.binding.claim_reserver import ClaimReserver, granted_pods
 from robotapp_scheduler.shell.binding.claim_waits import ClaimWaits
+from robotapp_scheduler.shell.binding.claim_writer import ClaimWriter
 from robotapp_scheduler.shell.binding.domain_checks import DomainChecks
 from robotapp_scheduler.shell.binding.evictor import Evictor
-from robotapp_scheduler.shell.binding.resource_claim_users import ClaimUsers
+from robotapp_scheduler.shell.binding.standing_claims import StandingClaims
 from robotapp_scheduler.shell.binding.volume_binder import INTERESTING, VolumeWriter
 from robotapp_scheduler.shell.config.reload import Reloader, Running, first
 from robotapp_scheduler.shell.config.sources import LastGood, NoSource, Source, sources
@@ -178,13 +179,22 @@ class Scheduler:
         self.evictor = Evictor(
             self.core, client, self.events, self.metrics, clock=CLOCK, permitted=self._may_act, notify=self._notify_loop
         )
+        self.claim_writer = ClaimWriter(
+            client,
+            self.core.cluster.resource_claims,
+            permitted=self._may_act,
+            now=utc_now,
+            on_change=self._changed,
+            retry=lambda uid: self.core.queue.activate([uid]),
+        )
+        self.standing_claims = StandingClaims(client, self.core.cluster, self.claim_writer, now=utc_now)
         claims = ClaimReserver(client, known_claims=self._taken_claims)
         handle = Handle(
             pods=Binder(client, permitted=self._may_act),
             domains=DomainChecks(claims.check_domains, self.metrics, clock=CLOCK),
             claims=claims,
             volumes=self.volumes,
-            resource_claims=ClaimUsers(client),
+            resource_claims=self.claim_writer,
         )
         binding_cycle = BindingCycle(
             self.core,
@@ -273,6 +283,7 @@ class Scheduler:
         if not self._lost:  # else another process leads and binds what was in flight
             await self.loop.drain(STOP_TIMEOUT_S)
             await self.evictor.drain(STOP_TIMEOUT_S)
+            await self.claim_writer.drain(STOP_TIMEOUT_S)
             await self.events.drain()
         work.cancel()  # a leader that is cancelled gives its lease back
         with contextlib.suppress(asyncio.CancelledError):
@@ -308,6 +319,7 @@ class Scheduler:
             background = [
                 group.create_task(self.sweeper.run(), name="sweep"),
                 group.create_task(self.refusals.run(), name="refused by kubelets"),
+                group.create_task(self.standing_claims.run(), name="claims of RobotApps"),
                 group.create_task(self._reloader.leading(), name="last good configuration"),
             ]
             if self._options.better_nodes:

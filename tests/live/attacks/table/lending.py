@@ -139,6 +139,7 @@ PLAIN: Final = frozenset(
         "minRate",
         "mode",
         "model",
+        "mountAs",
         "mountPath",
         "mountPropagation",
         "name",

@@ -69,11 +69,10 @@ def test_a_pod_that_is_being_deleted_is_not_tried() -> None:
     assert not decision.placed
 
 
-def test_a_claim_nobody_allocated_is_refused_in_plain_words() -> None:
+def test_a_claim_that_was_not_made_yet_is_waited_for_in_upstreams_words() -> None:
     decision = make_core(make_node("n")).schedule_one(make_info("p", resourceClaims=[{"name": "camera"}]))
     assert decision.code is Code.UNRESOLVABLE
-    text = "resource claim 'camera' is not allocated; this scheduler does not allocate devices"
-    assert decision.message.startswith(f"0/1 nodes are available: {text}.")
+    assert decision.message.startswith('0/1 nodes are available: pod "default/p": ResourceClaim not created yet.')
 
 
 @pytest.mark.parametrize(

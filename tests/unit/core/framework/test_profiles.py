@@ -39,7 +39,7 @@ def test_the_default_order_and_weights_are_upstreams_followed_by_ours() -> None:
     ]  # fmt: skip
     assert {plugin.name: plugin.weight for plugin in profile.scores} == {
         "TaintToleration": 3, "NodeAffinity": 2, "NodeResourcesFit": 1, "VolumeBinding": 1, "PodTopologySpread": 2,
-        "InterPodAffinity": 2, "NodeResourcesBalancedAllocation": 1, "ImageLocality": 1,
+        "InterPodAffinity": 2, "DynamicResources": 2, "NodeResourcesBalancedAllocation": 1, "ImageLocality": 1,
         "TopologyScore": 25, "LatencyScore": 5, "LoadBalanceScore": 3, "DeadlineScore": 8,
     }  # fmt: skip
     assert profile.queue_sort.name == "ROSQueueSort"

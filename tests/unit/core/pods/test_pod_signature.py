@@ -6,6 +6,7 @@ import pytest
 from tests.support.scheduling import make_info, make_pod, owner
 
 from robotapp_api.model.names import Annotation
+from robotapp_scheduler.core.api.core_v1 import ClaimReference
 from robotapp_scheduler.core.pods import pod_signature
 from robotapp_scheduler.core.pods.pod_info import FEATURES, LIVE, OWN_FEATURES
 from robotapp_scheduler.core.pods.pod_signature import PodSignatures
@@ -31,7 +32,6 @@ OTHER: dict[str, dict[str, Any]] = {
     "pod affinity": {"affinity": AWAY},
     "tolerations": {"tolerations": [{"operator": "Exists"}]},
     "spread": {"topologySpreadConstraints": [TERM]},
-    "claims": {"resourceClaims": [{"name": "gpu"}]},
     "user namespaces": {"hostNetwork": True, "hostUsers": False},
     "volume": {"volumes": [{"name": "v", "persistentVolumeClaim": {"claimName": "c"}}]},
     "image volume": {"volumes": [{"name": "v", "image": {"reference": "data:1"}}]},
@@ -54,10 +54,19 @@ def test_a_pod_that_differs_in_something_a_rule_reads_is_another_shape(fields: d
     assert plain.features(features) != other.features(features)
 
 
+def test_pods_with_other_claims_are_of_another_shape_and_those_made_for_replicas_are_not() -> None:
+    claims = [{"name": "gpu"}]
+    one, two = (make_pod(name, resourceClaims=claims) for name in ("one", "two"))
+    two.status.resource_claim_statuses = (ClaimReference(name="gpu", resource_claim_name="two-gpu"),)
+    signatures = PodSignatures()
+    assert signatures.of(one) is signatures.of(two) is not signatures.of(make_pod("plain"))
+
+
 @pytest.mark.parametrize("name", sorted(OWN_FEATURES))
 def test_features_of_one_replica_are_never_given_to_another(name: str) -> None:
     wishes = '{"hardware_requirements": [{"type": "can"}]}'
-    one = make_info("one", annotations={str(Annotation.AFFINITY): wishes}, node="n1")
+    claims = [{"name": "gpu", "resourceClaimName": "gpu"}]
+    one = make_info("one", annotations={str(Annotation.AFFINITY): wishes}, node="n1", resourceClaims=claims)
     assert one.features((name,)) != make_info("two").features((name,))
 
 

@@ -1,47 +1,40 @@
-"""Pods with resource claims: refused while one is not allocated, then placed where the devices are."""
+"""Pods with resource claims: held while one is missing, allocated on a node with free devices, placed where the devices are."""
 
 from typing import Any
 
 import msgspec
 import pytest
+from tests.support.scheduler.devices import allocated_on, claim, device_class, wanting, with_devices
 from tests.support.scheduling import make_core, make_info, make_node, make_pod, to_pod
 
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.dynamic_resources.claim_cache import NOT_SERVED
+from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.pods.pod_info import PodInfo
-from robotapp_scheduler.core.pods.resource_claims import ResourceClaim
-from robotapp_scheduler.plugins.kubernetes.dynamic_resources import DynamicResources
+from robotapp_scheduler.plugins.kubernetes.dynamic_resources.plugin import DynamicResources
 
-NOT_ALLOCATED = "resource claim 'camera' is not allocated; this scheduler does not allocate devices"
-CAMERA = {"name": "camera", "resourceClaimName": "camera"}
+NOWHERE = "3 cannot allocate all claims"
+ELSEWHERE = "3 resourceclaim not available on the node"
 BY_TEMPLATE = {"name": "camera", "resourceClaimTemplateName": "cameras"}
-
-
-def claim(*nodes: str, name: str = "camera", allocated: bool = True, **fields: Any) -> ResourceClaim:
-    """Allocated on these nodes, on all without any."""
-    term = {"matchExpressions": [{"key": "kubernetes.io/hostname", "operator": "In", "values": list(nodes)}]}
-    allocation = {"nodeSelector": {"nodeSelectorTerms": [term]}} if nodes else {}
-    raw = {
-        "metadata": {"name": name, "namespace": "default", **fields.pop("metadata", {})},
-        "status": {**({"allocation": allocation} if allocated else {}), **fields},
-    }
-    return msgspec.convert(raw, ResourceClaim)
+USER = {"resource": "pods", "name": "other", "uid": "uid-other"}
 
 
 def camera(name: str = "p", **fields: Any) -> PodInfo:
-    return make_info(name, resourceClaims=[CAMERA], **fields)
+    return wanting("camera", name=name, **fields)
 
 
-def by_template(status: list[dict[str, str]] | None) -> PodInfo:
-    pod = make_pod("p", resourceClaims=[BY_TEMPLATE])
-    raw = msgspec.to_builtins(pod)
+def by_template(status: list[dict[str, str]] | None, name: str = "p") -> PodInfo:
+    raw = msgspec.to_builtins(make_pod(name, resourceClaims=[BY_TEMPLATE]))
     raw["status"] = {"resourceClaimStatuses": status or []}
     return PodInfo(to_pod(raw))
 
 
 @pytest.fixture
 def core() -> SchedulerCore:
-    return make_core(*(make_node(name) for name in ("n1", "n2", "n3")))
+    core = make_core(*(make_node(name) for name in ("n1", "n2", "n3")))
+    core.cluster.resource_claims.apply_class(device_class("cameras"))
+    return core
 
 
 def tried(core: SchedulerCore, pod: PodInfo) -> str:
@@ -50,38 +43,87 @@ def tried(core: SchedulerCore, pod: PodInfo) -> str:
     return decision.node or decision.message
 
 
-def test_a_pod_waits_until_its_claim_is_there_and_allocated_and_goes_where_the_device_is(core: SchedulerCore) -> None:
+def gate_of(core: SchedulerCore, pod: PodInfo) -> str:
+    gate = core._gate(pod)
+    return gate.reason if gate is not None else ""
+
+
+def test_a_pod_is_held_until_its_claim_is_there_and_then_goes_where_devices_are_free(core: SchedulerCore) -> None:
     claims = core.cluster.resource_claims
-    assert NOT_ALLOCATED in tried(core, camera())
-    claims.apply(claim(allocated=False))
-    assert NOT_ALLOCATED in tried(core, camera())
-    claims.apply(claim("n3"))
+    assert gate_of(core, camera()) == 'could not find ResourceClaim "default/camera"'
+    claims.apply_claim(claim("camera"))
+    assert gate_of(core, camera()) == ""
+    assert NOWHERE in tried(core, camera())
+    with_devices(core.cluster, n2=1)
+    assert tried(core, camera()) == "n2"
+
+
+def test_devices_of_placed_pods_are_taken_at_once_and_free_again_when_the_pod_is_not_bound(core: SchedulerCore) -> None:
+    with_devices(core.cluster, n2=1)
+    for name in ("camera", "arm"):
+        core.cluster.resource_claims.apply_claim(claim(name))
+    first = core.schedule_one(camera())
+    assert first.node == "n2"
+    assert first.claims is not None
+    assert NOWHERE in tried(core, wanting("arm", name="q"))
+    assert core.cluster.forget("uid-p") & Change.RESOURCE_CLAIMS
+    assert tried(core, wanting("arm", name="q")) == "n2"
+
+
+def test_a_claim_whose_allocation_is_on_its_way_is_waited_for(core: SchedulerCore) -> None:
+    with_devices(core.cluster, n1=1, n2=1)
+    core.cluster.resource_claims.apply_claim(claim("camera"))
+    core.schedule_one(camera())
+    assert "resource claim default/camera is in the process of being allocated" in tried(core, camera("q"))
+    core.cluster.resource_claims.apply_claim(claim("camera", allocated_on("n2"), version="7"))
+    assert tried(core, camera("q")) == "n2"
+
+
+def test_an_allocated_claim_is_followed_and_one_on_a_lost_node_nobody_uses_is_given_up(core: SchedulerCore) -> None:
+    claims = core.cluster.resource_claims
+    claims.apply_claim(claim("camera", allocated_on("n3")))
     assert tried(core, camera()) == "n3"
-    claims.apply(claim("n1"))
+    claims.apply_claim(claim("camera", allocated_on("n1")))
     assert tried(core, camera()) == "n1", "a cached answer would still say n3"
-    claims.apply(claim("gone"))
-    assert "3 resourceclaim not available on the node" in tried(core, camera())
-    claims.remove(claim("gone"))
-    assert NOT_ALLOCATED in tried(core, camera())
+    claims.apply_claim(claim("camera", allocated_on("gone")))
+    decision = core.schedule_one(camera())
+    assert ELSEWHERE in decision.message
+    assert ". deallocation of ResourceClaim completed, preemption: 0/3 nodes are available: " in decision.message
+    assert decision.deallocate is not None
+    claims.apply_claim(claim("camera", allocated_on("gone"), reservedFor=[USER]))
+    decision = core.schedule_one(camera())
+    assert ELSEWHERE in decision.message
+    assert decision.deallocate is None
+    assert "deallocation" not in decision.message
 
 
 def test_all_claims_of_a_pod_count_and_those_of_other_namespaces_do_not(core: SchedulerCore) -> None:
     claims = core.cluster.resource_claims
-    claims.apply(claim("n1", "n2"))
-    claims.apply(claim("n2", "n3", name="arm"))
-    both = [CAMERA, {"name": "arm", "resourceClaimName": "arm"}]
-    assert tried(core, make_info("p", resourceClaims=both)) == "n2"
-    assert NOT_ALLOCATED in tried(core, camera(namespace="elsewhere"))
+    claims.apply_claim(claim("camera", allocated_on("n1", "n2")))
+    claims.apply_claim(claim("arm", allocated_on("n2", "n3")))
+    assert tried(core, wanting("camera", "arm")) == "n2"
+    assert "could not find ResourceClaim" in tried(core, camera(namespace="elsewhere"))
+
+
+def test_two_references_to_one_claim_are_one_claim(core: SchedulerCore) -> None:
+    with_devices(core.cluster, n1=1)
+    core.cluster.resource_claims.apply_claim(claim("camera"))
+    twice = [{"name": name, "resourceClaimName": "camera"} for name in ("left", "right")]
+    decision = core.schedule_one(make_info("p", resourceClaims=twice))
+    assert decision.node == "n1"
+    assert decision.claims is not None
+    assert len(decision.claims.claims) == 1
 
 
 def test_a_claim_made_from_a_template_is_found_by_the_pods_status(core: SchedulerCore) -> None:
-    mine = {"ownerReferences": [{"kind": "Pod", "name": "p", "uid": "uid-p"}]}
-    core.cluster.resource_claims.apply(claim("n2", name="p-camera-x", metadata=mine))
-    core.cluster.resource_claims.apply(claim("n2", name="q-camera-x"))
-    assert NOT_ALLOCATED in tried(core, by_template(None))
+    owner = {"kind": "Pod", "name": "p", "uid": "uid-p", "controller": True}
+    core.cluster.resource_claims.apply_claim(claim("p-camera-x", allocated_on("n2"), ownerReferences=[owner]))
+    core.cluster.resource_claims.apply_claim(claim("q-camera-x", allocated_on("n2")))
+    assert gate_of(core, by_template(None)) == 'pod "default/p": ResourceClaim not created yet'
     assert tried(core, by_template([{"name": "camera", "resourceClaimName": "p-camera-x"}])) == "n2"
-    assert "was made for another pod" in tried(
-        core, by_template([{"name": "camera", "resourceClaimName": "q-camera-x"}])
+    other = by_template([{"name": "camera", "resourceClaimName": "q-camera-x"}])
+    assert (
+        gate_of(core, other) == "ResourceClaim default/q-camera-x was not created for Pod default/p (Pod is not owner)"
     )
     assert tried(core, by_template([{"name": "camera"}])) in {"n1", "n2", "n3"}, "no claim was needed"
 
@@ -89,49 +131,63 @@ def test_a_claim_made_from_a_template_is_found_by_the_pods_status(core: Schedule
 @pytest.mark.parametrize(
     ("found", "text"),
     [
-        (claim(metadata={"deletionTimestamp": "2026-01-01T00:00:00Z"}), "is being deleted"),
+        (claim("camera", deletionTimestamp="2026-01-01T00:00:00Z"), 'resourceclaim "camera" is being deleted'),
         (
-            claim(reservedFor=[{"resource": "pods", "uid": f"u{i}"} for i in range(256)]),
-            "is shared by 256 pods already",
+            claim("camera", allocated_on("n1"), reservedFor=[{"resource": "pods", "uid": f"u{i}"} for i in range(256)]),
+            'resourceclaim "camera" is reserved for 256 consumers, which is the most',
         ),
     ],
 )
-def test_a_claim_that_takes_no_more_users_refuses(core: SchedulerCore, found: ResourceClaim, text: str) -> None:
-    core.cluster.resource_claims.apply(found)
+def test_a_claim_that_takes_no_more_users_holds_the_pod_back(
+    core: SchedulerCore, found: ResourceClaim, text: str
+) -> None:
+    core.cluster.resource_claims.apply_claim(found)
+    assert gate_of(core, camera()) == text
     assert text in tried(core, camera())
 
 
 def test_a_pod_that_uses_a_full_claim_already_may_go_on(core: SchedulerCore) -> None:
     users = [{"resource": "pods", "uid": f"u{i}"} for i in range(255)] + [{"resource": "pods", "uid": "uid-p"}]
-    core.cluster.resource_claims.apply(claim("n1", reservedFor=users))
+    core.cluster.resource_claims.apply_claim(claim("camera", allocated_on("n1"), reservedFor=users))
     assert tried(core, camera()) == "n1"
 
 
-def test_only_news_of_its_own_claims_or_nodes_bring_a_pod_back() -> None:
+def test_without_the_device_class_or_the_api_the_pod_is_refused_with_the_reason(core: SchedulerCore) -> None:
+    claims = core.cluster.resource_claims
+    claims.apply_claim(claim("camera", of_class="robots"))
+    assert "request device: device class robots does not exist" in tried(core, camera())
+    claims.served = False
+    assert gate_of(core, camera()) == "", "a gated pod would get no condition"
+    assert NOT_SERVED in tried(core, camera())
+    assert tried(core, make_info("plain")) in {"n1", "n2", "n3"}
+
+
+def test_only_news_about_its_claims_free_devices_or_nodes_bring_a_pod_back() -> None:
     plugin, pod = DynamicResources(), camera()
 
     def wakes(change: Change, resource: str, old: Any, new: Any) -> bool:
         return plugin.hint(pod, Event(resource, change, old, new))
 
     news = Change.RESOURCE_CLAIMS
-    assert wakes(news, "resourceclaims", None, claim())
-    assert not wakes(news, "resourceclaims", None, claim(name="other"))
-    assert not wakes(news, "resourceclaims", claim(metadata={"namespace": "b"}), None)
+    assert wakes(news, "resourceclaims", None, claim("camera"))
+    assert not wakes(news, "resourceclaims", None, claim("other"))
+    assert not wakes(news, "resourceclaims", claim("other"), claim("other", allocated_on("n1")))
+    assert wakes(news, "resourceclaims", claim("other", allocated_on("n1")), claim("other")), "its devices are free"
+    assert wakes(news, "resourceclaims", claim("other", allocated_on("n1")), None)
+    assert not wakes(news, "resourceclaims", claim("camera", namespace="b"), None)
     assert wakes(Change.NODE_ADDED, "nodes", None, make_node("n9"))
     before, after = by_template(None).pod, by_template([{"name": "camera", "resourceClaimName": "x"}]).pod
     assert plugin.hint(by_template(None), Event("pods", Change.SELF, before, after))
     assert not plugin.hint(by_template(None), Event("pods", Change.SELF, before, before))
 
 
-def test_a_claim_whose_status_stays_as_it_was_is_no_news(core: SchedulerCore) -> None:
-    claims = core.cluster.resource_claims
-    assert claims.apply(claim("n1")) is Change.RESOURCE_CLAIMS
-    assert claims.apply(claim("n1", metadata={"labels": {"a": "b"}})) is Change.NONE
-    assert claims.remove(claim(name="unknown")) is Change.NONE
-
-
-def test_pods_without_claims_share_their_class_whatever_claims_there_are() -> None:
-    plain = make_info("plain")
-    assert DynamicResources.reads == ("resource_claims",)
-    assert plain.features(DynamicResources.reads) == (None,)
-    assert camera("a").features(DynamicResources.reads) == camera("b").features(DynamicResources.reads)
+def test_pods_with_equal_claims_share_their_class_and_pods_without_any_have_one() -> None:
+    core = make_core(make_node("n1"))
+    for name in ("camera", "arm"):
+        core.cluster.resource_claims.apply_claim(claim(name))
+    pods = [make_info("plain"), camera("a"), wanting("arm", name="b")]
+    for pod in pods:
+        core.prepare(pod)
+    keys = [pod.live_features(DynamicResources.reads) for pod in pods]
+    assert keys[0] == (None,)
+    assert keys[1] == keys[2] != (None,)

@@ -53,7 +53,7 @@ async def test_without_the_plugins_nothing_is_claimed_and_no_volume_bound() -> N
     rig.show(wishes=True, resource_claims=(ClaimReference(name="gpu"),))
     await rig.turn()
     assert [asked[0] for asked in rig.io.asked] == ["p"]
-    assert (rig.io.claimed, rig.volumes.asked, rig.volumes.entered) == ([], [], [])
+    assert (rig.io.claimed, rig.volumes.asked, rig.claims.bound) == ([], [], [])
 
 
 @pytest.mark.parametrize("point", ["reserve", "permit", "pre_bind", "bind", "post_bind"])

@@ -3,6 +3,7 @@
 from typing import Any
 
 import pytest
+from tests.support.scheduler.devices import allocated_on, claim
 from tests.support.scheduler.placing import BINDING, Rig
 
 from robotapp_claims.rules.identity import holder_of_pod
@@ -87,13 +88,14 @@ async def test_once_a_binding_may_have_left_nothing_is_given_back(answer: Any) -
 
 
 async def test_an_attempt_that_met_a_bug_leaves_what_it_holds_to_the_next_one() -> None:
-    async def bug(_pod: Any) -> str:
+    async def bug(_pod: Any, _plan: Any) -> str:
         raise RuntimeError("bug")
 
     rig = Rig()
-    rig.volumes.enter = bug  # type: ignore[method-assign]
+    rig.claims.bind = bug  # type: ignore[method-assign]
+    rig.core.cluster.resource_claims.apply_claim(claim("gpu", allocated_on(), namespace="a"))
     rig.io.reservations.append(sharing("7"))
-    rig.show(wishes=True, resource_claims=(ClaimReference(name="gpu"),))
+    rig.show(wishes=True, resource_claims=(ClaimReference(name="gpu", resource_claim_name="gpu"),))
     await rig.turn()
     assert (rig.io.asked, rig.io.sharing, rig.core.cluster.placed) == ([], [], {})
     assert rig.core.queue.pending()["backoff"] == 1

@@ -34,7 +34,7 @@ def missing(name: str) -> str:
     return f'persistentvolumeclaim "{name}" not found'
 
 
-def named_claims(pod: PodInfo, volumes: Volumes) -> Iterator[tuple[str, Claim | None]]:
+def list_named_claims(pod: PodInfo, volumes: Volumes) -> Iterator[tuple[str, Claim | None]]:
     """Claims the pod names itself (ephemeral ones are left out), None for one that does not exist."""
     for use in pod.volumes.claims if pod.volumes is not None else ():
         if not use.ephemeral:

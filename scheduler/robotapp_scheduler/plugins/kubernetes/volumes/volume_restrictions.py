@@ -11,8 +11,8 @@ from robotapp_scheduler.core.framework.interface import FilterResult, PreFilter,
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
 from robotapp_scheduler.plugins.kubernetes.volumes.claims import (
     clashing,
+    list_named_claims,
     missing,
-    named_claims,
     names_claim,
     of_pod,
     shares_volume,
@@ -44,7 +44,7 @@ class VolumeRestrictions:
         """Rejects a pod that names a claim which does not exist."""
         if not self.narrows(pod):
             return None
-        lacking = next((name for name, claim in named_claims(pod, nodes.cluster.volumes) if claim is None), None)
+        lacking = next((name for name, claim in list_named_claims(pod, nodes.cluster.volumes) if claim is None), None)
         return unresolvable(missing(lacking)) if lacking is not None else None
 
     def filter(self, pod: PodInfo, nodes: Snapshot) -> FilterResult:
@@ -54,7 +54,7 @@ class VolumeRestrictions:
         users = nodes.cluster.volumes.users
         own = {
             claim.key
-            for _, claim in named_claims(pod, nodes.cluster.volumes)
+            for _, claim in list_named_claims(pod, nodes.cluster.volumes)
             if claim is not None and ONE_POD in claim.spec.access_modes
         }
         in_use = users.in_use(own, nominated=bool(pod.volumes.disks))  # upstream skips the plugin where neither decides

@@ -14,8 +14,8 @@ from robotapp_scheduler.core.pods.pod_info import PodInfo
 from robotapp_scheduler.core.volumes.volume_cache import Volumes
 from robotapp_scheduler.plugins.kubernetes.common.node_selector import expression_mask
 from robotapp_scheduler.plugins.kubernetes.volumes.claims import (
+    list_named_claims,
     missing,
-    named_claims,
     names_claim,
     of_pod,
     unresolvable,
@@ -43,7 +43,7 @@ class VolumeZone:
         if not self.narrows(pod):
             return None
         store = nodes.cluster.volumes
-        for name, claim in named_claims(pod, store):
+        for name, claim in list_named_claims(pod, store):
             text = _dead_end(claim, store) if claim is not None else missing(name)
             if text:
                 return unresolvable(text)
@@ -97,7 +97,7 @@ def places(volume: PersistentVolume) -> Iterator[tuple[str, frozenset[str]]]:
 
 
 def _volumes(pod: PodInfo, store: Volumes) -> Iterator[PersistentVolume]:
-    for _, claim in named_claims(pod, store):
+    for _, claim in list_named_claims(pod, store):
         volume = store.volumes.get(claim.spec.volume_name) if claim is not None else None
         if volume is not None:
             yield volume

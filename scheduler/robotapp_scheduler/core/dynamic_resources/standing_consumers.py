@@ -1,0 +1,93 @@
+"""Decides when the allocation of a RobotApp's claim is given back.
+
+The RobotApp itself is among the users of such a claim, so the allocation outlives its pods: the next pod gets the same device
+on the same node. The scheduler, which wrote that entry, also ends it.
+"""
+
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from typing import Final
+
+from robotapp_api.model.names import GROUP, Annotation, Label
+from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import find_robotapp
+from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
+
+REFUSED_FOR: Final = timedelta(seconds=30)
+"""A driver that refuses a claim for this long has given its device to another one; a new allocation may get a free device."""
+
+
+def is_standing(claim: ResourceClaim) -> bool:
+    """Returns whether the claim is allocated and a RobotApp is among its users."""
+    return claim.status.allocation is not None and any(_is_robotapp(user) for user in _list_consumers(claim))
+
+
+def find_release_reason(
+    claim: ResourceClaim, app: RobotApp | None, now: datetime, *, exists: Callable[[str], bool]
+) -> str:
+    """Finds why the allocation of a claim with a standing consumer is given back, "" while it is kept.
+
+    `app` is the RobotApp of the claim's owner reference, None when there is none any more. While a pod is among the users, the
+    allocation is kept: a device is not taken from a container. `exists` tells whether there is a node of this name.
+    """
+    owner = find_robotapp(claim)
+    if owner is None or not is_standing(claim) or not all(map(_is_robotapp, _list_consumers(claim))):
+        return ""
+    if claim.metadata.deletion_timestamp is not None:
+        return "the claim is being deleted"
+    if app is None or app.metadata.uid != owner[1]:
+        return f"RobotApp {owner[0]} is gone"
+    if app.metadata.deletion_timestamp is not None:
+        return f"RobotApp {owner[0]} is being deleted"
+    if app.spec.suspend:
+        return f"RobotApp {owner[0]} is suspended"
+    return _find_component_reason(claim, app) or _find_annotated_reason(claim, now) or _find_node_reason(claim, exists)
+
+
+def _find_component_reason(claim: ResourceClaim, app: RobotApp) -> str:
+    name = (claim.metadata.labels or {}).get(Label.COMPONENT, "")
+    component = next((component for component in app.spec.components if component.name == name), None)
+    if not name:
+        return ""
+    if component is None:
+        return f"component {name} is no longer part of the app"
+    return "" if component.devices else f"component {name} requests no device any more"
+
+
+def _find_annotated_reason(claim: ResourceClaim, now: datetime) -> str:
+    annotations = claim.metadata.annotations or {}
+    reason = annotations.get(Annotation.RELEASE, "")
+    if reason:
+        return reason
+    refusal_time = _parse_time(annotations.get(Annotation.REFUSED_SINCE, ""))
+    if refusal_time is not None and refusal_time + REFUSED_FOR <= now:
+        return f"the driver has refused the claim for {REFUSED_FOR.seconds} s"
+    return ""
+
+
+def _find_node_reason(claim: ResourceClaim, exists: Callable[[str], bool]) -> str:
+    """A robot whose computer was exchanged has a node of another name: the successor would wait for the old one for ever."""
+    allocation = claim.status.allocation
+    terms = allocation.node_selector.node_selector_terms if allocation is not None and allocation.node_selector else ()
+    fields = [field for term in terms for field in term.match_fields if field.operator == "In"]
+    names = [name for field in fields for name in field.values]
+    if not names or len(fields) < len(terms) or any(map(exists, names)):
+        return ""
+    return f"node {', '.join(sorted(names))} is gone"
+
+
+def _list_consumers(claim: ResourceClaim) -> tuple[tuple[str, str], ...]:
+    return tuple((user.api_group, user.resource) for user in claim.status.reserved_for)
+
+
+def _is_robotapp(consumer: tuple[str, str]) -> bool:
+    return consumer == (GROUP, "robotapps")
+
+
+def _parse_time(text: str) -> datetime | None:
+    """The time of an annotation; None for a text that is no time with a zone, which anybody may write."""
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        return None
+    return moment if moment.tzinfo is not None else None

@@ -1,0 +1,1 @@
+"""Places pods with ResourceClaims where their devices are, or can be allocated."""

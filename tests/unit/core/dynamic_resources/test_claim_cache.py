@@ -1,0 +1,145 @@
+"""Devices count as taken from the decision on, until the claim has them or the pod gives them back; nothing is counted twice."""
+
+import msgspec
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.support.scheduler.devices import DRIVER, allocated_on, claim, device_class, resource_slice, wanting
+
+from robotapp_scheduler.core.dynamic_resources.claim_cache import ClaimCache
+from robotapp_scheduler.core.dynamic_resources.claims_of_pods import ClaimPlan, PlannedClaim
+from robotapp_scheduler.core.dynamic_resources.objects import AllocationResult, DeviceId
+from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
+from robotapp_scheduler.core.events.cluster_event import Change
+
+ROWS = {"n1": 0, "n2": 1}
+NEWS = Change.RESOURCE_CLAIMS
+
+
+def make_cache() -> tuple[ClaimCache, ChangeLog]:
+    log = ChangeLog()
+    cache = ClaimCache(lambda: log, ROWS.get)
+    for node in ROWS:
+        cache.apply_slice(resource_slice(node, "d0", "d1"))
+    return cache, log
+
+
+def plan(name: str, node: str, device: str = "d0") -> ClaimPlan:
+    allocation = msgspec.convert(allocated_on(node, device=device), AllocationResult)
+    return ClaimPlan((PlannedClaim(claim(name), allocation),))
+
+
+def taken(cache: ClaimCache) -> set[tuple[str, str]]:
+    return {(device.pool, device.device) for device in cache.allocated}
+
+
+def test_a_decision_counts_until_its_write_is_answered_and_the_claim_from_then_on() -> None:
+    cache, log = make_cache()
+    cache.apply_claim(claim("camera"))
+    position = log.position
+    cache.assume("uid-p", plan("camera", "n2"))
+    assert taken(cache) == {("n2", "d0")}
+    assert log.since(position, int(NEWS), most=10) == [1], "only the row of the node whose device it is"
+    written = claim("camera", allocated_on("n2"), version="9")
+    assert cache.record_write(written) is NEWS
+    assert cache.forget("uid-p") is NEWS
+    assert taken(cache) == {("n2", "d0")}
+    assert cache.apply_claim(claim("camera", version="7")) is Change.NONE, "an event from before the write"
+    assert taken(cache) == {("n2", "d0")}
+    assert cache.apply_claim(written) is Change.NONE
+    assert cache.apply_claim(claim("camera", version="12")) is NEWS
+    assert taken(cache) == set()
+
+
+def test_pods_of_a_group_share_an_allocation_that_is_not_written_yet_and_others_wait() -> None:
+    cache, _ = make_cache()
+    cache.apply_claim(claim("camera"))
+    cache.assume("uid-p", plan("camera", "n1"), group="patrol")
+    pod = wanting("camera", name="q").pod
+    (state,) = cache.resolve(pod, "patrol").states
+    assert state.pending is not None
+    (state,) = cache.resolve(pod, "another").states
+    assert state.pending is None
+    (state,) = cache.resolve(pod).states
+    assert state.pending is None
+    assert cache.is_in_flight(state.claim)
+    cache.assume("uid-q", plan("camera", "n1"), group="patrol")
+    assert cache.forget("uid-p") is Change.NONE
+    assert taken(cache) == {("n1", "d0")}
+    assert cache.forget("uid-q") is NEWS
+    assert taken(cache) == set()
+
+
+def test_a_reply_about_a_claim_that_was_made_anew_meanwhile_changes_nothing() -> None:
+    cache, _ = make_cache()
+    cache.apply_claim(claim("camera", uid="new", version="20"))
+    assert cache.record_write(claim("camera", allocated_on("n1"), version="25", uid="old")) is Change.NONE
+    assert taken(cache) == set()
+
+
+def test_a_device_of_two_claims_is_free_when_both_are_gone() -> None:
+    cache, _ = make_cache()
+    for name in ("one", "two"):  # by two schedulers: the API server takes both
+        cache.apply_claim(claim(name, allocated_on("n1")))
+    cache.remove_claim(claim("one"))
+    assert taken(cache) == {("n1", "d0")}
+    cache.remove_claim(claim("two"))
+    assert taken(cache) == set()
+
+
+def test_claims_with_equal_requests_have_equal_keys_and_results_are_kept_per_node() -> None:
+    cache, log = make_cache()
+    for name in ("one", "two"):
+        cache.apply_claim(claim(name))
+    cache.apply_claim(claim("three", of_class="robots"))
+    keys = [cache.resolve(wanting(name).pod).key for name in ("one", "two", "three")]
+    assert keys[0] == keys[1] != keys[2]
+    before = [cache.get_revision(node) for node in ("n1", "n2")]
+    cache.assume("uid-p", plan("one", "n2"))
+    assert [cache.get_revision(node) == old for node, old in zip(("n1", "n2"), before, strict=True)] == [True, False]
+    position = log.position
+    cache.apply_class(device_class("robots"))
+    assert cache.get_revision("n1") != before[0]
+    assert log.delta(position, most=5).rows(int(Change.DEVICE_CLASSES)) is None  # type: ignore[union-attr]  # it is there
+    assert EVERY_ROW == -1
+
+
+STEPS = st.lists(
+    st.tuples(
+        st.sampled_from(["assume", "forget", "written", "seen", "removed"]),
+        st.integers(0, 3),
+        st.sampled_from(["n1", "n2"]),
+        st.sampled_from(["d0", "d1"]),
+    ),
+    max_size=30,
+)
+
+
+@given(STEPS)
+def test_whatever_happens_exactly_the_devices_of_claims_and_open_decisions_are_taken(
+    steps: list[tuple[str, int, str, str]],
+) -> None:
+    cache, _ = make_cache()
+    claims: dict[int, DeviceId | None] = {}
+    decided: dict[int, DeviceId] = {}
+    version = 10
+    for step, number, node, device in steps:
+        version += 1
+        name, uid, wanted = f"c{number}", f"uid-p{number}", DeviceId(DRIVER, node, device)
+        if step == "assume" and number not in decided:
+            cache.assume(uid, plan(name, node, device))
+            decided[number] = wanted
+        elif step == "forget":
+            cache.forget(uid)
+            decided.pop(number, None)
+        elif step == "written":
+            if number in claims:
+                cache.record_write(claim(name, allocated_on(node, device=device), version=str(version)))
+                claims[number] = wanted
+        elif step == "seen":
+            cache.apply_claim(claim(name, version=str(version)))
+            claims[number] = None
+        else:
+            cache.remove_claim(claim(name))
+            claims.pop(number, None)
+        expected = {found for found in claims.values() if found is not None} | set(decided.values())
+        assert set(cache.allocated) == expected
