@@ -56,7 +56,8 @@ class AppPod:
 async def fetch_app(session: Session, selection: Selection) -> Json:
     """Returns the app. Raises CliError when it has no such component."""
     app = await session.client.get(ROBOTAPPS, selection.app, namespace=session.home)
-    names = [str(component["name"]) for component in app["spec"]["components"]]
+    programs = (*app["spec"]["components"], *(app["spec"].get("recordings") or ()))
+    names = [str(component["name"]) for component in programs]
     roles = {"discovery", "router", "master"}
     if selection.component and selection.component not in {*names, *find_replicas(app["spec"]["components"]), *roles}:
         shown_names = ", ".join(names[:MOST_LISTED])

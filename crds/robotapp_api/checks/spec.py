@@ -11,6 +11,7 @@ from robotapp_api.checks.host_access.network import host_name_problems, host_net
 from robotapp_api.checks.middleware import FAST_DDS, KNOWN, external_problem, mode_problem
 from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
 from robotapp_api.checks.problem import Note, Problem, invalid
+from robotapp_api.checks.recordings.problems import recording_notes, recording_problems
 from robotapp_api.checks.replicas import replica_problems
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_components, ros_version_of, uses_ros
 from robotapp_api.model.app.component import Component
@@ -45,6 +46,7 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
     yield from _contradictions(spec)
     yield from _values_of_no_label(spec)
     yield from edge_problems(spec.edges)
+    yield from recording_problems(spec)
 
 
 def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[Note]:
@@ -80,6 +82,7 @@ def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[No
     yield from variable_notes(spec)
     yield from host_network_notes(spec)
     yield from different_user_notes(spec)
+    yield from recording_notes(spec)
 
 
 def _ros_problems(spec: RobotAppSpec) -> Iterator[Problem]:

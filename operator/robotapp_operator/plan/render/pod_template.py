@@ -155,8 +155,8 @@ def _pod_environment(component: Component, desired: Desired, *, domain: Domain |
         {"name": INSTANCE_VARIABLE, "value": desired.robot},
         {"name": ROBOT_VARIABLE, "value": desired.robot},
         {"name": "ROBOTAPP_COMPONENT", "value": desired.app.written_name(component.name)},
-        *_replica_environment(component, desired),
         *device_variables(component),
+        *_replica_environment(component, desired),
         *(_ros_environment(component, desired, domain=domain) if desired.app.uses_ros(component) else ()),
     ]
 

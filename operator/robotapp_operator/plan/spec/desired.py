@@ -18,7 +18,7 @@ from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.app.ros import Discovery, Ros1, Ros2
 from robotapp_api.model.app.service import ComponentService
 from robotapp_api.model.app.template import HelperContainer, HelperTemplate
-from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, MASTER_IMAGE
+from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, MASTER_IMAGE, RECORDER_IMAGE
 from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME
 from robotapp_api.values.naming import child_name
 from robotapp_api.values.quantities.duration import parse_us
@@ -58,6 +58,8 @@ class HelperDefaults(NamedTuple):
     """User id of their processes where the components share none; 0 leaves it to the platform."""
     ip_family: str = IPV4
     """That of the pods' first address, and so of the names under which they find each other."""
+    recorder_image: str = RECORDER_IMAGE
+    """Image of recordings that write none."""
 
 
 NO_SETTINGS: Final = HelperDefaults()
@@ -272,6 +274,7 @@ class App:
             "update": True,
             "edges": True,
             "overrides": True,  # what they change is in the components already
+            "recordings": True,  # they are components already
             "ros2": {"domain", "pool", "share_with"},
             "components": {"__all__": {"image", "replicas"}},
         }

@@ -287,9 +287,8 @@ def progressing(facts: AppFacts) -> Verdict:
         return Verdict("False", Reason.CONFIG_HELD, _named(facts, *waiting[0]))
     if blocked:
         reason, what = _blocked_by(blocked[0])
-        return Verdict(
-            "False", reason, f"{count_of(len(blocked), len(facts.instances), 'instance', 'waits', 'wait')} for {what}"
-        )
+        waiting_text = count_of(len(blocked), len(facts.instances), "instance", "waits", "wait")
+        return Verdict("False", reason, f"{waiting_text} for {what}")
     return Verdict("False", Reason.UP_TO_DATE, "every component has its newest template")
 
 

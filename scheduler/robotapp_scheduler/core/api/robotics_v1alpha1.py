@@ -56,6 +56,20 @@ class Component(Slim):
     on_disconnect: str = ""
 
 
+class RecordingVolume(Slim):
+    """recordings[].volume."""
+
+    claim_name: str = ""
+
+
+class Recording(Slim):
+    """One recording: a component of its name."""
+
+    name: str = ""
+    tiers: tuple[str, ...] = ()
+    volume: RecordingVolume = msgspec.field(default_factory=RecordingVolume)
+
+
 class EdgeLatency(Slim):
     """edges[].latency."""
 
@@ -111,6 +125,7 @@ class RobotAppSpec(Slim):
     suspend: bool = False
     components: tuple[Component, ...] = ()
     edges: tuple[Edge, ...] = ()
+    recordings: tuple[Recording, ...] = ()
     placement: Placement = msgspec.field(default_factory=Placement)
 
 
