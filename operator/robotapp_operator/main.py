@@ -104,7 +104,11 @@ class Operator:
         identity = candidate_identity(os.environ)
         self.identity = identity
         helper_defaults = HelperDefaults(
-            settings.helper_discovery_image, settings.helper_master_image, settings.helper_user, settings.ip_family
+            discovery_image=settings.helper_discovery_image,
+            master_image=settings.helper_master_image,
+            user=settings.helper_user,
+            ip_family=settings.ip_family,
+            recorder_image=settings.helper_recorder_image,
         )
         abilities = Abilities(settings.host_access, settings.stop_signals)
         self.cache = Cache(

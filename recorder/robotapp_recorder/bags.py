@@ -46,7 +46,7 @@ class BagWriter:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no message was written."""
+        """Returns whether no message was written."""
         return self._chunks == 0 and self._open_bytes == 0
 
     def add_channel(self, topic: str, type_name: str, definition: str | None, qos: str) -> None:

@@ -1,4 +1,4 @@
-"""What is in the folder of a recording, as `kubectl robotapp bags` reads it."""
+"""Lists the folder of a recording, as `kubectl robotapp bags` reads it."""
 
 from pathlib import Path
 from typing import Any

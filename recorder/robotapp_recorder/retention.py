@@ -1,4 +1,4 @@
-"""Which bags are deleted so that those of a recording stay within its bound. Pure."""
+"""Chooses the bags to delete so that those of a recording stay within its bound. Pure."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -12,7 +12,7 @@ from robotapp_recorder.topics import Selection
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What is recorded, where, and within which bounds."""
+    """Topics, folder and bounds of a recording."""
 
     name: str
     folder: Path

@@ -21,7 +21,7 @@ _CHUNKS_PER_SPLIT: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """When a bag is full, and what all bags together may take."""
+    """Bounds of one bag, and of all together."""
 
     split_bytes: int
     retain_bytes: int

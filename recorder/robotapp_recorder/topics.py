@@ -1,4 +1,4 @@
-"""Which topics of the graph are recorded, and with which quality of service. Pure."""
+"""Chooses topics of the graph, and the quality of service of their subscriptions. Pure."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,21 +8,21 @@ from typing import NamedTuple
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What a recording wants: names, and a regular expression that a whole name must match; `exclude` takes topics out again."""
+    """Topics that a recording wants: names, and a regular expression that a whole name must match; `exclude` takes topics out again."""
 
     names: frozenset[str] = frozenset()
     regex: str = ""
     exclude: str = ""
 
     def wants(self, topic: str) -> bool:
-        """Whether a topic is recorded."""
+        """Returns whether a topic is recorded."""
         if self.exclude and re.fullmatch(self.exclude, topic):
             return False
         return topic in self.names or bool(self.regex and re.fullmatch(self.regex, topic))
 
 
 class Offer(NamedTuple):
-    """What one publisher of a topic offers."""
+    """Type and quality of service of one publisher."""
 
     type_name: str
     reliable: bool

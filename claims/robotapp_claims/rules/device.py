@@ -155,7 +155,7 @@ def wants_devices(app: App | None, holder: Holder) -> bool:
     """Whether the component of this live app still requests exclusive devices."""
     if app is None or app.metadata.uid != holder.uid or app.spec.suspend:
         return False
-    component = next((part for part in app.spec.components if part.name == holder.component), None)
+    component = app.spec.find_component(holder.component)
     return component is not None and component.replicas > 0 and any(claimed(device) for device in component.devices)
 
 

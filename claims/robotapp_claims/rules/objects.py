@@ -9,6 +9,7 @@ from typing import Any, Final
 import msgspec
 
 from robotapp_api.model.names import GROUP, OUR_SCHEDULERS, Annotation, ClaimPhase, Label
+from robotapp_api.values.replicas import ORDINAL, number_replicas
 
 ROS_DOMAIN_ID: Final = "ROS_DOMAIN_ID"
 EXCLUSIVE: Final = "Exclusive"
@@ -292,7 +293,15 @@ class Component(Object, frozen=True, kw_only=True):
     name: str
     devices: tuple[DeviceRequirement, ...] = ()
     replicas: int = 1
+    replica_identity: str = ""
     ros: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names under which it runs and holds devices: its own, or those of its replicas with ordinals."""
+        if self.replica_identity != ORDINAL:
+            return (self.name,)
+        return tuple(replica.name for replica in number_replicas(self.name, self.replicas))
 
 
 class Ros(Object, frozen=True, kw_only=True):
@@ -306,6 +315,10 @@ class AppSpec(Object, frozen=True, kw_only=True):
     ros2: Ros2 | None = None
     robots: Robots | None = None
     ros: Ros | None = None
+
+    def find_component(self, name: str) -> Component | None:
+        """Returns the component that runs under this name."""
+        return next((component for component in self.components if name in component.names), None)
 
 
 class App(Object, frozen=True, kw_only=True):

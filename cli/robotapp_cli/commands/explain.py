@@ -14,6 +14,7 @@ from robotapp_api.values.placement.explanation import (
     describe_waiting,
     list_budgets,
 )
+from robotapp_api.values.replicas import list_replicas, names_of
 from robotapp_cli.commands.apps import print_edges, with_percentiles
 from robotapp_cli.commands.reasons import with_what_is_known
 from robotapp_cli.failures import CliError, Exit
@@ -192,11 +193,13 @@ def _by_component(pods: list[Json], robot: str) -> dict[str, list[Json]]:
 
 def _components(app: Json, own: Collection[str], question: Question) -> list[str]:
     """Which to show: the one that was asked for, else those of the app, then what else it runs."""
-    names = [item["name"] for item in app["spec"]["components"]]
+    written = app["spec"]["components"]
+    replicas = list_replicas(written)
+    names = [name for item in written for name in names_of(item["name"], replicas)]
     if not question.component:
         return [*names, *sorted(set(own) - set(names))]
-    if question.component in names:
-        return [question.component]
+    if question.component in names or question.component in replicas:
+        return list(names_of(question.component, replicas))
     text = f"{question.name} has no component {question.component}; it has: {', '.join(names)}"
     raise CliError(text, code=Exit.NOT_FOUND)
 

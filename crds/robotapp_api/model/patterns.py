@@ -16,7 +16,7 @@ QUANTITY_PATTERN: Final = (
 IMAGE_PATTERN: Final = r"^\S*$"
 """No image name has blanks; without this rule the kubelet would say so after the pod was placed."""
 
-ROBOT_REFERENCE: Final = r"\$\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\)"
+ROBOT_REFERENCE: Final = r"\$\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE|ROBOTAPP_ORDINAL)\)"
 """The names of robot and instance, which the operator writes in the reference's place."""
 _NAME_END: Final = f"([a-z0-9]|{ROBOT_REFERENCE})"
 _NAME_PART: Final = f"{_NAME_END}(([-a-z0-9]|{ROBOT_REFERENCE})*{_NAME_END})?"

@@ -33,6 +33,9 @@ export PYTHONPATH={packages}:$PYTHONPATH
 export ROS_VERSION=2 ROS_DISTRO=jazzy _ROS_WHEELS_BOOTSTRAP_COMPLETE=1
 """
 _ROS_NODES: Final = pins.REPOSITORY / "e2e" / "ros_nodes"
+_RECORDER: Final = pins.REPOSITORY / "recorder" / "robotapp_recorder"
+_RECORDER_WHEELS: Final = ("--no-dev", "--extra", "recorder")
+_NO_BYTECODE: Final = shutil.ignore_patterns("__pycache__")
 _ZENOH_FILES: Final = {
     "rclpy/__init__.py": "from ros_nodes.zenoh.stand_in import create_node, init, spin_once\n",
     "rclpy/qos.py": "from ros_nodes.zenoh.stand_in import DurabilityPolicy, QoSProfile, ReliabilityPolicy\n",
@@ -141,7 +144,7 @@ class Ros2(RosNodes):
 class Ros1(RosNodes):
     """Debian's own ROS 1: roscore, rospy and message packages."""
 
-    packages = (*_SHELL, *_ROS_1)
+    packages: Sequence[str] = (*_SHELL, *_ROS_1)
 
 
 class Zenoh(RosNodes):
@@ -158,7 +161,7 @@ class Zenoh(RosNodes):
 
     def copy_code(self, target: Path) -> None:
         """Also what the operator's programs look for: the command `ros2`, and the modules that its readiness probe imports."""
-        shutil.copytree(_ROS_NODES, target / _ROS_NODES.name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(_ROS_NODES, target / _ROS_NODES.name, ignore=_NO_BYTECODE)
         for name, text in _ZENOH_FILES.items():
             (target / name).parent.mkdir(exist_ok=True)
             (target / name).write_text(text)
@@ -183,7 +186,7 @@ def _link_copies(folder: Path) -> None:
 
 
 class Ros2Jazzy(RosNodes):
-    """ROS 2 Jazzy with rclpy, Fast DDS and its discovery server, laid out and started like the official images.
+    """ROS 2 Jazzy with rclpy, Fast DDS and its discovery server, laid out and started like the official images; and the recorder.
 
     Its variables are set by the entry point, not by the image: what the kubelet starts in the container does without them.
     """
@@ -193,7 +196,15 @@ class Ros2Jazzy(RosNodes):
     entrypoint = ("/ros_entrypoint.sh",)
 
     def inputs(self) -> bytes:
-        return super().inputs() + repr((_SETUP, _JAZZY_PROGRAMS, _JAZZY_LEFT_OUT, "links")).encode()
+        recorder = wheels.requirements(*_RECORDER_WHEELS).encode()
+        return super().inputs() + recorder + repr((_SETUP, _JAZZY_PROGRAMS, _JAZZY_LEFT_OUT, "links")).encode()
+
+    def code(self) -> list[Path]:
+        return [*super().code(), *sorted(_RECORDER.glob("*.py"))]
+
+    def copy_code(self, target: Path) -> None:
+        shutil.copytree(_ROS_NODES, target / _ROS_NODES.name, ignore=shutil.ignore_patterns("__pycache__", "zenoh"))
+        shutil.copytree(_RECORDER, target / _RECORDER.name, ignore=_NO_BYTECODE)
 
     def wheel_layer(self, base: Path, layer: Path) -> Path:
         home = layer / _JAZZY
@@ -208,6 +219,9 @@ class Ros2Jazzy(RosNodes):
         (home / "setup.bash").write_text(_SETUP.format(home=f"/{_JAZZY}", libraries=libraries, packages=packages))
         (layer / "ros_entrypoint.sh").write_text(f'#!/bin/bash\nset -e\n. "/{_JAZZY}/setup.bash"\nexec "$@"\n')
         (layer / "ros_entrypoint.sh").chmod(0o755)
+        (layer / _HOME).mkdir(parents=True)
+        wheels.install(wheels.requirements(*_RECORDER_WHEELS), layer / _HOME, python=python)
+        bytecode.compile_all(base, layer, _HOME)
         return layer
 
     def config(self) -> Config:

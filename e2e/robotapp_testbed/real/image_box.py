@@ -15,6 +15,7 @@ class ImageBox:
     """Has a network of its own with nothing but itself in it, and the root file system of an image in `root`."""
 
     def __init__(self, name: str, *, folder: Path, run_dir: Path, logs_dir: Path) -> None:
+        self.name = name
         self.root = folder / "root"
         plan = Plan(hostname=name, binds=((Path("/dev"), f"{self.root}/dev"),), sysctls=network.OUTSIDER_SYSCTLS)
         self.box = Box(name, plan, folder=folder, run_dir=run_dir, logs_dir=logs_dir)
@@ -23,22 +24,24 @@ class ImageBox:
         """Unpacks the image and starts the namespaces."""
         self.root.mkdir(parents=True)
         oci.unpack(archive, self.root)
+        # The kubelet writes it for containers; images have none.
+        (self.root / "etc" / "hosts").write_text(f"127.0.0.1 localhost {self.name}\n")
         self.box.start()
         self.box.ip("link set lo up", "link set lo multicast on")
 
     def run(self, line: str, env: Mapping[str, str]) -> str:
-        """Returns the standard output of a line for bash; CommandError when it fails."""
-        return self.box.run(*self._in_bash(line, env))
+        """Returns the standard output of a line for sh; CommandError when it fails."""
+        return self.box.run(*self._in_shell(line, env))
 
     def program(self, name: str, line: str, env: Mapping[str, str]) -> Inside:
-        """Returns a line for bash as a program that is not started yet."""
-        return self.box.program(name, self._in_bash(line, env))
+        """Returns a line for sh as a program that is not started yet."""
+        return self.box.program(name, self._in_shell(line, env))
 
-    def _in_bash(self, line: str, env: Mapping[str, str]) -> list[str]:
+    def _in_shell(self, line: str, env: Mapping[str, str]) -> list[str]:
         """Nothing of this process' environment is passed on."""
         variables = [f"{name}={value}" for name, value in env.items()]
         chroot = str(prerequisites.required_program("chroot"))
-        return [chroot, str(self.root), "/usr/bin/env", "-i", *variables, "/bin/bash", "-c", line]
+        return [chroot, str(self.root), "/usr/bin/env", "-i", *variables, "/bin/sh", "-c", line]
 
 
 @dataclass(frozen=True, slots=True)

@@ -381,19 +381,22 @@ class Children:
         starts = {each.child.component: read_master_starts(each.child.spec) for each in changes if is_restart(each)}
         if not starts:
             return
-        note = describe_restart(sorted(starts), max(starts.values()), robot=robot)
-        log.info("%s/%s: %s", app.namespace, app.name, note)
-        self._announce(app, PendingEvent(EventReason.MASTER_RESTARTED, note, warning=True))
+        note = describe_restart(sorted(starts), max(starts.values()))
+        self._announce_about(app, robot, EventReason.MASTER_RESTARTED, note, warning=True)
 
     def _announce_changes(self, app: App, robot: str, plan: Plan, written: Written) -> None:
         """Events about components that start anew because their ConfigMaps or Secrets have changed."""
         for change in plan.changes:
             child = change.child
             if child.change and change.over and change.amended is None and child.ref in written.versions:
-                whose = f"robot {robot}: " if robot else ""
-                note = f"{whose}{child.component} starts anew: {child.change} changed"
-                log.info("%s/%s: %s", app.namespace, app.name, note)
-                self._announce(app, PendingEvent(EventReason.CONFIG_CHANGED, note, warning=False))
+                note = f"{child.component} starts anew: {child.change} changed"
+                self._announce_about(app, robot, EventReason.CONFIG_CHANGED, note, warning=False)
+
+    def _announce_about(self, app: App, robot: str, reason: EventReason, note: str, *, warning: bool) -> None:
+        """Writes an event about one instance of the app."""
+        text = f"robot {robot}: {note}" if robot else note
+        log.info("%s/%s: %s", app.namespace, app.name, text)
+        self._announce(app, PendingEvent(reason, text, warning=warning))
 
     async def _is_back(self, app: App, robot: str) -> bool:
         """Whether the robot is chosen by the nodes as they are now and not by the cache: nothing ends on an old view."""

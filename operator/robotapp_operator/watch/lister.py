@@ -4,6 +4,7 @@ Which instances an app has, and whether its spec is accepted, depends on all nod
 So they are computed once for each version of the spec and the nodes.
 """
 
+import dataclasses
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import timedelta
@@ -38,7 +39,7 @@ from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.links import LinkView, list_links
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Pod, Telemetry
 from robotapp_operator.plan.spec.robot_values import overridden, recorded_overrides
-from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
+from robotapp_operator.plan.spec.validate import Problem, domain_problems, name_problems, problems_alone, problems_with
 from robotapp_operator.plan.status.components import (
     ComponentView,
     HelperView,
@@ -68,8 +69,12 @@ def instances_by_name(app: App, cache: Cache) -> Mapping[str, Instance]:
     version = (cache.nodes.identity_version, cache.nodes.readiness_version if choice else 0, choice)
 
     def work_out(kept: Collection[str] = ()) -> dict[str, Instance]:
-        found = instances_of(app, cache.nodes, running=running, claimed=claimed, kept=kept)
-        return {item.robot: item for item in found}
+        instances = instances_of(app, cache.nodes, running=running, claimed=claimed, kept=kept)
+        problems = name_problems(app, (item.robot for item in instances if item.node))
+        return {
+            item.robot: dataclasses.replace(item, problem=problems[item.robot]) if item.robot in problems else item
+            for item in instances
+        }
 
     found: Mapping[str, Instance] = cache.answers.get(app, "instances", version if robots else (), work_out)
     if robots is None:
@@ -269,7 +274,7 @@ def instance_facts(
 def _links(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache) -> tuple[LinkView, ...]:
     """Returns the addresses of the components' Services. `placed`: components and their nodes."""
     has_external = app.spec.ros2 is not None and app.spec.ros2.external is not None
-    if not has_external and not any(component.service for component in app.spec.components):
+    if not has_external and not app.services:
         return ()
     services = {
         service.metadata.name: service

@@ -18,6 +18,7 @@ from tests.support.ros_sources import package, python_node, setup_py
 
 from campaigns.rigs.live import HandBinder, eventually, pool
 from campaigns.rigs.stage import IMAGE
+from rigel_bridge.document.failures import Exit
 from rigel_bridge.main import main
 from rigel_bridge.sequences import lease
 from rigel_bridge.sequences.run import read_summaries
@@ -408,7 +409,9 @@ def test_workloads_that_met_are_taken_over_together_and_meet_in_their_domain(
         plane.kubectl("rollout", "status", f"deployment/{name}", "-n", where, "--timeout=60s")
     backup = tmp_path / "old"
     asked = ("migrate", "--apply", "--backup", str(backup), *old)
-    assert stage.run(*asked, identity="admin") == 0, capsys.readouterr().err
+    assert stage.run(*asked, identity="admin") == Exit.INVALID
+    assert "APART: deployment" in capsys.readouterr().err, "two distributions do not find each other by multicast"
+    assert stage.run(*asked, "--lossy", identity="admin") == 0, capsys.readouterr().err
 
     apps = {app["metadata"]["name"]: app["spec"] for app in stage.apps() if app["metadata"]["name"] in old}
     names = sorted(sorted(each["name"] for each in spec["components"]) for spec in apps.values())

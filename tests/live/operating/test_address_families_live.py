@@ -29,7 +29,7 @@ socket.socket = WithoutIPv6
 def is_alive_at(process: Process, host: str) -> bool:
     """Whether the process answers at this address of the machine."""
     port = str(process.health_url).rsplit(":", 1)[1]
-    return ask(f"https://{host}:{port}/livez")[0] == 200
+    return ask(f"https://{host}:{port}/readyz")[0] == 200
 
 
 @pytest.mark.parametrize("start", PROGRAMS)

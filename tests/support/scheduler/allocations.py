@@ -28,7 +28,9 @@ def make_device(name: str, **fields: Any) -> dict[str, Any]:
     return {"name": name, **({"attributes": attributes} if attributes else {}), **fields}
 
 
-def make_slice(*devices: Any, name: str = "", pool: str = "", generation: int = 1, of: int = 1, **spec: Any) -> ResourceSlice:
+def make_slice(
+    *devices: Any, name: str = "", pool: str = "", generation: int = 1, of: int = 1, **spec: Any
+) -> ResourceSlice:
     """A slice, of `robot-1` unless other fields of `spec` say so. A device may be just its name."""
     if not {"nodeName", "allNodes", "nodeSelector", "perDeviceNodeSelection"} & set(spec):
         spec["nodeName"] = NODE.name

@@ -380,7 +380,7 @@ def env_of_pod(field: str) -> list[dict[str, Any]]:
 def test_copies_of_a_ros_program_with_one_node_name_are_noted_with_what_to_write(fields: dict[str, Any]) -> None:
     (message,) = list_replica_notes(**fields)
     assert message.startswith(f"all {fields.get('replicas', 3)} copies have the node name of their program")
-    assert "reach any of them; write a component with a name of its own for each copy" in message
+    assert "reach any of them; write replicaIdentity: Ordinal, or make the name from the pod's" in message
 
 
 def test_a_name_that_run_gives_to_all_copies_is_noted_even_beside_the_name_of_the_pod() -> None:

@@ -87,7 +87,7 @@ def test_the_robotapp_has_no_findings_of_lint(app: Path) -> None:
 def test_the_compose_file_imports_to_the_same_programs(app: Path) -> None:
     result = CliRunner().invoke(cli, ["import", str(app / "compose.yaml")])
     assert result.exit_code == 0, result.output
-    imported = yaml.safe_load(result.stdout)
+    (imported,) = (part for part in yaml.safe_load_all(result.stdout) if part["kind"] == "RobotApp")
     committed = yaml.safe_load((app / "robotapp.yaml").read_text())
     assert imported["metadata"]["name"] == committed["metadata"]["name"]
     assert imported["spec"]["ros"] == committed["spec"]["ros"]
@@ -97,15 +97,20 @@ def test_the_compose_file_imports_to_the_same_programs(app: Path) -> None:
 
 def test_a_parameter_of_the_files_is_one_that_a_node_declares_or_gets(app: Path) -> None:
     package = read_package(app)
-    sources = "".join(path.read_text() for path in package.rglob("*") if path.suffix in (".py", ".cpp"))
+    sources = "".join(
+        path.read_text() for path in package.rglob("*") if path.suffix in (".py", ".cpp") or path.parent.name == "nodes"
+    )
     names = {name for path in (package / "config").glob("*.yaml") for name in list_parameters(path)}
     assert names
     assert sorted(name for name in names if f'"{name}"' not in sources and f'"~{name}"' not in sources) == []
 
 
 def list_parameters(path: Path) -> set[str]:
-    nodes = yaml.safe_load(path.read_text())
-    return {name for node in nodes.values() for name in node.get("ros__parameters", node)}
+    """Returns none for a file that is not of parameters, such as a world."""
+    nodes = [node for node in yaml.safe_load(path.read_text()).values() if isinstance(node, dict)]
+    if path.parents[2].parent.name.endswith("ros2"):
+        return {name for node in nodes for name in node.get("ros__parameters", {})}
+    return {name for node in nodes for name in node}
 
 
 def test_the_readme_has_what_the_profile_generator_makes_of_the_package(app: Path) -> None:
@@ -115,13 +120,19 @@ def test_the_readme_has_what_the_profile_generator_makes_of_the_package(app: Pat
     assert output.getvalue().strip() in (app / "README.md").read_text()
 
 
-def test_an_executable_of_the_robotapp_is_one_of_the_package(app: Path) -> None:
+def test_what_the_robotapp_starts_is_part_of_the_package(app: Path) -> None:
     package = read_package(app)
-    scripts = "".join(path.read_text() for path in (package / "setup.py", package / "CMakeLists.txt") if path.is_file())
     for component in yaml.safe_load((app / "robotapp.yaml").read_text())["spec"]["components"]:
-        program, verb, name, executable = (
-            component["args"][:4] if component["args"][0] == "ros2" else ["", *component["args"][:3]]
-        )
-        assert (program, verb) in {("ros2", "run"), ("", "rosrun")}, shlex.join(component["args"])
-        assert name == package.name
-        assert executable in scripts
+        match component["args"]:
+            case ["ros2", "run", package.name, executable, *_]:
+                assert f'"{executable} = ' in (package / "setup.py").read_text()
+            case ["roslaunch", "--wait", package.name, launch_file, *_]:
+                assert (package / "launch" / launch_file).is_file()
+            case words:
+                pytest.fail(f"unknown way to start: {shlex.join(words)}")
+
+
+def test_both_generations_of_the_fleet_keep_their_tasks_by_the_same_journal() -> None:
+    """Each folder is whole, as a repository of its own would be, so the file is there twice."""
+    first, second = sorted(FOLDER.glob("fleet-*/src/**/tasks.py"))
+    assert first.read_text() == second.read_text()

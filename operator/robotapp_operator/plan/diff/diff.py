@@ -20,7 +20,7 @@ from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.deployments import component_deployments
 from robotapp_operator.plan.render.infrastructure import infrastructure
 from robotapp_operator.plan.render.parameters import ParameterState
-from robotapp_operator.plan.render.services import component_services, peers_service
+from robotapp_operator.plan.render.services import component_services, peers_service, replicas_services
 from robotapp_operator.plan.spec.covers import covers
 from robotapp_operator.plan.spec.dependencies import unmet_dependencies
 from robotapp_operator.plan.spec.desired import App, Desired, Domain
@@ -76,7 +76,7 @@ def wanted_children(
     children = infrastructure(desired, running=running)
     if desired.app.ros_version == 2 and desired.discovery == "Peers":
         children.append(peers_service(desired))
-    children += component_services(desired)
+    children += replicas_services(desired) + component_services(desired)
     waiting = unmet_dependencies(
         desired.app, (item for item in observed.values() if isinstance(item, Deployment)), pods
     )

@@ -1,6 +1,6 @@
 """The seven conditions: reason code, numbers, next step. lastTransitionTime moves only with the status."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.conditions import condition
@@ -62,18 +62,28 @@ def ready(facts: AppFacts) -> Verdict:
 def accepted(facts: AppFacts) -> Verdict:
     unclear = [instance for instance in facts.instances if instance.unclear]
     if not facts.problems and unclear and facts.alone:
-        return Verdict("False", Reason.ROBOT_NODE_UNCLEAR, unclear[0].unclear)
+        return Verdict("False", unclear[0].unclear_reason, unclear[0].unclear)
     if not facts.problems:
-        notes = [*facts.notes, *([_unclear_text(facts, unclear)] if unclear else [])]
+        notes = [*facts.notes, *_list_unclear(facts, unclear)]
         return Verdict("True", Reason.ACCEPTED, "; ".join(["the spec is understood", *notes]))
     more = f" (and {len(facts.problems) - 3} more)" if len(facts.problems) > 3 else ""
     text = "; ".join(map(str, facts.problems[:3])) + more
     return Verdict("False", facts.problems[0].reason, text)
 
 
-def _unclear_text(facts: AppFacts, unclear: Sequence[InstanceFacts]) -> str:
-    names = shown([instance.name for instance in unclear], limit=4)
-    return f"{len(unclear)} of {len(facts.instances)} instances are for robots whose primary node is unclear ({names}): see status.troubled for what to label"
+def _list_unclear(facts: AppFacts, unclear: Sequence[InstanceFacts]) -> Iterator[str]:
+    """Yields a sentence for each reason why instances cannot be made for their robots."""
+    texts = {
+        Reason.ROBOT_NODE_UNCLEAR: "whose primary node is unclear",
+        Reason.INVALID_SPEC: "whose name does not fit into the spec",
+    }
+    for reason, text in texts.items():
+        names = [instance.name for instance in unclear if instance.unclear_reason is reason]
+        if names:
+            yield (
+                f"{len(names)} of {len(facts.instances)} instances are for robots {text} ({shown(names, limit=4)}): see "
+                "status.troubled for what to label"
+            )
 
 
 def allocated(facts: AppFacts) -> Verdict:
@@ -92,7 +102,7 @@ def _domains_missing(facts: AppFacts) -> Verdict | None:
     if facts.instances and not without:
         return None
     if without and all(instance.unclear for instance in without):
-        return Verdict("Unknown", Reason.ROBOT_NODE_UNCLEAR, _named(facts, without[0], without[0].unclear))
+        return Verdict("Unknown", without[0].unclear_reason, _named(facts, without[0], without[0].unclear))
     return Verdict(
         "Unknown",
         Reason.PENDING,
@@ -276,11 +286,9 @@ def progressing(facts: AppFacts) -> Verdict:
     if waiting:
         return Verdict("False", Reason.CONFIG_HELD, _named(facts, *waiting[0]))
     if blocked:
-        what = "a domain" if blocked[0].refusal else "it to be clear which node is their robot's"
-        reason = blocked[0].refusal[0] if blocked[0].refusal else Reason.ROBOT_NODE_UNCLEAR
-        return Verdict(
-            "False", reason, f"{count_of(len(blocked), len(facts.instances), 'instance', 'waits', 'wait')} for {what}"
-        )
+        reason, what = _blocked_by(blocked[0])
+        waiting_text = count_of(len(blocked), len(facts.instances), "instance", "waits", "wait")
+        return Verdict("False", reason, f"{waiting_text} for {what}")
     return Verdict("False", Reason.UP_TO_DATE, "every component has its newest template")
 
 
@@ -300,6 +308,15 @@ def newer_templates(facts: AppFacts) -> str:
         "suspend, replicas, images and domains act, other edits wait; run the newer operator again, "
         f"or annotate {describe_approval(newest.ours)} to have this one write its own templates"
     )
+
+
+def _blocked_by(instance: InstanceFacts) -> tuple[Reason, str]:
+    """Returns for what such an instance waits."""
+    if instance.refusal:
+        return instance.refusal[0], "a domain"
+    if instance.unclear_reason is Reason.ROBOT_NODE_UNCLEAR:
+        return Reason.ROBOT_NODE_UNCLEAR, "it to be clear which node is their robot's"
+    return instance.unclear_reason, "a name of their robot that fits into the spec"
 
 
 def _blocked(instance: InstanceFacts) -> bool:

@@ -128,8 +128,13 @@ class InstanceFacts:
 
     @property
     def unclear(self) -> str:
-        """Why the robot has no primary node, with the cure; "" when it has one. Such an instance is not started, but runs on."""
+        """Why the instance cannot be made for its robot, with the cure; "" when it can. Such an instance is not started, but runs on."""
         return self.instance.problem
+
+    @property
+    def unclear_reason(self) -> Reason:
+        """Whether the robot has no primary node, or a name that does not fit into the spec."""
+        return Reason.INVALID_SPEC if self.instance.node else Reason.ROBOT_NODE_UNCLEAR
 
     @property
     def exists(self) -> bool:

@@ -89,7 +89,7 @@ def trouble_of(instance: InstanceFacts) -> Trouble | None:
 def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
     """Why the instance as a whole is not ready, before its components are considered; None when nothing keeps it."""
     if instance.unclear and not instance.ready:
-        return Reason.ROBOT_NODE_UNCLEAR, instance.unclear
+        return instance.unclear_reason, instance.unclear
     if instance.refusal or instance.trouble:
         return instance.refusal or instance.trouble
     if instance.ready:
@@ -200,7 +200,7 @@ def _though_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
     if instance.lost:
         return Rank.DEVICE_LOST, Reason.DEVICE_LOST, lost_text(instance)
     if instance.unclear:
-        return Rank.UNCLEAR_BUT_READY, Reason.ROBOT_NODE_UNCLEAR, instance.unclear
+        return Rank.UNCLEAR_BUT_READY, instance.unclear_reason, instance.unclear
     if instance.cut_off:
         return Rank.RESTART_NEEDED, Reason.RESTART_NEEDED, cut_off_text(instance)
     if failure := explain_helpers(instance):

@@ -34,7 +34,10 @@ class Problem(NamedTuple):
 
 def make_problem(random: Random) -> Problem:
     attributes = {
-        f"d{i}": {"type": random.choice(("lidar", "camera")), **({"bus": random.randrange(2)} if random.random() < 0.8 else {})}
+        f"d{i}": {
+            "type": random.choice(("lidar", "camera")),
+            **({"bus": random.randrange(2)} if random.random() < 0.8 else {}),
+        }
         for i in range(random.randint(0, 5))
     }
     devices = [make_device(name, attributes=values) for name, values in attributes.items()]
@@ -65,7 +68,11 @@ def make_claim(random: Random, index: int) -> ResourceClaim:
 def possible_choices(problem: Problem) -> Iterator[list[list[Choice]]]:
     """Every way to give each request of each claim a set of devices that its selectors match, in the allocator's order."""
     options = [
-        list(combinations([name for name in sorted(problem.attributes) if fits(problem, request, name)], request.exactly.count))
+        list(
+            combinations(
+                [name for name in sorted(problem.attributes) if fits(problem, request, name)], request.exactly.count
+            )
+        )
         for claim in problem.claims
         for request in claim.spec.devices.requests
         if request.exactly is not None
@@ -91,7 +98,9 @@ def keeps_the_rules(problem: Problem, choice: list[list[Choice]]) -> bool:
                 if index in users or (users and not request.exactly.admin_access):  # type: ignore[union-attr]
                     return False
                 holders.append((name, index))
-        if not all(constraint_holds(problem, claim, constraint, chosen) for constraint in claim.spec.devices.constraints):
+        if not all(
+            constraint_holds(problem, claim, constraint, chosen) for constraint in claim.spec.devices.constraints
+        ):
             return False
     return True
 

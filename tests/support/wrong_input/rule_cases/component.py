@@ -64,7 +64,13 @@ COMPONENT = [
         "exclusive devices are not shared by replicas",
         app(components=[component(replicas=2, devices=[{"name": "cam", "type": "usb", "sharing": "Cluster"}])]),
         app(components=[component(replicas=2, devices=[{"name": "cam", "type": "usb"}])]),
-        "component driver: 2 replicas cannot share the exclusive device cam; write replicas: 1, or sharing: Cluster on the device",
+        "component driver: 2 replicas cannot share the exclusive device cam; write replicas: 1, sharing: Cluster on the device, or replicaIdentity: Ordinal for one of its own for each replica",
+    ),
+    RuleCase(
+        "replicas with ordinals have exclusive devices of their own",
+        app(components=[component(replicas=2, replicaIdentity="Ordinal", devices=[{"name": "cam", "type": "usb"}])]),
+        app(components=[component(replicas=2, replicaIdentity="None", devices=[{"name": "cam", "type": "usb"}])]),
+        "component driver: 2 replicas cannot share the exclusive device cam; write replicas: 1, sharing: Cluster on the device, or replicaIdentity: Ordinal for one of its own for each replica",
     ),
     RuleCase(
         "a path of its own for each device",

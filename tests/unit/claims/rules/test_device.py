@@ -231,3 +231,21 @@ def test_a_busy_device_says_who_has_it_and_when_it_is_free() -> None:
     taken = device_claim(holder=app_holder("app-2", name="other", component="driver"))
     text = busy_text(taken, for_namespace="team")
     assert text == "device can-can0 on edge-1 is held by team/other: it is free when its holder is deleted or suspended"
+
+
+@pytest.mark.parametrize(
+    ("component", "replicas", "wanted"),
+    [("driver-1", 2, True), ("driver-2", 2, False), ("driver", 2, False), ("driver-0", 0, False)],
+)
+def test_a_replica_with_an_ordinal_wants_devices_of_its_own_while_there_is_one_of_its_number(
+    component: str, replicas: int, wanted: bool
+) -> None:
+    part = {
+        "name": "driver",
+        "replicas": replicas,
+        "replicaIdentity": "Ordinal",
+        "devices": [{"name": "c", "type": "usb"}],
+    }
+    written = msgspec.convert({"metadata": {"uid": "app-1"}, "spec": {"components": [part]}}, App)
+    holder = app_holder("app-1", component=component)
+    assert device.wants_devices(written, holder) is wanted

@@ -27,7 +27,9 @@ SENSORS = make_slice(
 
 def test_the_first_device_in_the_order_of_pools_slices_and_devices_is_taken() -> None:
     inventory = make_inventory(
-        make_slice("z", pool="b"), make_slice("y", name="s2", pool="a", of=2), make_slice("x", name="s1", pool="a", of=2)
+        make_slice("z", pool="b"),
+        make_slice("y", name="s2", pool="a", of=2),
+        make_slice("x", name="s1", pool="a", of=2),
     )
     request = make_request(count=3)
     assert names_of(allocate(inventory, make_resource_claim(request))) == [["x", "y", "z"]]
@@ -101,7 +103,9 @@ def test_an_alternative_that_would_make_the_claim_too_large_is_passed_over() -> 
 
 def test_more_devices_than_an_allocation_can_hold_are_refused() -> None:
     claim = make_resource_claim(make_request("a", count=30), make_request("b", count=3))
-    with pytest.raises(AllocationError, match=r"request b: adding 3 devices exceeds the claim limit of 32, with 30 already"):
+    with pytest.raises(
+        AllocationError, match=r"request b: adding 3 devices exceeds the claim limit of 32, with 30 already"
+    ):
         allocate(make_inventory(SENSORS), claim)
 
 
@@ -115,7 +119,9 @@ def test_more_devices_than_an_allocation_can_hold_are_refused() -> None:
         ({"matchAttribute": "devices.example.com/absent"}, None),
     ],
 )
-def test_constraints_hold_between_the_devices_of_a_claim(constraint: dict[str, object], names: list[str] | None) -> None:
+def test_constraints_hold_between_the_devices_of_a_claim(
+    constraint: dict[str, object], names: list[str] | None
+) -> None:
     claim = make_resource_claim(make_request("a"), make_request("b"), constraints=[constraint])
     assert names_of(allocate(make_inventory(SENSORS), claim)) == (names and [names])
 
@@ -180,7 +186,10 @@ def test_invalid_pools_are_named_only_where_nothing_else_helps() -> None:
 @pytest.mark.parametrize(
     ("request_fields", "message"),
     [
-        ({"deviceClassName": "gone"}, 'could not retrieve device class gone: deviceclass.resource.k8s.io "gone" not found'),
+        (
+            {"deviceClassName": "gone"},
+            'could not retrieve device class gone: deviceclass.resource.k8s.io "gone" not found',
+        ),
         ({"deviceClassName": ""}, "missing device class name"),
         ({"allocationMode": "Some"}, "unsupported count mode Some"),
         ({"capacity": {"requests": {"memory": "1Gi"}}}, "does not share devices by capacity"),
@@ -196,7 +205,9 @@ def test_requests_that_no_node_can_serve_are_refused(request_fields: dict[str, o
 
 def test_a_selector_that_fails_on_a_device_names_the_device_and_the_cure() -> None:
     claim = make_resource_claim(make_request("r", 'device.attributes["devices.example.com"].speed > 3'))
-    with pytest.raises(AllocationError, match=r"claim ns/claim: selector #0 on device .*/cam-0: CEL runtime error: no such key"):
+    with pytest.raises(
+        AllocationError, match=r"claim ns/claim: selector #0 on device .*/cam-0: CEL runtime error: no such key"
+    ):
         allocate(make_inventory(SENSORS), claim)
 
 
@@ -221,6 +232,14 @@ def test_a_search_that_takes_too_long_is_given_up(monkeypatch: pytest.MonkeyPatc
     claims = [make_resource_claim(make_request("r", count=9), name=name) for name in ("a", "b", "c")]
     with pytest.raises(AllocationError, match="node robot-1: gave up trying to allocate devices after 50 steps"):
         allocate(inventory, *claims)
+
+
+def test_a_claim_that_fits_nowhere_ends_a_search_that_takes_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(allocator_module, "MOST_STEPS", 200)
+    inventory = make_inventory(make_slice(*(f"d{i}" for i in range(20))))
+    claims = [make_resource_claim(make_request("r", count=9), name="large")]
+    claims.append(make_resource_claim(make_request("r", "false"), name="hopeless"))
+    assert allocate(inventory, *claims) is None
 
 
 def test_claims_may_need_more_devices_than_python_allows_calls_in_calls() -> None:

@@ -18,9 +18,7 @@ HALL = {"nodeSelectorTerms": [{"matchExpressions": [{"key": "zone", "operator": 
 
 
 def device_names(inventory: Inventory, node: TargetNode = NODE) -> list[str]:
-    return [
-        device.id.device for pool in inventory.pools_of(node) for offer in pool.offers for device in offer.devices
-    ]
+    return [device.id.device for pool in inventory.pools_of(node) for offer in pool.offers for device in offer.devices]
 
 
 def test_devices_of_a_named_node_are_reached_from_there_alone() -> None:
@@ -38,7 +36,11 @@ def test_devices_for_all_nodes_and_for_labels_are_shared() -> None:
 
 
 def test_a_slice_can_leave_the_nodes_to_its_devices() -> None:
-    devices = [make_device("a", nodeName=NODE.name), make_device("b", nodeSelector=HALL), make_device("c", allNodes=True)]
+    devices = [
+        make_device("a", nodeName=NODE.name),
+        make_device("b", nodeSelector=HALL),
+        make_device("c", allNodes=True),
+    ]
     inventory = make_inventory(make_slice(*devices, pool="mixed", perDeviceNodeSelection=True))
     assert len(inventory.pools_of(NODE)) == len(inventory.pools_of(OTHER)) == 1
 
@@ -58,7 +60,8 @@ def test_a_pool_counts_when_all_of_its_slices_are_there(slice_count: int, *, is_
 def test_slices_for_other_nodes_complete_a_pool() -> None:
     shared = {"pool": "fleet", "of": 2}
     inventory = make_inventory(
-        make_slice("mine", name="a", nodeName=NODE.name, **shared), make_slice("theirs", name="b", nodeName=OTHER.name, **shared)
+        make_slice("mine", name="a", nodeName=NODE.name, **shared),
+        make_slice("theirs", name="b", nodeName=OTHER.name, **shared),
     )
     assert device_names(inventory) == ["mine"]
 

@@ -45,7 +45,9 @@ def test_devices_for_labels_bind_the_claim_to_these_labels_and_devices_for_all_t
 
 def test_a_device_that_binds_to_its_node_pins_the_claim() -> None:
     device = make_device("d", bindsToNode=True)
-    (allocation,) = allocate(make_inventory(make_slice(device, allNodes=True)), make_resource_claim(make_request())) or ()
+    (allocation,) = (
+        allocate(make_inventory(make_slice(device, allNodes=True)), make_resource_claim(make_request())) or ()
+    )
     assert allocation.node_selector is not None
     assert allocation.node_selector.node_selector_terms[0].match_fields[0].values == (NODE.name,)
 

@@ -60,7 +60,10 @@ def test_a_text_that_does_not_compile_says_so() -> None:
 
 @pytest.mark.parametrize(
     ("attribute", "message"),
-    [({"version": "1.x"}, "attribute v: parse semantic version"), ({"newer": 1}, "attribute v: unsupported attribute value")],
+    [
+        ({"version": "1.x"}, "attribute v: parse semantic version"),
+        ({"newer": 1}, "attribute v: unsupported attribute value"),
+    ],
 )
 def test_an_attribute_that_cannot_be_read_fails_every_selector(attribute: dict[str, object], message: str) -> None:
     verdict = evaluate("true", msgspec.convert({"name": "d", "attributes": {"v": attribute}}, Device))

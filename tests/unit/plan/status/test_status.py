@@ -477,6 +477,21 @@ def test_an_app_with_an_unclear_robot_is_accepted_and_the_others_go_on() -> None
     ]
 
 
+def test_a_robot_whose_name_does_not_fit_into_the_spec_is_in_trouble_alone() -> None:
+    lost = dataclasses.replace(WAITING, exists=False)
+    text = "spec.components[0].envFrom[0].configMapRef.name: env-$(ROBOTAPP_ROBOT) is for robot B"
+    misnamed = dataclasses.replace(instance(lost, robot="B", domain=None), instance=Instance("B", "node-of-b", text))
+    status = status_of(instance(robot="a"), misnamed)
+    assert condition(status, Condition.ACCEPTED) == ("True", Reason.ACCEPTED)
+    assert "1 of 2 instances are for robots whose name does not fit into the spec (B)" in message(
+        status, Condition.ACCEPTED
+    )
+    assert condition(status, Condition.READY) == ("False", Reason.INVALID_SPEC)
+    assert condition(status, Condition.PROGRESSING) == ("False", Reason.INVALID_SPEC)
+    assert condition(status, Condition.ALLOCATED) == ("Unknown", Reason.INVALID_SPEC)
+    assert status["troubled"] == [{"instance": "B", "reason": "InvalidSpec", "message": text}]
+
+
 def test_what_is_accepted_without_effect_is_said() -> None:
     status = status_of(instance(), notes=("devices[0].count: 1 is used",))
     assert message(status, Condition.ACCEPTED) == "the spec is understood; devices[0].count: 1 is used"

@@ -32,11 +32,11 @@ class RoundTrips:
 
     def give_up(self, now_s):
         """Returns the keys of commands that are lost, and counts them as late."""
-        lost = [key for key, sent_s in self._pending.items() if now_s - sent_s > self._lost_after_s]
-        for key in lost:
+        lost_keys = [key for key, sent_s in self._pending.items() if now_s - sent_s > self._lost_after_s]
+        for key in lost_keys:
             del self._pending[key]
-        self.late += len(lost)
-        return lost
+        self.late += len(lost_keys)
+        return lost_keys
 
     def percentile(self, share):
         """Returns the least round trip in ms that `share` percent do not exceed; NaN without any."""

@@ -41,7 +41,7 @@ HEALS_S = 20.0
 LISTEN = ["python3", "-m", "ros_nodes.chatter", "listener", TOPIC]
 TALK = ["python3", "-m", "ros_nodes.chatter", "talker", TOPIC]
 SOURCE = "source /opt/ros/$ROS_DISTRO/setup.bash"
-SOURCE_JAZZY = "source /opt/ros/jazzy/setup.bash"
+SOURCE_JAZZY = ". /opt/ros/jazzy/setup.bash"
 JOINS_S = 20.0
 """Time within which a laptop and a robot hear each other, where `slowness` is 1."""
 
