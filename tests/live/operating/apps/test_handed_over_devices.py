@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from campaigns.rigs.live import Tenant, eventually, part
-from robotapp_api.model.names import Label
+from robotapp_api.model.names import Annotation, Label
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.product import start_scheduler
 from robotapp_testbed.failures import ApiStatusError
@@ -71,6 +71,11 @@ def claims(tenant: Tenant) -> list[dict[str, Any]]:
     return tenant.listed("resource.k8s.io/resourceclaims")
 
 
+def wish_of(deployment: dict[str, Any]) -> str | None:
+    annotations: dict[str, str] = deployment["spec"]["template"]["metadata"].get("annotations", {})
+    return annotations.get(Annotation.DEVICES_HASH)
+
+
 def allocate(tenant: Tenant, claim: dict[str, Any], device: str) -> None:
     """Writes what a scheduler writes: the device, and the RobotApp as its standing user."""
     owner = claim["metadata"]["ownerReferences"][0]
@@ -111,7 +116,9 @@ def test_a_component_has_a_claim_for_its_life_and_a_driver_that_comes_or_goes_re
         (claim,) = eventually(
             lambda: [item for item in claims(tenant) if len(item["spec"]["devices"]["requests"]) == 1]
         )
-        (deployment,) = eventually(lambda: tenant.deployments("driver"))
+        # The claim is written first, then the Deployment that names its hash.
+        wish = claim["metadata"]["annotations"][Annotation.CONTENT_HASH]
+        (deployment,) = eventually(lambda: [item for item in tenant.deployments("driver") if wish_of(item) == wish])
         assert eventually(lambda: tenant.listed("pods"))
 
     generation = deployment["metadata"]["generation"]
