@@ -8,6 +8,7 @@ from typing import Any, Final, TypeVar
 import typer
 
 from robotapp_api.model.names import Label
+from robotapp_api.values.replicas import find_replicas
 from robotapp_cli.reading.fields import Json, meta
 from robotapp_cli.reading.instances import name_of
 from robotapp_cli.reading.session import Options, endpoint
@@ -34,7 +35,9 @@ def complete_robots(ctx: typer.Context, incomplete: str) -> list[str]:
 def complete_components(ctx: typer.Context, incomplete: str) -> list[str]:
     """Components of the app on the command line that begin with what was typed."""
     apps = _asked(ctx, ROBOTAPPS, lambda app: app if _name(app) == ctx.params.get("name") else {})
-    names = [component["name"] for app in apps for component in (app.get("spec") or {}).get("components") or ()]
+    names: list[str] = []
+    for components in ((app.get("spec") or {}).get("components") or () for app in apps):
+        names += [*(component["name"] for component in components), *find_replicas(components)]
     return [name for name in names if name.startswith(incomplete)]
 
 

@@ -24,7 +24,7 @@ from robotapp_cli.commands.claims import show_domains
 from robotapp_cli.commands.console import ConsoleOptions, start_console
 from robotapp_cli.commands.devices import show_devices
 from robotapp_cli.commands.explain import Question, show_explain
-from robotapp_cli.commands.importing import add_import_command
+from robotapp_cli.commands.imports.command import add_import_command
 from robotapp_cli.commands.nodes import show_nodes, show_robots
 from robotapp_cli.commands.rendering import show_children, show_file
 from robotapp_cli.commands.simulate import Wish, show_simulation
@@ -35,6 +35,7 @@ from robotapp_cli.failures import CliError, Exit, ended_by
 from robotapp_cli.output import Output
 from robotapp_cli.reading.session import Options, Session, run
 from robotapp_cli.verbs import Verbs, print_version
+from robotapp_cli.working.bags import add_bag_commands
 from robotapp_cli.working.commands import add_working_commands
 from robotapp_cli.written import object_name
 
@@ -399,6 +400,7 @@ def console_command(
 
 
 add_working_commands(app)
+add_bag_commands(app)
 
 
 def main() -> None:

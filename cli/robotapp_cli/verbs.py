@@ -38,6 +38,8 @@ ANSWERS: Final = {
 
 VALUED_OPTIONS: Final = ("-n", "--namespace", "--context", "--kubeconfig", "-o", "--output")
 """Options with a value that may stand before the verb, as with kubectl."""
+GROUPS: Final = ("bags",)
+"""Verbs that consist of two words."""
 PLAIN_OPTIONS: Final = ("-A", "--all-namespaces")
 
 
@@ -72,13 +74,16 @@ def move_options(arguments: Sequence[str]) -> list[str]:
 
     >>> move_options(["-n", "fleet", "list", "-o", "wide"])
     ['list', '-n', 'fleet', '-o', 'wide']
+    >>> move_options(["-n", "fleet", "bags", "list", "patrol"])
+    ['bags', 'list', '-n', 'fleet', 'patrol']
     """
     options: list[str] = []
     rest = list(arguments)
     while rest and (count := _count_words(rest[0])) and len(rest) > count:
         options += rest[:count]
         rest = rest[count:]
-    return [*rest[:1], *options, *rest[1:]]
+    words = 2 if rest and rest[0] in GROUPS else 1
+    return [*rest[:words], *options, *rest[words:]]
 
 
 def _count_words(word: str) -> int:

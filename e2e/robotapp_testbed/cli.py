@@ -16,7 +16,7 @@ from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.control_plane import components_as_pods, product
 from robotapp_testbed.control_plane.controlplane import ControlPlane
 from robotapp_testbed.failures import TestbedError
-from robotapp_testbed.machines import fleet_file, topology
+from robotapp_testbed.machines import fleet_file, resource_slices, topology
 from robotapp_testbed.machines.telemetry import SimulatedTelemetry
 from robotapp_testbed.processes.detached import Cluster, State
 from robotapp_testbed.processes.process import cpu_seconds, rss_bytes
@@ -144,6 +144,11 @@ def _add_up(commands: cli_nodes.Commands) -> argparse.ArgumentParser:
         type=_fleet,
         help="simulated robots, edge servers and clouds, for example 2,2,1, or a YAML file that names them: docs/testbed.md",
     )
+    up.add_argument(
+        "--slices",
+        action="store_true",
+        help="publish the fleet's devices as ResourceSlices, as nodes with our driver do",
+    )
     up.add_argument("--audit", action="store_true", help="keep an audit log")
     up.add_argument(
         "--kube-scheduler", nargs="?", const=True, default=False, metavar="FILE", help="run kube-scheduler as well"
@@ -240,7 +245,12 @@ def _plane(arguments: argparse.Namespace, assets: Assets) -> ControlPlane:
 def _passed_on(arguments: argparse.Namespace) -> list[str]:
     """The options of `up` for the holder it starts."""
     options = [f"--release-url={source}={url}" for source, url in arguments.release_url]
-    flags = (("--install", arguments.install), ("--run", arguments.programs), ("--audit", arguments.audit))
+    flags = (
+        ("--install", arguments.install),
+        ("--run", arguments.programs),
+        ("--audit", arguments.audit),
+        ("--slices", arguments.slices),
+    )
     options += [flag for flag, wanted in flags if wanted]
     options += [f"--fleet={arguments.fleet.text}"] if arguments.fleet else []
     if arguments.kube_scheduler:
@@ -257,6 +267,8 @@ def _prepare(cp: ControlPlane, stack: ExitStack, arguments: argparse.Namespace) 
         topology.apply(cp, arguments.fleet.nodes)
         if arguments.install or arguments.programs:  # without our CRDs there is nowhere to write telemetry
             stack.enter_context(SimulatedTelemetry(cp, arguments.fleet.nodes))
+        if arguments.slices:
+            resource_slices.publish(cp, arguments.fleet.nodes)
     if arguments.programs and arguments.nodes:
         components_as_pods.run(cp)
     elif arguments.programs:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 from robotapp_testbed import images
+from robotapp_testbed.binaries import container_runtime
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.control_plane import components_as_pods
 from robotapp_testbed.failures import TestbedError
@@ -81,6 +82,11 @@ def add_options(up: argparse.ArgumentParser) -> None:
         choices=[name for name in images.RECIPES if name != "pause"],
         help="an image to have on every real node besides tools; repeatable",
     )
+    up.add_argument(
+        "--cdi",
+        action="store_true",
+        help="real nodes with a containerd that hands out devices of ResourceClaims; compiled first, about four minutes",
+    )
 
 
 def add_doctor(commands: Commands) -> None:
@@ -109,6 +115,7 @@ def plane(arguments: argparse.Namespace, assets: Assets) -> RealNodes:
         arguments.nodes.nodes,
         delays=_delays(arguments),
         images=_images(arguments),
+        cdi=arguments.cdi,
         audit=arguments.audit,
         kube_scheduler=arguments.kube_scheduler or True,
         kwok=bool(arguments.fleet),
@@ -122,7 +129,8 @@ def check(arguments: argparse.Namespace) -> None:
         cluster.check(arguments.nodes.names, arguments.delay)
         prerequisites.require()
         return
-    idle = [option for option, given in (("--delay", arguments.delay), ("--image", arguments.image)) if given]
+    options = (("--delay", arguments.delay), ("--image", arguments.image), ("--cdi", arguments.cdi))
+    idle = [option for option, given in options if given]
     if idle:
         raise TestbedError(f"{' and '.join(idle)} without real nodes: say which with --nodes")
 
@@ -130,6 +138,8 @@ def check(arguments: argparse.Namespace) -> None:
 def prepare(arguments: argparse.Namespace) -> None:
     """Before a cluster is started: make what it needs while the user looks on."""
     parts.prepare(_images(arguments))
+    if arguments.cdi:
+        container_runtime.build()
     names = arguments.nodes.names
     expected_s = _EXPECTED_S + _PER_NODE_S * len(names) + (_PROGRAMS_S if arguments.programs else 0)
     print(f"starting {len(names)} real nodes ({', '.join(names)}): about {expected_s:.0f} s", file=sys.stderr)
@@ -139,6 +149,7 @@ def passed_on(arguments: argparse.Namespace) -> list[str]:
     """The options for the holder that `up` starts."""
     options = [f"--nodes={arguments.nodes.text}"] if arguments.nodes else []
     options += [f"--delay={one},{other}={delay_ms:g}" for (one, other), delay_ms in arguments.delay]
+    options += ["--cdi"] if arguments.cdi else []
     return options + [f"--image={name}" for name in arguments.image]
 
 

@@ -34,6 +34,7 @@ from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.queue.work import BACKGROUND
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.reconcile.controller import Controller
+from robotapp_operator.reconcile.devices.resource_claims import give_back
 from robotapp_operator.reconcile.domain_pools import Pools
 from robotapp_operator.reconcile.fleet_view import FleetView
 from robotapp_operator.reconcile.instance_objects import InstanceObjects
@@ -50,6 +51,7 @@ from robotapp_operator.watch.app_list import list_apps
 from robotapp_operator.watch.app_watch import AppWatch
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config.config_maps import ParamsWatch
+from robotapp_operator.watch.devices.device_watch import DeviceWatch
 from robotapp_operator.watch.enqueue import enqueue_status
 from robotapp_operator.watch.informers import Informers
 from robotapp_operator.watch.kopf_handlers import observe
@@ -102,7 +104,11 @@ class Operator:
         identity = candidate_identity(os.environ)
         self.identity = identity
         helper_defaults = HelperDefaults(
-            settings.helper_discovery_image, settings.helper_master_image, settings.helper_user, settings.ip_family
+            discovery_image=settings.helper_discovery_image,
+            master_image=settings.helper_master_image,
+            user=settings.helper_user,
+            ip_family=settings.ip_family,
+            recorder_image=settings.helper_recorder_image,
         )
         abilities = Abilities(settings.host_access, settings.stop_signals)
         self.cache = Cache(
@@ -131,6 +137,13 @@ class Operator:
             namespaces=settings.namespaces,
             request_sweep=self.sweeper.sweep_soon,
             clock=time.monotonic,
+            on_restored=lambda: stop.restore(self.cache.all_claims()),
+        )
+        self.device_watch = DeviceWatch(
+            client,
+            self.cache,
+            self.queue,
+            namespaces=settings.namespaces,
             on_restored=lambda: stop.restore(self.cache.all_claims()),
         )
         self.app_watch = AppWatch(
@@ -175,7 +188,13 @@ class Operator:
             ),
             reporter=Reporter(client, cache, memory, self.observer, self.recorder, **shared),
             fleet=self.fleet,
-            pod_events=PodEvents(client, cache, self.queue, clock=time.monotonic),
+            pod_events=PodEvents(
+                client,
+                cache,
+                self.queue,
+                clock=time.monotonic,
+                on_refused=lambda pod: give_back(client, cache, pod),
+            ),
             gates=Gates(client, cache, memory),
             probes=Probes(client, cache),
             pools=Pools(client, cache, now=_now),
@@ -198,7 +217,8 @@ class Operator:
 
     def staleness(self) -> dict[str, float]:
         """Seconds for which changes may have gone unseen, by resource."""
-        return self.informers.staleness() | {ROBOTAPPS.plural: self.app_watch.stale_s}
+        watched = self.informers.staleness() | self.device_watch.staleness()
+        return watched | {ROBOTAPPS.plural: self.app_watch.stale_s}
 
     @contextlib.asynccontextmanager
     async def caches(self, stop: Stop) -> AsyncIterator[None]:
@@ -209,8 +229,10 @@ class Operator:
         async with contextlib.AsyncExitStack() as stack:
             for reflector in self.informers.reflectors:
                 stack.push_async_callback(_ended, _supervised(reflector.run(), stop))
+            stack.push_async_callback(_ended, _supervised(self.device_watch.run(), stop))
             for reflector in self.informers.reflectors:
                 await _first(reflector.synced.wait(), stop.wait())
+            await _first(self.device_watch.settled.wait(), stop.wait())
             gc.freeze()  # caches live for ever; scanning them again and again is the largest cost of the process
             yield
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, IPV6, MASTER_IMAGE
+from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, IPV6, MASTER_IMAGE, RECORDER_IMAGE
 from robotapp_api.model.names import SCHEDULER_NAME
 from robotapp_api.model.patterns import IMAGE_PATTERN
 from robotapp_api.values import arguments
@@ -37,6 +37,8 @@ class Settings:
     """Image of the Fast DDS discovery servers of apps that write none; `{distro}` stands for the distribution."""
     helper_master_image: str = MASTER_IMAGE
     """Image of the ROS 1 master, likewise."""
+    helper_recorder_image: str = RECORDER_IMAGE
+    """Image of recordings that write none, likewise."""
     helper_user: int = HELPER_USER
     """User id of discovery servers and master where the components share none; 0 leaves it to the platform."""
     ip_family: str = IPV4
@@ -91,6 +93,7 @@ _KINDS: Final[Mapping[str, Callable[[str], Any]]] = {
     "scheduler_name": arguments.name,
     "helper_discovery_image": _parse_image,
     "helper_master_image": _parse_image,
+    "helper_recorder_image": _parse_image,
     "helper_user": _parse_user,
     "ip_family": _parse_family,
     "lease_namespace": arguments.name,
@@ -107,6 +110,7 @@ _HELP: Final = {
     "scheduler_name": f"scheduler of apps that name none (default: {SCHEDULER_NAME})",
     "helper_discovery_image": "image of Fast DDS discovery servers; {distro} stands for the app's distribution",
     "helper_master_image": "image of the ROS 1 master, likewise",
+    "helper_recorder_image": "image of recordings that write none, likewise",
     "helper_user": "user id of their processes where an app's components share none; 0: left to the platform",
     "ip_family": "IPv4 or IPv6: what the pods speak (default: the family of $KUBERNETES_SERVICE_HOST)",
     "lease_namespace": "namespace of the election Lease",

@@ -6,21 +6,18 @@ import re
 import shutil
 import sys
 from collections.abc import Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Final
 
 from ros_profile.generate import ENGINES, generate_profile
-from ros_profile.model.conclusions import LaunchProfile, Profile
-from ros_profile.model.facts import NOT_HERE
+from ros_profile.model.conclusions import Profile
 from ros_profile.output.difference import difference
+from ros_profile.output.launch_choice import ChoiceError, choose_distro, choose_launch
 from ros_profile.output.machine import as_annotations, as_json, as_rigelfile, from_json
-from ros_profile.output.names import ROS1_DISTROS
-from ros_profile.output.robotapp import as_robotapp, components
+from ros_profile.output.robotapp import as_robotapp
 from ros_profile.output.text import WIDTH, text
 
 MAX_OLD_BYTES: Final = 256 << 20
-MOST_NAMED: Final = 20
 CONTROL: Final = re.compile(
     "[\\x00-\\x09\\x0b-\\x1f\\x7f-\\x9f\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069\\ud800-\\udfff]"
 )
@@ -136,7 +133,7 @@ def _profile(arguments: argparse.Namespace) -> Profile:
             arguments.path,
             engine=arguments.engine,
             curated=not arguments.no_curated,
-            cache=None if arguments.no_cache else _cache_folder(),
+            cache=None if arguments.no_cache else find_cache_folder(),
             progress=None if arguments.quiet or not sys.stderr.isatty() else show_progress,
         )
     except (OSError, ValueError) as error:
@@ -149,7 +146,8 @@ def _profile(arguments: argparse.Namespace) -> Profile:
     return profile
 
 
-def _cache_folder() -> Path | None:
+def find_cache_folder() -> Path | None:
+    """Returns the folder for what was read, None for a user without a home."""
     stated = os.environ.get("XDG_CACHE_HOME")
     try:
         base = Path(stated) if stated else Path("~/.cache").expanduser()
@@ -206,68 +204,12 @@ def _old(path: Path) -> Profile:
 
 
 def _robotapp(profile: Profile, arguments: argparse.Namespace) -> str:
-    launch = _chosen(profile, arguments.launch)
-    package = next(p for p in profile.packages if p.name == launch.package)
-    distro = arguments.distro or ("noetic" if package.ros_version == 1 else "jazzy")
-    if not re.fullmatch("[a-z]{1,32}", distro):
-        raise Failure(f"--distro {distro[:40]!r} is no distribution; allowed: lower-case letters, such as jazzy", 2)
-    if package.ros_version and (package.ros_version == 1) != (distro in ROS1_DISTROS):
-        raise Failure(f"--distro {distro} is not one of ROS {package.ros_version}, for which {package.name} is", 2)
+    try:
+        launch = choose_launch(profile, arguments.launch or "", option="--launch")
+        distro = choose_distro(profile, launch, arguments.distro or "")
+    except ChoiceError as error:
+        raise Failure(str(error), 2 if error.is_usage else 72) from error
     return as_robotapp(launch, name=launch.package, distro=distro)
-
-
-def _chosen(profile: Profile, wanted: str | None) -> LaunchProfile:
-    """The launch file that is named, or the only one that starts more than viewers."""
-    everything = [launch for package in profile.packages for launch in package.launches]
-    usable = [launch for launch in everything if components(launch.nodes)]
-    fitting = [one for one in everything if wanted and _is_named(one, wanted)]
-    launches = [one for one in usable if one in fitting] if wanted else usable
-    if len(launches) == 1:
-        return launches[0]
-    shown = launches or usable
-    more = f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else ""
-    names = ", ".join(_name(one) for one in shown[:MOST_NAMED]) + more
-    if launches:
-        raise Failure(f"--format robotapp is made of one launch file; name it with --launch: {names}", 2)
-    if fitting:
-        why = _why_empty(fitting[0])
-        raise Failure(
-            f"{_name(fitting[0])} starts no node that belongs on a robot{why}{names and f'; others: {names}'}", 72
-        )
-    if wanted and usable:
-        raise Failure(f"--launch {wanted}: there is no such launch file{_near(wanted, usable)}; there are: {names}", 72)
-    found = f"none of {len(everything)} starts a node that belongs on a robot" if everything else "there is none"
-    raise Failure(f"{profile.path}: --format robotapp is made of a launch file, and {found}", 72)
-
-
-def _why_empty(launch: LaunchProfile) -> str:
-    """Returns what of a launch file without nodes was not followed, or nothing."""
-    absent = "; ".join(one.message for one in launch.problems if one.message.endswith(NOT_HERE))
-    if absent:
-        return f": it {absent[:500]}; put its source beside it"
-    unread = "; ".join(one.message for one in launch.problems)
-    return f" as far as it can be followed: {unread[:500]}" if unread else ""
-
-
-def _name(launch: LaunchProfile) -> str:
-    return f"{launch.package}/{launch.file}"
-
-
-def _near(wanted: str, launches: list[LaunchProfile]) -> str:
-    """` (did you mean X?)` or nothing."""
-    names = {_name(one).rpartition("/")[2]: _name(one) for one in launches}
-    found = get_close_matches(wanted.rpartition("/")[2], names, n=1)
-    return f" (did you mean {names[found[0]]}?)" if found else ""
-
-
-def _is_named(launch: LaunchProfile, wanted: str) -> bool:
-    return f"/{_name(launch)}".endswith(f"/{wanted}") or _is_short(launch, wanted)
-
-
-def _is_short(launch: LaunchProfile, wanted: str) -> bool:
-    """`package/name` without the folder between them."""
-    package, _, name = wanted.partition("/")
-    return package == launch.package and launch.file.rpartition("/")[2] == name
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import signal
 import time
 from collections.abc import Awaitable, Callable, Iterable
 from math import inf
+from pathlib import Path
 from typing import Final
 
 from robotapp_agent.probe.keys import KeyRing
@@ -47,7 +48,7 @@ ARCHITECTURES: Final = {"x86_64": "amd64", "aarch64": "arm64", "armv7l": "arm", 
 async def run(options: Options) -> int:
     """Run until SIGTERM or SIGINT. Raises LoginError and UnknownNodeError."""
     endpoint = load(options.kubeconfig)
-    node = node_source(options)
+    node = node_source(options.kubeconfig, options.node_name)
     log.info("the agent of node %s starts, API server %s", node().name, endpoint.server)
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -65,10 +66,10 @@ async def run(options: Options) -> int:
     return 0
 
 
-def node_source(options: Options) -> Callable[[], OwnNode]:
+def node_source(kubeconfig: Path | None, node_name: str) -> Callable[[], OwnNode]:
     """Reads the token anew each time, because the kubelet replaces it."""
-    token = None if options.kubeconfig else SERVICE_ACCOUNT / "token"
-    return lambda: own_node(token, flag=options.node_name, environment=os.environ.get("NODE_NAME", ""))
+    token = None if kubeconfig else SERVICE_ACCOUNT / "token"
+    return lambda: own_node(token, flag=node_name, environment=os.environ.get("NODE_NAME", ""))
 
 
 async def _work(options: Options, endpoint: Endpoint, client: ApiClient, node: Callable[[], OwnNode]) -> None:

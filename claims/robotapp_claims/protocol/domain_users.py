@@ -6,10 +6,9 @@ the Deployments that name its id belong to an app that exists, and the apps whos
 
 from robotapp_claims.protocol.domains import resolve_owner
 from robotapp_claims.protocol.sweep_snapshot import View, find
-from robotapp_claims.rules.membership import AppRef
 from robotapp_claims.rules.objects import App, Claim
 from robotapp_claims.rules.release import is_gone
-from robotapp_claims.rules.usage import Usage
+from robotapp_claims.rules.usage import AppRef, Usage
 from robotapp_client.api.resources import ROBOTAPPS
 
 

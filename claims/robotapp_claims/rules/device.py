@@ -8,9 +8,10 @@ import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from robotapp_api.model.names import GPU
+from robotapp_api.values.devices.words import list_interfaces, list_models, list_types
 from robotapp_claims.rules.identity import (
     UNKNOWN_DEVICE_TYPE,
     Owner,
@@ -25,7 +26,10 @@ from robotapp_claims.rules.release import Release
 
 USB: Final = "usb"
 """A type that devices of other types go by as well: a camera that an agent reports as video may be what a label calls usb."""
-_USB_IDENTITY: Final = re.compile(r"(?:usb:)?([0-9a-f]{4}:[0-9a-f]{4})(?::(.*))?", re.IGNORECASE)
+USB_IDENTITY: Final = re.compile(
+    r"(?:usb:)?(?:0x)?(?P<vendor>[0-9a-f]{4}):(?:0x)?(?P<product>[0-9a-f]{4})(?::(?P<serial>.*))?",
+    re.IGNORECASE | re.DOTALL,
+)
 
 
 class Kind(Protocol):
@@ -151,7 +155,7 @@ def wants_devices(app: App | None, holder: Holder) -> bool:
     """Whether the component of this live app still requests exclusive devices."""
     if app is None or app.metadata.uid != holder.uid or app.spec.suspend:
         return False
-    component = next((part for part in app.spec.components if part.name == holder.component), None)
+    component = app.spec.find_component(holder.component)
     return component is not None and component.replicas > 0 and any(claimed(device) for device in component.devices)
 
 
@@ -204,8 +208,8 @@ def _stable_name(device_id: str, device_type: str) -> str:
 
 
 def _serial(identity: str) -> str:
-    found = _USB_IDENTITY.fullmatch(identity)
-    return (found[2] or "") if found else identity
+    parts = split_identity(identity)
+    return parts.serial if parts else identity
 
 
 # Which device for which requirement
@@ -217,34 +221,55 @@ def fits(requirement: Kind, device: Reported) -> bool:
 
 
 def fits_kind(requirement: Kind, device: Described) -> bool:
-    """Type, and model, interface and vid:pid[:serial] where the requirement names them."""
+    """Type, and model, interface and vid:pid[:serial] where the requirement names them, in the words of people or of agents."""
     return (
-        requirement.model in {"", device.model}
-        and (
-            (device.type == requirement.type and requirement.interface in {"", device.interface})
-            or any(_fits_name(requirement, name) for name in device.names)
+        (not requirement.model or device.model in list_models(requirement.model))
+        and any(
+            _fits_words(device, kind, interface)
+            for kind in list_types(requirement.type)
+            for interface in list_interfaces(requirement.interface)
         )
         and (not requirement.usb_id or identity_fits(requirement.usb_id, device.identity))
     )
 
 
-def _fits_name(requirement: Kind, name: str) -> bool:
+def _fits_words(device: Described, kind: str, interface: str) -> bool:
+    if device.type == kind and interface in {"", device.interface}:
+        return True
+    return any(_fits_name(name, kind, interface) for name in device.names)
+
+
+def _fits_name(name: str, kind: str, interface: str) -> bool:
     """A further name is matched as the label hardware.robotics.io/<name> is: with the interface, or any of its type."""
-    if requirement.interface:
-        return name == f"{requirement.type}-{requirement.interface}"
-    return name == requirement.type or name.startswith(f"{requirement.type}-")
+    if interface:
+        return name == f"{kind}-{interface}"
+    return name == kind or name.startswith(f"{kind}-")
 
 
 def identity_fits(usb_id: str, identity: str) -> bool:
     """`8086:0b3a` fits `usb:8086:0B3A:123` and `8086:0b3a:123`; with a serial the serial must be equal too.
 
-    vid:pid are hexadecimal numbers, so their case means nothing; a serial's does. Anything else must be the same text.
+    vid:pid are hexadecimal numbers, so their case and a leading 0x mean nothing; a serial's case does. Anything else must be the
+    same text.
     """
-    wanted_id, reported = _USB_IDENTITY.fullmatch(usb_id), _USB_IDENTITY.fullmatch(identity)
+    wanted_id, reported = split_identity(usb_id), split_identity(identity)
     if wanted_id is None or reported is None:
         return usb_id == identity
-    same_model = wanted_id[1].lower() == reported[1].lower()
-    return same_model and (not wanted_id[2] or wanted_id[2] == reported[2])
+    return wanted_id[:2] == reported[:2] and wanted_id.serial in {"", reported.serial}
+
+
+class UsbIdentity(NamedTuple):
+    """Vendor and product as hexadecimal digits in lower case; the serial as it is, "" without one."""
+
+    vendor: str
+    product: str
+    serial: str
+
+
+def split_identity(text: str) -> UsbIdentity | None:
+    """Returns the parts of vid:pid[:serial], with or without 0x and the prefix usb:; None for another text."""
+    parts = USB_IDENTITY.fullmatch(text)
+    return UsbIdentity(parts["vendor"].lower(), parts["product"].lower(), parts["serial"] or "") if parts else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,9 +1,19 @@
-"""Which devices a node has: those its agent reports, else those its labels name. One rule for the scheduler and the CLI."""
+"""Which devices a node has: those its agent reports, else those its labels name. One rule for the scheduler and the CLI.
 
-from collections.abc import Mapping
-from typing import NamedTuple
+Also which of them somebody may mean who wrote another name.
+"""
 
-from robotapp_api.model.names import FROM_TELEMETRY, HARDWARE_PREFIX, HARDWARE_SOURCE
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple, Protocol
+
+from robotapp_api.model.names import FROM_TELEMETRY, GPU, HARDWARE_PREFIX, HARDWARE_SOURCE
+from robotapp_api.values.devices.words import PLUGGING_ORDER, list_types
+from robotapp_claims.rules.device import Kind
+
+MOST_NAMED: Final = 3
+"""Devices and nodes that a message names."""
+SHORTEST_SERIAL: Final = 4
+"""Shorter serials occur in other texts by chance."""
 
 
 class Device(NamedTuple):
@@ -44,3 +54,87 @@ def devices_of_labels(labels: Mapping[str, str]) -> tuple[Device, ...]:
         elif len(devices) == 1 and not devices[0].model:
             devices[0] = devices[0]._replace(model=model)
     return tuple(sorted(device for devices in named.values() for device in devices))
+
+
+# What is there in place of a device that is not
+
+
+class Reported(Protocol):
+    """A device with its id and path, as an agent reports it."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def type(self) -> str: ...
+    @property
+    def model(self) -> str: ...
+    @property
+    def interface(self) -> str: ...
+    @property
+    def identity(self) -> str: ...
+    @property
+    def path(self) -> str: ...
+    @property
+    def present(self) -> bool: ...
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+
+def describe_missing(wish: Kind, devices_by_node: Mapping[str, Sequence[Reported]]) -> str:
+    """Returns which devices the nodes have in place of a wished-for one that none of them has, "" without any report.
+
+    A name in the order of plugging in is no wish that may be fulfilled: the next start would take another device under it.
+    """
+    if not devices_by_node:
+        return ""
+    nodes = sorted(devices_by_node)
+    places = ", ".join(nodes[:MOST_NAMED]) + (f" and {len(nodes) - MOST_NAMED} more" if len(nodes) > MOST_NAMED else "")
+    start = f"no {_describe_wish(wish)} on {places}"
+    present = [
+        (node, device) for node in nodes for device in devices_by_node[node] if device.present and device.type != GPU
+    ]
+    candidates = [(node, device) for node, device in present if _is_meant(wish, device)]
+    if candidates:
+        return f"{start}: {_name_all(candidates)} is what that name means now; write {_cure_of(candidates[0][1])}"
+    same_type = [(node, device) for node, device in present if device.type in list_types(wish.type)]
+    if same_type:
+        return f"{start}, but {_name_all(same_type)}; write {_cure_of(same_type[0][1])}"
+    if present:
+        return f"{start}, but {_name_all(present)}; write type and usbID of one of them, or a rule of the agent that names it {wish.type}"
+    return f"{start}, which has no device; plug it in (kubectl robotapp devices lists what agents find)"
+
+
+def _describe_wish(wish: Kind) -> str:
+    fields = (("model", wish.model), ("interface", wish.interface), ("usbID", wish.usb_id))
+    return " ".join([wish.type, *(f"{field} {text}" for field, text in fields if text)])
+
+
+def _is_meant(wish: Kind, device: Reported) -> bool:
+    """Returns whether a text of the wish is the device's present path, its id, or a name that udev makes of its serial."""
+    serial = device.identity.partition(":")[2].partition(":")[2]
+    for text in filter(None, (wish.interface, wish.model, wish.usb_id)):
+        port = PLUGGING_ORDER.fullmatch(text)
+        name = port[1] if port else text.rpartition("/")[2]
+        if name in {device.path.rpartition("/")[2], device.id, device.id.removeprefix(f"{device.type}-")}:
+            return True
+        if len(serial) >= SHORTEST_SERIAL and serial in text:
+            return True
+    return False
+
+
+def _name_all(places: Sequence[tuple[str, Reported]]) -> str:
+    names = [
+        f"{device.id}{f' ({device.path})' if device.path else ''} on {node}" for node, device in places[:MOST_NAMED]
+    ]
+    more = [f"{len(places) - MOST_NAMED} more"] if len(places) > MOST_NAMED else []
+    names += more
+    return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
+
+
+def _cure_of(device: Reported) -> str:
+    """Returns the fields that choose a device whatever is plugged in beside it."""
+    if device.identity:
+        return f'type: {device.type}, usbID: "{device.identity.removeprefix("usb:")}"'
+    if device.interface:
+        return f"type: {device.type}, interface: {device.interface}"
+    return f"type: {device.type}, model: {device.model}" if device.model else f"type: {device.type}"

@@ -9,6 +9,7 @@ from typing import Any, Final
 import msgspec
 
 from robotapp_api.model.names import GROUP, OUR_SCHEDULERS, Annotation, ClaimPhase, Label
+from robotapp_api.values.replicas import ORDINAL, number_replicas
 
 ROS_DOMAIN_ID: Final = "ROS_DOMAIN_ID"
 EXCLUSIVE: Final = "Exclusive"
@@ -292,7 +293,15 @@ class Component(Object, frozen=True, kw_only=True):
     name: str
     devices: tuple[DeviceRequirement, ...] = ()
     replicas: int = 1
+    replica_identity: str = ""
     ros: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names under which it runs and holds devices: its own, or those of its replicas with ordinals."""
+        if self.replica_identity != ORDINAL:
+            return (self.name,)
+        return tuple(replica.name for replica in number_replicas(self.name, self.replicas))
 
 
 class Ros(Object, frozen=True, kw_only=True):
@@ -306,6 +315,10 @@ class AppSpec(Object, frozen=True, kw_only=True):
     ros2: Ros2 | None = None
     robots: Robots | None = None
     ros: Ros | None = None
+
+    def find_component(self, name: str) -> Component | None:
+        """Returns the component that runs under this name."""
+        return next((component for component in self.components if name in component.names), None)
 
 
 class App(Object, frozen=True, kw_only=True):
@@ -323,5 +336,59 @@ class TelemetryDevice(Object, frozen=True, kw_only=True):
     model: str = ""
     interface: str = ""
     identity: str = ""
+    path: str = ""
     present: bool = True
     names: tuple[str, ...] = ()
+
+
+# Claims of devices that a DRA driver hands over (resource.k8s.io/v1)
+
+
+class DeviceResult(Object, frozen=True, kw_only=True):
+    """One allocated device."""
+
+    request: str = ""
+    driver: str = ""
+    pool: str = ""
+    device: str = ""
+
+
+class DeviceResults(Object, frozen=True, kw_only=True):
+    results: tuple[DeviceResult, ...] = ()
+
+
+class Allocation(Object, frozen=True, kw_only=True):
+    devices: DeviceResults = DeviceResults()
+
+
+class ClaimUser(Object, frozen=True, kw_only=True):
+    """Who may use the claim: pods, and for as long as it lives the RobotApp."""
+
+    api_group: str = ""
+    resource: str = ""
+    name: str = ""
+    uid: str = ""
+
+
+class ResourceClaimStatus(Object, frozen=True, kw_only=True):
+    allocation: Allocation | None = None
+    reserved_for: tuple[ClaimUser, ...] = ()
+
+
+class ResourceClaim(Object, frozen=True, kw_only=True):
+    """A ResourceClaim; what it requests is read by schedulers alone."""
+
+    metadata: Meta
+    status: ResourceClaimStatus = ResourceClaimStatus()
+
+
+class SliceSpec(Object, frozen=True, kw_only=True):
+    driver: str = ""
+    node_name: str = ""
+
+
+class ResourceSlice(Object, frozen=True, kw_only=True):
+    """A list of devices that a driver publishes, as far as it shows where the driver runs."""
+
+    metadata: Meta
+    spec: SliceSpec = SliceSpec()

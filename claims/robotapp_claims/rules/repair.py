@@ -180,8 +180,8 @@ def refusal(missing: Missing, app: App, pool: Pool | None) -> str:
     """Why a claim is not made again for a pod of this app: it stands on what no claim could have given it. "" if nothing."""
     holder, domain = missing.spec.holder, missing.spec.domain
     if domain is None:
-        known = {component.name for component in app.spec.components}
-        return "" if holder.component in known else f"the app has no component {holder.component!r}"
+        has_component = app.spec.find_component(holder.component) is not None
+        return "" if has_component else f"the app has no component {holder.component!r}"
     if pool is None:
         return f"there is no DomainPool {domain.pool}"
     if pool.spec.scope != domain.scope:

@@ -3,7 +3,7 @@
 A Deployment, a ReplicaSet that has or wants pods, and a pod that has not ended, pending ones included, use the ids that
 their ROS_DOMAIN_ID names, for the app uid and instance of their labels in their own namespace, and for the claim their
 annotation names (apps that share a domain). Any user may write labels, so a Deployment or ReplicaSet counts only
-if its owners prove it (`membership`); a live pod of the holder's namespace counts without that, because it transmits
+if its owners prove it (`Owners`); a live pod of the holder's namespace counts without that, because it transmits
 regardless of its owner. The literal decides and the annotation only adds: users can edit an annotation of a running pod, but not
 its environment.
 """
@@ -11,13 +11,12 @@ its environment.
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Final, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 from msgspec.structs import replace
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_claims.rules.identity import domain_literal
-from robotapp_claims.rules.membership import AppRef, Owners
 from robotapp_claims.rules.objects import (
     ROS_DOMAIN_ID,
     Claim,
@@ -36,6 +35,53 @@ InstanceKey = tuple[str, str, str]
 """(namespace, app uid, instance)."""
 _SHOWN: Final = 32
 """Characters of a user's text that go into a message."""
+HOPS: Final = 3
+"""Pod, ReplicaSet, Deployment: whatever is owned in more steps was not made for a RobotApp."""
+
+
+# Whose object this is: labels find candidates, owner references prove.
+#
+# A user who may write a Deployment may write any label on it, also the uid of another tenant's app. What cannot be forged is
+# an owner that exists: the chain of owners has to lead, inside one namespace, to a RobotApp of the labelled uid,
+# and the caller reads from the API server whether that RobotApp exists.
+
+
+class AppRef(NamedTuple):
+    """A RobotApp as owner references name it; whether it exists is another question."""
+
+    namespace: str
+    name: str
+    uid: str
+
+
+class Owners:
+    """The Deployments and ReplicaSets of one listing, by uid."""
+
+    def __init__(self, found: Iterable[Meta] = ()) -> None:
+        self._known: dict[str, Meta] = {}
+        for meta in found:
+            self.add(meta)
+
+    def __repr__(self) -> str:
+        return f"<Owners: {len(self._known)} objects>"
+
+    def add(self, meta: Meta) -> None:
+        self._known[meta.uid] = meta
+
+    def app_of(self, meta: Meta) -> AppRef | None:
+        """The RobotApp whose uid the object's label names, if its owners lead there; None for what only its labels claim."""
+        current = meta
+        for _ in range(HOPS):
+            owner = current.controller
+            if owner is None:
+                return None
+            if owner.is_app:
+                return AppRef(meta.namespace, owner.name, owner.uid) if owner.uid == meta.app_uid else None
+            known = self._known.get(owner.uid)
+            if known is None or known.namespace != meta.namespace:
+                return None
+            current = known
+        return None
 
 
 def named_ids(spec: PodSpec) -> frozenset[int]:

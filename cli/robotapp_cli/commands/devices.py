@@ -8,13 +8,15 @@ import msgspec
 
 from robotapp_api.model.names import GPU
 from robotapp_claims.rules.device import is_device
+from robotapp_claims.rules.device_attributes import list_held
 from robotapp_claims.rules.identity import device_label
 from robotapp_claims.rules.node_devices import Device, devices_of_labels
-from robotapp_claims.rules.objects import DeviceThing
+from robotapp_claims.rules.objects import DeviceThing, ResourceClaim
 from robotapp_cli.output import Column, Output, print_line, print_table, write_structured
 from robotapp_cli.reading.fields import Json, meta, status
 from robotapp_cli.reading.session import Session
-from robotapp_client.api.resources import NODES, NODETELEMETRIES, ROBOTCLAIMS
+from robotapp_client import ApiClient, Forbidden, NotFound
+from robotapp_client.api.resources import NODES, NODETELEMETRIES, RESOURCECLAIMS, ROBOTCLAIMS
 
 _NO_CLAIM: Final = ("holder", "instance", "component", "phase", "claim")
 
@@ -47,7 +49,7 @@ class NodeDevice:
 
 async def show_devices(session: Session) -> None:
     """Every device of every node, with its holder."""
-    claims = (await session.client.list(ROBOTCLAIMS)).items
+    claims = await list_device_claims(session.client)
     telemetry = (await session.client.list(NODETELEMETRIES)).items
     found = devices_of((await session.client.list(NODES)).items, telemetry, claims)
     rows = [each.row for devices in found.values() for each in devices]
@@ -67,6 +69,20 @@ async def show_devices(session: Session) -> None:
     keys = [*keys, "names", "source", "claim", "path"] if wide else [key for key in keys if _tells(key, rows)]
     columns = [Column(key.upper(), wraps=key in ("names", "path")) for key in keys]
     print_table(columns, [[_cell(key, row) for key in keys] for row in rows])
+
+
+async def list_device_claims(client: ApiClient) -> list[Json]:
+    """Returns RobotClaims, and devices that ResourceClaims hold in the same form: where the driver runs these are the ledger.
+
+    ResourceClaims are left out where the API server has none, or the user may not list them.
+    """
+    claims = (await client.list(ROBOTCLAIMS)).items
+    try:
+        resource_claims = (await client.list(RESOURCECLAIMS, as_type=ResourceClaim)).items
+    except (NotFound, Forbidden):
+        return claims
+    held = [claim for resource_claim in resource_claims for claim in list_held(resource_claim)]
+    return [*claims, *(msgspec.to_builtins(claim) for claim in held)]
 
 
 def devices_of(nodes: Iterable[Json], telemetry: Iterable[Json], claims: Iterable[Json]) -> dict[str, list[NodeDevice]]:

@@ -7,13 +7,14 @@ from typing import Final
 
 import msgspec
 
-from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label
+from robotapp_api.model.names import SYSTEM_NAMESPACE, Condition, Label, Reason
 from robotapp_api.values.placement.explanation import (
     describe_hardware,
     describe_refusals,
     describe_waiting,
     list_budgets,
 )
+from robotapp_api.values.replicas import list_replicas, names_of
 from robotapp_cli.commands.apps import print_edges, with_percentiles
 from robotapp_cli.commands.reasons import with_what_is_known
 from robotapp_cli.failures import CliError, Exit
@@ -59,6 +60,8 @@ class Row(msgspec.Struct, rename="camel"):
     """A discovery server, router or master of which the operator says why it is not ready."""
     recomputed: bool = False
     """The record is gone, and the scheduler has decided again to answer."""
+    suspended: bool = False
+    """It has no pod because it shall have none: `suspend` of the app, or `replicas: 0`."""
 
 
 class InstanceView(msgspec.Struct, rename="camel"):
@@ -118,6 +121,7 @@ async def _instance(app: Json, pods: list[Json], *, instance: Instance, question
     own = _by_component(pods, instance.name)
     nodes = {name: found[0]["spec"].get("nodeName", "") for name, found in own.items()}
     messages = {item["name"]: item.get("message", "") for item in instance.components}
+    suspended = _list_suspended(app)
     rows: list[Row] = []
     records: dict[str, Json] = {}
     for name in _components(app, own, question):
@@ -128,15 +132,24 @@ async def _instance(app: Json, pods: list[Json], *, instance: Instance, question
                 records[name] = record
             reasons = describe_refusals(record, peers, hardware=describe_hardware(app, name)) if record else []
             row = _row(name, pod, record, reasons)
+            if not row.node and (device := _missing_device(app, instance, name)):
+                row.reasons = [device, *row.reasons]
             if trouble := _helper_trouble(instance, pod):
                 row.reasons = [trouble, *row.reasons]
                 row.failing = True
             rows.append(row)
         if name not in own:
-            rows.append(Row(name, reasons=[messages.get(name) or _why_none(app, instance)]))
+            reasons = [messages.get(name) or _why_none(app, instance)]
+            rows.append(Row(name, reasons=reasons, suspended=name in suspended))
     edges = with_percentiles(app, instance.edges)
     edges = [edge for edge in edges if question.component in (None, edge["from"], edge["to"])]
     return InstanceView(instance.name, instance.domain, rows, with_what_is_known(edges, records))
+
+
+def _list_suspended(app: Json) -> set[str]:
+    """Returns the names of the components that shall have no pods."""
+    components, suspends = app["spec"]["components"], app["spec"].get("suspend", False)
+    return {item["name"] for item in components if suspends or item.get("replicas") == 0}
 
 
 def _helper_trouble(instance: Instance, pod: Json) -> str:
@@ -145,6 +158,16 @@ def _helper_trouble(instance: Instance, pod: Json) -> str:
     name = f"{role}-{number}" if number else role
     helpers = instance.observed.get("helpers") or ()
     return next((str(helper.get("message", "")) for helper in helpers if role and helper.get("name") == name), "")
+
+
+def _missing_device(app: Json, instance: Instance, component: str) -> str:
+    """Returns what the operator observes of a device that no node has for the component, or that the driver of its node refuses."""
+    for obj in (instance.obj, app):
+        found = condition(obj, Condition.ALLOCATED)
+        message = str(found.get("message") or "").removeprefix(f"{instance.name}: ")
+        if found.get("reason") == Reason.WAITING_FOR_DEVICES and message.startswith(f"{component} ("):
+            return message
+    return ""
 
 
 def _why_none(app: Json, instance: Instance) -> str:
@@ -170,11 +193,13 @@ def _by_component(pods: list[Json], robot: str) -> dict[str, list[Json]]:
 
 def _components(app: Json, own: Collection[str], question: Question) -> list[str]:
     """Which to show: the one that was asked for, else those of the app, then what else it runs."""
-    names = [item["name"] for item in app["spec"]["components"]]
+    written = app["spec"]["components"]
+    replicas = list_replicas(written)
+    names = [name for item in written for name in names_of(item["name"], replicas)]
     if not question.component:
         return [*names, *sorted(set(own) - set(names))]
-    if question.component in names:
-        return [question.component]
+    if question.component in names or question.component in replicas:
+        return list(names_of(question.component, replicas))
     text = f"{question.name} has no component {question.component}; it has: {', '.join(names)}"
     raise CliError(text, code=Exit.NOT_FOUND)
 
@@ -235,7 +260,8 @@ def _print(app: Json, view: InstanceView, *, wide: bool) -> None:
     columns = [Column("COMPONENT"), Column("NODE"), Column("RUNNER-UP"), Column("NODES REFUSED", wraps=True)]
     reasons = name_repeated([row.component for row in shown], ["\n".join(row.reasons) for row in shown])
     rows = [
-        [row.component, row.node or "waiting", row.runner_up, text] for row, text in zip(shown, reasons, strict=True)
+        [row.component, row.node or ("suspended" if row.suspended else "waiting"), row.runner_up, text]
+        for row, text in zip(shown, reasons, strict=True)
     ]
     if wide:
         columns.append(Column("SCORES", wraps=True))

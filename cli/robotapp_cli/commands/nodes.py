@@ -16,11 +16,11 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.placement.round_trips import RoundTrips, Rtt
 from robotapp_api.values.quantities.bandwidth import parse_link_bandwidth
 from robotapp_claims.rules.instances import primary_node
-from robotapp_cli.commands.devices import NodeDevice, devices_of
+from robotapp_cli.commands.devices import NodeDevice, devices_of, list_device_claims
 from robotapp_cli.output import Column, Output, print_line, print_table, write_structured
 from robotapp_cli.reading.fields import Json, age, condition, label, meta, short_ms, status
 from robotapp_cli.reading.session import Session
-from robotapp_client.api.resources import NODES, NODETELEMETRIES, ROBOTCLAIMS
+from robotapp_client.api.resources import NODES, NODETELEMETRIES
 
 _LOAD: Final = ("cpuPercent", "memoryPercent", "diskPercent", "gpuPercent", "networkBps")
 _GAP: Final = 2
@@ -134,7 +134,7 @@ async def _nodes(session: Session) -> list[_Computer]:
     client = session.client
     nodes = (await client.list(NODES)).items
     telemetry = {meta(each)["name"]: each for each in (await client.list(NODETELEMETRIES)).items}
-    devices = devices_of(nodes, telemetry.values(), (await client.list(ROBOTCLAIMS)).items)
+    devices = devices_of(nodes, telemetry.values(), await list_device_claims(client))
     now_s = datetime.now(UTC).timestamp()
     trips = reported_round_trips(telemetry, now_s=now_s)
     zones = {meta(node)["name"]: label(node, Label.ZONE) for node in nodes}

@@ -37,6 +37,7 @@ _OF_A_COMPONENT: Final = frozenset(
         "separateFrom",
         "dependsOn",
         "replicas",
+        "replicaIdentity",
         "onDisconnect",
     }
 )

@@ -1,4 +1,4 @@
-"""What the name of an image says: its ROS distribution, or that no ROS is in it."""
+"""Reads the name of an image: its ROS distribution, or that no ROS is in it."""
 
 import re
 from typing import Final

@@ -8,7 +8,7 @@ from robotapp_cli.lint.findings import Path, shown
 
 
 class Verdict(StrEnum):
-    """What became of one thing of the compose file."""
+    """The fate of one thing of the compose file."""
 
     TAKEN = "taken"
     CHANGED = "changed"
@@ -40,8 +40,8 @@ class ComposeError(Exception):
     """The import ends here: the place and one sentence with what is wrong and what to write instead."""
 
     def __init__(self, message: str, *, file: str, line: int, path: Path = ()) -> None:
-        where = f"{shown(path)}: " if path else ""
-        super().__init__(f"{file}:{line}: {where}{message}")
+        place = f"{shown(path)}: " if path else ""
+        super().__init__(f"{file}:{line}: {place}{message}")
         self.file, self.line, self.message = file, line, message
 
 

@@ -9,10 +9,9 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from robotapp_api.checks.host_access.guarded import host_access_notes
-from robotapp_api.checks.pool import pool_notes
 from robotapp_api.checks.problem import Note
 from robotapp_api.checks.size import size_problem
-from robotapp_api.checks.spec import spec_notes, spec_problems
+from robotapp_api.checks.spec import pool_notes, spec_notes, spec_problems
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.values.label_key import key_problem
 from robotapp_cli.lint.cel_rules import broken_rules

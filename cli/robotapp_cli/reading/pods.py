@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from robotapp_api.model.names import Label
+from robotapp_api.values.replicas import find_replicas
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.reading.fields import Json, label, meta, status
 from robotapp_cli.reading.session import Session
@@ -15,7 +16,7 @@ MOST_LISTED: Final = 10
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """An app, or one component or robot of it. `component` also takes the role of a helper, such as discovery."""
+    """An app, or one component or robot of it. `component` is also a replica that has an ordinal, or the role of a helper, such as discovery."""
 
     app: str
     component: str | None = None
@@ -55,9 +56,10 @@ class AppPod:
 async def fetch_app(session: Session, selection: Selection) -> Json:
     """Returns the app. Raises CliError when it has no such component."""
     app = await session.client.get(ROBOTAPPS, selection.app, namespace=session.home)
-    names = [str(component["name"]) for component in app["spec"]["components"]]
+    programs = (*app["spec"]["components"], *(app["spec"].get("recordings") or ()))
+    names = [str(component["name"]) for component in programs]
     roles = {"discovery", "router", "master"}
-    if selection.component and selection.component not in {*names, *roles}:
+    if selection.component and selection.component not in {*names, *find_replicas(app["spec"]["components"]), *roles}:
         shown_names = ", ".join(names[:MOST_LISTED])
         more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
         raise CliError(
@@ -82,13 +84,13 @@ async def list_pods(session: Session, app: Json, selection: Selection) -> list[A
 
 
 def is_selected(obj: Json, app: Json, selection: Selection) -> bool:
-    """Returns whether an object with the operator's labels belongs to the component or role that was named, or to any component.
+    """Returns whether an object with the operator's labels belongs to the component, replica or role that was named, or to any component.
 
     A component may be named like a role, such as master; then it is the one that is meant.
     """
     component, role = label(obj, Label.COMPONENT), label(obj, Label.ROLE)
     if component or not selection.component:
-        return bool(component) and selection.component in (None, component)
+        return bool(component) and selection.component in (None, component, label(obj, Label.REPLICA_OF))
     names = {part["name"] for part in app["spec"]["components"]}
     return role == selection.component and role not in names
 

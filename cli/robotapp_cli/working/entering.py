@@ -102,7 +102,8 @@ async def _choose_pod(session: Session, selection: Selection) -> AppPod:
 
 def _missing_choices(selection: Selection, pods: Sequence[AppPod]) -> list[str]:
     """Returns what would choose among the pods."""
-    choices = ["the component"] if not selection.component and len({pod.component for pod in pods}) > 1 else []
+    what = "one of these replicas" if selection.component else "the component"
+    choices = [what] if len({pod.component for pod in pods}) > 1 else []
     return choices + (["--robot"] if len({pod.robot for pod in pods}) > 1 else [])
 
 

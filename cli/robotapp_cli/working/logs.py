@@ -44,7 +44,7 @@ _TERMINAL_SEQUENCE: Final = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogOptions:
-    """What to print. `tail` -1 means all lines; `since` is a duration or empty."""
+    """The choice of lines to print. `tail` -1 means all lines; `since` is a duration or empty."""
 
     follow: bool = False
     tail: int = 100

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from robotapp_api.values.links import write_url
+from robotapp_api.values.replicas import is_replica_name
 from robotapp_cli.failures import CliError, Exit
 from robotapp_cli.output import print_line
 from robotapp_cli.reading.fields import Json
@@ -19,7 +20,7 @@ _PATIENCE_S: Final = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What is opened: a port of a component's container, and how its address is written."""
+    """The port of a component's container, and how its address is written."""
 
     component: str
     link: str
@@ -33,7 +34,9 @@ async def open_component(session: Session, selection: Selection, link: str | Non
     """Forwards the port and opens its address, until Ctrl-C. Raises CliError when it is not clear what is meant."""
     app = await fetch_app(session, selection)
     target = choose_target(list_targets(app), selection, link)
-    pods = await list_pods(session, app, Selection(selection.app, target.component, selection.robot))
+    pods = await list_pods(
+        session, app, Selection(selection.app, selection.component or target.component, selection.robot)
+    )
     running_pods = [pod for pod in pods if pod.is_running]
     if not running_pods:
         raise explain_no_pods(app, selection)
@@ -63,7 +66,10 @@ def list_targets(app: Json) -> list[Target]:
 def choose_target(targets: list[Target], selection: Selection, link: str | None) -> Target:
     """Returns the one target that is meant. Raises CliError with what there is."""
     matching_targets = [
-        target for target in targets if selection.component in (None, target.component) and link in (None, target.link)
+        target
+        for target in targets
+        if (selection.component in (None, target.component) or is_replica_name(selection.component, target.component))
+        and link in (None, target.link)
     ]
     if len(matching_targets) == 1:
         return matching_targets[0]

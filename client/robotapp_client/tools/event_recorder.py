@@ -23,6 +23,7 @@ from robotapp_client.transport.errors import (
     AlreadyExists,
     ApiError,
     ClientError,
+    NamespaceTerminating,
     NotFound,
     ServerError,
     TooManyRequests,
@@ -329,7 +330,9 @@ class EventRecorder:
         series.patching = False
         if series.key is not None and self._series.get(series.key) is series:
             del self._series[series.key]  # the next occurrence starts over
-        if not isinstance(error, NotFound):  # the namespace or the event is gone: it is not needed
+        if not isinstance(
+            error, NotFound | NamespaceTerminating
+        ):  # the namespace or the event is gone: it is not needed
             self.stats.failed += 1
             log.warning("%s: event not written: %s", self, error)
 

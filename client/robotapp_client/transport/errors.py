@@ -85,6 +85,10 @@ class Forbidden(ApiError):
     """403: known to the server, not allowed; quota and admission refusals come here too."""
 
 
+class NamespaceTerminating(Forbidden):
+    """403: the object's namespace is being deleted, so nothing can be created there any more. That passes only with the namespace."""
+
+
 class NotFound(ApiError):
     """404."""
 
@@ -144,6 +148,8 @@ def may_pass(error: ClientError) -> bool:
 
 _OTHER_UID: Final = re.compile("uid in (the )?precondition", re.IGNORECASE)
 """Every conflict names its object, and a name may contain `uid`, too."""
+NAMESPACE_TERMINATING: Final = "NamespaceTerminating"
+"""Reason of the cause that the API server adds to such a refusal."""
 _BY_STATUS: dict[int, type[ApiError]] = {
     400: BadRequest,
     401: Unauthorized,
@@ -199,6 +205,8 @@ def error_from_status(status: Status, *, code: int = 0, retry_after_s: float | N
     kind = _BY_STATUS.get(code, ServerError if code >= 500 else ApiError)
     if code == 409 and status.reason == "AlreadyExists":
         kind = AlreadyExists
+    if code == 403 and any(cause.reason == NAMESPACE_TERMINATING for cause in details.causes or ()):
+        kind = NamespaceTerminating
     if code == 500 and status.reason == "Expired":
         kind = Gone
     return kind(

@@ -31,7 +31,7 @@ class Proxy:
     password: str = field(default="", repr=False)
 
     def __str__(self) -> str:
-        """Its address without the credentials, for messages."""
+        """Returns its address without the credentials, for messages."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{self.scheme}://{host}:{self.port}"
 
@@ -89,7 +89,7 @@ def is_direct(host: str, port: int, no_proxy: str) -> bool:
 
 
 def _matches(entry: str, host: str, address: ipaddress.IPv4Address | ipaddress.IPv6Address | None, port: int) -> bool:
-    """Whether one entry of NO_PROXY is about the host: `*`, a CIDR, an address, a domain or a name, each with or without a port."""
+    """Returns whether one entry of NO_PROXY is about the host: `*`, a CIDR, an address, a domain or a name, each with or without a port."""
     if entry == "*":
         return True
     network = _network(entry)

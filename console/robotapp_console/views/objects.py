@@ -58,6 +58,7 @@ class EdgeSpec(Object, frozen=True, kw_only=True):
 class ComponentSpec(Object, frozen=True, kw_only=True):
     name: str = ""
     replicas: int = 1
+    replica_identity: str = ""
 
 
 class AppSpec(Object, frozen=True, kw_only=True):

@@ -7,27 +7,26 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from robotapp_api.checks.containers import list_containers
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.distros import NO_ROS
-from robotapp_api.model.names import PARAMETERS_PATH, PARAMETERS_VARIABLE
+from robotapp_api.model.names import ORDINAL_VARIABLE, PARAMETERS_PATH, PARAMETERS_VARIABLE
 from robotapp_api.values.component_references import ExpandedText, expanded_problem, list_expanded_texts
-from robotapp_api.values.robot_references import has_reference, unknown_reference
+from robotapp_api.values.references import has_reference, reference_values, unknown_reference
+from robotapp_api.values.replicas import ORDINAL
 
-_DEVICE_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\(ROBOTAPP_DEVICE_[A-Za-z0-9_]*\))")
-"""A reference that the kubelet would replace; `$$(NAME)` is the text `$(NAME)`."""
 _ROBOT_REFERENCE: Final = re.compile(r"(?<!\$)(?:\$\$)*(\$\((?:ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\))")
 _BASE_IMAGE: Final = re.compile(r"(?:(?:[a-z0-9.-]+(?::[0-9]+)?/)?(?:library/|osrf/|arm64v8/)?)ros(?::[^/]*)?(?:@.*)?")
 """Images of ROS itself, whose program is bash."""
 _ROS_TOOLS: Final = frozenset({"ros2", "roslaunch", "rosrun"})
+_PROGRAM: Final = {"command", "args", "env", "run", "launch", "template"}
+"""Fields of a component in which its program may be given the ordinal of a replica."""
 _FIELDS_OF_ONE_POD: Final = frozenset({"metadata.name", "metadata.uid"})
 """Fields of a pod in which the copies of a component differ, so that a program can make a node name of them."""
 
 
 def command_line_problems(component: Component, at: str) -> Iterator[Problem]:
     """`at`: where the component stands, such as `spec.components[0]`."""
-    yield from _device_reference_problems(component, at)
     yield from expanded_text_problems(list_expanded_texts(component, at))
     if component.parameters and is_launch(component) and not reads_parameters_variable(component):
         yield invalid(
@@ -67,18 +66,25 @@ def node_name_notes(component: Component, at: str, *, ros_version: int) -> Itera
     A variable with the name or the uid of the pod is taken for the part of a name that differs, but not beside `run.name`, which is fixed.
     """
     name = component.run.name if component.run else None
+    has_ordinals = component.replica_identity == ORDINAL
     if component.replicas <= 1 or (not name and _reads_name_of_pod(component)):
         return
+    if has_ordinals and (name or ORDINAL_VARIABLE in component.model_dump_json(include=_PROGRAM)):
+        return  # run.name is numbered, and the rest reads its number
     whose = f"the name {name} of run.name" if name else "the node name of their program, unless it makes one of its own"
     effect = (
         "the master ends the earlier of two nodes of one name"
         if ros_version == 1
         else "parameters, services and lifecycle calls for that name reach any of them"
     )
+    cure = (
+        f"write run.name, or a name with $({ORDINAL_VARIABLE}) in the arguments"
+        if has_ordinals
+        else "write replicaIdentity: Ordinal, or make the name from the pod's"
+    )
     yield Note(
         f"{at}.replicas",
-        f"all {component.replicas} copies have {whose}; {effect}; write a component with a name of its own for each copy, or make the name "
-        "from the pod's (docs/how-to/pods.md#several-copies-of-a-ros-node)",
+        f"all {component.replicas} copies have {whose}; {effect}; {cure} (docs/how-to/pods.md#several-copies-of-a-ros-node)",
     )
 
 
@@ -88,7 +94,7 @@ def _reads_name_of_pod(component: Component) -> bool:
 
 
 def reads_parameters_variable(component: Component) -> bool:
-    """Whether the program is told its parameter files by ROBOTAPP_PARAMS in its command line or environment, so that none are added."""
+    """Returns whether the program is told its parameter files by ROBOTAPP_PARAMS in its command line or environment, so that none are added."""
     values = (str(variable.get("value") or "") for variable in component.env)
     return any(PARAMETERS_VARIABLE in text for text in (*component.command, *component.args, *values))
 
@@ -104,24 +110,6 @@ def is_launch(component: Component) -> bool:
         if word.rpartition("/")[2] == "ros2":
             return words[index + 1 : index + 2] == ["launch"]
     return False
-
-
-def _device_reference_problems(component: Component, at: str) -> Iterator[Problem]:
-    texts = [(f"{at}.run.args", word) for word in component.run.args] if component.run else []
-    if component.launch:
-        texts += [(f"{at}.launch.arguments", value) for value in component.launch.arguments.values()]
-    for container, where in list_containers(component, at):
-        texts += [
-            (f"{where}.{field}", str(text)) for field in ("command", "args") for text in container.get(field) or ()
-        ]
-        texts += [(f"{where}.env", str(variable.get("value") or "")) for variable in container.get("env") or ()]
-    for field, text in texts:
-        if reference := _DEVICE_REFERENCE.search(text):
-            yield invalid(
-                field,
-                f"{reference[1]} would reach {component.name} as this very text, because no node hands devices over yet; write the path "
-                "that your device plugin gives, such as /dev/ttyUSB0, and ask for its resource in resources.limits",
-            )
 
 
 def program_problems(component: Component, at: str, *, ros_version: int) -> Iterator[Problem]:
@@ -166,15 +154,15 @@ def robot_reference_problems(component: Component, at: str) -> Iterator[Problem]
 
 
 def expanded_text_problems(texts: Iterable[ExpandedText]) -> Iterator[Problem]:
-    """References in names, keys, labels and paths: the operator expands two of them, and nothing expands the rest."""
+    """References in names, keys, labels and paths: the operator expands three of them, and nothing expands the rest."""
     for text in texts:
         if text.kind == "path":
             continue  # taken as it stands, which a note says
         if unknown := unknown_reference(text.text):
             yield invalid(
                 text.path,
-                f"{unknown} in {text.text} is taken as it stands: in a {text.kind} only $(ROBOTAPP_ROBOT) and $(ROBOTAPP_INSTANCE) are "
-                "replaced; write one of these, or the text itself",
+                f"{unknown} in {text.text} is taken as it stands: in a {text.kind} only $(ROBOTAPP_ROBOT), $(ROBOTAPP_INSTANCE) and "
+                "$(ROBOTAPP_ORDINAL) are replaced; write one of these, or the text itself",
             )
-        elif has_reference(text.text) and (wrong := expanded_problem(text, "r")):
+        elif has_reference(text.text) and (wrong := expanded_problem(text, reference_values("r", ordinal=0))):
             yield invalid(text.path, f"{text.text}: {wrong}")

@@ -14,14 +14,13 @@ from robotapp_api.checks.containers import (
     pod_problems,
     shared_memory_notes,
 )
-from robotapp_api.checks.device_names import device_name_notes
+from robotapp_api.checks.device_names import device_name_notes, device_problems
 from robotapp_api.checks.host_access.network import host_pod_notes, host_pod_problems
 from robotapp_api.checks.parameters import parameter_problems
 from robotapp_api.checks.problem import Note, Problem, invalid
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robots import LABEL_KEY
 from robotapp_api.model.distros import NO_ROS
-from robotapp_api.model.names import GPU
 from robotapp_api.values.label_key import key_problem, value_problem
 from robotapp_api.values.quantities.quantity import parse_milli
 
@@ -42,7 +41,7 @@ def component_problems(component: Component, at: str, *, ros_version: int) -> It
     yield from parameter_problems(component, at, ros_version=ros_version)
     yield from command_line_problems(component, at)
     yield from gated_field_problems(component, at)
-    yield from _device_problems(component, at)
+    yield from device_problems(component, at)
     yield from _ready_problems(component, at, ros_version=ros_version)
     yield from pod_problems(component, at)
     yield from host_pod_problems(component, at)
@@ -144,15 +143,6 @@ def _service_problems(component: Component, at: str) -> Iterator[Problem]:
                 f"{at}.service.spec.ports[{index}].targetPort",
                 f"no container of {component.name} has a {port.protocol} port named {port.target_port}; name one under ports, or write "
                 "its number",
-            )
-
-
-def _device_problems(component: Component, at: str) -> Iterator[Problem]:
-    for index, device in enumerate(component.devices):
-        if device.count > 1 and device.type == GPU:
-            yield invalid(
-                f"{at}.devices[{index}].count",
-                f"GPUs are counted by their device plugin; write resources.limits with its resource, such as nvidia.com/gpu: {device.count}, and leave count out",
             )
 
 

@@ -1,55 +1,120 @@
-"""Finds names of devices that no node agent would ever publish."""
+"""Finds devices that no node agent would ever publish, and references to paths that are not fixed before a container starts."""
 
 import re
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from robotapp_api.checks.problem import Note
+from robotapp_api.checks.containers import list_containers
+from robotapp_api.checks.problem import Note, Problem, invalid
+from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.device import Device, Requirement
 from robotapp_api.model.names import GPU
+from robotapp_api.values.devices.variables import DEVICE_PREFIX, device_variable
+from robotapp_api.values.devices.words import PLUGGING_ORDER
 from robotapp_api.values.naming import label_value
 
-_NOT_PUBLISHED: Final = re.compile(r"[^A-Za-z0-9._-]")
-_PLUGGING_ORDER: Final = re.compile(r"(?:/?dev[-/])?((?:ttyUSB|ttyACM|video|hidraw|js)[0-9]+)")
-_USUAL_TYPES: Final = {
-    **dict.fromkeys(("camera", "cam", "webcam", "usb-cam", "usb_cam", "realsense"), "video"),
-    **dict.fromkeys(("tty", "ttyusb", "uart", "rs232", "rs485", "serial-port"), "serial"),
-    **dict.fromkeys(("joystick", "joy", "gamepad"), "input"),
-    **dict.fromkeys(("microphone", "mic", "audio", "speaker"), "sound"),
-    **dict.fromkeys(("canbus", "can-bus", "socketcan"), "can"),
-}
-"""Words that people write → the type that agents publish."""
 _BUILT_ABOVE_A_BUS: Final = frozenset({"lidar", "laser", "imu", "gps", "gnss", "motor"})
 """What a thing is for; agents publish what it is connected by, unless a rule of theirs names it."""
+_INTERFACES: Final = frozenset({"can", "canbus", "can-bus", "socketcan"})
+"""Types of network interfaces, which have no path."""
+_REFERENCE: Final = re.compile(rf"(?<!\$)(?:\$\$)*\$\(({DEVICE_PREFIX}[A-Za-z0-9_]*)\)")
+"""A reference that the kubelet would replace; `$$(NAME)` is the text `$(NAME)`."""
+
+
+def device_problems(component: Component, at: str) -> Iterator[Problem]:
+    """Yields devices that cannot be claimed or mounted as written. `at`: where the component stands."""
+    for index, device in enumerate(component.devices):
+        where = f"{at}.devices[{index}]"
+        if device.count > 1 and device.type == GPU:
+            yield invalid(
+                f"{where}.count",
+                f"GPUs are counted by their device plugin; write resources.limits with its resource, such as nvidia.com/gpu: {device.count}, and leave count out",
+            )
+        if device.type == "usb" and not (device.model or device.interface or device.usb_id):
+            yield invalid(
+                f"{where}.type",
+                "usb alone is any USB device of the node; write its usbID or model (kubectl robotapp devices -o wide lists them), or the "
+                "type that it has, such as video or serial",
+            )
+        if device.mount_as and device.type in _INTERFACES:
+            yield invalid(
+                f"{where}.mountAs",
+                "a CAN bus is a network interface and has no path; leave mountAs out, and open it by its name",
+            )
+        if device.mount_as and device.type == GPU:
+            yield invalid(f"{where}.mountAs", "its device plugin decides where a GPU is mounted; leave mountAs out")
+    yield from _reference_problems(component, at)
+
+
+def _reference_problems(component: Component, at: str) -> Iterator[Problem]:
+    """Yields references to paths of devices that nothing would replace: the container would get the reference as its text."""
+    devices = {device_variable(device.name): index for index, device in enumerate(component.devices)}
+    for field, text in _list_texts(component, at):
+        for variable in dict.fromkeys(_REFERENCE.findall(text)):
+            index = devices.get(variable)
+            device = None if index is None else component.devices[index]
+            if device is None:
+                names = ", ".join(device.name for device in component.devices) or "none"
+                yield invalid(
+                    field,
+                    f"$({variable}) is the path of no device of {component.name}, whose devices are {names}; write the variable of one of "
+                    "them, with its mountAs",
+                )
+            elif not device.mount_as:
+                yield invalid(
+                    field, f"$({variable}) is not replaced: {_cure(device, variable, f'{at}.devices[{index}]')}"
+                )
+
+
+def _cure(device: Device, variable: str, where: str) -> str:
+    if device.type in _INTERFACES:
+        return (
+            f"{device.name} is a network interface without a path; write its name, such as {device.interface or 'can0'}"
+        )
+    if device.count > 1:
+        return (
+            f"the paths of the {device.count} devices are fixed when the container starts; let the program or its shell read the variable, or "
+            f"write a device of its own with mountAs for each"
+        )
+    return (
+        f"the path is fixed when the container starts, unless it is written; write {where}.mountAs: /dev/{device.name}, or let the program or "
+        f"its shell read the variable, such as args: [sh, -c, 'exec PROGRAM \"${variable}\"']"
+    )
+
+
+def _list_texts(component: Component, at: str) -> Iterator[tuple[str, str]]:
+    """Yields the texts in which the kubelet replaces references, with their fields."""
+    if component.run:
+        yield from ((f"{at}.run.args", word) for word in component.run.args)
+    if component.launch:
+        yield from ((f"{at}.launch.arguments", value) for value in component.launch.arguments.values())
+    for container, where in list_containers(component, at):
+        for field in ("command", "args"):
+            yield from ((f"{where}.{field}", str(text)) for text in container.get(field) or ())
+        yield from ((f"{where}.env", str(variable.get("value") or "")) for variable in container.get("env") or ())
 
 
 def device_name_notes(items: Iterable[Device | Requirement], at: str) -> Iterator[Note]:
-    """Says which types, models and interfaces no agent publishes by itself. `at`: where the list stands."""
+    """Yields types, models and interfaces that no agent publishes by itself. `at`: where the list stands."""
     for index, item in enumerate(items):
         yield from _type_notes(item, f"{at}[{index}]")
         for name, value in (("model", item.model), ("interface", item.interface)):
-            if port := _PLUGGING_ORDER.fullmatch(value):
+            if port := PLUGGING_ORDER.fullmatch(value):
                 yield Note(
                     f"{at}[{index}].{name}",
                     f"{port[1]} is a number in the order of plugging in, which agents do not publish for USB devices; write usbID: "
                     "VID:PID or VID:PID:SERIAL (kubectl robotapp devices -o wide lists them), or leave it out",
                 )
-            elif _NOT_PUBLISHED.search(value):
-                cure = f"write {label_value(value)}" if label_value(value) else "leave it out"
+            elif value and not label_value(value):
                 yield Note(
                     f"{at}[{index}].{name}",
-                    f'no device that a node agent finds has "{value}", because it writes them as label values; {cure}',
+                    f'no device that a node agent finds has "{value}", because it writes them as label values; leave it out',
                 )
 
 
 def _type_notes(item: Device | Requirement, at: str) -> Iterator[Note]:
     kind = item.type.lower()
-    if kind in _USUAL_TYPES:
-        yield Note(
-            f"{at}.type",
-            f"agents publish no {item.type} unless a rule of theirs names it so; write {_USUAL_TYPES[kind]}",
-        )
-    elif kind in _BUILT_ABOVE_A_BUS:
+    if kind in _BUILT_ABOVE_A_BUS:
         yield Note(
             f"{at}.type",
             f"agents publish what a device is connected by, and no {item.type} unless a rule of theirs names it so; write serial, "
@@ -60,9 +125,4 @@ def _type_notes(item: Device | Requirement, at: str) -> Iterator[Note]:
             f"{at}.type",
             "no claim is made for a gpu, because its device plugin hands it out; write its resource, such as resources: {limits: "
             "{nvidia.com/gpu: 1}}, and requires: [{type: gpu}] where the node must merely have one",
-        )
-    elif kind == "usb" and isinstance(item, Device) and not (item.model or item.interface or item.usb_id):
-        yield Note(
-            f"{at}.type",
-            "usb alone is any USB device of the node; write its usbID or model, or the type that it has, such as video or serial",
         )

@@ -34,13 +34,14 @@ class SpecSize(NamedTuple):
 def measure_spec(spec: Mapping[str, Any]) -> SpecSize:
     """Measures a spec as it is stored; whatever is no list or object counts as its text alone."""
     components = [item for item in _items(spec.get("components")) if isinstance(item, Mapping)]
+    recordings = _items(spec.get("recordings"))  # each becomes a component
     overrides = [item for item in _items(spec.get("overrides")) if isinstance(item, Mapping)]
     changed = [part for item in overrides for part in _items(item.get("components")) if isinstance(part, Mapping)]
     parts = len(_items(spec.get("edges"))) + len(overrides) + len(changed)
     parts += sum(len(_items(item.get(name))) for item in (*components, *changed) for name in _PARTS)
     text = json.dumps(spec, separators=(",", ":"), ensure_ascii=False)
     size = len(text.encode("utf-8", "surrogatepass"))
-    return SpecSize(size, len(components), parts, sum(map(_count_words, components)))
+    return SpecSize(size, len(components) + len(recordings), parts, sum(map(_count_words, components)))
 
 
 def size_problem(spec: Mapping[str, Any]) -> Problem | None:

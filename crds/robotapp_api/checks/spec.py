@@ -1,4 +1,4 @@
-"""Checks of a whole spec that the API server cannot make: what is wrong, most basic first, and what has no effect yet."""
+"""Checks of a whole spec that the API server cannot make: what is wrong, most basic first, and what has no effect yet; also of a DomainPool."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -11,18 +11,21 @@ from robotapp_api.checks.host_access.network import host_name_problems, host_net
 from robotapp_api.checks.middleware import FAST_DDS, KNOWN, external_problem, mode_problem
 from robotapp_api.checks.parameters import MOST_APP_INLINE_BYTES, inline_bytes
 from robotapp_api.checks.problem import Note, Problem, invalid
+from robotapp_api.checks.recordings.problems import recording_notes, recording_problems
+from robotapp_api.checks.replicas import replica_problems
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_components, ros_version_of, uses_ros
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.override import ComponentOverride
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.distros import DISTROS, NO_DISTRO, NO_ROS, nearest
-from robotapp_api.model.names import ROBOT_END, Reason
+from robotapp_api.model.names import INSTANCE_VARIABLE, ROBOT_END, ROBOT_VARIABLE, Reason
+from robotapp_api.model.pool import DEFAULT_PARTICIPANTS
 from robotapp_api.values.component_references import list_expanded_texts, list_helper_texts
 from robotapp_api.values.label_key import value_problem
 from robotapp_api.values.overrides import merge_component
 from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
 from robotapp_api.values.placement.tiers import ROBOT
-from robotapp_api.values.robot_references import has_reference, unknown_reference
+from robotapp_api.values.references import unknown_reference
 
 
 def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
@@ -37,11 +40,13 @@ def spec_problems(spec: RobotAppSpec) -> Iterator[Problem]:
     yield from expanded_text_problems(list_helper_texts(spec))
     yield from _references_without_robot(spec)
     yield from _override_problems(spec)
+    yield from replica_problems(spec)
     yield from _unknown_names(spec)
     yield from _dependency_problems(spec)
     yield from _contradictions(spec)
     yield from _values_of_no_label(spec)
     yield from edge_problems(spec.edges)
+    yield from recording_problems(spec)
 
 
 def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[Note]:
@@ -77,6 +82,7 @@ def spec_notes(spec: RobotAppSpec, *, our_scheduler: bool = True) -> Iterator[No
     yield from variable_notes(spec)
     yield from host_network_notes(spec)
     yield from different_user_notes(spec)
+    yield from recording_notes(spec)
 
 
 def _ros_problems(spec: RobotAppSpec) -> Iterator[Problem]:
@@ -168,6 +174,13 @@ def _inline_files(spec: RobotAppSpec) -> Iterator[Problem]:
         )
 
 
+def pool_notes(*, max_participants_per_host: int) -> Iterator[Note]:
+    """Fields of a DomainPool that are stored and have no effect yet, unless they have their default."""
+    if max_participants_per_host != DEFAULT_PARTICIPANTS:
+        text = f"{max_participants_per_host} has no effect yet; no pod is refused because of it"
+        yield Note("spec.maxParticipantsPerHost", text)
+
+
 def _references_without_robot(spec: RobotAppSpec) -> Iterator[Problem]:
     """Names of robots in texts that the operator expands, in an app that has none."""
     if spec.robots is not None:
@@ -177,7 +190,8 @@ def _references_without_robot(spec: RobotAppSpec) -> Iterator[Problem]:
         texts += list_expanded_texts(component, f"spec.components[{index}]")
         yield from robot_reference_problems(component, f"spec.components[{index}]")
     for text in texts:
-        if has_reference(text.text) and not unknown_reference(text.text):
+        names_robot = f"$({ROBOT_VARIABLE})" in text.text or f"$({INSTANCE_VARIABLE})" in text.text
+        if names_robot and not unknown_reference(text.text):
             yield invalid(
                 text.path,
                 f"{text.kind} {text.text} names the robot, but the app has none; write spec.robots, or the {text.kind} as it is",

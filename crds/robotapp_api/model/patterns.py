@@ -3,6 +3,7 @@
 They stand apart from the types, so that programs which only read such strings do not load pydantic (9 MB).
 """
 
+import re
 from typing import Final
 
 LABEL_PATTERN: Final = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$"
@@ -15,7 +16,7 @@ QUANTITY_PATTERN: Final = (
 IMAGE_PATTERN: Final = r"^\S*$"
 """No image name has blanks; without this rule the kubelet would say so after the pod was placed."""
 
-ROBOT_REFERENCE: Final = r"\$\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\)"
+ROBOT_REFERENCE: Final = r"\$\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE|ROBOTAPP_ORDINAL)\)"
 """The names of robot and instance, which the operator writes in the reference's place."""
 _NAME_END: Final = f"([a-z0-9]|{ROBOT_REFERENCE})"
 _NAME_PART: Final = f"{_NAME_END}(([-a-z0-9]|{ROBOT_REFERENCE})*{_NAME_END})?"
@@ -24,3 +25,33 @@ NAME_OF_ROBOT: Final = rf"^{_NAME_PART}(\.{_NAME_PART})*$"
 _VALUE_END: Final = f"([A-Za-z0-9]|{ROBOT_REFERENCE})"
 LABEL_VALUE_OF_ROBOT: Final = f"^(({_VALUE_END}([-A-Za-z0-9_.]|{ROBOT_REFERENCE})*)?{_VALUE_END})?$"
 """Value of a label that may differ from robot to robot."""
+
+DEVICE_PATH_PATTERN: Final = r"^/dev(/[A-Za-z0-9][A-Za-z0-9._:@+-]*)+$"
+"""Where a device appears in containers: below /dev, without `.` and `..`."""
+PATHS_OF_CONTAINERS: Final = tuple(
+    f"/dev/{name}"
+    for name in (
+        "null",
+        "zero",
+        "full",
+        "random",
+        "urandom",
+        "tty",
+        "ptmx",
+        "console",
+        "stdin",
+        "stdout",
+        "stderr",
+        "core",
+        "termination-log",
+    )
+)
+"""Devices and links that the container runtime makes in every container."""
+FOLDERS_OF_CONTAINERS: Final = r"^/dev/(fd|pts|shm|mqueue)(/|$)"
+
+
+def is_device_path(text: str) -> bool:
+    """Returns whether a device may appear at the path."""
+    if len(text) > 96 or text in PATHS_OF_CONTAINERS or re.search(FOLDERS_OF_CONTAINERS, text):
+        return False
+    return re.fullmatch(DEVICE_PATH_PATTERN, text) is not None

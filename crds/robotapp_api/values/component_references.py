@@ -1,4 +1,4 @@
-"""References of the pods of an app: objects of its namespace, and texts in which the operator expands the robot's name."""
+"""References of the pods of an app: objects of its namespace, and texts in which the operator expands the robot's name and ordinals."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.patterns import LABEL_VALUE_PATTERN, SUBDOMAIN_PATTERN
-from robotapp_api.values.robot_references import ObjectReference, expand, list_references
+from robotapp_api.values.references import ObjectReference, Values, expand, list_references
 
 _KEY: Final = re.compile(r"[-._a-zA-Z0-9]{1,253}")
 _NAME: Final = re.compile(SUBDOMAIN_PATTERN)
@@ -43,7 +43,7 @@ def list_further_containers(component: Component, at: str) -> Iterator[tuple[Map
 
 
 def list_expanded_texts(component: Component, at: str) -> Iterator[ExpandedText]:
-    """Yields every text of the component in which the names of robot and instance are expanded."""
+    """Yields every text of the component in which names of robot and instance, and ordinals, are expanded."""
     for reference in list_object_references(component, at):
         yield ExpandedText(reference.path, "name", reference.name)
         for key in reference.keys:
@@ -86,9 +86,9 @@ def list_helper_texts(spec: RobotAppSpec) -> Iterator[ExpandedText]:
             yield ExpandedText(place, "name", str(secret.get("name", "")))
 
 
-def expanded_problem(text: ExpandedText, robot: str) -> str:
-    """Returns why the text is not what it must be for this robot, "" if it is."""
-    full_text = expand(text.text, robot)
+def expanded_problem(text: ExpandedText, values: Values) -> str:
+    """Returns why the text is not what it must be with these values in it, "" if it is."""
+    full_text = expand(text.text, values)
     if text.kind == "name" and not (len(full_text) <= _LONGEST_NAME and _NAME.fullmatch(full_text)):
         return f'"{full_text}" is no name of an object: names have at most {_LONGEST_NAME} lower-case letters, digits, "-" and "."'
     if text.kind == "key" and not _KEY.fullmatch(full_text):

@@ -133,7 +133,7 @@ async def _measure_screens(visitor: Visitor, process: Process) -> Figures:
 
 
 async def _measure_updates(rig: Rig, visitor: Visitor) -> Figures:
-    """From when a write is sent to the API server until the page has what came of it."""
+    """Measures the time from when a write is sent to the API server until the page has what came of it."""
     say("updates")
     robot = rig.fleet.robots[3]
     times = []
@@ -205,7 +205,7 @@ async def _make_noise(visitor: Visitor, ending: asyncio.Event) -> list[int]:
 
 
 async def _measure_load(rig: Rig, pages: int) -> Figures:
-    """What the API server has from a console with so many open pages of one user, from the sign-in on."""
+    """Measures the requests that the API server has from a console with so many open pages of one user, from the sign-in on."""
     say(f"{pages} open pages")
     server = rig.cp.process(Program.API)
     began = datetime.now(UTC)

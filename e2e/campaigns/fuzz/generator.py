@@ -28,7 +28,12 @@ _BY_PATTERN: Final[dict[str, tuple[str, ...]]] = {
     "^[A-Za-z][A-Za-z0-9./-]*$": ("Ready", "X/y"),
     "^[A-Za-z]([A-Za-z0-9_,:]*[A-Za-z0-9_])?$": ("Odd", "A,b:c_"),
     "^([0-9]{1,3}(-[0-9]{1,3})?(,[0-9]{1,3}(-[0-9]{1,3})?){0,31})?$": ("", "1-5", "7", "0-232", "1,3,5-9"),
-    "^([-._a-zA-Z0-9]|\\$\\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\\))+$": ("k", "$(ROBOTAPP_ROBOT).yaml", "..", "-"),
+    "^([-._a-zA-Z0-9]|\\$\\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE|ROBOTAPP_ORDINAL)\\))+$": (
+        "k",
+        "$(ROBOTAPP_ROBOT).yaml",
+        "..",
+        "-",
+    ),
     "^(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$": ("/cmd_vel", "odom", "~/x", "/a/b/c"),
     "^(@robot|[a-z0-9]([-a-z0-9]*[a-z0-9])?)$": ("@robot", *NAMES),
     "^[a-z]+$": ("humble", "jazzy", "noetic", "rolling", "zzz"),

@@ -1,4 +1,4 @@
-"""What an attack of `scripts/bench hostile` is: a function of a running site that returns figures and what missed its limit."""
+"""An attack of `scripts/bench hostile`: a function of a running site that returns figures and what missed its limit."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

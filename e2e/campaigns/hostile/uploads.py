@@ -12,8 +12,8 @@ from robotapp_testbed.control_plane.servers import unverified
 
 BODY_BYTES: Final = 1 << 20
 """As much as a question may have; the last byte is never sent."""
-CONNECTION_BYTES: Final = 600_000
-"""What a TLS connection with a body on its way holds in buffers of the server, beside the budget of bodies."""
+CONNECTION_BYTES: Final = 250_000
+"""What a TLS connection with a body on its way holds in buffers of the server at most, beside the budget of bodies."""
 PATIENCE_S: Final = 5.0
 SOURCE: Final = "127.0.0.3"
 """Another address than that of honest users, who would share its rate of new connections."""

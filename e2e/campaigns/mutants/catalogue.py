@@ -244,7 +244,7 @@ FAULTS: Final = (
         name="rule-dropped",
         harm="The API server accepts two replicas that share an exclusive device, of which one never starts.",
         file="crds/robotapp_api/model/app/component.py",
-        old="rule=\"self.replicas <= 1 || !has(self.devices) || self.devices.all(d, d.sharing != 'Exclusive')\",",
+        old="rule=\"self.replicas <= 1 || (has(self.replicaIdentity) && self.replicaIdentity == 'Ordinal') || !has(self.devices) || self.devices.all(d, d.sharing != 'Exclusive')\",",
         new='rule="true",',
         tests=("tests/unit/api", "tests/unit/cli", "tests/live/crds"),
     ),

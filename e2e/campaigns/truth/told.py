@@ -117,7 +117,7 @@ def _counts_of_nodes(screen: Screen, history: History, text: str, at: datetime) 
         yield f"the reasons are about {counts} nodes, not about {total}"
 
 
-@of_form(rf"(\d+) of (\d+) edges are over budget, worst {_EDGE}; (.*)")
+@of_form(rf"(\d+) of (\d+) edges? (?:is|are) over budget, worst {_EDGE}; (.*)")
 def _over(screen: Screen, history: History, match: re.Match[str], at: datetime) -> Iterator[str]:
     over, count, topic, one, other, time, budget, advice = match.groups()
     edges = [edge for edge in screen.app["spec"].get("edges", ()) if edge.get("latency")]
@@ -159,7 +159,7 @@ def _stays(screen: Screen, history: History, text: str, at: datetime) -> Iterato
         yield f"placement.reschedule is {limits}"
 
 
-@of_form(rf"(\d+) of (\d+) edges within budget, tightest {_EDGE}")
+@of_form(rf"(\d+) of (\d+) edges? (?:is|are) within budget, tightest {_EDGE}")
 def _within(screen: Screen, history: History, match: re.Match[str], at: datetime) -> Iterator[str]:
     _, _, topic, one, other, time, budget = match.groups()
     if parse_us(budget) not in _budgets(screen, topic):

@@ -14,8 +14,9 @@ from typing import Final
 from robotapp_testbed.binaries import cache
 from robotapp_testbed.failures import TestbedError
 from robotapp_testbed.images import oci
-from robotapp_testbed.images.pythonic import Component, Ros1, Ros2, Ros2Jazzy
+from robotapp_testbed.images.pythonic import Component, Ros1, Ros2, Ros2Jazzy, Zenoh
 from robotapp_testbed.images.recipes import Pause, Recipe, Tools
+from robotapp_testbed.images.reference import ReferenceRos1, ReferenceRos2
 from robotapp_testbed.progress import Progress
 
 RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {
@@ -23,11 +24,18 @@ RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {
     "tools": Tools,
     "operator": partial(Component, "operator"),
     "scheduler": partial(Component, "scheduler"),
-    "agent": partial(Component, "agent"),
+    "agent": partial(Component, "agent", extra="driver"),
     "console": partial(Component, "console"),
     "ros2": Ros2,
     "jazzy": Ros2Jazzy,
+    "zenoh": Zenoh,
     "ros1": Ros1,
+    "detection-ros2": partial(ReferenceRos2, "detection-ros2", "detection", "reference_detection.detector"),
+    "fleet-ros1": partial(ReferenceRos1, "fleet-ros1"),
+    "fleet-ros2": partial(ReferenceRos2, "fleet-ros2"),
+    "navigation-ros2": partial(ReferenceRos2, "navigation-ros2", "navigation"),
+    "teleop-ros1": partial(ReferenceRos1, "teleop-ros1"),
+    "teleop-ros2": partial(ReferenceRos2, "teleop-ros2"),
 }
 _FORMAT = 1
 """Raised when the same inputs shall give other bytes."""

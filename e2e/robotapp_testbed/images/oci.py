@@ -1,4 +1,4 @@
-"""Write an OCI image archive from folders: the same content gives the same bytes, whoever builds it and when.
+"""Writes an OCI image archive from folders, and unpacks one: the same content gives the same bytes, whoever builds it and when.
 
 Format: OCI image layout 1.0 in a tar, uncompressed layers, the name as containerd's import reads it.
 """
@@ -12,6 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
+
+from robotapp_testbed.failures import TestbedError
 
 _CHUNK_BYTES = 1 << 20
 _TYPES = "application/vnd.oci.image"
@@ -47,6 +49,29 @@ def write(target: Path, name: str, folders: Sequence[Path], config: Config) -> N
         finally:
             for layer in layers:
                 layer.file.close()
+
+
+def unpack(archive: Path, target: Path) -> None:
+    """Makes the root file system of an archive written here in the folder `target`, lowest layer first."""
+    with tarfile.open(archive) as image:
+        (named,) = _document(image, "index.json")["manifests"]
+        for layer in _document(image, _blob_path(named["digest"]))["layers"]:
+            with tarfile.open(fileobj=image.extractfile(_blob_path(layer["digest"]))) as files:
+                # Python 3.11.2 (Debian 12) has no filters yet, newer ones would refuse devices and setuid alone.
+                files.extraction_filter = getattr(tarfile, "tar_filter", None)
+                files.extractall(target)  # noqa: S202 - written by this module
+
+
+def _document(image: tarfile.TarFile, path: str) -> dict[str, Any]:
+    file = image.extractfile(path)
+    if file is None:
+        raise TestbedError(f"{path} of the image is no file: remove {image.name!r} and try again")
+    document: dict[str, Any] = json.load(file)
+    return document
+
+
+def _blob_path(digest: str) -> str:
+    return f"blobs/{digest.replace(':', '/')}"
 
 
 def _layer(folder: Path, scratch: Path) -> _Blob:

@@ -4,6 +4,7 @@ import hashlib
 import os
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -32,6 +33,15 @@ export PYTHONPATH={packages}:$PYTHONPATH
 export ROS_VERSION=2 ROS_DISTRO=jazzy _ROS_WHEELS_BOOTSTRAP_COMPLETE=1
 """
 _ROS_NODES: Final = pins.REPOSITORY / "e2e" / "ros_nodes"
+_RECORDER: Final = pins.REPOSITORY / "recorder" / "robotapp_recorder"
+_RECORDER_WHEELS: Final = ("--no-dev", "--extra", "recorder")
+_NO_BYTECODE: Final = shutil.ignore_patterns("__pycache__")
+_ZENOH_FILES: Final = {
+    "rclpy/__init__.py": "from ros_nodes.zenoh.stand_in import create_node, init, spin_once\n",
+    "rclpy/qos.py": "from ros_nodes.zenoh.stand_in import DurabilityPolicy, QoSProfile, ReliabilityPolicy\n",
+    "std_msgs/msg.py": "from ros2_pyterfaces.cydr.std_msgs.msg import *\n",
+    "ros2": "#!/bin/sh\n# ros2 run rmw_zenoh_cpp rmw_zenohd\nexec python3 -m ros_nodes.zenoh.router\n",
+}
 
 
 class Pythonic(Recipe):
@@ -97,10 +107,10 @@ class Pythonic(Recipe):
 
 
 class Component(Pythonic):
-    """One of our deployed programs, with the dependencies of its extra, as its Dockerfile has it."""
+    """One of our deployed programs, with the dependencies of its extra, as its Dockerfile has it. `extra`: unless it has its name."""
 
-    def __init__(self, name: str) -> None:
-        self.selection = ("--no-dev", "--extra", name)
+    def __init__(self, name: str, *, extra: str = "") -> None:
+        self.selection = ("--no-dev", "--extra", extra or name)
         self.entrypoint = ("/usr/bin/python3", "-m", f"robotapp_{name}")
 
     def code(self) -> list[Path]:
@@ -134,7 +144,33 @@ class Ros2(RosNodes):
 class Ros1(RosNodes):
     """Debian's own ROS 1: roscore, rospy and message packages."""
 
-    packages = (*_SHELL, *_ROS_1)
+    packages: Sequence[str] = (*_SHELL, *_ROS_1)
+
+
+class Zenoh(RosNodes):
+    """The wire format of rmw_zenoh, a router under the name by which the operator starts it, and a stand-in for rclpy."""
+
+    packages = (*_SHELL, "bash", "grep", "util-linux")
+    selection = ("--only-group", "zenoh")
+
+    def inputs(self) -> bytes:
+        return super().inputs() + repr(_ZENOH_FILES).encode()
+
+    def code(self) -> list[Path]:
+        return [*super().code(), *sorted((_ROS_NODES / "zenoh").glob("*.py"))]
+
+    def copy_code(self, target: Path) -> None:
+        """Also what the operator's programs look for: the command `ros2`, and the modules that its readiness probe imports."""
+        shutil.copytree(_ROS_NODES, target / _ROS_NODES.name, ignore=_NO_BYTECODE)
+        for name, text in _ZENOH_FILES.items():
+            (target / name).parent.mkdir(exist_ok=True)
+            (target / name).write_text(text)
+        (target / "ros2").chmod(0o755)
+
+    def config(self) -> Config:
+        config = super().config()
+        variables = {"PATH": f"/{_HOME}:{PATH}", "GIT_PYTHON_REFRESH": "quiet"}
+        return replace(config, env={**(config.env or {}), **variables})
 
 
 def _link_copies(folder: Path) -> None:
@@ -150,7 +186,7 @@ def _link_copies(folder: Path) -> None:
 
 
 class Ros2Jazzy(RosNodes):
-    """ROS 2 Jazzy with rclpy, Fast DDS and its discovery server, laid out and started like the official images.
+    """ROS 2 Jazzy with rclpy, Fast DDS and its discovery server, laid out and started like the official images; and the recorder.
 
     Its variables are set by the entry point, not by the image: what the kubelet starts in the container does without them.
     """
@@ -160,7 +196,15 @@ class Ros2Jazzy(RosNodes):
     entrypoint = ("/ros_entrypoint.sh",)
 
     def inputs(self) -> bytes:
-        return super().inputs() + repr((_SETUP, _JAZZY_PROGRAMS, _JAZZY_LEFT_OUT, "links")).encode()
+        recorder = wheels.requirements(*_RECORDER_WHEELS).encode()
+        return super().inputs() + recorder + repr((_SETUP, _JAZZY_PROGRAMS, _JAZZY_LEFT_OUT, "links")).encode()
+
+    def code(self) -> list[Path]:
+        return [*super().code(), *sorted(_RECORDER.glob("*.py"))]
+
+    def copy_code(self, target: Path) -> None:
+        shutil.copytree(_ROS_NODES, target / _ROS_NODES.name, ignore=shutil.ignore_patterns("__pycache__", "zenoh"))
+        shutil.copytree(_RECORDER, target / _RECORDER.name, ignore=_NO_BYTECODE)
 
     def wheel_layer(self, base: Path, layer: Path) -> Path:
         home = layer / _JAZZY
@@ -175,6 +219,9 @@ class Ros2Jazzy(RosNodes):
         (home / "setup.bash").write_text(_SETUP.format(home=f"/{_JAZZY}", libraries=libraries, packages=packages))
         (layer / "ros_entrypoint.sh").write_text(f'#!/bin/bash\nset -e\n. "/{_JAZZY}/setup.bash"\nexec "$@"\n')
         (layer / "ros_entrypoint.sh").chmod(0o755)
+        (layer / _HOME).mkdir(parents=True)
+        wheels.install(wheels.requirements(*_RECORDER_WHEELS), layer / _HOME, python=python)
+        bytecode.compile_all(base, layer, _HOME)
         return layer
 
     def config(self) -> Config:

@@ -16,6 +16,7 @@ from robotapp_testbed.machines.fake_host import (
     LIDAR,
     FakeHost,
     UsbModel,
+    picture_file,
     serial_loop,
 )
 from robotapp_testbed.machines.nodes import Device
@@ -35,7 +36,8 @@ class _Plugged:
 class Doubles:
     """The devices of one node, below `root`; plugged and unplugged by the ids they are declared with.
 
-    A serial port is a pseudo-terminal that sends back what it gets, as long as this process lives and `close` was not called.
+    A serial port is a pseudo-terminal that sends back what it gets, as long as this process lives and `close` was not called;
+    a camera's file gives zeros.
     """
 
     def __init__(self, root: Path, devices: Iterable[Device] = ()) -> None:
@@ -105,6 +107,7 @@ def _camera(host: FakeHost, device: Device, plugged: _Plugged) -> str:
     number = _file(device, f"video{2 * (plugged.port - 1)}").removeprefix("video")
     if not number.isdecimal():
         raise TestbedError(f"the path of camera {device.id} is /dev/video<number>, not {device.path}")
+    plugged.ends.enter_context(picture_file(host, f"video{number}"))
     return host.camera(f"1-{plugged.port}", _model(device, CAMERA), first=int(number))
 
 

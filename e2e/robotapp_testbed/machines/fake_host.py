@@ -18,6 +18,8 @@ from typing import Final
 CONTROLLER: Final = "pci0000:00/0000:00:14.0"
 OTHER_CONTROLLER: Final = "pci0000:00/0000:00:1d.0"
 HUB: Final = "09"
+DIALOUT: Final = 20
+"""Debian's group of serial ports."""
 _JOYSTICK_KEYS: Final = "ffff000000000000 0 0 0 0"
 _JOYSTICK_AXES: Final = "3003f"
 _CAN: Final = {"type": "280", "dev_port": "0", "address": "", "mtu": "16"}
@@ -242,10 +244,24 @@ def mounts(root: Path) -> list[tuple[Path, str]]:
 
 
 @contextmanager
+def picture_file(host: FakeHost, name: str = "video0") -> Iterator[Path]:
+    """A device file dev/<name> of a camera that only gives black pictures: /dev/zero under another name."""
+    path = host.root / "dev" / name
+    path.symlink_to("zero")
+    try:
+        yield path
+    finally:
+        path.unlink()
+
+
+@contextmanager
 def serial_loop(host: FakeHost, name: str = "ttyUSB0") -> Iterator[Path]:
     """A pseudo-terminal behind dev/<name> that sends back what is written to it, as a plug that joins RX and TX does."""
     ours, theirs = os.openpty()
     tty.setraw(theirs)
+    with suppress(PermissionError):  # only root may; owner and mode are as udev sets them for serial ports
+        os.fchown(theirs, 0, DIALOUT)
+        os.fchmod(theirs, 0o660)
     path = host.root / "dev" / name
     path.symlink_to(os.ttyname(theirs))
     thread = threading.Thread(target=_echo, args=(ours,), name=f"loop of {name}", daemon=True)

@@ -119,7 +119,7 @@ class SimulatedTelemetry:
             "kernel": {"realtime": node.realtime},
             "devices": [
                 _device_status(
-                    device, present=device.id not in agent.absent, is_usb=device in _first_of_usb(node.devices)
+                    device, present=device.id not in agent.absent, is_usb=device in first_of_usb(node.devices)
                 )
                 for device in node.devices
             ],
@@ -209,7 +209,7 @@ def create(cp: ControlPlane, name: str, *, uid: str, labels: Mapping[str, str]) 
             raise
 
 
-def _first_of_usb(devices: Iterable[Device]) -> tuple[Device, ...]:
+def first_of_usb(devices: Iterable[Device]) -> tuple[Device, ...]:
     """The first function of every USB device, which an agent names `usb` as well."""
     return tuple({device.identity: device for device in reversed(list(devices)) if device.identity}.values())
 

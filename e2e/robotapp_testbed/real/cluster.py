@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from robotapp_api.model.names import Label
 from robotapp_testbed import images
-from robotapp_testbed.binaries import pins, programs
+from robotapp_testbed.binaries import container_runtime, pins, programs
 from robotapp_testbed.binaries.assets import Assets
 from robotapp_testbed.control_plane import components
 from robotapp_testbed.control_plane.authority import Authority
@@ -32,6 +32,7 @@ from robotapp_testbed.real import iproute, prerequisites, slots
 from robotapp_testbed.real.box import Box, Plan
 from robotapp_testbed.real.config import network, services
 from robotapp_testbed.real.config.addresses import NODES, POD_BRIDGE, Addresses
+from robotapp_testbed.real.image_box import Outsider, Place
 from robotapp_testbed.real.node import Description, RealNode, Surroundings
 from robotapp_testbed.real.scripts import sweep
 from robotapp_testbed.switch import LatencySwitch
@@ -53,8 +54,9 @@ class RealNodes(ControlPlane):
     An entry is a name, or a node of robotapp_testbed.machines.nodes, whose name, labels, taints and devices are taken:
     the agent on a node with devices finds doubles of those, else what this machine has. `delays` are one-way
     milliseconds by pair of names: with them (an empty mapping will do) the latency switch carries what pods send to other
-    nodes, without them a plain bridge does. `images` are names of robotapp_testbed.images, there on every node. Needs root
-    and a few packages: UnavailableError says which. The other arguments are those of ControlPlane.
+    nodes, without them a plain bridge does. `images` are names of robotapp_testbed.images, there on every node. With `cdi`
+    the nodes run a containerd that gives containers the devices of their claims. Needs root and a few packages:
+    UnavailableError says which. The other arguments are those of ControlPlane.
     """
 
     def __init__(
@@ -63,6 +65,7 @@ class RealNodes(ControlPlane):
         delays: Mapping[tuple[str, str], float] | None = None,
         *,
         images: Sequence[str] = ("tools",),
+        cdi: bool = False,
         kube_scheduler: bool | str | Path = True,
         kwok: bool = False,
         audit: bool | str = False,
@@ -87,10 +90,12 @@ class RealNodes(ControlPlane):
         self._given_args = extra_args or {}
         self._delays = delays
         self._images = ("pause", *images)
+        self._cdi = cdi
         self._switch: LatencySwitch | None = None
         self._slot: slots.Slot | None = None
         self._nodes: dict[str, RealNode] = {}
         self._boxes: list[Box] = []
+        self._outsiders: Place | None = None
 
     @property
     def addresses(self) -> Addresses:
@@ -117,6 +122,15 @@ class RealNodes(ControlPlane):
         if self._switch is None:
             raise TestbedError("the cluster is not started")
         return self._switch
+
+    def add_outsider(self, name: str, *, image: str) -> Outsider:
+        """Starts a machine that is no node on the nodes' network, with the programs of an image; it ends with the cluster."""
+        if self._outsiders is None:
+            raise TestbedError("the cluster is not started")
+        outsider = Outsider(name, len(self._boxes), self._outsiders)  # the hub is the first box
+        self._boxes.append(outsider.box)
+        outsider.start(images.archive(image))
+        return outsider
 
     def plug_switch(self) -> None:
         """Attach all nodes that are up, with the delays the cluster was made with; for a switch that has just started."""
@@ -168,6 +182,7 @@ class RealNodes(ControlPlane):
             box.kill()
         self._nodes.clear()
         self._boxes.clear()
+        self._outsiders = None
         self._switch = None
         if slot:
             sweep.remove_cgroups(slot.addresses.cgroup)
@@ -215,6 +230,9 @@ class RealNodes(ControlPlane):
 
     def _start_servers(self, layout: components.Layout, binaries: Mapping[str, Path]) -> None:
         hub = self._start_hub(layout)
+        self._outsiders = Place(
+            self.addresses, hub, nodes=len(self._descriptions), run_dir=layout.run_dir, logs_dir=layout.logs_dir
+        )
         archives = {images.reference(name): images.archive(name) for name in self._images}
         if self._delays is not None:
             self._switch = LatencySwitch(run_dir=layout.run_dir)
@@ -271,6 +289,7 @@ class RealNodes(ControlPlane):
             key=serving / "tls.key",
             client_ca=layout.run_dir / "nodes-ca.crt",
             images=archives,
+            runtime=container_runtime.build() if self._cdi else None,
             plain_data=self._delays is None,
         )
 

@@ -45,6 +45,8 @@ class Surroundings:
     client_ca: Path
     images: Mapping[str, Path]
     """Archives by the name pods call them."""
+    runtime: Path | None
+    """Folder of a containerd of our own; without it the machine's is used."""
     plain_data: bool
     """Pods' frames go through the plain bridge of the hub; else somebody plugs the switch in."""
 
@@ -195,11 +197,12 @@ class RealNode:
 
     def ctr(self, *args: str) -> str:
         """Output of containerd's own command, in the namespace that has the pods' containers."""
-        return self.box.run(
-            prerequisites.required_program("ctr"), f"--address={containerd.SOCKET}", "--namespace=k8s.io", *args
-        )
+        return self.box.run(self._runtime_program("ctr"), f"--address={containerd.SOCKET}", "--namespace=k8s.io", *args)
 
     # --- inside -----------------------------------------------------------------------------------------------
+
+    def _runtime_program(self, name: str) -> Path:
+        return self._around.runtime / name if self._around.runtime else prerequisites.required_program(name)
 
     def _program(self, name: str) -> Inside:
         try:
@@ -282,8 +285,10 @@ class RealNode:
         (self._folder / f"{name}.yaml").write_text(yaml.safe_dump(json.loads(json.dumps(document))))
 
     def _start_containerd(self) -> None:
-        program = prerequisites.required_program("containerd")
-        self._start("containerd", [str(program), f"--config={self._folder / 'containerd.toml'}"])
+        command = [str(self._runtime_program("containerd")), f"--config={self._folder / 'containerd.toml'}"]
+        if self._around.runtime:  # it finds its shim on PATH
+            command = ["/usr/bin/env", f"PATH={self._around.runtime}:{os.environ['PATH']}", *command]
+        self._start("containerd", command)
         folder = self._folder / "run" / Path(containerd.SOCKET).parent.name
         if not wait_until(lambda: _serves(folder) or not self.containerd.running, timeout_s=_SERVES_S):
             raise TestbedError(

@@ -95,7 +95,7 @@ def test_every_folder_concerns_tests_or_is_listed_as_one_that_does_not() -> None
     uncovered = {name for name in folders if not find_test_folders(name)}
     documents = {".gitignore", "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "README.md", "SECURITY.md"}
     without_plane = {".ci/file", "scripts/file", "tests/unit/file", "tests/property/file"}
-    without_plane |= {"tests/support/connect_proxy.py", "tests/support/scripted.py"}
+    without_plane |= {"tests/support/bags.py", "tests/support/connect_proxy.py", "tests/support/scripted.py"}
     assert uncovered == {*documents, *without_plane, "tests/essential.txt"}
 
 

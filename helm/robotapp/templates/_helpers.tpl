@@ -40,6 +40,13 @@ repository without a registry, which container runtimes look for on Docker Hub, 
 {{- end -}}
 {{- end -}}
 
+{{/* Image of recordings: as written, else the recorder of this version for the app's distribution. */}}
+{{- define "robotapp.recorderImage" -}}
+{{- $registry := .Values.imageRegistry | default (.Values.global | default dict).imageRegistry -}}
+{{- $image := printf "robotapp/recorder:%s-{distro}" .Chart.AppVersion -}}
+{{- .Values.helperImages.recorder | default (ternary (printf "%s/%s" $registry $image) $image (not (empty $registry))) -}}
+{{- end -}}
+
 {{/* User name of a component's ServiceAccount as the API server sees it. */}}
 {{- define "robotapp.username" -}}
 {{- printf "system:serviceaccount:%s:%s-%s" .root.Release.Namespace (include "robotapp.name" .root) .component -}}

@@ -63,6 +63,10 @@
 - apiGroups: [apps]
   resources: [replicasets]
   verbs: [get, list, watch]
+# Devices that a driver hands over: claims are made and deleted. Who gets which device is in their status, which schedulers write.
+- apiGroups: [resource.k8s.io]
+  resources: [resourceclaims]
+  verbs: [get, list, watch, create, delete]
 # patch: takes the scheduling gate off pods of other schedulers once their domain is claimed.
 - apiGroups: [""]
   resources: [pods]
@@ -94,6 +98,10 @@
   verbs: [get, list, watch, create, patch]
 - apiGroups: [""]
   resources: [nodes]
+  verbs: [get, list, watch]
+# On which nodes the driver of devices runs.
+- apiGroups: [resource.k8s.io]
+  resources: [resourceslices]
   verbs: [get, list, watch]
 {{ include "robotapp.callerRules" . }}
 {{- end -}}

@@ -20,6 +20,7 @@ from robotapp_client import (
     Conflict,
     Forbidden,
     Invalid,
+    NamespaceTerminating,
     NotFound,
     ServerError,
     TooManyRequests,
@@ -56,7 +57,9 @@ class Written:
 
 
 async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[str, Fence], version: str) -> Written:
-    """Write the plan. Deletes come first: a renamed component must not run beside its old self. Raises StartOver on 409 and 404."""
+    """Write the plan. Deletes come first: a renamed component must not run beside its old self. Raises StartOver on 409 and 404,
+    NamespaceTerminating where nothing can be created any more.
+    """
     done = Written()
     for item in plan.deletes:
         await _delete(client, item)
@@ -64,6 +67,8 @@ async def execute(client: ApiClient, app: App, plan: Plan, *, fences: Mapping[st
     for change in plan.changes:
         try:
             result = await _write(client, app, change, done, fences=fences, version=version)
+        except NamespaceTerminating:
+            raise
         except (Forbidden, Invalid) as refusal:
             done.refusals.append(_rejection(change, refusal))
             continue
@@ -97,7 +102,7 @@ async def evict(client: ApiClient, pod: Pod, *, version: str = "", dry_run: bool
 
     By the eviction API, so that disruption budgets hold: the operator may delete no pod in another way.
     version: the pod must still have this resourceVersion, else None; "" for any. dry_run: only find out what the answer would
-    be; also "" where a webhook of the cluster cannot be tried.
+    be; also "" where a webhook of the cluster cannot be tried. Raises NamespaceTerminating.
     """
     meta = pod.metadata
     preconditions = {"uid": meta.uid} | ({"resourceVersion": version} if version else {})
@@ -116,6 +121,8 @@ async def evict(client: ApiClient, pod: Pod, *, version: str = "", dry_run: bool
             raise
         log.info("the eviction of pod %s/%s cannot be tried: %s", meta.namespace, meta.name, refusal)
         return ""
+    except NamespaceTerminating:
+        raise
     except (TooManyRequests, Forbidden) as refusal:  # a disruption budget, or rights of an older chart
         return refusal.message
     except ServerError as refusal:

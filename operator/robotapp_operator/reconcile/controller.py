@@ -5,7 +5,7 @@ import logging
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Final
 
-from robotapp_client import ApiError, ClientError, TooManyRequests
+from robotapp_client import ApiError, ClientError, NamespaceTerminating, TooManyRequests
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.queue.work import StartOver, Work, name_of, namespace_group
@@ -52,6 +52,8 @@ RESYNC_S: Final = 600.0
 BUG_DELAY_S: Final = 300.0
 OF_APPS: Final = frozenset({Work.APP, Work.ROBOTS, Work.CHILDREN, Work.INSTANCE, Work.MOVES, Work.STATUS, Work.GATES})
 """Work whose group is an app's uid."""
+OF_LIVING_NAMESPACES: Final = frozenset({Work.CHILDREN, Work.INSTANCE, Work.MOVES, Work.GATES})
+"""Work on an app that is pointless where the app's namespace is being deleted: Kubernetes deletes what is there, and creates nothing."""
 
 
 class Controller:
@@ -132,7 +134,13 @@ class Controller:
         """Call the handler of a key. Conflicts and refused requests back off; a bug is logged, counted and shown as Stalled."""
         with self._metrics.reconciling(key.work, late_s) as result:
             try:
-                rest_s = await self._work[key.work](key)
+                rest_s = 0.0 if self._is_pointless(key) else await self._work[key.work](key)
+            except (
+                NamespaceTerminating
+            ) as refusal:  # the last word about these objects: no failure, and nothing to try again
+                result("success")
+                self._note_ending(key, refusal)
+                self._queue.done(key)
             except StartOver as race:
                 result("requeue_after")
                 self._queue.retry(key)
@@ -159,6 +167,24 @@ class Controller:
                     self._queue.done(key, rest_s=rest_s)
             if key.work in OF_APPS and key.group not in self._cache.apps:  # the app was deleted meanwhile
                 self._forget(key.group)
+
+    def _is_pointless(self, key: Key) -> bool:
+        """Whether the key's app goes with its namespace, so that nothing needs to be made, moved or let go for it."""
+        return (
+            key.work in OF_LIVING_NAMESPACES
+            and key.group in self._cache.apps
+            and self._memory.of(key.group).namespace_ends
+        )
+
+    def _note_ending(self, key: Key, refusal: NamespaceTerminating) -> None:
+        """Remember that an app goes with its namespace, which cannot be undone; one line of the log for all apps there."""
+        record = self._cache.apps.get(key.group)
+        if record is not None:
+            self._memory.of(key.group).namespace_ends = True
+        namespace = record.namespace if record is not None else name_of(key.group)
+        if namespace not in self._memory.ending_namespaces:
+            self._memory.ending_namespaces.add(namespace)
+            log.info("namespace %s is being deleted, nothing is made there any more: %s", namespace, refusal)
 
     def _note_bug(self, key: Key, text: str) -> None:
         """Remember the error of a key, or forget it ("" after success), and update the status."""

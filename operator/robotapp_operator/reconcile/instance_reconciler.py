@@ -6,7 +6,7 @@ carries the Deployment's resourceVersion as it was before the claims were listed
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, Final
 
 import msgspec
@@ -14,7 +14,7 @@ import msgspec
 from robotapp_api.model.names import EventReason, Label, Reason
 from robotapp_claims.protocol.domain_allocation import capacity_of, full_pool
 from robotapp_claims.protocol.domains import ensure_domain
-from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, Fence, check_request, quota_of
+from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, Fence, check_request, over_quota
 from robotapp_claims.rules.identity import holder_of_app
 from robotapp_claims.rules.instances import Instance, robot_of
 from robotapp_claims.rules.objects import App as ClaimsApp
@@ -41,15 +41,23 @@ from robotapp_operator.plan.diff.master_restarts import (
     read_master_starts,
     ros_deployments,
 )
-from robotapp_operator.plan.render.child import Child
+from robotapp_operator.plan.render.child import DEPLOYMENT, Child
+from robotapp_operator.plan.render.devices.ledger import claiming_components
+from robotapp_operator.plan.render.devices.resource_claim import wanted_claims
 from robotapp_operator.plan.render.parameters import ParameterState
-from robotapp_operator.plan.spec.desired import App, Domain, desired_of
+from robotapp_operator.plan.spec.desired import App, Desired, Domain, desired_of
 from robotapp_operator.plan.spec.instances import allowed_robots
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Service, version_number
 from robotapp_operator.plan.spec.record import Record
 from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.apply_plan import Written, execute, stop
+from robotapp_operator.reconcile.devices.resource_claims import (
+    ClaimPlan,
+    components_with_pods,
+    plan_claims,
+    write_claims,
+)
 from robotapp_operator.reconcile.reconcile_state import ReconcileState, Unseen
 from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config.config_maps import ParamsWatch
@@ -180,7 +188,7 @@ class Children:
             return not (record.suspended and still_running(uid, observed))
         instance = find_instance(wanted_instances(app, self._cache), robot)
         if instance is None:
-            return not self._plan(app, [], observed)
+            return not self._plan(app, [], observed) and not self._claims_missing(app, robot, [], observed)
         if problems_now(app, self._cache):
             return not (record.suspended and still_running(uid, observed))
         app = app_of_instance(app, instance, self._cache)
@@ -192,17 +200,19 @@ class Children:
         domain = cached_domain(app, robot, self._cache, self._memory.outcome(uid, robot))
         if needs_domain(app) and domain is None:
             return False
-        result = self._plan(app, self._wanted(app, robot, domain, observed), observed)
+        wanted = self._wanted(app, robot, domain, observed)
+        result = self._plan(app, wanted, observed)
         memory.held[robot] = result.held
-        settled = not result and not result.foreign
+        settled = not result and not result.foreign and not self._claims_missing(app, robot, wanted, observed)
         if settled:
             memory.troubles.pop(robot, None)  # what the server refused is no longer wanted, or is there
         return settled
 
     def _waits_for_its_pool(self, uid: str, robot: str) -> bool:
-        """Whether it has nothing yet, and by the caches every id of its pool is held by others: then no request is made.
+        """Whether it has nothing yet, and by the caches its namespace holds as many ids of the pool as it may, or others hold every id: then no
+        request is made.
 
-        The deletion of a claim, or a pool with more ids, adds its key again. Quotas and other apps' specs are read with quorum.
+        The deletion of a claim, or a pool with more ids or another quota, adds its key again. Other apps' specs are read with quorum.
         """
         record = self._cache.apps.get(uid)
         app = record.app if record is not None and not record.deleting else None
@@ -213,14 +223,22 @@ class Children:
         if instance is None or self._cache.children(uid, robot) or self._cache.domains_held(uid, robot):
             return False
         request = domain_request(app, instance, scope_value=self._scope_value(app, instance))
-        if request.share_with or request.isolation != "Domain" or quota_of(pool, app.namespace) is not None:
+        if request.share_with or request.isolation != "Domain" or check_request(request, pool) is not None:
             return False
-        if check_request(request, pool) is not None:
-            return False
-        full = full_pool(request, pool, capacity_of(request, pool, self._cache.all_claims()))
-        if full is not None:
-            self._memory.of(uid).outcomes[robot] = full
-        return full is not None
+        refusal = over_quota(request, pool, held=self._count_ids(app))
+        refusal = refusal or full_pool(request, pool, capacity_of(request, pool, self._cache.all_claims()))
+        if refusal is not None:
+            self._memory.of(uid).outcomes[robot] = refusal
+        return refusal is not None
+
+    def _count_ids(self, app: App) -> int:
+        """Returns how many ids of the app's pool its namespace holds by the caches."""
+        return sum(
+            claim.spec.domain is not None
+            and claim.spec.domain.pool == app.pool
+            and claim.holder.namespace == app.namespace
+            for claim in self._cache.all_claims()
+        )
 
     def _seems_new(self, uid: str, robot: str) -> bool:
         """Whether this process sees nothing of the instance, and has never taken a domain for it."""
@@ -254,11 +272,10 @@ class Children:
         if instance is None:
             if observed and await self._is_back(app, robot):
                 return False
-            return await self._write(app, robot, self._plan(app, [], observed), fences)
+            return await self._write(app, robot, [], observed, fences)
         if not needs_domain(app):
             self._memory.of(uid).outcomes.pop(robot, None)
-            wanted = self._wanted(app, robot, None, observed)
-            return await self._write(app, robot, self._plan(app, wanted, observed), fences)
+            return await self._write(app, robot, self._wanted(app, robot, None, observed), observed, fences)
         outcome = await ensure_domain(
             self._client,
             domain_request(app, instance, scope_value=self._scope_value(app, instance)),
@@ -276,7 +293,7 @@ class Children:
         if outcome.fences != fences:
             raise StartOver("a Deployment changed while the domain was taken")
         wanted = self._wanted(app, robot, Domain(outcome.id, outcome.claim), observed)
-        return await self._write(app, robot, self._plan(app, wanted, observed), fences)
+        return await self._write(app, robot, wanted, observed, fences)
 
     async def _stop_if_suspended(self, record: Record, robot: str) -> bool:
         """Stop the pods of a suspended app whose spec has problems or cannot be read; nothing else is rendered for it."""
@@ -300,12 +317,30 @@ class Children:
             desired = desired_of(app, robot)
             stale = Domain(min(named))
             parameters = self._plan_config(app, robot, observed)
-            stopped = wanted_children(desired, domain=stale, parameters=parameters, running=False, observed=observed)
+            stopped = wanted_children(
+                desired,
+                domain=stale,
+                parameters=parameters,
+                running=False,
+                observed=observed,
+                claiming=self._claiming(desired, observed) if app.wants_devices else (),
+            )
             wanted = [child for child in stopped if child.ref in observed]
-            await self._write(app, robot, self._plan(app, wanted, observed), fences)
+            await self._write(app, robot, wanted, observed, fences)
         return outcome.reason != Reason.PENDING
 
-    async def _write(self, app: App, robot: str, what: Plan, fences: dict[str, Fence]) -> bool:
+    async def _write(
+        self,
+        app: App,
+        robot: str,
+        wanted: list[Child],
+        observed: dict[ChildRef, Observed],
+        fences: dict[str, Fence],
+    ) -> bool:
+        """Writes claims of devices, then children: a pod whose claim is not there would be tried again later only."""
+        what = self._plan(app, wanted, observed)
+        claims = self._claims_missing(app, robot, wanted, observed)
+        claim_refusals = await write_claims(self._client, app, claims) if claims else []
         memory = self._memory.of(app.uid)
         memory.held[robot] = what.held
         memory.troubles.pop(robot, None)
@@ -319,28 +354,49 @@ class Children:
             memory.unseen[robot] = Unseen(app.generation, self._clock() + AWAIT_S, written.versions)
         self._announce_restart(app, robot, [each for each in what.changes if each.child.ref in written.versions])
         self._announce_changes(app, robot, what, written)
-        if written.refusals:
-            memory.troubles[robot] = written.refusals[0]
-        return not written.refusals and not what.foreign
+        refusals = [*claim_refusals, *written.refusals]
+        if refusals:
+            memory.troubles[robot] = refusals[0]
+        return not refusals and not what.foreign
+
+    def _claims_missing(
+        self, app: App, robot: str, wanted: list[Child], observed: Mapping[ChildRef, Observed]
+    ) -> ClaimPlan | None:
+        """Returns which ResourceClaims to create and delete, None when all are in place."""
+        claims = self._cache.allocations.claims.of_instance(app.uid, robot).values()
+        needed = wanted_claims(app, wanted)
+        if not claims and not needed:
+            return None
+        what = plan_claims(
+            app,
+            needed,
+            claims,
+            deployments=[item for item in observed.values() if isinstance(item, Deployment)],
+            pods=self._cache.pods.of_instance(app.uid, robot).values(),
+        )
+        return what if what.creates or what.deletes else None
 
     def _announce_restart(self, app: App, robot: str, changes: list[Change]) -> None:
         """Write an event where nodes were restarted because of their master."""
         starts = {each.child.component: read_master_starts(each.child.spec) for each in changes if is_restart(each)}
         if not starts:
             return
-        note = describe_restart(sorted(starts), max(starts.values()), robot=robot)
-        log.info("%s/%s: %s", app.namespace, app.name, note)
-        self._announce(app, PendingEvent(EventReason.MASTER_RESTARTED, note, warning=True))
+        note = describe_restart(sorted(starts), max(starts.values()))
+        self._announce_about(app, robot, EventReason.MASTER_RESTARTED, note, warning=True)
 
     def _announce_changes(self, app: App, robot: str, plan: Plan, written: Written) -> None:
         """Events about components that start anew because their ConfigMaps or Secrets have changed."""
         for change in plan.changes:
             child = change.child
             if child.change and change.over and change.amended is None and child.ref in written.versions:
-                whose = f"robot {robot}: " if robot else ""
-                note = f"{whose}{child.component} starts anew: {child.change} changed"
-                log.info("%s/%s: %s", app.namespace, app.name, note)
-                self._announce(app, PendingEvent(EventReason.CONFIG_CHANGED, note, warning=False))
+                note = f"{child.component} starts anew: {child.change} changed"
+                self._announce_about(app, robot, EventReason.CONFIG_CHANGED, note, warning=False)
+
+    def _announce_about(self, app: App, robot: str, reason: EventReason, note: str, *, warning: bool) -> None:
+        """Writes an event about one instance of the app."""
+        text = f"robot {robot}: {note}" if robot else note
+        log.info("%s/%s: %s", app.namespace, app.name, text)
+        self._announce(app, PendingEvent(reason, text, warning=warning))
 
     async def _is_back(self, app: App, robot: str) -> bool:
         """Whether the robot is chosen by the nodes as they are now and not by the cache: nothing ends on an old view."""
@@ -391,16 +447,30 @@ class Children:
     def _wanted(
         self, app: App, robot: str, domain: Domain | None, observed: Mapping[ChildRef, Observed]
     ) -> list[Child]:
+        """Everything the instance should have. Of a suspended app only the Deployments that are there: those of a hundred apps that never ran would
+        keep the Deployment controller from the apps of others for a minute.
+        """
         parameters = self._plan_config(app, robot, observed)
-        return wanted_children(
-            desired_of(app, robot),
+        desired = desired_of(app, robot)
+        children = wanted_children(
+            desired,
             domain=domain,
             parameters=parameters,
             running=not app.spec.suspend,
             master_starts=self._master_starts(app, robot, observed),
             observed=observed,
             pods=self._cache.pods_by_deployment(app.uid, robot) if app.orders_starts else {},
+            claiming=self._claiming(desired, observed) if app.wants_devices else (),
         )
+        if not app.spec.suspend:
+            return children
+        return [child for child in children if child.ref.kind != DEPLOYMENT or child.ref in observed]
+
+    def _claiming(self, desired: Desired, observed: Mapping[ChildRef, Observed]) -> Collection[str]:
+        """Returns the components that get their devices by a ResourceClaim."""
+        pods = self._cache.pods_by_deployment(desired.app.uid, desired.robot)
+        drivers = self._cache.allocations.driver_nodes(self._cache.nodes)
+        return claiming_components(desired, observed, drivers, placed=components_with_pods(pods))
 
     def _master_starts(self, app: App, robot: str, observed: Mapping[ChildRef, Observed]) -> dict[str, str]:
         """Returns by component the starts of its ROS 1 master for which it was restarted, or has to be now."""

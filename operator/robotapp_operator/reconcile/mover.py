@@ -232,7 +232,7 @@ class Mover:
             component,
             desired,
             but=here,
-            claims=self._cache.claims.by_name,
+            claims=self._cache.claims_by_name,
             used=devices_of_pods(self._cache),
             telemetry=self._cache.telemetry,
             nodes={
@@ -295,7 +295,7 @@ class Mover:
         return on_loss_of(component) == RESTART or not self._is_there(claim)
 
     def _is_there(self, claim: str) -> bool:
-        found = self._cache.claims.by_name.get(claim)
+        found = self._cache.claims_by_name.get(claim)
         return found is not None and is_there(found, self._cache.telemetry) is True
 
     # Writes

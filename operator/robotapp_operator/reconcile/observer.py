@@ -136,7 +136,8 @@ class Observer:
             self._config(app, instance),
             (own.stays, own.device_stays),
             [self._cache.telemetry[node].status.devices for node in self._device_nodes(app, instance)],
-            self._cache.devices_version if facts and facts.devices_held < facts.devices_wanted else None,
+            self._cache.allocations.version if app.wants_devices else None,
+            self._cache.devices_version if facts and _looks_for_devices(app, facts) else None,
         )
 
     def _device_nodes(self, app: App, instance: Instance) -> list[str]:
@@ -181,6 +182,11 @@ class Observer:
         edges = item.status.get("edges")
         stored = {_key(edge): edge for edge in (edges if isinstance(edges, list) else ()) if isinstance(edge, dict)}
         return {view.key: _as_stored(view, stored[view.key]) for view in found.edges if view.key in stored}
+
+
+def _looks_for_devices(app: App, facts: InstanceFacts) -> bool:
+    """Whether a change of any device may change its facts: it lacks one, or has a component that is not placed."""
+    return facts.devices_held < facts.devices_wanted or (app.wants_devices and not facts.bound)
 
 
 def _key(edge: Mapping[str, Any]) -> EdgeKey:

@@ -120,6 +120,8 @@ class AppMemory:
     """What the app's last status was made of."""
     rendered: bool = False
     """This process has rendered a status of the app."""
+    namespace_ends: bool = False
+    """The app's namespace is being deleted. It stays so: an app of a later namespace of that name has another uid."""
 
     def instance(self, name: str) -> InstanceMemory:
         return self.instances.setdefault(name, InstanceMemory())
@@ -135,6 +137,8 @@ class ReconcileState:
     def __init__(self) -> None:
         self._apps: defaultdict[str, AppMemory] = defaultdict(AppMemory)
         self.crowd = Crowd()
+        self.ending_namespaces: set[str] = set()
+        """Namespaces of which the log has said since the last resync that they are being deleted."""
 
     def __len__(self) -> int:
         return len(self._apps)
@@ -191,6 +195,7 @@ class ReconcileState:
 
     def forget_facts(self) -> None:
         """Compute all facts anew, in case a change was missed."""
+        self.ending_namespaces.clear()
         for memory in self._apps.values():
             memory.reported = ()
             for instance in memory.instances.values():

@@ -19,8 +19,9 @@ from robotapp_operator.plan.spec.objects import Deployment, Node, Pod, ReplicaSe
 from robotapp_operator.plan.status.components import awaits_containers
 from robotapp_operator.queue.work import Work, namespace_group, pool_group
 from robotapp_operator.queue.workqueue import Key, Queue
-from robotapp_operator.watch.cache import Cache, Index, InstanceKey
+from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.enqueue import INSTANCE_DELAY_S, enqueue_instance, enqueue_joined, enqueue_status
+from robotapp_operator.watch.indexes.index import Index, InstanceKey
 from robotapp_operator.watch.nodes import identity_changed
 
 LATENCY_DELAY_S: Final = 2.0
@@ -169,6 +170,8 @@ class Informers:
             self._children(pod)  # its nodes may have to be restarted
         if change.new is None or pod.terminal:
             self._request_sweep()
+            if self._cache.allocations.claims.of_instance(label(pod, Label.APP_UID), label(pod, Label.INSTANCE)):
+                self._children(pod)  # the claim of its devices may go now
 
     def _note_waiting(self, pod: Pod, *, gone: bool) -> None:
         """A pod that does not get to its containers has its events read a little later, unless it gets there by then."""

@@ -4,11 +4,13 @@ Which instances an app has, and whether its spec is accepted, depends on all nod
 So they are computed once for each version of the spec and the nodes.
 """
 
+import dataclasses
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import timedelta
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import Annotation, Label, Reason
 from robotapp_api.values.overrides import select_overrides
 from robotapp_api.values.placement.tiers import ROBOT
@@ -27,15 +29,17 @@ from robotapp_operator.plan.diff.master_restarts import plan_restarts, ros_deplo
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
 from robotapp_operator.plan.moves.move_record import NO_MOVES, SHOWN_MOVES, parse_moves
+from robotapp_operator.plan.render.child import DEPLOYMENT
+from robotapp_operator.plan.render.devices.ledger import describe_ledger
 from robotapp_operator.plan.render.services import DISCOVERY
 from robotapp_operator.plan.spec.config_content import ClusterConfig, config_content, reads_config
 from robotapp_operator.plan.spec.dependencies import describe_wait, unmet_dependencies
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.instances import instances_of, matching_robots
 from robotapp_operator.plan.spec.links import LinkView, list_links
-from robotapp_operator.plan.spec.objects import Deployment, Pod, Telemetry
+from robotapp_operator.plan.spec.objects import ChildRef, Deployment, Node, Pod, Telemetry
 from robotapp_operator.plan.spec.robot_values import overridden, recorded_overrides
-from robotapp_operator.plan.spec.validate import Problem, domain_problems, problems_alone, problems_with
+from robotapp_operator.plan.spec.validate import Problem, domain_problems, name_problems, problems_alone, problems_with
 from robotapp_operator.plan.status.components import (
     ComponentView,
     HelperView,
@@ -43,7 +47,7 @@ from robotapp_operator.plan.status.components import (
     cut_off,
     helper_part,
 )
-from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble
+from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble, missing_device
 from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, name_of, parse_record
 from robotapp_operator.plan.status.facts import Grace, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView, edge_views
@@ -65,8 +69,12 @@ def instances_by_name(app: App, cache: Cache) -> Mapping[str, Instance]:
     version = (cache.nodes.identity_version, cache.nodes.readiness_version if choice else 0, choice)
 
     def work_out(kept: Collection[str] = ()) -> dict[str, Instance]:
-        found = instances_of(app, cache.nodes, running=running, claimed=claimed, kept=kept)
-        return {item.robot: item for item in found}
+        instances = instances_of(app, cache.nodes, running=running, claimed=claimed, kept=kept)
+        problems = name_problems(app, (item.robot for item in instances if item.node))
+        return {
+            item.robot: dataclasses.replace(item, problem=problems[item.robot]) if item.robot in problems else item
+            for item in instances
+        }
 
     found: Mapping[str, Instance] = cache.answers.get(app, "instances", version if robots else (), work_out)
     if robots is None:
@@ -228,9 +236,9 @@ def instance_facts(
     views = list(_view_components(app, instance.robot, sources))
     domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
-    having = _having(devices, cache)
     begun = [part for part in app.spec.components if part.replicas and part.name not in unmet]
     wanted = sum(claims_wanted(component.devices) for component in begun)
+    having = min(_having(devices, cache), wanted)
     placed = {view.name: view.node for view in views if view.node}
     return InstanceFacts(
         instance=instance,
@@ -240,8 +248,9 @@ def instance_facts(
         needs_domain=needs_domain(app),
         undecided=needs_domain(app) and domain is None and outcome is None and not instance.problem,
         devices_wanted=wanted,
-        devices_held=min(having, wanted),
+        devices_held=having,
         busy=_device_conflict(app, instance, cache) if having < wanted else "",
+        **(_ledger_facts(app, instance, views, owned, cache) if app.wants_devices else {}),
         claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
         trouble=trouble,
@@ -265,7 +274,7 @@ def instance_facts(
 def _links(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache) -> tuple[LinkView, ...]:
     """Returns the addresses of the components' Services. `placed`: components and their nodes."""
     has_external = app.spec.ros2 is not None and app.spec.ros2.external is not None
-    if not has_external and not any(component.service for component in app.spec.components):
+    if not has_external and not app.services:
         return ()
     services = {
         service.metadata.name: service
@@ -364,14 +373,70 @@ def _measured(app: App, instance: Instance, placed: Mapping[str, str], cache: Ca
 
 def _device_conflict(app: App, instance: Instance, cache: Cache) -> str:
     return device_trouble(
-        app, instance, claims=cache.claims.by_name, telemetry=_in_reach(app, instance, cache), nodes=cache.nodes
+        app, instance, claims=cache.claims_by_name, telemetry=_in_reach(app, instance, cache), nodes=cache.nodes
     )
+
+
+def _ledger_facts(
+    app: App, instance: Instance, views: Iterable[ComponentView], owned: Iterable[Deployment], cache: Cache
+) -> dict[str, Any]:
+    """Returns how the instance's devices reach its containers, and which of them no node has."""
+    placed = {view.name: view.node for view in views if view.node}
+    return {
+        "devices_handed_over": len(cache.devices_handed_over(app.uid, instance.robot)),
+        "any_scheduler": all(_has_claim(component, app, instance, cache) for component in app.spec.components),
+        "ledger_note": _describe_ledger(app, instance, owned, placed, cache),
+        "missing_device": _missing_device(app, instance, [view.name for view in views if not view.bound], cache),
+    }
+
+
+def _has_claim(component: Component, app: App, instance: Instance, cache: Cache) -> bool:
+    """Whether its own devices are in a ResourceClaim, or it wants none."""
+    claims = cache.allocations.claims.of_instance(app.uid, instance.robot).values()
+    name = desired_of(app, instance.robot).name_of(component.name)
+    return not claims_wanted(component.devices) or name in {claim.metadata.name for claim in claims}
+
+
+def _describe_ledger(
+    app: App, instance: Instance, owned: Iterable[Deployment], placed: Mapping[str, str], cache: Cache
+) -> str:
+    drivers = cache.allocations.driver_nodes(cache.nodes)
+    if not drivers.names and not cache.allocations.claims.of_instance(app.uid, instance.robot):
+        return ""
+    labels = {name: node.metadata.labels for name, node in _nodes_in_reach(app, instance, cache).items()}
+    observed = {ChildRef(DEPLOYMENT, item.metadata.name): item for item in owned}
+    return describe_ledger(desired_of(app, instance.robot), observed, drivers, labels, places=placed)
+
+
+def _missing_device(app: App, instance: Instance, components: Collection[str], cache: Cache) -> str:
+    if not components or not app.our_scheduler:
+        return ""
+    return missing_device(
+        app,
+        instance,
+        components,
+        telemetry=_in_reach(app, instance, cache),
+        nodes=_nodes_in_reach(app, instance, cache),
+    )
+
+
+def _nodes_in_reach(app: App, instance: Instance, cache: Cache) -> Mapping[str, Node]:
+    """Nodes where components with devices may run: of a fleet's robots only the instance's own."""
+    if not _is_on_board(app, instance):
+        return cache.nodes
+    own = cache.nodes.of_robot(instance.robot)
+    return {name: node for name in own if (node := cache.nodes.get(name)) is not None}
+
+
+def _is_on_board(app: App, instance: Instance) -> bool:
+    """Whether all components with devices stay on the instance's robot."""
+    with_devices = [component for component in app.spec.components if component.devices]
+    return bool(instance.robot) and all(component.runs_on == (ROBOT,) for component in with_devices)
 
 
 def _in_reach(app: App, instance: Instance, cache: Cache) -> Mapping[str, Telemetry]:
     """Reports of the nodes where components with devices may run: of a fleet's robots only the instance's own."""
-    with_devices = [component for component in app.spec.components if component.devices]
-    if not instance.robot or any(component.runs_on != (ROBOT,) for component in with_devices):
+    if not _is_on_board(app, instance):
         return cache.telemetry
     own = cache.nodes.of_robot(instance.robot)
     return {name: cache.telemetry[name] for name in own if name in cache.telemetry}

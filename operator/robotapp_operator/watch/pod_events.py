@@ -5,7 +5,7 @@ gets its name.
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Final
 
 import msgspec
@@ -30,6 +30,10 @@ SOON_S: Final = 2.0
 LATER_S: Final = 15.0
 NEW_S: Final = 12.0
 """A pod that has waited for so long is looked at less often."""
+GIVE_BACK_S: Final = 30.0
+"""A device that the driver has refused for so long is given back."""
+IN_USE: Final = " is in use by "
+"""Words of the driver about a device that another claim has prepared."""
 REFUSED_S: Final = 300.0
 """Pause after the API server has refused to list events, as by the rights of an older chart."""
 
@@ -62,7 +66,17 @@ _DECODER: Final = msgspec.json.Decoder(_Events)
 class PodEvents:
     """Keeps `cache.pod_failures` for the pods of `cache.waiting_pods`. `clock` is monotonic."""
 
-    def __init__(self, client: ApiClient, cache: Cache, queue: Queue, *, clock: Callable[[], float]) -> None:
+    def __init__(
+        self,
+        client: ApiClient,
+        cache: Cache,
+        queue: Queue,
+        *,
+        clock: Callable[[], float],
+        on_refused: Callable[[Pod], Awaitable[None]] | None = None,
+    ) -> None:
+        """on_refused: called again and again with a pod whose device another claim has kept for GIVE_BACK_S."""
+        self._on_refused = on_refused
         self._client = client
         self._cache = cache
         self._queue = queue
@@ -90,6 +104,8 @@ class PodEvents:
             read_s[uid] = now_s
             try:
                 await self._read(pods[uid])
+                if self._is_refused(uid, now_s) and self._on_refused is not None:
+                    await self._on_refused(pods[uid])
             except Forbidden as refusal:
                 log.warning(
                     "events of namespace %s cannot be listed, so mounts that fail have no name: %s", namespace, refusal
@@ -100,6 +116,15 @@ class PodEvents:
                 return LATER_S
         is_new = any(uid not in read_s or now_s - self._began_s[uid] < NEW_S for uid in pods)
         return SOON_S if is_new else LATER_S
+
+    def _is_refused(self, uid: str, now_s: float) -> bool:
+        """Whether the driver has refused the pod its device for so long that it shall have another one.
+
+        A driver that is away refuses nothing: its claims stay as they are.
+        """
+        failure = self._cache.pod_failures.get(uid, "")
+        in_use = failure.startswith("FailedPrepareDynamicResources") and IN_USE in failure
+        return in_use and now_s - self._began_s[uid] >= GIVE_BACK_S
 
     async def _read(self, pod: Pod) -> None:
         meta = pod.metadata

@@ -1,95 +1,52 @@
 """A launch file as a RobotApp: its nodes as components, their edges and devices. Images are left to the user."""
 
 import re
-from collections import Counter
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable
 from typing import Any, Final
 
 import yaml
 
-from ros_profile.decide.transport import network_setting
 from ros_profile.model.conclusions import Assessment, Edge, Hardware, LaunchedNode, LaunchProfile, QosClass
 from ros_profile.model.endpoints import Qos
-from ros_profile.output.commands import absolute_files, complete_arguments, is_untold, ros1_words, ros2_words
+from ros_profile.output.commands import ros1_words, ros2_words
 from ros_profile.output.hardware import CLAIMED_TYPES, EXCLUSIVE_TYPES, devices_and_requires
 from ros_profile.output.names import (
     API_VERSION,
     MAX_APP_NAME,
-    MAX_COMPONENTS,
     MAX_EDGES,
     ROS1_DISTROS,
+)
+from ros_profile.output.notes import list_notes
+from ros_profile.output.processes import (
+    OPERATOR_VARIABLES,
+    VARIABLE_NAME,
+    Component,
+    components,
+    inline_files,
+    label,
+    opened_hardware,
 )
 from ros_profile.output.values import (
     TIERS,
     bits,
     claimable,
-    distinct,
     duration,
-    library,
-    perhaps,
     policies,
     requirement,
-    unclaimed,
 )
 
-IMAGE: Final = "example.invalid/give-me-an-image:tag"
+IMAGE: Final = "CHOOSE-AN-IMAGE"
+"""The mark that `kubectl robotapp lint` names where a person has to write the image."""
 _CAMEL: Final = {"qos_class": "qosClass", "latency_budget": "latencyBudget", "deadline": "deadline"}
 _TOPIC: Final = re.compile(r"/[A-Za-z_]\w*(?:/[A-Za-z_]\w*)*", re.ASCII)
 _TYPE: Final = re.compile(r"[a-zA-Z]\w*/(?:(?:msg|srv|action)/)?[A-Z]\w*", re.ASCII)
-_TOOLS: Final = frozenset({"rviz2", "rviz", "rqt_gui", "rqt_graph", "rqt_reconfigure"})
-_ENDING: Final = frozenset({"create", "spawn_entity.py", "spawn_model", "spawner.py", "unspawner", "unspawner.py"})
-"""Programs that end when their work is done; what a RobotApp starts is started again and again."""
-_VARIABLE: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,100}", re.ASCII)
-_OWN_VARIABLES: Final = frozenset({"ROS_DOMAIN_ID", "RMW_IMPLEMENTATION", "ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME"})
-"""What the operator sets, from spec.ros2 and spec.ros1."""
-MAX_INLINE_BYTES: Final = 180_000
-"""Of the parameter files in one app, which also travel in annotations of its pods."""
-MAX_FILES: Final = 16
-
-
-@dataclass(frozen=True, slots=True)
-class Component:
-    """One process: a node, or a container with the nodes loaded into it."""
-
-    name: str
-    nodes: tuple[LaunchedNode, ...]
-
-
-def components(nodes: Iterable[LaunchedNode]) -> list[Component]:
-    """Nodes by process. Viewers stay out, they belong on a desk, and so do programs that end by themselves."""
-    groups: dict[str, list[LaunchedNode]] = {}
-    twins: Counter[str] = Counter()
-    for node in nodes:
-        if node.executable in _TOOLS | _ENDING:
-            continue
-        key = node.container or node.full_name
-        if not node.plugin:  # two nodes without a name are called alike, and are two processes
-            twins[key] += 1
-            key = key if twins[key] == 1 else f"{key}-{twins[key]}"
-        groups.setdefault(key, []).append(node)
-    names: dict[str, int] = {}
-    found = []
-    short = Counter(_label(key.rpartition("/")[2]) for key in groups)
-    for key, members in groups.items():
-        name = _label(key.rpartition("/")[2])
-        if short[name] > 1:
-            name = _label(key)
-        names[name] = names.get(name, 0) + 1
-        found.append(Component(name if names[name] == 1 else f"{name[:58]}-{names[name]}", tuple(members)))
-    return found[:MAX_COMPONENTS]
-
-
-def _label(name: str) -> str:
-    cleaned = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
-    return cleaned[:60].strip("-") or "node"
 
 
 def app(launch: LaunchProfile, *, name: str, distro: str) -> dict[str, Any]:
     """The RobotApp as plain data."""
     found = components(launch.nodes)
     ros1, texts = distro in ROS1_DISTROS, dict(launch.parameter_texts)
-    files = _inline_files(found, texts, ros1=ros1)
+    files = inline_files(found, texts, ros1=ros1)
     bodies = [_component(one, taken, texts, ros1=ros1) for one, taken in zip(found, files, strict=True)]
     spec: dict[str, Any] = {"ros": {"distro": distro}, "components": bodies}
     if drawn := _edges(launch.edges, found):
@@ -97,7 +54,7 @@ def app(launch: LaunchProfile, *, name: str, distro: str) -> dict[str, Any]:
     return {
         "apiVersion": API_VERSION,
         "kind": "RobotApp",
-        "metadata": {"name": _label(name)[:MAX_APP_NAME].strip("-")},
+        "metadata": {"name": label(name)[:MAX_APP_NAME].strip("-")},
         "spec": spec,
     }
 
@@ -130,7 +87,7 @@ def _component(component: Component, files: dict[str, int], texts: dict[str, str
         body["env"] = [{"name": key, "value": value} for key, value in variables.items()]
     if files:
         body["parameters"] = [{"inline": texts[file]} for file in files]
-    hardware = dict.fromkeys(one for node in nodes for one in _opened(node))
+    hardware = dict.fromkeys(one for node in nodes for one in opened_hardware(node))
     return {**body, **needs(_lead(component).assessment, hardware)}
 
 
@@ -140,35 +97,8 @@ def _variables(component: Component) -> dict[str, str]:
     return {
         key: value
         for key, value in pairs
-        if key not in _OWN_VARIABLES and _VARIABLE.fullmatch(key) and "$" not in value
+        if key not in OPERATOR_VARIABLES and VARIABLE_NAME.fullmatch(key) and "$" not in value
     }
-
-
-def _inline_files(found: Iterable[Component], texts: dict[str, str], *, ros1: bool) -> list[dict[str, int]]:
-    """By component the parameter files that it takes over, as far as an app may hold them (one file again and again counts)."""
-    remaining = MAX_INLINE_BYTES
-    by_component: list[dict[str, int]] = []
-    for component in found:
-        files: dict[str, int] = {}
-        for file in dict.fromkeys(file for node in component.nodes for file in node.parameter_files):
-            size = len(texts.get(file, "").encode())
-            if ros1 or not size or size > remaining or "$(" in texts[file] or len(files) >= MAX_FILES:
-                continue
-            remaining -= size
-            files[file] = len(files)
-        by_component.append(files)
-    return by_component
-
-
-def _opened(node: LaunchedNode) -> list[Hardware]:
-    """The hardware of a node, without a serial line that its parameters replace by the network."""
-    found = distinct(node.assessment.hardware)
-    return [one for one in found if one.type != "serial"] if _network(node) else found
-
-
-def _network(node: LaunchedNode) -> str:
-    """The parameter of the launch file, or of a parameter file, by which a driver goes over the network; "" without."""
-    return node.network or network_setting(node.parameters)
 
 
 def needs(assessment: Assessment, hardware: Iterable[Hardware]) -> dict[str, Any]:
@@ -271,83 +201,6 @@ def _consistent(drawn: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _comments(launch: LaunchProfile, distro: str) -> list[str]:
-    lines = [
-        f"# Inferred from {launch.package}/{launch.file}. Give every component its image; check runsOn and devices.\n"
-    ]
-    found = components(launch.nodes)
-    lines += _doubts(found)
-    taken = _inline_files(found, dict(launch.parameter_texts), ros1=distro in ROS1_DISTROS)
-    for component, files in zip(found, taken, strict=True):
-        lines += [f"# {component.name}: {text}\n" for text in _component_comments(component, files, distro)]
-    lines += [
-        f"# {node.executable} of {node.package} ends by itself and is left out: a RobotApp would start it again and again\n"
-        for node in launch.nodes
-        if node.executable in _ENDING
-    ]
-    lines += [f"# {problem.file}: {problem.message[:300]}\n" for problem in launch.problems]
-    return [line.replace("\r", " ") for line in dict.fromkeys(" ".join(line.split()) + "\n" for line in lines)]
-
-
-def _component_comments(component: Component, files: Iterable[str], distro: str) -> Iterator[str]:
-    """What of a component the reader has to decide about or to add."""
-    nodes, taken = component.nodes, frozenset(files)
-    yield from (f"perhaps {perhaps(one)}: left out" for node in nodes for one in node.assessment.doubted)
-    for node in nodes:
-        opened = _opened(node)
-        asked = claimable(opened)
-        yield from (f"{requirement(one)['type']} is opened through {library(one)}" for one in asked if library(one))
-        yield from unclaimed(opened)
-        if (network := _network(node)) and len(opened) < len(distinct(node.assessment.hardware)):
-            yield f"no serial device, because of {network}"
-        if is_untold(node):
-            words = " ".join(complete_arguments(node))[:300]
-            yield f"is started with arguments that the launch file works out; add them to args: {words}"
-        yield from _worked_out(node)
-        yield from _started_otherwise(node, ros1=distro in ROS1_DISTROS)
-        passed = taken.union(absolute_files(node))
-        yield from (f"parameters of {_file_name(file)}" for file in node.parameter_files if file not in passed)
-
-
-def _started_otherwise(node: LaunchedNode, *, ros1: bool) -> Iterator[str]:
-    """What of the way a node is started is not in its command line and variables."""
-    if node.prefix and (ros1 or node.plugin or "$" in node.prefix):
-        yield f"is started with {node.prefix[:100]} before its program, which is left out"
-    for key, value in node.environment:
-        if key in _OWN_VARIABLES:
-            yield f"variable {key}={value[:100]} is left out, because the operator sets it; write spec.ros{1 if ros1 else 2}"
-        elif "$" in value or not _VARIABLE.fullmatch(key):
-            yield f"variable {key[:100]} is worked out by the launch file; write it under env"
-
-
-def _doubts(found: Iterable[Component]) -> Iterator[str]:
-    """Components that may not belong: conditions of a launch file often choose one of several drivers."""
-    doubtful = [one for one in found if not all(node.certain for node in one.nodes)]
-    for one in doubtful:
-        yield f"# {one.name}: is started under a condition that the launch file works out; leave it out where it does not hold\n"
-    owners: dict[str, list[str]] = {}
-    for one in doubtful:
-        kinds = {hardware.type for node in one.nodes for hardware in _opened(node)}
-        for kind in sorted(kinds & EXCLUSIVE_TYPES):
-            owners.setdefault(kind, []).append(one.name)
-    for kind, names in owners.items():
-        if len(names) > 1:
-            yield f"# {', '.join(names)}: each wants a {kind} device for itself, under a condition: keep the one that your robot has\n"
-
-
-def _worked_out(node: LaunchedNode) -> Iterator[str]:
-    """What of a node's start only the launch file knows, and is therefore missing."""
-    if "$" in node.namespace:
-        yield f"its namespace is worked out by the launch file ({node.namespace[:100]}); add -r __ns:=/… to args where there is one"
-    missing = (
-        (node.parameters, "parameter", "write it into a parameter file"),
-        (node.remaps, "remap", "add it to args"),
-    )
-    for pairs, what, cure in missing:
-        for key, value in pairs:
-            if "$" in key + value or "\n" in value:
-                yield f"{what} {key[:100]} is worked out by the launch file; {cure}"
-
-
-def _file_name(file: str) -> str:
-    """A parameter file as far as the launch file tells it."""
-    return f"a file whose name the launch file works out ({file[:100]})" if re.search(r"[$|?]", file) else file
+    first = f"Inferred from {launch.package}/{launch.file}. Give every component its image; check runsOn and devices."
+    texts = [first, *(str(note) for note in list_notes(launch, distro))]
+    return list(dict.fromkeys(f"# {' '.join(text.split())}\n" for text in texts))

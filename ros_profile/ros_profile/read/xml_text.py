@@ -79,7 +79,7 @@ def parse(data: bytes, *, most: int = MAX_BYTES) -> Any | Unreadable:
         remove_pis=True,
     )
     try:
-        root = etree.fromstring(data.lstrip(), parser)
+        root = etree.fromstring(_move_leading_lines(data), parser)
     except (etree.XMLSyntaxError, ValueError, LookupError) as error:
         return Unreadable(f"is not XML: {str(error)[:200]}", getattr(error, "lineno", 0) or 0)
     if root is None:
@@ -87,6 +87,16 @@ def parse(data: bytes, *, most: int = MAX_BYTES) -> Any | Unreadable:
     if root.getroottree().docinfo.doctype:
         return Unreadable("has a DOCTYPE or entities; remove them, ROS files need none")
     return root
+
+
+def _move_leading_lines(data: bytes) -> bytes:
+    """Returns the text with the empty lines before its XML declaration behind it: none may precede it, and the lines still count."""
+    text = data.lstrip()
+    end = text.find(b"?>") + len(b"?>")
+    if not text.startswith(b"<?xml") or end < len(b"?>"):
+        return data
+    lines = data[: len(data) - len(text)].count(b"\n")
+    return text[:end] + b"\n" * lines + text[end:]
 
 
 def tag_of(element: Any) -> str:

@@ -9,6 +9,7 @@ import msgspec
 from robotapp_api.model.names import API_VERSION, OPERATOR_MANAGER, SCHEDULER_NAME, Label
 from robotapp_api.values.naming import child_name
 from robotapp_api.values.placement.component_nodes import may_be_on_robot, required_nodes, robot_tolerations, tier_terms
+from robotapp_api.values.replicas import expand_replicas, find_replicas
 from robotapp_claims.rules.instances import Instance, RobotSelection, instances_of, out_of_sight
 from robotapp_claims.rules.objects import Meta
 from robotapp_scheduler.core.api.core_v1 import Node, Pod
@@ -106,17 +107,22 @@ def _pods(source: Mapping[str, Any], app: RobotApp, robot: str, profiles: Collec
             f"RobotApp {app.metadata.name}: schedulerName {str(scheduler)[:63]!r} is none of this scheduler's: "
             + ", ".join(sorted(profiles))
         )
-    components = source["spec"]["components"]
+    components = expand_replicas(source["spec"])["components"]
+    replicas = find_replicas(source["spec"]["components"])
     if len({component["name"] for component in components}) < len(components):
         raise QuestionError(f"RobotApp {app.metadata.name}: several components have one name")
     for component in components:
         if component.get("replicas", 1) < 0:
             raise QuestionError(f"RobotApp {app.metadata.name}: {component['name']} has a negative number of replicas")
+        replica = replicas.get(component["name"])
+        replica_of = replica.component if replica else ""
         for number in range(component.get("replicas", 1)):
-            yield _pod(app, component, robot, number=number, scheduler=scheduler)
+            yield _pod(app, component, robot, number=number, replica_of=replica_of, scheduler=scheduler)
 
 
-def _pod(app: RobotApp, component: dict[str, Any], robot: str, *, number: int, scheduler: str) -> dict[str, Any]:
+def _pod(
+    app: RobotApp, component: Mapping[str, Any], robot: str, *, number: int, replica_of: str, scheduler: str
+) -> dict[str, Any]:
     meta, template = app.metadata, component.get("template") or {}
     name, spec = f"{child_name(meta.name, robot, component['name'])}-{number}", template.get("spec") or {}
     own = {
@@ -124,7 +130,8 @@ def _pod(app: RobotApp, component: dict[str, Any], robot: str, *, number: int, s
         Label.APP_UID.value: meta.uid,
         Label.INSTANCE.value: robot,
         Label.COMPONENT.value: component["name"],
-        Label.NAME.value: component["name"],
+        Label.NAME.value: replica_of or component["name"],
+        **({Label.REPLICA_OF.value: replica_of} if replica_of else {}),
         Label.PART_OF.value: meta.name,
         Label.MANAGED_BY.value: OPERATOR_MANAGER,
     }

@@ -18,6 +18,7 @@ from tests.support.ros_sources import package, python_node, setup_py
 
 from campaigns.rigs.live import HandBinder, eventually, pool
 from campaigns.rigs.stage import IMAGE
+from rigel_bridge.document.failures import Exit
 from rigel_bridge.main import main
 from rigel_bridge.sequences import lease
 from rigel_bridge.sequences.run import read_summaries
@@ -383,3 +384,45 @@ def test_a_deployment_of_the_thesis_is_taken_over_with_its_records(
     assert json.loads((backup / "deployment-arm.json").read_text())["metadata"]["name"] == "arm"
     assert stage.run("migrate") == 0, f"{USER} may list no workloads: told, and nothing is found"
     assert stage.run("delete", "arm", identity="admin") == 0
+
+
+def speaking(name: str, distro: str, domain: str) -> dict[str, Any]:
+    """A Deployment of the thesis' time without records, in a domain that its pods state themselves."""
+    old = annotated(name)
+    template = old["spec"]["template"]
+    template["metadata"].pop("annotations")
+    template["spec"]["containers"][0] |= {
+        "image": f"{IMAGE}-{distro}",
+        "env": [{"name": "ROS_DOMAIN_ID", "value": domain}],
+    }
+    return old
+
+
+def test_workloads_that_met_are_taken_over_together_and_meet_in_their_domain(
+    stage: Stage, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plane, where, domain = stage.plane, stage.namespace, "89"
+    old = {"talker": "humble", "hearer": "humble", "viewer": "jazzy"}
+    for name, distro in old.items():
+        plane.kubectl("apply", "-n", where, "-f", "-", stdin=speaking(name, distro, domain))
+    for name in old:
+        plane.kubectl("rollout", "status", f"deployment/{name}", "-n", where, "--timeout=60s")
+    backup = tmp_path / "old"
+    asked = ("migrate", "--apply", "--backup", str(backup), *old)
+    assert stage.run(*asked, identity="admin") == Exit.INVALID
+    assert "APART: deployment" in capsys.readouterr().err, "two distributions do not find each other by multicast"
+    assert stage.run(*asked, "--lossy", identity="admin") == 0, capsys.readouterr().err
+
+    apps = {app["metadata"]["name"]: app["spec"] for app in stage.apps() if app["metadata"]["name"] in old}
+    names = sorted(sorted(each["name"] for each in spec["components"]) for spec in apps.values())
+    assert names == [["hearer", "talker"], ["viewer"]], "two distributions are two apps"
+    assert any(spec["ros2"].get("shareWith") for spec in apps.values())
+    pods = [pod for pod in stage.listed("pods") if pod["metadata"]["labels"].get("robotics.io/component") in old]
+    variables = [{each["name"]: each.get("value") for each in pod["spec"]["containers"][0]["env"]} for pod in pods]
+    assert [each["ROS_DOMAIN_ID"] for each in variables] == [domain] * 3
+    assert sorted(path.name for path in backup.iterdir() if path.name.startswith("deployment-")) == [
+        f"deployment-{name}.json" for name in sorted(old)
+    ]
+    for name in apps:
+        assert stage.run("delete", name, identity="admin") == 0
+        stage.gone(name)

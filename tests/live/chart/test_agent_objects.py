@@ -13,6 +13,7 @@ pytestmark = pytest.mark.live
 
 HOME = "robotapp-agent"
 LABELLER = {"agent.labeller.enabled": "true"}
+DRIVER = {"agent.driver.enabled": "true"}
 
 
 def pod_of(objects: list[Object]) -> Any:
@@ -133,6 +134,63 @@ def test_the_labeller_is_the_only_one_that_patches_nodes_and_is_not_there_by_def
     assert writers == {"ClusterRole/robotapp-labeller": {"get", "list", "watch", "patch"}}
     policy = named(objects, "ValidatingAdmissionPolicy", "robotapp-labeller")
     assert f"'system:serviceaccount:{NAMESPACE}:robotapp-labeller'" in json.dumps(policy)
+
+
+def test_the_driver_is_not_there_by_default(chart: Chart) -> None:
+    objects = chart.render()
+    assert of_kind(objects, "DeviceClass") == []
+    assert "plugins_registry" not in json.dumps(objects)
+    assert "resourceslices" not in {resource for _, rule in rules(objects) for resource in rule["resources"]} - {"*"}
+
+
+def test_the_driver_writes_three_folders_of_the_node_as_root_without_capabilities(chart: Chart) -> None:
+    objects = chart.render({**DRIVER, "agent.driver.kubeletFolder": "/var/lib/k0s/kubelet"})
+    spec = pod_of(objects)
+    agent, driver = spec["containers"]
+    assert spec["securityContext"]["runAsNonRoot"] is True
+    assert agent["securityContext"].get("runAsUser") is None
+    assert driver["securityContext"] == {
+        "runAsUser": 0,
+        "runAsGroup": 0,
+        "runAsNonRoot": False,
+        "allowPrivilegeEscalation": False,
+        "readOnlyRootFilesystem": True,
+        "capabilities": {"drop": ["ALL"]},
+    }
+    folders = {volume["name"]: volume["hostPath"]["path"] for volume in spec["volumes"] if "hostPath" in volume}
+    written = {folders[m["name"]]: m["mountPath"] for m in driver["volumeMounts"] if not m.get("readOnly")}
+    plugin = "/var/lib/k0s/kubelet/plugins/devices.robotics.io"
+    assert written == {
+        plugin: plugin,
+        "/var/lib/k0s/kubelet/plugins_registry": "/var/lib/k0s/kubelet/plugins_registry",
+        "/var/run/cdi": "/host/cdi",
+    }
+    assert {m["name"] for m in agent["volumeMounts"]} == {"key", "sys", "dev", "udev"}
+
+
+def test_the_rights_of_the_driver_are_the_slices_of_its_node_and_to_read_by_name(chart: Chart) -> None:
+    objects = chart.render(DRIVER)
+    added = {
+        resource: set(rule["verbs"])
+        for role, rule in rules(objects)
+        if role == f"ClusterRole/{HOME}"
+        for resource in rule["resources"]
+        if not resource.startswith("nodetelemetries")
+    }
+    assert added == {
+        "resourceslices": {"get", "create", "update", "delete"},
+        "resourceclaims": {"get"},
+        "robotclaims": {"get"},
+        "nodes": {"get"},
+    }
+    policy = named(objects, "ValidatingAdmissionPolicy", f"{HOME}-driver")
+    assert f"'system:serviceaccount:{HOME}:{HOME}'" in json.dumps(policy)
+    assert policy["spec"]["matchConstraints"]["resourceRules"][0]["operations"] == ["CREATE", "UPDATE", "DELETE"]
+
+
+def test_the_driver_is_refused_where_its_api_is_not_served(chart: Chart) -> None:
+    with pytest.raises(CommandError, match=r"needs Kubernetes 1\.34 or later"):
+        chart.render(DRIVER, "--kube-version=1.33.4")
 
 
 def test_switched_off_nothing_of_the_agent_is_installed(chart: Chart) -> None:

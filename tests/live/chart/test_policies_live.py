@@ -361,3 +361,52 @@ def test_our_components_have_what_they_need_and_no_more(
     extra = [f"--subresource={subresource}"] if subresource else []
     answer = tenant.plane.kubectl("auth", "can-i", verb, resource, *extra, "-n", NAMESPACE, f"--as={who}", check=False)
     assert answer.split()[0] == expected
+
+
+def device_claim(name: str, *, owner: bool = False, labels: dict[str, str] | None = None) -> str:
+    app = {
+        "apiVersion": "robotics.io/v1alpha1",
+        "kind": "RobotApp",
+        "name": "teleop",
+        "uid": "6b1c",
+        "controller": True,
+    }
+    metadata = {"name": name, "namespace": NAMESPACE, "labels": labels or {}, "ownerReferences": [app] if owner else []}
+    request = {"name": "d", "exactly": {"deviceClassName": "devices.robotics.io"}}
+    return json.dumps(
+        {
+            "apiVersion": "resource.k8s.io/v1",
+            "kind": "ResourceClaim",
+            "metadata": metadata,
+            "spec": {"devices": {"requests": [request]}},
+        }
+    )
+
+
+def test_a_resource_claim_of_a_robotapp_is_made_by_the_operator_alone(tenant: Chart) -> None:
+    plane = tenant.plane
+    plane.kubectl("create", "role", "claims", "--verb=*", "--resource=resourceclaims.resource.k8s.io", "-n", NAMESPACE)
+    plane.kubectl("create", "rolebinding", "claims", "--role=claims", "--user=tenant-a", "-n", NAMESPACE)
+    plane.kubectl("create", "-f", "-", TENANT, stdin=device_claim("mine"))
+    for wrong in (device_claim("forged", owner=True), device_claim("forged", labels=MEMBER)):
+        with pytest.raises(CommandError, match="made by the robotapp operator alone"):
+            plane.kubectl("create", "-f", "-", TENANT, stdin=wrong)
+    with pytest.raises(CommandError, match="never change"):
+        plane.kubectl("label", "resourceclaim", "mine", "robotics.io/app-uid=6b1c", "-n", NAMESPACE, TENANT)
+    plane.kubectl("create", "-f", "-", AS_OPERATOR, stdin=device_claim("made", owner=True, labels=MEMBER))
+    for verb in ("get", "list", "watch", "create", "delete"):
+        plane.kubectl("auth", "can-i", verb, "resourceclaims.resource.k8s.io", "-n", NAMESPACE, AS_OPERATOR)
+    for verb in ("patch", "update"):
+        with pytest.raises(CommandError):
+            plane.kubectl(
+                "auth",
+                "can-i",
+                verb,
+                "resourceclaims.resource.k8s.io",
+                "--subresource=status",
+                "-n",
+                NAMESPACE,
+                AS_OPERATOR,
+            )
+    plane.kubectl("delete", "resourceclaims", "mine", "-n", NAMESPACE, TENANT)
+    plane.kubectl("delete", "resourceclaims", "made", "-n", NAMESPACE, "--ignore-not-found", AS_OPERATOR)

@@ -379,6 +379,10 @@ def test_the_operator_is_told_images_and_user_of_helper_pods(chart: Chart, rende
     assert "--helper-discovery-image=ros:{distro}-ros-base" in shipped
     assert "--helper-master-image=ros:{distro}-ros-core" in shipped
     assert "--helper-user=65532" in shipped
+    (recorder,) = (each for each in shipped if each.startswith("--helper-recorder-image="))
+    assert re.fullmatch(r"--helper-recorder-image=\S+/robotapp/recorder:\d+\.\d+\.\d+-\{distro\}", recorder)
+    own = chart.render({"helperImages.recorder": "reg.test/rec:{distro}"})
+    assert "--helper-recorder-image=reg.test/rec:{distro}" in pod_spec(own, "operator")["containers"][0]["args"]
     own = chart.render({"helperImages.discovery": "reg.test/ros:x", "helperUser": "0"})
     assert {"--helper-discovery-image=reg.test/ros:x", "--helper-user=0"} <= {
         *pod_spec(own, "operator")["containers"][0]["args"]

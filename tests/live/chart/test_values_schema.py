@@ -17,12 +17,12 @@ PODS = ("operator", "scheduler", "agent", "agent.labeller", "console")
 PASSED_ON = {
     "global",
     *(f"{part}.{key}" for part in PODS for key in ("resources", "affinity")),
-    "scheduler.config",
+    *("agent.driver.resources", "scheduler.config"),
 }
 # What a person may take away with null: the pod then has neither requests nor limits, no selector, the image's or cluster's user.
 REMOVABLE = {
     *(f"{part}.{key}" for part in PODS for key in ("resources", "nodeSelector")),
-    *("agent.affinity", "podSecurity.runAsUser", "podSecurity.runAsGroup"),
+    *("agent.affinity", "agent.driver.resources", "podSecurity.runAsUser", "podSecurity.runAsGroup"),
 }
 # Whose absence says something: a namespace without a quota is unlimited, and no umbrella chart switches ours.
 ABSENT = {"domainPool.quota.default", "enabled"}

@@ -8,7 +8,7 @@ from tests.support.factories import component, make_app
 
 from robotapp_api.model.app.program import NODE_NAME_PATTERN
 from robotapp_api.model.patterns import LABEL_VALUE_PATTERN
-from robotapp_api.values.references import replace_references, to_ros_name
+from robotapp_api.values.references import expand, to_ros_name
 from robotapp_operator.plan.render.command_line import render_arguments
 from robotapp_operator.plan.render.parameters import NONE
 from robotapp_operator.plan.spec.desired import desired_of
@@ -26,10 +26,10 @@ def test_every_robot_has_a_ros_name(robot: str) -> None:
 @given(WORDS, ROBOTS)
 def test_references_are_replaced_as_the_kubelet_would_and_nothing_else_is(text: str, robot: str) -> None:
     values = {"ROBOTAPP_ROBOT": robot}
-    assert replace_references(text, values) == text, "there is no reference to replace"
-    assert replace_references(f"{text}|$(ROBOTAPP_ROBOT)", values) == f"{text}|{robot}"
-    assert replace_references(f"{text}|$$(ROBOTAPP_ROBOT)", values) == f"{text}|$$(ROBOTAPP_ROBOT)"
-    assert replace_references(f"{text}|$(HOME)", values) == f"{text}|$(HOME)"
+    assert expand(text, values) == text, "there is no reference to replace"
+    assert expand(f"{text}|$(ROBOTAPP_ROBOT)", values) == f"{text}|{robot}"
+    assert expand(f"{text}|$$(ROBOTAPP_ROBOT)", values) == f"{text}|$$(ROBOTAPP_ROBOT)"
+    assert expand(f"{text}|$(HOME)", values) == f"{text}|$(HOME)"
 
 
 @given(
@@ -42,7 +42,7 @@ def test_each_argument_stays_one_word_in_its_order_and_names_are_ros_names(
     robot: str, distro: str, name: str, args: list[str]
 ) -> None:
     run = {"package": "p", "executable": "e", "name": name, "namespace": f"/{name}", "args": args}
-    app = make_app(component("driver", run=run), ros={"distro": distro})
+    app = make_app(component("driver", run=run, replicaIdentity="Ordinal"), ros={"distro": distro})
     words = render_arguments(app.spec.components[0], desired_of(app, robot), NONE)
     tool = ["ros2", "run"] if distro == "jazzy" else ["rosrun"]
     start = len(tool) + 2

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from robotapp_api.model.patterns import LABEL_VALUE_PATTERN
 from robotapp_api.values.component_references import ExpandedText, expanded_problem
+from robotapp_api.values.references import reference_values
 from robotapp_operator.plan.spec.validate import decisive_robots
 
 ROBOTS = st.lists(
@@ -26,10 +27,10 @@ TEXTS = st.builds(
 @given(st.sampled_from(["name", "key", "label"]), TEXTS, ROBOTS)
 def test_if_a_text_is_wrong_for_any_robot_it_is_for_a_decisive_one(kind: str, text: str, robots: list[str]) -> None:
     expanded = ExpandedText("", kind, text)
-    if expanded_problem(expanded, "r"):
+    if expanded_problem(expanded, reference_values("r")):
         return  # refused whatever robots there are
     decisive = decisive_robots(kind, sorted(robots))
-    assert any(expanded_problem(expanded, robot) for robot in robots) == any(
-        expanded_problem(expanded, robot) for robot in decisive
+    assert any(expanded_problem(expanded, reference_values(robot)) for robot in robots) == any(
+        expanded_problem(expanded, reference_values(robot)) for robot in decisive
     )
     assert len(decisive) <= 2

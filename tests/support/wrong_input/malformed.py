@@ -80,10 +80,25 @@ def full_app() -> dict[str, Any]:
         ros1={"master": "External", "uri": "http://master:11311", "image": "ros:noetic", **_full_helper()},
         update={"operator": "OnDemand", "onConfigChange": "Roll"},
         overrides=[{"name": "slow", "nodeSelector": _full_selector(), "components": [_full_override()]}],
+        recordings=[_full_recording()],
         connectivity={"grace": "5m"},
         schedulerName="ros-aware-scheduler",
     )  # fmt: skip
     return copy.deepcopy(whole)  # callers bend it, and parts are shared
+
+
+def _full_recording() -> dict[str, Any]:
+    return {
+        "name": "drive",
+        "topics": {"names": ["/scan"], "regex": "/camera/.*", "exclude": "/rosout"},
+        "split": {"size": "256Mi", "duration": "10m"},
+        "retain": {"size": "5Gi"},
+        "volume": {"claimName": "bags"},
+        "tiers": ["Robot"],
+        "image": "robotapp/recorder:jazzy",
+        "imagePullPolicy": "Always",
+        "resources": {"requests": {"cpu": "50m"}, "limits": {"cpu": "1"}},
+    }
 
 
 def _full_selector() -> dict[str, Any]:
@@ -133,7 +148,7 @@ def _full_component() -> dict[str, Any]:
         },
         devices=[
             {"name": "cam", "type": "usb", "model": "d435", "interface": "usb3", "usbID": "8086:0b3a", "count": 1,
-                "sharing": "Exclusive", "onLoss": "Keep"}
+                "mountAs": "/dev/cam", "sharing": "Exclusive", "onLoss": "Keep"}
         ],
         requires=[{"type": "gpu", "model": "nvidia", "interface": "pcie"}],
         stdin=True, tty=True, sharedMemory={"size": "512Mi"},
@@ -148,7 +163,7 @@ def _full_component() -> dict[str, Any]:
             "links": [{"name": "ui", "port": "ui", "scheme": "http", "path": "/"}],
         },
         ready={"topic": {"name": "/odom", "minRate": 20}},
-        colocateWith=["mapper"], separateFrom=["logger"], replicas=1, onDisconnect="Failover",
+        colocateWith=["mapper"], separateFrom=["logger"], replicas=1, replicaIdentity="None", onDisconnect="Failover",
     )  # fmt: skip
 
 
@@ -199,7 +214,13 @@ def unused_fields(schema: Schema) -> list[str]:
 
 def is_borrowed(field: str) -> bool:
     """Whether a field, such as spec.components[].env, is core's or lies in one that is."""
-    for place in ("spec.components[].", "spec.overrides[].components[].", "spec.ros2.discovery.", "spec.ros1."):
+    for place in (
+        "spec.components[].",
+        "spec.overrides[].components[].",
+        "spec.recordings[].",
+        "spec.ros2.discovery.",
+        "spec.ros1.",
+    ):
         if field.startswith(place):
             container, template, *rest = (*field.removeprefix(place).split("."), "", "")
             in_pod = [container, template] == ["template", "spec"] and _name(rest[0]) in _BORROWED["PodSpec"]

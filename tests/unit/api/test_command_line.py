@@ -35,9 +35,36 @@ def list_notes(**fields: Any) -> list[str]:
     ],
     ids=["args", "command", "env", "init container", "run", "launch"],
 )
-def test_a_path_that_no_node_hands_over_is_refused_wherever_it_is_written(fields: dict[str, Any]) -> None:
-    (problem,) = list_problems(**fields)
-    assert f"{LIDAR} would reach driver as this very text" in problem
+def test_a_path_that_is_not_fixed_before_the_start_is_refused_wherever_it_is_written(fields: dict[str, Any]) -> None:
+    lidar = {"name": "lidar", "type": "serial"}
+    (problem,) = list_problems(devices=[lidar], **fields)
+    assert f"{LIDAR} is not replaced" in problem
+    assert "write spec.components[0].devices[0].mountAs: /dev/lidar" in problem
+    assert list_problems(devices=[lidar | {"mountAs": "/dev/front"}], **fields) == []
+    (problem,) = list_problems(devices=[{"name": "base", "type": "serial", "mountAs": "/dev/base"}], **fields)
+    assert f"{LIDAR} is the path of no device of driver, whose devices are base" in problem
+
+
+@pytest.mark.parametrize(
+    ("device", "cure"),
+    [
+        ({"name": "lidar", "type": "serial", "count": 2}, "write a device of its own with mountAs for each"),
+        ({"name": "lidar", "type": "can", "interface": "can1"}, "write its name, such as can1"),
+    ],
+)
+def test_a_reference_to_several_devices_or_to_a_bus_is_refused_with_a_cure_of_its_own(
+    device: dict[str, Any], cure: str
+) -> None:
+    (problem,) = list_problems(args=[LIDAR], devices=[device])
+    assert cure in problem
+
+
+@pytest.mark.parametrize(
+    ("kind", "says"), [("can", "a CAN bus is a network interface"), ("gpu", "device plugin decides")]
+)
+def test_what_has_no_path_of_its_own_is_mounted_nowhere(kind: str, says: str) -> None:
+    (problem,) = list_problems(devices=[{"name": "bus", "type": kind, "mountAs": "/dev/bus"}])
+    assert says in problem
 
 
 @pytest.mark.parametrize("text", [f"${LIDAR}", "$(ROBOTAPP_DEVICES)", "$ROBOTAPP_DEVICE_LIDAR"])
@@ -81,14 +108,11 @@ def test_a_ros_tool_as_command_is_told_that_the_entry_point_is_passed_by() -> No
 @pytest.mark.parametrize(
     ("device", "cure"),
     [
-        ({"type": "camera"}, "write video"),
-        ({"type": "tty"}, "write serial"),
         ({"type": "lidar"}, "or add the rule"),
-        ({"type": "usb"}, "write its usbID or model"),
         ({"type": "serial", "interface": "ttyUSB0"}, "VID:PID:SERIAL"),
         ({"type": "serial", "interface": "/dev/ttyACM1"}, "VID:PID:SERIAL"),
         ({"type": "serial", "interface": "dev-ttyUSB0"}, "VID:PID:SERIAL"),
-        ({"type": "video", "model": "Intel RealSense"}, "write Intel"),
+        ({"type": "video", "model": "***"}, "leave it out"),
     ],
 )
 def test_a_device_that_no_agent_publishes_is_told_with_what_to_write(device: dict[str, str], cure: str) -> None:
@@ -100,6 +124,11 @@ def test_a_device_that_no_agent_publishes_is_told_with_what_to_write(device: dic
     "device",
     [
         {"type": "video"},
+        {"type": "camera"},
+        {"type": "tty"},
+        {"type": "video", "model": "Intel(R) RealSense 435i"},
+        {"type": "serial", "interface": "/dev/ttyTHS1"},
+        {"type": "serial", "usbID": "0x10c4:0xea60"},
         {"type": "usb", "usbID": "1a86:7523"},
         {"type": "can", "interface": "can0"},
         {"type": "gripper"},
@@ -107,6 +136,12 @@ def test_a_device_that_no_agent_publishes_is_told_with_what_to_write(device: dic
 )
 def test_a_device_that_an_agent_or_a_rule_of_it_publishes_is_accepted_in_silence(device: dict[str, str]) -> None:
     assert not [note for note in list_notes(args=["x"], devices=[{"name": "d", **device}]) if ".devices[0]" in note]
+
+
+def test_any_usb_device_is_claimed_by_nobody() -> None:
+    (problem,) = list_problems(args=["x"], devices=[{"name": "d", "type": "usb"}])
+    assert "usb alone is any USB device of the node; write its usbID or model" in problem
+    assert list_problems(args=["x"], requires=[{"type": "usb"}]) == []
 
 
 INIT = {"name": "init", "image": "i"}
@@ -345,7 +380,7 @@ def env_of_pod(field: str) -> list[dict[str, Any]]:
 def test_copies_of_a_ros_program_with_one_node_name_are_noted_with_what_to_write(fields: dict[str, Any]) -> None:
     (message,) = list_replica_notes(**fields)
     assert message.startswith(f"all {fields.get('replicas', 3)} copies have the node name of their program")
-    assert "reach any of them; write a component with a name of its own for each copy" in message
+    assert "reach any of them; write replicaIdentity: Ordinal, or make the name from the pod's" in message
 
 
 def test_a_name_that_run_gives_to_all_copies_is_noted_even_beside_the_name_of_the_pod() -> None:

@@ -48,6 +48,10 @@ READERS: Final[Mapping[str, str]] = {
     "crds/robotapp_api/values/overrides.py": """
         spec.overrides.name spec.overrides.components.name spec.overrides.components.image spec.overrides.components.env
         spec.overrides.components.resources""",
+    "crds/robotapp_api/values/recordings/components.py": """
+        spec.recordings.name spec.recordings.topics.names spec.recordings.topics.regex spec.recordings.topics.exclude
+        spec.recordings.split.size spec.recordings.split.duration spec.recordings.retain.size spec.recordings.volume.claimName
+        spec.recordings.tiers spec.recordings.image spec.recordings.imagePullPolicy spec.recordings.resources""",
     f"{CLAIMS}/instances.py": "spec.robots.assignment",
     f"{CLAIMS}/device.py": """
         spec.components.devices.type spec.components.devices.model spec.components.devices.interface
@@ -119,6 +123,7 @@ READERS: Final[Mapping[str, str]] = {
         spec.components.template.spec.tolerations spec.components.runsOn spec.components.onDisconnect
         spec.components.requires.type spec.components.requires.model spec.components.requires.interface""",
     f"{PLAN}/render/deployments.py": "spec.components.replicas",
+    "crds/robotapp_api/checks/replicas.py": "spec.components.replicaIdentity",
     f"{PLAN}/render/services.py": """
         spec.components.service.metadata.labels spec.components.service.metadata.annotations spec.components.service.spec.type
         spec.components.service.spec.ports.name spec.components.service.spec.ports.port
@@ -131,6 +136,7 @@ READERS: Final[Mapping[str, str]] = {
         spec.components.service.links.path""",
     f"{PLAN}/status/latency.py": "spec.edges.latency.percentile",
     f"{PLAN}/status/device_conflicts.py": "spec.components.devices.name",
+    f"{PLAN}/render/devices/variables.py": "spec.components.devices.mountAs",
     f"{PLAN}/moves/device_moves.py": "spec.components.devices.onLoss",
     f"{PLAN}/moves/rescheduling.py": "spec.placement.reschedule.when spec.placement.reschedule.maxPerDay",
     f"{CORE}/robotics/resolve.py": """

@@ -94,8 +94,27 @@ async def test_whoever_asks_for_one_id_or_for_anothers_is_told_afresh(
     assert await reads(world, uid) > 0
 
 
-async def test_a_namespace_with_a_quota_is_counted_afresh(world: ReconciledServer) -> None:
+@pytest.mark.parametrize(
+    ("quota", "reason", "text"),
+    [(1, Reason.QUOTA_EXCEEDED, "quota"), (5, Reason.DOMAIN_EXHAUSTED, "2 of 2 domain ids")],
+    ids=["used up", "room for more"],
+)
+async def test_a_namespace_with_a_quota_waits_for_nothing_more(
+    world: ReconciledServer, quota: int, reason: Reason, text: str
+) -> None:
+    """A tenant's apps beyond its quota were read whenever anybody gave an id back."""
     claimed(world, 1)
     claimed(world, 2)
-    world.cache.pools["default"] = pool_of(quota=PoolQuota(default=5))
+    world.cache.pools["default"] = pool_of(quota=PoolQuota(default=quota))
+    uid = await world.app()
+    assert await reads(world, uid) == 0
+    outcome = world.memory.outcome(uid, "")
+    assert outcome is not None
+    assert outcome.reason == reason
+    assert text in outcome.message
+
+
+async def test_a_namespace_below_its_quota_tries_for_an_id(world: ReconciledServer) -> None:
+    claimed(world, 1)
+    world.cache.pools["default"] = pool_of(quota=PoolQuota(default=2))
     assert await reads(world, await world.app()) > 0

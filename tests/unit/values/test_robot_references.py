@@ -9,7 +9,7 @@ from tests.support.factories import component, make_app
 
 from robotapp_api.model.app.component import Component
 from robotapp_api.values.component_references import expanded_problem, list_expanded_texts, list_object_references
-from robotapp_api.values.robot_references import ObjectReference, expand, expand_sources, unknown_reference
+from robotapp_api.values.references import ObjectReference, expand, expand_sources, reference_values, unknown_reference
 
 R = "$(ROBOTAPP_ROBOT)"
 I = "$(ROBOTAPP_INSTANCE)"  # noqa: E741 - as R
@@ -30,7 +30,7 @@ def driver(**fields: Any) -> Component:
 
 @given(JSON)
 def test_json_without_references_stays_as_it_is(value: Any) -> None:
-    assert expand_sources(value, "amr-07") == value
+    assert expand_sources(value, reference_values("amr-07")) == value
 
 
 def test_names_and_keys_of_every_kind_of_source_are_expanded_and_nothing_else() -> None:
@@ -40,7 +40,7 @@ def test_names_and_keys_of_every_kind_of_source_are_expanded_and_nothing_else() 
         {"name": "c", "persistentVolumeClaim": {"claimName": f"c-{I}"}},
         {"name": "p", "projected": {"sources": [{"secret": {"name": R}}, {"configMap": {"name": R}}]}},
     ]
-    assert expand_sources(volumes, "x") == [
+    assert expand_sources(volumes, reference_values("x")) == [
         {"name": R, "configMap": {"name": "a-x", "items": [{"key": "x.yaml", "path": R}]}},
         {"name": "s", "secret": {"secretName": "s-x", "items": [{"key": "x", "path": "p"}]}},
         {"name": "c", "persistentVolumeClaim": {"claimName": "c-x"}},
@@ -50,14 +50,14 @@ def test_names_and_keys_of_every_kind_of_source_are_expanded_and_nothing_else() 
         {"name": "A", "value": R},
         {"name": "B", "valueFrom": {"secretKeyRef": {"name": f"s-{R}", "key": R}}},
     ]
-    assert expand_sources(variables, "x") == [
+    assert expand_sources(variables, reference_values("x")) == [
         {"name": "A", "value": R},
         {"name": "B", "valueFrom": {"secretKeyRef": {"name": "s-x", "key": "x"}}},
     ]
 
 
 def test_only_two_references_are_expanded() -> None:
-    assert expand(f"{R}/{I}/$(ROS_DOMAIN_ID)", "a") == "a/a/$(ROS_DOMAIN_ID)"
+    assert expand(f"{R}/{I}/$(ROS_DOMAIN_ID)", reference_values("a")) == "a/a/$(ROS_DOMAIN_ID)"
     assert unknown_reference(f"{R}{I}") == ""
     assert unknown_reference(f"{R}-$(X)-$(Y)") == "$(X)"
     assert unknown_reference("$(open") == "$(open"
@@ -90,8 +90,8 @@ def test_the_objects_that_a_component_names_are_listed_with_where_they_stand() -
     ],
 )
 def test_what_is_no_name_for_a_robot_is_found(fields: dict[str, Any], robot: str, says: str) -> None:
-    problems = [expanded_problem(text, robot) for text in list_expanded_texts(driver(**fields), "at")]
+    problems = [expanded_problem(text, reference_values(robot)) for text in list_expanded_texts(driver(**fields), "at")]
     assert any(says in problem for problem in problems)
-    assert [expanded_problem(text, "amr-07") for text in list_expanded_texts(driver(**fields), "at")] == [""] * len(
-        problems
-    )
+    assert [
+        expanded_problem(text, reference_values("amr-07")) for text in list_expanded_texts(driver(**fields), "at")
+    ] == [""] * len(problems)

@@ -39,6 +39,7 @@ COMPONENTS = {
             "spec": {"hostNetwork": True, "containers": [{"name": "w", "image": "w", "ports": [{"containerPort": 9}]}]}
         },
     },
+    "a replica with an ordinal": {"replicaIdentity": "Ordinal"},
     "further containers": {
         "template": {"spec": {"containers": [{"name": "w", "image": "w", "resources": {"requests": {"cpu": "2"}}}]}}
     },

@@ -130,13 +130,13 @@ def parse_env_file(text: str, variables: Mapping[str, str]) -> Iterator[Assignme
         if match[2] is None:
             yield Assignment(number, match[1], scope.get(match[1]))
             continue
-        written = match[3]
-        while written[:1] in ("'", '"') and _find_quote(written) < 0:
+        value_text = match[3]
+        while value_text[:1] in ("'", '"') and _find_quote(value_text) < 0:
             next_line = next(lines, None)
             if next_line is None:
                 raise InterpolationError(f"the quotes of {match[1]} in line {number} are not closed; close them")
-            written += "\n" + next_line[1]
-        value = _read_value(written, scope)
+            value_text += "\n" + next_line[1]
+        value = _read_value(value_text, scope)
         scope[match[1]] = value.value
         yield Assignment(number, match[1], value.value, value.unset)
 

@@ -1,4 +1,4 @@
-"""How two descriptions of one service become one: for `extends` and for several compose files."""
+"""The rules by which two descriptions of one service become one: for `extends` and for several compose files."""
 
 from dataclasses import replace
 from typing import Final

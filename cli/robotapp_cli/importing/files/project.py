@@ -135,14 +135,14 @@ class Loader:
         folder = entry.get("project_directory") if entry.fields is not None else None
         for item in path.as_items():
             file = self.resolve(item, item.as_text())
-            own = self.resolve(item, folder.as_text()) if folder else posixpath.dirname(file)
-            beside = self.read_file(posixpath.join(own, ".env")) if env_file is None else None
-            names = {**read_env(beside or b"", posixpath.join(own, ".env"), scope), **variables}
-            self._root(file, names if beside else scope, item)
+            base_folder = self.resolve(item, folder.as_text()) if folder else posixpath.dirname(file)
+            env_data = self.read_file(posixpath.join(base_folder, ".env")) if env_file is None else None
+            names = {**read_env(env_data or b"", posixpath.join(base_folder, ".env"), scope), **variables}
+            self._root(file, names if env_data else scope, item)
             if folder:
-                self.folders[file] = own
+                self.folders[file] = base_folder
                 self.report.take(folder, f"relative paths of {file} count from here")
-            self._add_file(project, file, names if beside else scope, depth=depth + 1)
+            self._add_file(project, file, names if env_data else scope, depth=depth + 1)
             self.report.take(item, f"included: {file}")
         for name, part in (entry.fields or {}).items():
             if name not in {"path", "env_file", "project_directory"}:
@@ -159,9 +159,9 @@ class Loader:
         target = extends.get("service") if extends.fields is not None else extends
         if target is None:
             raise extends.fail("the service to extend is missing; write extends: {service: NAME}")
-        where = extends.get("file") if extends.fields is not None else None
-        file = self.resolve(where, where.as_text()) if where else service.file
-        root = self._root(file, self.variables[service.file], where or extends)
+        file_part = extends.get("file") if extends.fields is not None else None
+        file = self.resolve(file_part, file_part.as_text()) if file_part else service.file
+        root = self._root(file, self.variables[service.file], file_part or extends)
         services = root.get("services")
         base = (services.fields or {}).get(target.as_text()) if services else None
         if base is None:
@@ -172,8 +172,8 @@ class Loader:
             if key not in {"service", "file"}:
                 self.report.omit(part, "extends has no such field; write service and file")
         rest = replace(service, fields={key: part for key, part in fields.items() if key != "extends"})
-        hidden = replace(base, fields={k: part for k, part in base.as_fields().items() if k != "profiles"})
-        return merge(hidden, rest) if rest.fields else replace(hidden, file=service.file, line=service.line)
+        base_service = replace(base, fields={k: part for k, part in base.as_fields().items() if k != "profiles"})
+        return merge(base_service, rest) if rest.fields else replace(base_service, file=service.file, line=service.line)
 
     def _choose_profiles(self, services: dict[str, Part]) -> dict[str, Part]:
         """Returns the services that run with the chosen profiles, and reports the others."""

@@ -135,16 +135,16 @@ def draft_component(context: Context, name: str, service: Part) -> Draft:
 def report_silent(draft: Draft) -> None:
     """Reports every value of the service that no line is about yet, so that nothing is lost without a line."""
     service, start = draft.service, shown(draft.service.path)
-    named = {line.path for line in draft.report.lines if line.path.startswith(start)}
-    around = {text[:end] for text in named for end in range(len(text)) if text[end] in ".["}
-    pending = list((service.fields or {}).values())
-    while pending:
-        part = pending.pop(0)
+    reported_paths = {line.path for line in draft.report.lines if line.path.startswith(start)}
+    outer_paths = {text[:end] for text in reported_paths for end in range(len(text)) if text[end] in ".["}
+    remaining_parts = list((service.fields or {}).values())
+    while remaining_parts:
+        part = remaining_parts.pop(0)
         text = shown(part.path)
-        if text in named:
+        if text in reported_paths:
             continue
-        if text in around:
-            pending += [*(part.fields or {}).values(), *(part.items or [])]
+        if text in outer_paths:
+            remaining_parts += [*(part.fields or {}).values(), *(part.items or [])]
         else:
             draft.report.omit(
                 part, "nothing is written here" if part.is_empty else "no field of a component stands for it"

@@ -5,6 +5,8 @@ import re
 from typing import Final, NamedTuple
 
 from robotapp_api.model.names import GPU
+from robotapp_api.model.patterns import is_device_path
+from robotapp_api.values.devices.variables import device_variable
 from robotapp_cli.importing.files.parts import Part
 from robotapp_cli.importing.services.draft import Draft, make_label, make_unique, report_fields
 from robotapp_cli.lint.marks import PATH_MARK
@@ -26,7 +28,6 @@ _KINDS: Final = (
     Kind(re.compile(r"/dev/i2c-\d+"), "i2c", interface=True),
     Kind(re.compile(r"/dev/spidev\d+\.\d+"), "spi", interface=True),
     Kind(re.compile(r"/dev/input/(js|event)\d+"), "input"),
-    Kind(re.compile(r"/dev/bus/usb/.+"), "usb"),
 )
 _NVIDIA: Final = "nvidia.com/gpu"
 _MOST_DEVICES: Final = 16
@@ -80,10 +81,13 @@ def _take_device(draft: Draft, item: Part, outside: str, inside: str) -> None:
     device = {"name": make_unique(name, [other["name"] for other in devices]), "type": kind.type}
     if kind.interface:
         device["interface"] = posixpath.basename(outside)
+    if is_device_path(inside) and inside not in [other.get("mountAs") for other in devices]:
+        device["mountAs"] = inside
     draft.fields.setdefault("devices", []).append(device)
-    variable = f"ROBOTAPP_DEVICE_{device['name'].upper().replace('-', '_')}"
-    which = f"the {kind.type} device {device['interface']}" if kind.interface else f"any free {kind.type} device"
-    report.change(item, f"devices: {which}, claimed; its path is in {variable}, add usbID or model to choose one")
+    wish = f"the {kind.type} device {device['interface']}" if kind.interface else f"any free {kind.type} device"
+    place = device.get("mountAs") or f"the path in {device_variable(device['name'])}"
+    text = f"devices: {wish}, claimed, at {place} where the node hands devices over; add usbID or model to choose one"
+    report.change(item, text)
 
 
 def take_gpus(draft: Draft, part: Part) -> None:
@@ -119,11 +123,11 @@ def take_device_reservation(draft: Draft, part: Part) -> None:
     number = int(text) if text.isascii() and text.isdigit() else 1
     draft.limit("limits", f"{name}.com/gpu", number)
     _report_gpu(draft, count or part, number, is_exact=text.isdigit())
-    handled = frozenset({"count", "driver", "capabilities"})
+    read_fields = frozenset({"count", "driver", "capabilities"})
     for key in ("driver", "capabilities"):
         if inner := part.get(key):
             draft.report.take(inner, f"resources.limits: {name}.com/gpu")
-    report_fields(draft, part, handled, reasons)
+    report_fields(draft, part, read_fields, reasons)
 
 
 def take_runtime(draft: Draft, part: Part) -> None:

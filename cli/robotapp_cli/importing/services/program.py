@@ -39,8 +39,8 @@ def take_image(draft: Draft) -> None:
         report.take(image, f"image {text}")
     else:
         draft.fields["image"] = IMAGE_MARK
-        missing = f"{image.unset[0]} has no value" if image and image.unset else "no image is named"
-        report.mark(image or build or service, f"{missing}; write the image, or give --image {service_name}=IMAGE")
+        reason = f"{image.unset[0]} has no value" if image and image.unset else "no image is named"
+        report.mark(image or build or service, f"{reason}; write the image, or give --image {service_name}=IMAGE")
     if build:
         text = "nothing is built in a cluster; build the image, push it to a registry the nodes reach, and name it"
         report.omit(build, text)
@@ -89,12 +89,14 @@ def take_entrypoint(draft: Draft, part: Part) -> None:
 def report_words(draft: Draft, part: Part, field: str) -> None:
     """Reports a command, and the variables in it that have no value."""
     parts = [part, *(part.items or [])]
-    required = [name for item in parts if VALUE_MARK in str(item.scalar) for name in item.unset]
-    unset = [name for item in parts for name in item.unset]
-    if required:
-        draft.report.mark(part, f"{field}: {required[0]} is required and has no value; write it, or give --env")
-    elif unset:
-        draft.report.change(part, f"{field}: {', '.join(unset)} has no value, so nothing is in its place; give --env")
+    required_names = [name for item in parts if VALUE_MARK in str(item.scalar) for name in item.unset]
+    unset_names = [name for item in parts for name in item.unset]
+    if required_names:
+        draft.report.mark(part, f"{field}: {required_names[0]} is required and has no value; write it, or give --env")
+    elif unset_names:
+        draft.report.change(
+            part, f"{field}: {', '.join(unset_names)} has no value, so nothing is in its place; give --env"
+        )
     else:
         draft.report.take(part, field)
 
@@ -106,13 +108,13 @@ def take_env_file(draft: Draft, part: Part) -> None:
         path = item.get("path") if item.fields is not None else item
         if path is None:
             raise item.fail("an env file needs a path; write path: FILE")
-        required = item.get("required") if item.fields is not None else None
+        required_part = item.get("required") if item.fields is not None else None
         name = loader.resolve(item, path.as_text())
         data = loader.read_file(name)
         if data is None:
-            optional = required is not None and not required.as_bool()
-            why = "it is optional and not there" if optional else "it cannot be read; put it there, or write env"
-            draft.report.omit(item, f"variables of {name}: {why}")
+            is_optional = required_part is not None and not required_part.as_bool()
+            reason = "it is optional and not there" if is_optional else "it cannot be read; put it there, or write env"
+            draft.report.omit(item, f"variables of {name}: {reason}")
             continue
         try:
             for line in parse_env_file(data.decode("utf-8", "replace"), loader.variables.get(item.file, {})):

@@ -77,9 +77,9 @@ def _read_mount(draft: Draft, item: Part) -> Mount:
     if read_only := item.get("read_only"):
         mount.read_only = read_only.as_bool()
     options = item.get(name)
-    handled = {"type", "source", "target", "read_only"}
+    read_fields = {"type", "source", "target", "read_only"}
     if options is not None and options.fields is not None:
-        handled.add(name)
+        read_fields.add(name)
         if size := options.get("size"):
             mount.size = format_bytes(read_bytes(size))
         if propagation := options.get("propagation"):
@@ -97,7 +97,7 @@ def _read_mount(draft: Draft, item: Part) -> Mount:
                 "mode": "memory of a pod has mode 0777",
             },
         )
-    report_fields(draft, item, frozenset(handled), {"consistency": "docker ignores it as well"})
+    report_fields(draft, item, frozenset(read_fields), {"consistency": "docker ignores it as well"})
     return mount
 
 
@@ -128,10 +128,10 @@ def take_tmpfs(draft: Draft, part: Part) -> None:
         target, _, options = item.as_text().partition(":")
         words = dict(option.partition("=")[::2] for option in options.split(",") if option)
         size = words.pop("size", "")
-        scaled = format_bytes(read_bytes(Part(item.file, item.line, item.path, size))) if size else ""
+        quantity = format_bytes(read_bytes(Part(item.file, item.line, item.path, size))) if size else ""
         if not target.startswith("/"):
             raise item.fail(f"{target[:60]!r} is no path in the container; write one that begins with /")
-        _mount_memory(draft, item, target, scaled)
+        _mount_memory(draft, item, target, quantity)
         if words:
             draft.report.change(item, f"memory of a pod has no option {', '.join(words)}")
 
@@ -172,10 +172,10 @@ def _find_device(part: Part) -> str:
 
 def _name_claim(context: Context, name: str, part: Part) -> str:
     """Returns the name of the claim, and adds the claim to the output unless it exists outside."""
-    external = part.get("external") if part.fields is not None else None
-    written = part.get("name") if part.fields is not None else None
-    is_external = external is not None and (external.fields is not None or external.as_bool())
-    label = make_label(written.as_text() if written else name if is_external else f"{context.app}-{name}")
+    external_part = part.get("external") if part.fields is not None else None
+    name_part = part.get("name") if part.fields is not None else None
+    is_external = external_part is not None and (external_part.fields is not None or external_part.as_bool())
+    label = make_label(name_part.as_text() if name_part else name if is_external else f"{context.app}-{name}")
     if not is_external:
         context.objects[("PersistentVolumeClaim", label)] = {
             "apiVersion": "v1",
@@ -290,9 +290,9 @@ def take_configs(draft: Draft, part: Part) -> None:
         config = draft.context.project.configs.get(source)
         if config is None:
             raise item.fail(f"no config is called {source}; write it under configs")
-        if (external := config.get("external")) is not None and external.as_bool():
-            written = config.get("name")
-            name = make_label(written.as_text() if written else source)
+        if (external_part := config.get("external")) is not None and external_part.as_bool():
+            name_part = config.get("name")
+            name = make_label(name_part.as_text() if name_part else source)
             volume = {"name": make_label(f"config-{source}"), "configMap": {"name": name}}
             draft.mount(volume, {"mountPath": target, "subPath": source, "readOnly": True})
             draft.report.change(item, f"the ConfigMap {name} with the key {source} has to exist in the namespace")
@@ -348,8 +348,8 @@ def take_secrets(draft: Draft, part: Part) -> None:
 
 
 def _name_secret(context: Context, source: str, secret: Part) -> str:
-    written, external = secret.get("name"), secret.get("external")
-    return make_label(written.as_text() if written else source if external else f"{context.app}-{source}")
+    name_part, external_part = secret.get("name"), secret.get("external")
+    return make_label(name_part.as_text() if name_part else source if external_part else f"{context.app}-{source}")
 
 
 def report_grants(context: Context) -> None:

@@ -7,6 +7,7 @@ from typing import Final
 from robotapp_api.model.names import ROBOT_END, Label, Phase
 from robotapp_api.model.names import Condition as ConditionType
 from robotapp_api.values.approval import read_approval
+from robotapp_api.values.replicas import expand_struct
 from robotapp_claims.rules.instances import primary_node
 from robotapp_console.views.app.addresses import LinkRow, build_links
 from robotapp_console.views.app.edges import EdgeReader, EdgeRow
@@ -225,8 +226,9 @@ class _InstanceBuilder:
         self._snapshot = snapshot
         self._app = app
         estimates = ZoneEstimates(read_zones(snapshot.nodes), snapshot.round_trips)
-        self._suspended = frozenset(item.name for item in app.spec.components if item.replicas == 0 or app.spec.suspend)
-        self._edges = EdgeReader(app.spec.edges, estimates, snapshot.round_trips, self._suspended)
+        spec = expand_struct(app.spec)
+        self._suspended = frozenset(item.name for item in spec.components if item.replicas == 0 or spec.suspend)
+        self._edges = EdgeReader(spec.edges, estimates, snapshot.round_trips, self._suspended)
 
     def build(self, instance: Instance, *, is_drawn: bool) -> InstanceView:
         status = instance.status

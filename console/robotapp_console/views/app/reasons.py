@@ -14,6 +14,7 @@ from robotapp_api.values.placement.explanation import (
 )
 from robotapp_api.values.placement.given_up import parse_given_up
 from robotapp_api.values.quantities.duration import time_text
+from robotapp_api.values.replicas import expand_replicas
 from robotapp_console.views.objects import AppPod, find_condition
 from robotapp_console.views.texts import clean
 
@@ -62,7 +63,7 @@ def build_reasons(
 def list_without_pods(app: Json, pods: Iterable[AppPod]) -> tuple[str, ...]:
     """Returns the components that have no pod, such as those that are suspended or wait for others."""
     components_with_pods = {_name_component(pod) for pod in pods}
-    names = (str(component["name"]) for component in app["spec"].get("components") or ())
+    names = (str(component["name"]) for component in expand_replicas(app["spec"]).get("components") or ())
     return tuple(clean(name, 63) for name in names if name not in components_with_pods)
 
 

@@ -114,10 +114,16 @@ class Component(Model):
             expression="'component %s names itself in colocateWith or separateFrom; remove it there'.format([self.name])",
         ),
         Rule(
-            rule="self.replicas <= 1 || !has(self.devices) || self.devices.all(d, d.sharing != 'Exclusive')",
-            message="an exclusive device allows one replica; write replicas: 1, or sharing: Cluster on the device",
-            expression="'component %s: %d replicas cannot share the exclusive device %s; write replicas: 1, or sharing: Cluster on the device'.format([self.name, self.replicas, self.devices.filter(d, d.sharing == 'Exclusive')[0].name])",
+            rule="self.replicas <= 1 || (has(self.replicaIdentity) && self.replicaIdentity == 'Ordinal') || !has(self.devices) || self.devices.all(d, d.sharing != 'Exclusive')",
+            message="an exclusive device allows one replica; write replicas: 1, sharing: Cluster on the device, or replicaIdentity: Ordinal for one of its own for each replica",
+            expression="'component %s: %d replicas cannot share the exclusive device %s; write replicas: 1, sharing: Cluster on the device, or replicaIdentity: Ordinal for one of its own for each replica'.format([self.name, self.replicas, self.devices.filter(d, d.sharing == 'Exclusive')[0].name])",
             path=".replicas",
+        ),
+        Rule(  # `in [x]` costs a tenth of `== x`, whose estimate has both lengths
+            rule="!has(self.devices) || self.devices.all(d, !has(d.mountAs) || self.devices.exists_one(o, has(o.mountAs) && o.mountAs in [d.mountAs]))",
+            message="two devices cannot have one path; write another mountAs for one of them",
+            expression="'component %s: two devices cannot have one path; write another mountAs for one of them'.format([self.name])",
+            path=".devices",
         ),
         Rule(
             rule="!has(self.env) || !self.env.exists(e, e.name == 'ROS_DOMAIN_ID')",
@@ -241,8 +247,13 @@ class Component(Model):
     depends_on: Annotated[tuple[Dependency, ...], ListMap("component"), Field(max_length=16)] = ()
     """Components that must be ready before this one is created. One that runs is not stopped when they cease to be ready."""
     replicas: Annotated[int, Field(ge=0, le=32)] = 1
-    """Identical copies, also in the name of their ROS node; more than 1 only without exclusive devices. 0 suspends the component: no
-    pod, and its devices are given back."""
+    """Identical copies, also in the name of their ROS node unless replicaIdentity is Ordinal; more than 1 with exclusive devices only
+    then. 0 suspends the component: no pod, and its devices are given back."""
+    replica_identity: Literal["None", "Ordinal"] | None = None
+    """Ordinal makes each replica a component of its own, named after this one with its ordinal: detector-0, detector-1 and so on, each
+    with that host name, a DNS name, devices of its own and ROBOTAPP_ORDINAL, so that ROS nodes can have different names. A pod that is
+    replaced keeps its ordinal; fewer replicas end those with the highest. Edges and other references to the component are for each
+    replica. Absent means None: copies that nothing tells apart."""
     on_disconnect: OnDisconnect | None = None
     """What happens when the node is unreachable for connectivity.grace: Keep the pod; Failover to another node; or Stop: the pod
     ends, and its successor starts when the node is back and the pod there has ended. Absent means Keep where

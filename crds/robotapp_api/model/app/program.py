@@ -6,10 +6,11 @@ from pydantic import Field, StringConstraints
 
 from robotapp_api.model.base import Model
 from robotapp_api.model.markers import Rule
+from robotapp_api.model.patterns import ROBOT_REFERENCE
 
-_REFERENCE: Final = r"\$\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\)"
-_FIRST: Final = rf"([A-Za-z_]|{_REFERENCE})"
-_TOKEN: Final = rf"{_FIRST}([A-Za-z0-9_]|{_REFERENCE})*"
+_FIRST: Final = r"([A-Za-z_]|\$\((ROBOTAPP_ROBOT|ROBOTAPP_INSTANCE)\))"
+"""An ordinal is a digit, with which no ROS name begins."""
+_TOKEN: Final = rf"{_FIRST}([A-Za-z0-9_]|{ROBOT_REFERENCE})*"
 NODE_NAME_PATTERN: Final = rf"^{_TOKEN}$"
 REMAP_PATTERN: Final = rf"^(~/|/)?{_TOKEN}(/{_TOKEN})*$"
 ARGUMENT_PATTERN: Final = "^[A-Za-z_][A-Za-z0-9_./-]*$"
@@ -36,7 +37,8 @@ class Run(Model):
     """Executable of the package, such as talker."""
     name: NodeName | None = None
     """Name of the node in place of the program's own. $(ROBOTAPP_ROBOT) and $(ROBOTAPP_INSTANCE) stand for the names of robot and
-    instance, here as ROS names: amr-07 becomes amr_07."""
+    instance, here as ROS names: amr-07 becomes amr_07. With replicaIdentity: Ordinal, _$(ROBOTAPP_ORDINAL) is added unless name or
+    namespace has the ordinal: detector becomes detector_0, detector_1 and so on."""
     namespace: Namespace | None = None
     """ROS namespace of the node, such as /front, or /$(ROBOTAPP_ROBOT) for the robot's name as a ROS name."""
     remaps: Annotated[
@@ -85,7 +87,8 @@ class Launch(Model):
             message="a name of a launch argument has letters, digits, '_', '.', '-' and '/' only; write for example {use_sim_time: \"true\"}",
         ),
     ] = Field(default_factory=dict)
-    """Values of launch arguments. $(ROBOTAPP_ROBOT) and $(ROBOTAPP_INSTANCE) stand for the names of robot and instance as they are."""
+    """Values of launch arguments. $(ROBOTAPP_ROBOT) and $(ROBOTAPP_INSTANCE) stand for the names of robot and instance as they are,
+    $(ROBOTAPP_ORDINAL) for the ordinal of a replica."""
     parameters_argument: ArgumentName | None = None
     """Launch argument that is given the path of the component's parameter file, such as params_file. Left out while an optional
     file is absent."""

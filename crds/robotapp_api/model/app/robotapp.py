@@ -14,6 +14,7 @@ from robotapp_api.model.app.ros import Ros, Ros1, Ros2
 from robotapp_api.model.app.status import RobotAppStatus
 from robotapp_api.model.base import Model, ObjectMeta
 from robotapp_api.model.markers import Column, Kind, ListMap, Rule
+from robotapp_api.model.recording import Recording
 from robotapp_api.model.scalars import Duration
 
 _NAMES = "self.components.map(c, c.name)"
@@ -100,6 +101,12 @@ class RobotAppSpec(Model):
             message="overrides are for some of the app's robots, and the app has none; write robots.nodeSelector, or the values in the components",
             path=".overrides",
         ),
+        Rule(
+            rule=f"!has(self.recordings) || !self.recordings.exists(r, sets.contains({_NAMES}, [r.name]))",
+            message="a recording becomes a component of its name, so no component may have it; write another name",
+            expression=f"'recordings have names of components: %s; write other names'.format([self.recordings.filter(r, sets.contains({_NAMES}, [r.name])).map(r, r.name)])",
+            path=".recordings",
+        ),
     )
 
     suspend: bool = False
@@ -115,6 +122,8 @@ class RobotAppSpec(Model):
     overrides: Annotated[tuple[Override, ...], ListMap("name"), Field(max_length=16)] = ()
     """Values of components that differ from robot to robot, chosen by labels of the robots' nodes; of several that choose one
     robot a later one wins."""
+    recordings: Annotated[tuple[Recording, ...], ListMap("name"), Field(max_length=8)] = ()
+    """Topics that are written into bags, by a component of each recording's name."""
     placement: Placement = Placement()
     """Placement of the whole app."""
     ros2: Ros2 | None = None

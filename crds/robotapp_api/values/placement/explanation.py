@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from robotapp_api.model.names import ROBOT_END, PodReason
 from robotapp_api.values.quantities.duration import parse_us
+from robotapp_api.values.replicas import expand_replicas
 
 Json = dict[str, Any]
 
@@ -30,7 +31,7 @@ class Peer:
 def list_budgets(app: Json, component: str, *, instance: str, nodes: Mapping[str, str]) -> tuple[Peer, ...]:
     """Returns what the component must stay near to, from the spec; `nodes` has the nodes of the instance's components."""
     peers: list[Peer] = []
-    for edge in app["spec"].get("edges") or []:
+    for edge in expand_replicas(app["spec"]).get("edges") or []:
         ends = (edge["from"], edge["to"])
         budget = _read_milliseconds((edge.get("latency") or {}).get("budget"))
         if component not in ends or budget is None:
@@ -55,7 +56,7 @@ def describe_hardware(app: Json, component: str) -> str:
 
 def _find_component(app: Json, name: str) -> Json:
     """Returns its part of the spec; empty for a helper of the app's, which has none."""
-    return next((item for item in app["spec"]["components"] if item["name"] == name), {})
+    return next((item for item in expand_replicas(app["spec"])["components"] if item["name"] == name), {})
 
 
 def _read_milliseconds(duration: str | None) -> float | None:

@@ -75,7 +75,7 @@ class Exploration:
                         return word.rstrip(":"), text, known
                 elif label[0] == "!":
                     word, _, text = label[1:].partition(" ")
-                    return word, text, index
+                    return word.rstrip(":"), text, index
                 if self.live and progress and known != index:
                     self.edge_from.append(index)
                     self.edge_to.append(known)

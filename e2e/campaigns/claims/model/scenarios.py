@@ -1,6 +1,6 @@
 """Every scenario of the claim protocol with the verdict it must get. `quick` ones run in scripts/test.
 
-R and D: the rules as built. E: weaker forms of what follows a restore of etcd. P: weaker forms of parking. L: weaker forms in which something waits for ever. M and DM: mutants. U: unchecked pods.
+R, D and C: the rules as built (C: of devices as ResourceClaims, as they are to be built). E: weaker forms of what follows a restore of etcd. P: weaker forms of parking. L: weaker forms in which something waits for ever. M, DM and CM: mutants. U: unchecked pods.
 All of them: `scripts/bench claims --all`, or `python -m campaigns.claims.claims --all`.
 """
 
@@ -10,11 +10,14 @@ from typing import Any
 
 from campaigns.claims.model import device_rules as devices
 from campaigns.claims.model import domain_mutants as mutants
+from campaigns.claims.model import ledger_rules as ledgers
 from campaigns.claims.model.device import DeviceModel
 from campaigns.claims.model.device_rules import DeviceRules
 from campaigns.claims.model.domain import DomainModel
 from campaigns.claims.model.domain_rules import AUTO, NONE, DomainRules
 from campaigns.claims.model.explore import Model, Result, explore
+from campaigns.claims.model.ledger import OURS, THEIRS, LedgerModel
+from campaigns.claims.model.ledger_rules import LedgerRules
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,20 @@ def device(
 ) -> None:
     words = frozenset(expect.split("|"))
     ALL[name] = Scenario(name, about, words, lambda: DeviceModel(rules=rules(), **sizes), live=True, quick=quick)
+
+
+def ledger(
+    name: str,
+    about: str,
+    expect: str = "OK",
+    rules: type[LedgerRules] = LedgerRules,
+    *,
+    quick: bool = True,
+    **sizes: Any,
+) -> None:
+    """Adds a scenario of devices as ResourceClaims."""
+    words = frozenset(expect.split("|"))
+    ALL[name] = Scenario(name, about, words, lambda: LedgerModel(rules=rules(), **sizes), live=True, quick=quick)
 
 
 ONE: dict[str, Any] = {"ids": 1, "specs": (AUTO, NONE)}
@@ -241,7 +258,43 @@ for number, about, expect, seeded in (
 ):
     device(number, about, expect, seeded, forgeries=1, sweepers=1)
 
+RACE: dict[str, Any] = {"schedulers": (OURS, THEIRS), "theirs": (1,), "stops": False}
+"""Our scheduler and kube-scheduler, each with the pods of one app."""
+TWO_SPARE: dict[str, Any] = {**RACE, "holders": (0, 1), "devices": 2}
+CALM: dict[str, Any] = {"stops": False}
+LONE_SCHEDULER: dict[str, Any] = {"schedulers": (OURS,)}
+ledger("C0", "claims, 1 device, 1 + 1 pods, 1 scheduler", **LONE_SCHEDULER, holders=(0, 1))
+ledger("C1", "claims, 1 device, 2 + 1 pods, 1 scheduler", quick=False, **LONE_SCHEDULER)
+ledger("C2", "claims, 1 device, 1 + 1 pods, 2 schedulers", quick=False, holders=(0, 1))
+ledger("C3", "claims, 1 device, 2 + 1 pods, 2 schedulers, no app ends", **CALM)
+ledger("C4", "claims, beside kube-scheduler, no app ends", **RACE)
+ledger("C5", "claims, beside kube-scheduler, 2 preparations at once, no app ends", **RACE, calls=2)
+ledger("C6", "claims, beside kube-scheduler, 2 devices", **TWO_SPARE)
+ledger("C7", "claims, beside kube-scheduler, apps end", quick=False, **{**RACE, "stops": True})
+ledger("C8", "claims, pods deleted by force", quick=False, **CALM, forces=True)
+ledger("C9", "claims, beside kube-scheduler, pods deleted by force", quick=False, **RACE, forces=True)
+ledger("C10", "claims, 2 schedulers, 2 + 1 pods, apps end", quick=False)
+ledger("C11", "claims, 2 devices, 3 apps", quick=False, **CALM, holders=(0, 1, 2), devices=2)
+for number, about, expect, unsafe, sizes in (
+    ("CM1", "the lock ends with the pod", "RIVAL", ledgers.LockEndsWithThePod, RACE),
+    ("CM2", "no lock", "RIVAL|DOUBLE", ledgers.NoLock, RACE),
+    ("CM3", "a successor joins while its predecessor terminates", "SAME", ledgers.SuccessorJoins, CALM),
+    ("CM4", "no standing consumer", "RIVAL", ledgers.NoStandingConsumer, CALM),
+    ("CM5", "emptied while a pod exists", "LOST", ledgers.ReleasedUnderPods, LONE_SCHEDULER),
+    ("CM6", "the app is read before the claim", "RIVAL", ledgers.AppReadFirst, LONE_SCHEDULER),
+    ("CM7", "unconditional writes", "SAME|LOST", ledgers.NoCompare, CALM),
+    ("CM8", "given back before its pod is gone", "LOST", ledgers.FreedBeforeItsPod, RACE),
+    ("CM9", "locked after the reply", "RIVAL|DOUBLE", ledgers.LockedAfterwards, RACE),
+    ("CM10", "refused pods of others are left alone", "STUCK", ledgers.OwnPodsOnly, TWO_SPARE),
+    ("CM11", "bound before the claim is written", "SAME", ledgers.BoundFirst, CALM),
+    ("CM12", "the app is read before the pods", "RIVAL", ledgers.AppReadBeforePods, LONE_SCHEDULER),
+    ("CM13", "consumers that are gone stay", "RIVAL", ledgers.OldRefusals, RACE),
+    ("CM14", "two preparations beside each other", "RIVAL", ledgers.LockChangedUnseen, {**RACE, "calls": 2}),
+):
+    ledger(number, about, expect, unsafe, **sizes)
+
 IN_TURN = (
+    *("CM5", "CM6", "CM12", "C3", "C5"),
     *("R3s", "R4s", "R5s", "R11s", "R15s", "R17s", "R20s", "L4s", "M8", "D8", "DA2", "A1"),
     *("R1s", "R10", "A2", "U2", "M1", "P2", "P3", "P4", "L1"),
 )

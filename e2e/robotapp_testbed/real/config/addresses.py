@@ -15,6 +15,7 @@ POD_BRIDGE: Final = "cni0"
 CLUSTERS: Final = 250
 NODES: Final = 200
 _FIRST_NODE = 10
+_FIRST_OUTSIDER = 220
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,10 @@ class Addresses:
         """Where the API server and the cluster's DNS listen. 198.18.0.0/15 is set aside for test networks (RFC 2544)."""
         return f"198.18.{self.cluster}.1"
 
+    def outsider_ip(self, outsider: int) -> str:
+        """Address of a machine that is no node, numbered from 1, on the network of the nodes."""
+        return f"198.18.{self.cluster}.{_FIRST_OUTSIDER + outsider}"
+
     @property
     def cgroup(self) -> str:
         """Below every cgroup hierarchy's root; has one folder per node."""
@@ -47,6 +52,11 @@ class Addresses:
     @staticmethod
     def pod_gateway(node: int) -> str:
         return f"10.244.{node}.1"
+
+    @staticmethod
+    def pod_subnet(node: int) -> str:
+        """Covers the pods of one node, for a route to them."""
+        return f"10.244.{node}.0/24"
 
     @staticmethod
     def pod_range(node: int) -> tuple[str, str]:

@@ -16,6 +16,7 @@ HUB_SYSCTLS: Final = {
     "net/bridge/bridge-nf-call-ip6tables": "0",
     "net/bridge/bridge-nf-call-arptables": "0",
 }
+OUTSIDER_SYSCTLS: Final = {"net/ipv6/conf/all/disable_ipv6": "1"}
 NODE_SYSCTLS: Final = {"net/ipv4/ip_forward": "1", "net/ipv6/conf/all/disable_ipv6": "1"}
 
 
@@ -70,6 +71,20 @@ def node(addresses: Addresses, index: int, *, data: bool) -> list[str]:
         f"link set {POD_BRIDGE} up",
     ]
     return [*lines, f"link set data0 master {POD_BRIDGE} up"] if data else lines
+
+
+def plug_outsider(outsider: int, *, outsider_pid: int) -> list[str]:
+    """Returns the commands for the hub that join a machine outside of the cluster to the network of the nodes."""
+    return [
+        f"link add name outside{outsider} type veth peer name eth0 netns {outsider_pid}",
+        f"link set outside{outsider} master control up",
+    ]
+
+
+def outsider(addresses: Addresses, index: int, *, nodes: int) -> list[str]:
+    """Returns the commands for a machine outside of the cluster, which reaches pods by way of their nodes."""
+    routes = [f"route add {addresses.pod_subnet(node)} via {addresses.node_ip(node)}" for node in range(1, nodes + 1)]
+    return [f"addr add {addresses.outsider_ip(index)}/24 dev eth0", "link set eth0 up", *routes]
 
 
 def way_out() -> list[str]:

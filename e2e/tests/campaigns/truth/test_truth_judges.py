@@ -102,7 +102,7 @@ TRUE_EVENTS = [
     ("DeviceClaimed", "domain 7; 1 of 1 devices reserved"),
     ("Placed", "2 of 2 components on amr, edge"),
     ("DeviceLost", "talk: device cam on edge is gone: plug it in again; onLoss decides what happens to the pod"),
-    ("BudgetExceeded", "1 of 1 edges are over budget, worst /t talk -> hear 5ms of 40ms; move a component closer"),
+    ("BudgetExceeded", "1 of 1 edge is over budget, worst /t talk -> hear 5ms of 40ms; move a component closer"),
     ("NodeRejected", "0 of 2 placed; talk: 0/3 nodes are available: 2 Insufficient cpu, 1 node(s) were unschedulable."),
 ]
 FALSE_EVENTS = [
@@ -114,8 +114,8 @@ FALSE_EVENTS = [
     ),
     ("DeviceReturned", "device cam on edge is back: domain 7; 1 of 1 devices"),
     ("DeviceBusy", "device cam on edge is held by n/other: it is free when its holder is deleted or suspended"),
-    ("BudgetExceeded", "1 of 1 edges are over budget, worst /t talk -> hear 9ms of 40ms; move a component closer"),
-    ("BudgetExceeded", "1 of 1 edges are over budget, worst /t talk -> hear 5ms of 30ms; move a component closer"),
+    ("BudgetExceeded", "1 of 1 edge is over budget, worst /t talk -> hear 9ms of 40ms; move a component closer"),
+    ("BudgetExceeded", "1 of 1 edge is over budget, worst /t talk -> hear 5ms of 30ms; move a component closer"),
     ("NodeRejected", "0 of 2 placed; talk: 0/2 nodes are available: 2 Insufficient cpu."),
     ("NodeRejected", "0 of 2 placed; talk: 0/3 nodes are available: 2 Insufficient cpu."),
     ("Rescheduled", "talk moved from cloud to edge: device cam on cloud is lost"),

@@ -1,4 +1,4 @@
-"""The archive writer: content of an image belongs to root and carries no times."""
+"""Archives: content of an image belongs to root and carries no times, and comes out as it went in."""
 
 import io
 import tarfile
@@ -31,3 +31,16 @@ def test_members_belong_to_root_with_plain_modes_and_no_times(tmp_path: Path) ->
     assert {(member.uid, member.gid, member.uname, member.mtime) for member in members} == {(0, 0, "", 0)}
     modes = {member.name: member.mode for member in members if not member.issym()}
     assert modes == {"bin": 0o755, "bin/app": 0o755, "data": 0o644, "tmp": 0o1777}
+
+
+def test_an_unpacked_archive_has_the_files_of_all_layers_with_the_upper_one_on_top(tmp_path: Path) -> None:
+    lower, upper, root = tmp_path / "lower", tmp_path / "upper", tmp_path / "root"
+    for layer in (lower, upper):
+        (layer / "usr" / "bin").mkdir(parents=True)
+        (layer / "bin").symlink_to("usr/bin")
+        (layer / "usr" / "bin" / layer.name).write_text(layer.name)
+        (layer / "both").write_text(layer.name)
+    oci.write(tmp_path / "a.tar", "n:t", [lower, upper], oci.Config(entrypoint=["/bin/app"], architecture="amd64"))
+    oci.unpack(tmp_path / "a.tar", root)
+    assert (root / "both").read_text() == "upper"
+    assert sorted(path.name for path in (root / "bin").iterdir()) == ["lower", "upper"]

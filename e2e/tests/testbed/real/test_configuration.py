@@ -30,3 +30,12 @@ def test_a_kubelet_lives_in_its_own_control_group_and_asks_the_cluster_who_may_e
 def test_the_only_link_of_the_host_ends_in_the_hub() -> None:
     created = [line for line in network.host(ADDRESSES, hub_pid=42) if line.startswith("link add")]
     assert created == ["link add name robotapp3 type veth peer name host netns 42"]
+
+
+def test_a_machine_outside_reaches_the_pods_of_each_node_by_way_of_that_node() -> None:
+    ours = Addresses(3)
+    lines = network.outsider(ours, 1, nodes=2)
+    assert lines[0] == f"addr add {ours.outsider_ip(1)}/24 dev eth0"
+    assert lines[2:] == [f"route add 10.244.{node}.0/24 via {ours.node_ip(node)}" for node in (1, 2)]
+    node_addresses = {ours.node_ip(node) for node in range(1, 201)}
+    assert not node_addresses & {ours.outsider_ip(index) for index in range(1, 21)}

@@ -75,7 +75,7 @@ def _decide(
         file_hash=state.hash,
         absent=absent,
         rolls_out=app.spec.update.on_config_change == "Roll",
-        startable=not content.missing and not state.missing,
+        startable=not content.missing,
         now=now,
     )
 

@@ -20,7 +20,7 @@ from robotapp_operator.plan.render.child import DEPLOYMENT, SERVICE, Child
 from robotapp_operator.plan.render.deployments import component_deployments
 from robotapp_operator.plan.render.infrastructure import infrastructure
 from robotapp_operator.plan.render.parameters import ParameterState
-from robotapp_operator.plan.render.services import component_services, peers_service
+from robotapp_operator.plan.render.services import component_services, peers_service, replicas_services
 from robotapp_operator.plan.spec.covers import covers
 from robotapp_operator.plan.spec.dependencies import unmet_dependencies
 from robotapp_operator.plan.spec.desired import App, Desired, Domain
@@ -64,10 +64,11 @@ def wanted_children(
     master_starts: Mapping[str, str] = {},
     observed: Mapping[ChildRef, Observed] = {},
     pods: Mapping[str, Sequence[Pod]] | None = None,
+    claiming: Collection[str] = (),
 ) -> list[Child]:
     """Everything the instance should have, infrastructure first: it starts while the components are scheduled.
 
-    master_starts: by component, those of the ROS 1 master for which it was restarted.
+    master_starts: by component, those of the ROS 1 master for which it was restarted. claiming: components with a ResourceClaim.
     A component that waits for others is not created; where it exists, it gets no pods. Nothing while a ROS 2 instance has no domain: pods without one would all meet on domain 0.
     """
     if desired.app.ros_version == 2 and domain is None:
@@ -75,7 +76,7 @@ def wanted_children(
     children = infrastructure(desired, running=running)
     if desired.app.ros_version == 2 and desired.discovery == "Peers":
         children.append(peers_service(desired))
-    children += component_services(desired)
+    children += replicas_services(desired) + component_services(desired)
     waiting = unmet_dependencies(
         desired.app, (item for item in observed.values() if isinstance(item, Deployment)), pods
     )
@@ -86,6 +87,7 @@ def wanted_children(
         running=running,
         master_starts=master_starts,
         waiting=waiting.keys(),
+        claiming=claiming,
     )
     return [*children, *(child for child in deployments if child.component not in waiting or child.ref in observed)]
 

@@ -86,11 +86,10 @@ def is_restart(change: Change) -> bool:
     return change.over is not None and starts not in ("", read_master_starts(change.over.spec))
 
 
-def describe_restart(components: Sequence[str], record: str, *, robot: str) -> str:
+def describe_restart(components: Sequence[str], record: str) -> str:
     """Returns the text of the event. record: the annotation that was written, which ends with the master's start."""
-    place = f"robot {robot}: " if robot else ""
     started = record.rpartition(_SEPARATOR)[2]
-    return f"{place}the ROS master was started anew at {started} without the names and topics of its nodes: {shown(components)} restarted"
+    return f"the ROS master was started anew at {started} without the names and topics of its nodes: {shown(components)} restarted"
 
 
 def read_master_starts(spec: Mapping[str, object]) -> str:

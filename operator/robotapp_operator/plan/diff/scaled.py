@@ -31,7 +31,8 @@ def note_scaled(app: App, child: Child, over: Deployment | Service, managed_fiel
 
 
 def _cure(app: App, child: Child) -> str:
-    index = next((number for number, one in enumerate(app.spec.components) if one.name == child.component), None)
+    name = app.written_name(child.component)
+    index = next((number for number, one in enumerate(app.written.components) if one.name == name), None)
     if app.spec.suspend:
         return "the app is suspended; write spec.suspend: false"
     if index is None:

@@ -12,6 +12,7 @@ from datetime import datetime
 from typing import Final
 
 from robotapp_api.model.app.component import Component
+from robotapp_claims.rules.device_attributes import is_handed_over
 from robotapp_operator.plan.moves.mass_loss import Losses
 from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, is_tied_to_robot, limits_of
 from robotapp_operator.plan.spec.desired import App
@@ -72,6 +73,9 @@ def _of_component(
 ) -> Move | Stays:
     if is_tied_to_robot(component):
         return Stays(component.name, "it stays on its robot: runsOn is [Robot]")
+    if is_handed_over(device.claim):
+        text = f"its ResourceClaim holds the lost device: kubectl delete resourceclaim {device.claim.split('/')[2]} to have another one chosen"
+        return Stays(component.name, text)
     node = elsewhere(component)
     if not node:
         return Stays(component.name, "no other node has such a device that is free")

@@ -86,7 +86,15 @@ def instance_labels(desired: Desired) -> dict[str, str]:
 
 
 def component_labels(desired: Desired, component: str) -> dict[str, str]:
-    return instance_labels(desired) | {Label.COMPONENT.value: component, Label.NAME.value: component}
+    own = {Label.COMPONENT.value: component, Label.NAME.value: component}
+    if replica := desired.app.replicas.get(component):
+        own |= replicas_labels(desired, replica.component) | {Label.NAME.value: replica.component}
+    return instance_labels(desired) | own
+
+
+def replicas_labels(desired: Desired, component: str) -> dict[str, str]:
+    """Returns the labels that all replicas of a component have, whose ordinals make each a component of its own."""
+    return instance_labels(desired) | {Label.REPLICA_OF.value: component}
 
 
 def role_labels(desired: Desired, role: str) -> dict[str, str]:
@@ -96,5 +104,5 @@ def role_labels(desired: Desired, role: str) -> dict[str, str]:
 
 def selector(labels: dict[str, str]) -> dict[str, str]:
     """The immutable part: without the uid, so that an app re-created under its name keeps working."""
-    kept = (Label.APP, Label.INSTANCE, Label.COMPONENT, Label.ROLE, Label.PART)
+    kept = (Label.APP, Label.INSTANCE, Label.COMPONENT, Label.REPLICA_OF, Label.ROLE, Label.PART)
     return {label.value: labels[label.value] for label in kept if label.value in labels}

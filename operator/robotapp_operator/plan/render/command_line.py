@@ -3,14 +3,13 @@
 They are given to the image's entry point, which sets up ROS in the usual images; `command` would replace it.
 """
 
-from collections.abc import Mapping
 from typing import Any, Final
 
 from robotapp_api.checks.command_line import reads_parameters_variable
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.program import Launch, Run
-from robotapp_api.model.names import PARAMETERS_VARIABLE
-from robotapp_api.values.references import replace_references, to_ros_name
+from robotapp_api.model.names import ORDINAL_VARIABLE, PARAMETERS_VARIABLE
+from robotapp_api.values.references import Values, expand, to_ros_name
 from robotapp_operator.plan.render.parameters import ParameterState, parameter_paths
 from robotapp_operator.plan.spec.desired import Desired
 
@@ -34,10 +33,10 @@ def render_arguments(component: Component, desired: Desired, state: ParameterSta
     paths = parameter_paths(component, state)
     if component.run is not None:
         if desired.app.ros_version == 1:
-            return _run_ros1(component.run, paths, desired, node=full_node_name(component, desired))
-        return _run_ros2(component.run, paths, desired)
+            return _run_ros1(component, component.run, paths, desired)
+        return _run_ros2(component, component.run, paths, desired)
     if component.launch is not None:
-        return _launch(component.launch, paths, desired)
+        return _launch(component.launch, paths, desired, values=desired.values_of(component.name))
     if _is_told_by_variable(component, desired):
         return [*component.args]
     return [*component.args, *_params_file_arguments(paths)]
@@ -57,41 +56,56 @@ def full_node_name(component: Component, desired: Desired) -> str:
     run = component.run
     if run is None or run.name is None:
         return ""
-    texts = (_absolute(run.namespace) or "", run.name)
-    namespace, name = (replace_references(text, _ros_values(desired)) for text in texts)
+    texts = (_absolute(run.namespace) or "", _name_node(component, run, desired) or "")
+    namespace, name = (expand(text, _ros_values(component, desired)) for text in texts)
     return f"{namespace.rstrip('/')}/{name}"
+
+
+def _name_node(component: Component, run: Run, desired: Desired) -> str | None:
+    """Returns `run.name`, with the ordinal for a replica that has one, because all of them would have this name."""
+    reference = f"$({ORDINAL_VARIABLE})"
+    if component.name not in desired.app.replicas or run.name is None or reference in f"{run.namespace}/{run.name}":
+        return run.name
+    return f"{run.name}_{reference}"
 
 
 def _is_told_by_variable(component: Component, desired: Desired) -> bool:
     return not desired.app.uses_ros(component) or reads_parameters_variable(component)
 
 
-def _run_ros2(run: Run, paths: list[str], desired: Desired) -> list[str]:
-    remaps = [word for rule in _remap_rules(run, desired, node="__node") for word in ("-r", rule)]
+def _run_ros2(component: Component, run: Run, paths: list[str], desired: Desired) -> list[str]:
+    remaps = [word for rule in _remap_rules(component, run, desired, node="__node") for word in ("-r", rule)]
     for_ros = [*remaps, *_params_file_arguments(paths)[1:]]
-    return [*_program("ros2", "run", run=run, desired=desired), *(["--ros-args", *for_ros] if for_ros else [])]
+    return [
+        *_program("ros2", "run", run=run, values=desired.values_of(component.name)),
+        *(["--ros-args", *for_ros] if for_ros else []),
+    ]
 
 
-def _run_ros1(run: Run, paths: list[str], desired: Desired, *, node: str) -> list[str]:
-    program = [*_program("rosrun", run=run, desired=desired), *_remap_rules(run, desired, node="__name")]
+def _run_ros1(component: Component, run: Run, paths: list[str], desired: Desired) -> list[str]:
+    program = [
+        *_program("rosrun", run=run, values=desired.values_of(component.name)),
+        *_remap_rules(component, run, desired, node="__name"),
+    ]
     if not paths:
         return program
+    node = full_node_name(component, desired)
     return [*("sh", "-c", LOAD_PARAMETERS, "robotapp-parameters", node), *paths, "--", *program]
 
 
-def _program(*tool: str, run: Run, desired: Desired) -> list[str]:
-    return [*tool, run.package, run.executable, *(replace_references(word, _values(desired)) for word in run.args)]
+def _program(*tool: str, run: Run, values: Values) -> list[str]:
+    return [*tool, run.package, run.executable, *(expand(word, values) for word in run.args)]
 
 
-def _remap_rules(run: Run, desired: Desired, *, node: str) -> list[str]:
+def _remap_rules(component: Component, run: Run, desired: Desired, *, node: str) -> list[str]:
     """Returns the rules `from:=to`, first those of the node itself. node: what its name is called there."""
-    targets = {node: run.name, "__ns": _absolute(run.namespace), **run.remaps}
-    return [f"{name}:={replace_references(target, _ros_values(desired))}" for name, target in targets.items() if target]
+    targets = {node: _name_node(component, run, desired), "__ns": _absolute(run.namespace), **run.remaps}
+    values = _ros_values(component, desired)
+    return [f"{name}:={expand(target, values)}" for name, target in targets.items() if target]
 
 
-def _launch(launch: Launch, paths: list[str], desired: Desired) -> list[str]:
-    values = _values(desired)
-    arguments = {name: replace_references(value, values) for name, value in launch.arguments.items()}
+def _launch(launch: Launch, paths: list[str], desired: Desired, *, values: Values) -> list[str]:
+    arguments = {name: expand(value, values) for name, value in launch.arguments.items()}
     if launch.parameters_argument and paths:
         arguments[launch.parameters_argument] = paths[0]
     # Without --wait roslaunch ends when it starts before the master does.
@@ -108,10 +122,7 @@ def _absolute(namespace: str | None) -> str | None:
     return f"/{namespace.lstrip('/')}" if namespace else namespace
 
 
-def _values(desired: Desired) -> Mapping[str, str]:
-    """The robot's name is that of the instance."""
-    return {"ROBOTAPP_ROBOT": desired.robot, "ROBOTAPP_INSTANCE": desired.robot}
-
-
-def _ros_values(desired: Desired) -> Mapping[str, str]:
-    return {name: to_ros_name(value) for name, value in _values(desired).items()}
+def _ros_values(component: Component, desired: Desired) -> Values:
+    """Returns the values as parts of ROS names. An ordinal is one as it is, because no name begins with it."""
+    values = desired.values_of(component.name)
+    return {name: value if name == ORDINAL_VARIABLE else to_ros_name(value) for name, value in values.items()}

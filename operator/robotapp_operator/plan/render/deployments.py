@@ -6,6 +6,7 @@ from typing import Any
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import Annotation
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child, component_labels, selector
+from robotapp_operator.plan.render.devices.resource_claim import name_claim
 from robotapp_operator.plan.render.parameters import NONE, ParameterState
 from robotapp_operator.plan.render.pod_template import pod_template
 from robotapp_operator.plan.spec.desired import Desired, Domain
@@ -20,14 +21,17 @@ def component_deployments(
     running: bool,
     master_starts: Mapping[str, str] = {},
     waiting: Collection[str] = (),
+    claiming: Collection[str] = (),
 ) -> list[Child]:
     """`running` False: no pods (suspended, or no domain to be had), everything else stays. master_starts: by component.
-    waiting: components without pods so far.
+    waiting: components without pods so far. claiming: components whose devices come by a ResourceClaim.
     """
     children = []
     for component in desired.app.spec.components:
         state, starts = parameters.get(component.name, NONE), master_starts.get(component.name, "")
         template = pod_template(component, desired, domain=domain, state=state, master_starts=starts)
+        if component.name in claiming:
+            template = name_claim(template, component, claim=desired.name_of(component.name))
         is_running = running and component.name not in waiting
         children.append(_deployment(component, desired, template, state=state, running=is_running))
     return children

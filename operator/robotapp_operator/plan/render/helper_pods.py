@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from robotapp_api.model.app.component import Component
-from robotapp_api.model.names import Label
+from robotapp_api.model.names import ORDINAL_VARIABLE, Label
 from robotapp_api.model.packed import unpacked
 from robotapp_api.values.placement.component_nodes import (
     is_in,
@@ -19,6 +19,7 @@ from robotapp_api.values.placement.component_nodes import (
     tier_terms,
 )
 from robotapp_api.values.placement.tiers import ROBOT
+from robotapp_api.values.references import reference_values
 from robotapp_operator.plan.render.child import instance_labels, selector
 from robotapp_operator.plan.render.node_affinity import (
     disconnect_tolerations,
@@ -78,13 +79,15 @@ def render_helper(
     annotations = _share_entries(desired, "annotations") | template.metadata.annotations
     metadata = {
         "labels": {
-            **expand_labels(_share_entries(desired, "labels") | template.metadata.labels, desired.robot),
+            **expand_labels(
+                _share_entries(desired, "labels") | template.metadata.labels, reference_values(desired.robot)
+            ),
             **labels,
         },
         **({"annotations": annotations} if annotations else {}),
     }
     written = {name: plain for name, value in spec.items() if (plain := unpacked(value)) not in (None, [], {}, "")}
-    return {"metadata": metadata, "spec": expand_pod(written, desired.robot)}
+    return {"metadata": metadata, "spec": expand_pod(written, reference_values(desired.robot))}
 
 
 def _render_container(desired: Desired, container: Mapping[str, Any], image_of: Component | None) -> dict[str, Any]:
@@ -139,8 +142,12 @@ def _collect_tolerations(desired: Desired, *, home: str) -> list[dict[str, Any]]
 
 
 def _share_entries(desired: Desired, field: str) -> dict[str, str]:
-    """Returns labels or annotations that all components have alike: a Service that selects a single component selects no helper."""
-    return _intersect([getattr(component.template.metadata, field) for component in desired.app.ros_components])
+    """Returns labels or annotations that all components have alike: a Service that selects a single component selects no helper.
+
+    Those with the ordinal of a replica differ, although they are written alike.
+    """
+    entries = _intersect([getattr(component.template.metadata, field) for component in desired.app.ros_components])
+    return {key: value for key, value in entries.items() if ORDINAL_VARIABLE not in value}
 
 
 def _intersect(maps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

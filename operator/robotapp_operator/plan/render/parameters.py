@@ -12,7 +12,7 @@ from typing import Any, Final
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.parameters import ConfigMapKey, Parameters
 from robotapp_api.model.names import PARAMETERS_PATH, PARAMETERS_PREFIX, PARAMETERS_VOLUME, Annotation
-from robotapp_api.values.robot_references import expand
+from robotapp_api.values.references import Values, expand
 from robotapp_operator.plan.spec.desired import App, Desired
 from robotapp_operator.plan.spec.objects import ConfigMap
 
@@ -20,14 +20,13 @@ from robotapp_operator.plan.spec.objects import ConfigMap
 @dataclasses.dataclass(frozen=True, slots=True)
 class ParameterState:
     """What a component's files depend on besides the spec: `absent` are positions of optional files that do not exist,
-    `hash` is over the content of the ConfigMap keys ("" without any), `missing` names required ones that do not exist.
+    `hash` is over the content of the ConfigMap keys ("" without any). What is missing of required ones is in `ConfigContent`.
     `config_hash` is over other ConfigMaps and Secrets ("" until a change of them has started the pods anew), `record` what is
     recorded of all that on the Deployment, `change` why the pods start anew now.
     """
 
     absent: frozenset[int] = frozenset()
     hash: str = ""
-    missing: tuple[str, ...] = ()
     config_hash: str = ""
     record: str = ""
     change: str = ""
@@ -47,24 +46,20 @@ def parameter_states(app: App, robot: str, config_maps: Mapping[str, ConfigMap])
 
 def _state(component: Component, app: App, robot: str, config_maps: Mapping[str, ConfigMap]) -> ParameterState:
     absent: set[int] = set()
-    missing: list[str] = []
     digest = hashlib.sha256()
     read = False
+    values = app.reference_values(component.name, robot)
     for position, file in enumerate(component.parameters):
         ref = file.config_map_key_ref
         if ref is None:
             continue
         read = True
-        key = expand(ref.key, robot)
-        name = expand(ref.name, robot)
-        found = config_maps.get(f"{app.namespace}/{name}")
-        content = found.data.get(key) if found else None
+        config_map = config_maps.get(f"{app.namespace}/{expand(ref.name, values)}")
+        content = config_map.data.get(expand(ref.key, values)) if config_map else None
         if content is None and ref.optional:
             absent.add(position)
-        elif content is None:
-            missing.append(f"ConfigMap {name} has no key {key}" if found else f"there is no ConfigMap {name}")
         digest.update(f"{position}:{content is None}:".encode() + (content or "").encode() + b"\0")
-    return ParameterState(frozenset(absent), digest.hexdigest()[:16] if read else "", tuple(missing))
+    return ParameterState(frozenset(absent), digest.hexdigest()[:16] if read else "")
 
 
 def parameter_paths(component: Component, state: ParameterState) -> list[str]:
@@ -87,7 +82,7 @@ def parameter_annotations(component: Component, state: ParameterState) -> dict[s
 def parameter_volume(component: Component, desired: Desired, state: ParameterState) -> list[dict[str, Any]]:
     """One volume with all files, none when there are none."""
     sources = [
-        _source(file, position, desired.robot)
+        _source(file, position, desired.values_of(component.name))
         for position, file in enumerate(component.parameters)
         if position not in state.absent
     ]
@@ -100,7 +95,7 @@ def parameter_mount(component: Component, state: ParameterState) -> list[dict[st
     return [{"name": PARAMETERS_VOLUME, "mountPath": PARAMETERS_PATH, "readOnly": True}]
 
 
-def _source(file: Parameters, position: int, robot: str) -> dict[str, Any]:
+def _source(file: Parameters, position: int, values: Values) -> dict[str, Any]:
     path = _name(position)
     if file.inline is not None:
         field = f"metadata.annotations['{_annotation(position)}']"
@@ -109,7 +104,7 @@ def _source(file: Parameters, position: int, robot: str) -> dict[str, Any]:
     if ref is None:  # refused by the schema; a file that is nothing mounts nothing
         return {"downwardAPI": {"items": []}}
     kind = "configMap" if isinstance(ref, ConfigMapKey) else "secret"
-    return {kind: {"name": expand(ref.name, robot), "items": [{"key": expand(ref.key, robot), "path": path}]}}
+    return {kind: {"name": expand(ref.name, values), "items": [{"key": expand(ref.key, values), "path": path}]}}
 
 
 def _name(position: int) -> str:

@@ -6,10 +6,20 @@ from typing import Any, Final
 from robotapp_api.checks.containers import list_containers
 from robotapp_api.checks.host_access.network import shares_memory
 from robotapp_api.model.app.component import Component
-from robotapp_api.model.names import SHARED_MEMORY_PATH, SHARED_MEMORY_VOLUME, WAITING_STEP, Annotation
+from robotapp_api.model.names import (
+    INSTANCE_VARIABLE,
+    ORDINAL_VARIABLE,
+    REPLICAS_VARIABLE,
+    ROBOT_VARIABLE,
+    SHARED_MEMORY_PATH,
+    SHARED_MEMORY_VOLUME,
+    WAITING_STEP,
+    Annotation,
+)
 from robotapp_api.model.packed import unpacked
 from robotapp_operator.plan.render.child import component_labels
 from robotapp_operator.plan.render.command_line import full_node_name, parameter_variables, render_arguments
+from robotapp_operator.plan.render.devices.variables import device_variables
 from robotapp_operator.plan.render.environment import join_environment, ros1_environment, ros2_environment
 from robotapp_operator.plan.render.node_affinity import affinity, scheduling_gates, tolerations
 from robotapp_operator.plan.render.parameters import (
@@ -70,12 +80,11 @@ def pod_template(
         **_operating_system(component),
         **scheduling_gates(desired),
     }
-    labels = expand_labels(component.template.metadata.labels, desired.robot) | component_labels(
-        desired, component.name
-    )
+    values = desired.values_of(component.name)
+    labels = expand_labels(component.template.metadata.labels, values) | component_labels(desired, component.name)
     return {
         "metadata": {"labels": labels, **_written(annotations=annotations)},
-        "spec": expand_pod(_written(**spec), desired.robot),
+        "spec": expand_pod(_written(**spec), values),
     }
 
 
@@ -143,10 +152,23 @@ def _pod_environment(component: Component, desired: Desired, *, domain: Domain |
     """Returns the variables of every container of the component's pod."""
     return [
         {"name": "ROBOTAPP_APP", "value": desired.app.name},
-        {"name": "ROBOTAPP_INSTANCE", "value": desired.robot},
-        {"name": "ROBOTAPP_ROBOT", "value": desired.robot},
-        {"name": "ROBOTAPP_COMPONENT", "value": component.name},
+        {"name": INSTANCE_VARIABLE, "value": desired.robot},
+        {"name": ROBOT_VARIABLE, "value": desired.robot},
+        {"name": "ROBOTAPP_COMPONENT", "value": desired.app.written_name(component.name)},
+        *device_variables(component),
+        *_replica_environment(component, desired),
         *(_ros_environment(component, desired, domain=domain) if desired.app.uses_ros(component) else ()),
+    ]
+
+
+def _replica_environment(component: Component, desired: Desired) -> list[dict[str, Any]]:
+    """Returns which of its component's replicas the pod is, and the Service under which all of them have their names."""
+    replica = desired.app.replicas.get(component.name)
+    if replica is None:
+        return []
+    return [
+        {"name": ORDINAL_VARIABLE, "value": str(replica.ordinal)},
+        {"name": REPLICAS_VARIABLE, "value": desired.replicas_service(component.name)},
     ]
 
 
@@ -200,7 +222,9 @@ def _shared_memory_mount(component: Component) -> list[dict[str, Any]]:
 
 
 def _peer_identity(component: Component, desired: Desired) -> dict[str, str]:
-    """A DNS name per component, under the headless Service."""
+    """Returns host name and Service that give the pod a DNS name: with peers each component, else replicas that have ordinals."""
+    if component.name in desired.app.replicas:
+        return {"hostname": component.name, "subdomain": desired.replicas_service(component.name)}
     if desired.discovery != "Peers" or not desired.app.uses_ros(component):
         return {}
     return {"hostname": component.name, "subdomain": desired.peers_service}

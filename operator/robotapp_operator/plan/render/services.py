@@ -3,11 +3,13 @@
 from typing import Any, Final
 
 from robotapp_api.model.app.service import ComponentService, ServicePort
+from robotapp_api.values.references import reference_values
 from robotapp_operator.plan.render.child import (
     SERVICE,
     Child,
     component_labels,
     instance_labels,
+    replicas_labels,
     role_labels,
     selector,
 )
@@ -63,15 +65,22 @@ def outside_service(*, name: str, labels: dict[str, str], port: int, protocol: s
 
 def component_services(desired: Desired) -> list[Child]:
     """Services that the components ask for themselves. A suspended app keeps them, and with them their addresses."""
+    return [_component_service(desired, component, service) for component, service in desired.app.services.items()]
+
+
+def replicas_services(desired: Desired) -> list[Child]:
+    """Under each of them the replicas of a component have their names, unless they have them among the peers."""
+    names = {desired.replicas_service(name): replica.component for name, replica in desired.app.replicas.items()}
     return [
-        _component_service(desired, component.name, component.service)
-        for component in desired.app.spec.components
-        if component.service is not None
+        _names_service(desired, name, replicas_labels(desired, component))
+        for name, component in names.items()
+        if name != desired.peers_service
     ]
 
 
 def _component_service(desired: Desired, component: str, service: ComponentService) -> Child:
-    labels = component_labels(desired, component)
+    has_ordinals = any(replica.component == component for replica in desired.app.replicas.values())
+    labels = replicas_labels(desired, component) if has_ordinals else component_labels(desired, component)
     wanted = service.spec
     spec = {
         "type": wanted.type,
@@ -82,7 +91,7 @@ def _component_service(desired: Desired, component: str, service: ComponentServi
     }
     return Child(
         ref=ChildRef(SERVICE, desired.name_of(component)),
-        labels=expand_labels(service.metadata.labels, desired.robot) | labels,
+        labels=expand_labels(service.metadata.labels, reference_values(desired.robot)) | labels,
         annotations=service.metadata.annotations,
         spec=spec,
     )

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
 from robotapp_api.model.app.component import Component
-from robotapp_api.values.component_references import list_object_references
+from robotapp_api.values.component_references import list_further_containers, list_object_references
 from robotapp_api.values.overrides import apply_overrides
-from robotapp_api.values.robot_references import ObjectReference, expand
+from robotapp_api.values.references import ObjectReference, Values, expand, reference_values
 from robotapp_operator.plan.spec.covers import content_hash
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import ConfigMap
@@ -83,7 +83,7 @@ def list_config_maps(app: App, robot: str) -> frozenset[str]:
     return frozenset(
         f"{app.namespace}/{reference.name}"
         for component in app.spec.components
-        for reference in _references(component, robot)
+        for reference in _references(component, app.reference_values(component.name, robot))
         if reference.kind == CONFIG_MAP and reference.name not in OF_THE_SYSTEM
     )
 
@@ -93,7 +93,7 @@ def list_secrets(app: App, robot: str) -> frozenset[str]:
     return frozenset(
         reference.name
         for component in app.spec.components
-        for reference in _references(component, robot)
+        for reference in _references(component, app.reference_values(component.name, robot))
         if reference.kind == SECRET
     )
 
@@ -107,7 +107,7 @@ def reads_config(app: App) -> bool:
         for component in app.spec.components
     }
     specs = (app.spec, apply_overrides(app.spec, every))
-    return any(_references(component, "") for spec in specs for component in spec.components)
+    return any(_references(component, reference_values("")) for spec in specs for component in spec.components)
 
 
 def names_secrets(app: App) -> bool:
@@ -118,45 +118,67 @@ def names_secrets(app: App) -> bool:
 def config_content(component: Component, app: App, robot: str, cluster_config: ClusterConfig) -> ConfigContent:
     """Returns the hashes of what the component reads. Secrets count where their versions are known."""
     sentences: list[str] = []
-    references = _mounted(component, robot), _files(component, robot)
-    digests, file_digests = (_read(group, app.namespace, cluster_config, sentences) for group in references)
+    values = app.reference_values(component.name, robot)
+    references = _mounted(component, values), _files(component, values)
+    unneeded = _list_unmounted(component)
+    digests, file_digests = (_read(group, app.namespace, cluster_config, sentences, unneeded) for group in references)
     return ConfigContent(digests, file_digests, content_hash(references), tuple(dict.fromkeys(sentences)))
 
 
-def _references(component: Component, robot: str) -> Iterable[ObjectReference]:
-    return (*_mounted(component, robot), *_files(component, robot))
+def _references(component: Component, values: Values) -> Iterable[ObjectReference]:
+    return (*_mounted(component, values), *_files(component, values))
 
 
-def _mounted(component: Component, robot: str) -> list[ObjectReference]:
+def _mounted(component: Component, values: Values) -> list[ObjectReference]:
     return [
-        reference._replace(name=expand(reference.name, robot), keys=tuple(expand(key, robot) for key in reference.keys))
+        reference._replace(
+            name=expand(reference.name, values), keys=tuple(expand(key, values) for key in reference.keys)
+        )
         for reference in list_object_references(component, "")
     ]
 
 
-def _files(component: Component, robot: str) -> list[ObjectReference]:
+def _list_unmounted(component: Component) -> tuple[str, ...]:
+    """Returns where the volumes stand that no container mounts. The kubelet leaves them out, so a pod starts without their objects."""
+    further = (container.get("volumeMounts") or () for container, _ in list_further_containers(component, ""))
+    mounted = {str(mount.get("name")) for mounts in (component.volume_mounts, *further) for mount in mounts}
+    volumes = component.template.spec.volumes
+    return tuple(
+        f".template.spec.volumes[{index}]." for index, volume in enumerate(volumes) if volume.get("name") not in mounted
+    )
+
+
+def _files(component: Component, values: Values) -> list[ObjectReference]:
     file_references = []
     for file in component.parameters:
         if file.config_map_key_ref:
             ref = file.config_map_key_ref
             file_references.append(
-                ObjectReference(CONFIG_MAP, expand(ref.name, robot), (expand(ref.key, robot),), ref.optional)
+                ObjectReference(CONFIG_MAP, expand(ref.name, values), (expand(ref.key, values),), ref.optional)
             )
         elif file.secret_key_ref:
             file_references.append(
                 ObjectReference(
-                    SECRET, expand(file.secret_key_ref.name, robot), (expand(file.secret_key_ref.key, robot),)
+                    SECRET, expand(file.secret_key_ref.name, values), (expand(file.secret_key_ref.key, values),)
                 )
             )
     return file_references
 
 
 def _read(
-    references: Iterable[ObjectReference], namespace: str, cluster_config: ClusterConfig, missing: list[str]
+    references: Iterable[ObjectReference],
+    namespace: str,
+    cluster_config: ClusterConfig,
+    sentences: list[str],
+    unneeded: tuple[str, ...],
 ) -> dict[str, str]:
+    """Returns the hashes by kind and name, and appends a sentence for each object that a pod lacks. unneeded: where those stand that it
+    starts without.
+    """
     parts: dict[str, list[str]] = {}
     for reference in references:
         text: str | None = None
+        missing = [] if reference.path.startswith(unneeded) else sentences
         if reference.kind == CONFIG_MAP and reference.name not in OF_THE_SYSTEM:
             text = _read_config_map(reference, cluster_config.config_maps.get(f"{namespace}/{reference.name}"), missing)
         elif reference.kind == SECRET and namespace in cluster_config.secrets:

@@ -10,16 +10,20 @@ from collections.abc import Mapping, Sequence
 from datetime import timedelta
 from typing import Any, Final, NamedTuple
 
+from robotapp_api.checks.replicas import expand_spec
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_components, ros_version_of, uses_ros
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.edge import Edge
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.app.ros import Discovery, Ros1, Ros2
+from robotapp_api.model.app.service import ComponentService
 from robotapp_api.model.app.template import HelperContainer, HelperTemplate
-from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, MASTER_IMAGE
+from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, MASTER_IMAGE, RECORDER_IMAGE
 from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME
 from robotapp_api.values.naming import child_name
 from robotapp_api.values.quantities.duration import parse_us
+from robotapp_api.values.references import Values, reference_values
+from robotapp_api.values.replicas import NumberedReplica, find_replicas
 from robotapp_claims.rules.share import AppKey
 from robotapp_operator.plan.spec.covers import content_hash
 
@@ -32,6 +36,8 @@ LONGEST_SERVER_NAME: Final = 63
 ROUTER: Final = "router."
 MASTER: Final = "master."
 PEERS: Final = "peers."
+REPLICAS: Final = "replicas."
+"""Begins the name of the Service under which the replicas of a component have theirs."""
 
 DEFAULT_POOL: Final = "default"
 NEVER: Final = "Never"
@@ -52,9 +58,13 @@ class HelperDefaults(NamedTuple):
     """User id of their processes where the components share none; 0 leaves it to the platform."""
     ip_family: str = IPV4
     """That of the pods' first address, and so of the names under which they find each other."""
+    recorder_image: str = RECORDER_IMAGE
+    """Image of recordings that write none."""
 
 
 NO_SETTINGS: Final = HelperDefaults()
+_IDENTITY: Final = {"name", "replicas", "replica_identity"}
+"""Fields of a component that decide which replicas have ordinals."""
 
 
 class Abilities(NamedTuple):
@@ -83,7 +93,10 @@ class Domain(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class App:
-    """A RobotApp as the plan sees it: identity and spec, without its status."""
+    """A RobotApp as the plan sees it: identity and spec, without its status.
+
+    In `spec` each replica that has an ordinal is a component of its own.
+    """
 
     name: str
     namespace: str
@@ -101,6 +114,38 @@ class App:
     abilities: Abilities = NO_ABILITIES
     overrides: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     """By component: the overrides that made the spec what it is for one robot."""
+    spec_with_replicas: RobotAppSpec | None = None
+    """The spec as its author wrote it, None where that is `spec`: without ordinals."""
+    replicas: Mapping[str, NumberedReplica] = dataclasses.field(default_factory=dict)
+    """Those that have an ordinal, by their names as components."""
+
+    def __post_init__(self) -> None:
+        expanded = expand_spec(self.spec)
+        if expanded is not self.spec:
+            identities = [component.model_dump(by_alias=True, include=_IDENTITY) for component in self.spec.components]
+            object.__setattr__(self, "replicas", find_replicas(identities))
+            object.__setattr__(self, "spec_with_replicas", self.spec)
+            object.__setattr__(self, "spec", expanded)
+
+    @property
+    def written(self) -> RobotAppSpec:
+        """The spec as its author wrote it, to whose fields sentences refer."""
+        return self.spec_with_replicas or self.spec
+
+    def written_name(self, component: str) -> str:
+        """Returns the name that a component, or the component of a replica, has in the spec."""
+        replica = self.replicas.get(component)
+        return replica.component if replica else component
+
+    def reference_values(self, component: str, robot: str) -> Values:
+        """Returns what is expanded in the pods of a component for this robot."""
+        replica = self.replicas.get(component)
+        return reference_values(robot, replica.ordinal if replica else None)
+
+    @property
+    def services(self) -> Mapping[str, ComponentService]:
+        """The Services that components ask for, by the component's name in the spec: one for all replicas."""
+        return {component.name: component.service for component in self.written.components if component.service}
 
     @property
     def distro(self) -> str:
@@ -229,16 +274,23 @@ class App:
             "update": True,
             "edges": True,
             "overrides": True,  # what they change is in the components already
+            "recordings": True,  # they are components already
             "ros2": {"domain", "pool", "share_with"},
             "components": {"__all__": {"image", "replicas"}},
         }
         body = self.spec.model_dump(mode="json", exclude_defaults=True, exclude=left_out)
         parts: list[dict[str, Any]] = body["components"]
-        found = {"": content_hash(body)}
-        for own in parts:
-            body["components"] = [part if part is own else part["name"] for part in parts]
-            found[own["name"]] = content_hash(body)
-        return found
+        names = [self.written_name(part["name"]) for part in parts]
+        # How many replicas there are is no edit of the others.
+        first_parts: dict[str, dict[str, Any]] = {}
+        for name, part in zip(names, parts, strict=True):
+            first_parts.setdefault(name, part)
+        body["components"] = [*first_parts.values()]
+        hashes = {"": content_hash(body)}
+        for name, own in zip(names, parts, strict=True):
+            body["components"] = [own if other == name else other for other in dict.fromkeys(names)]
+            hashes[own["name"]] = content_hash(body)
+        return hashes
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -251,6 +303,10 @@ class Desired:
     distro: str
     discovery: str
     transport: str = "Auto"
+
+    def values_of(self, component: str) -> Values:
+        """Returns what is expanded in the pods of a component."""
+        return self.app.reference_values(component, self.robot)
 
     def name_of(self, part: str) -> str:
         """Name of the Deployment or Service of a component or infrastructure part."""
@@ -283,6 +339,12 @@ class Desired:
     @property
     def peers_service(self) -> str:
         return self.name_of(PEERS)
+
+    def replicas_service(self, component: str) -> str:
+        """The Service under which the replica of this name as a component has a DNS name; a pod has one such Service."""
+        if self.discovery == "Peers" and component in {part.name for part in self.app.ros_components}:
+            return self.peers_service
+        return self.name_of(f"{REPLICAS}{self.app.written_name(component)}")
 
     @property
     def peer_names(self) -> tuple[str, ...]:

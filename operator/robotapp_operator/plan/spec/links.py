@@ -37,11 +37,11 @@ def list_links(
     A Service of type ClusterIP has an address for pods of the cluster only; one that waits for its load balancer has none.
     """
     links: list[LinkView] = []
-    for component in desired.app.spec.components:
-        service = services.get(desired.name_of(component.name))
-        if component.service is not None and service is not None:
-            node_address = address_of(nodes.get(component.name, ""))
-            links += _links_of(component.name, component.service, service, node_address)
+    for component, component_service in desired.app.services.items():
+        service = services.get(desired.name_of(component))
+        if service is not None:
+            places = (node for name, node in nodes.items() if desired.app.written_name(name) == component)
+            links += _links_of(component, component_service, service, address_of(next(places, "")))
     # A port of all nodes is shown at a node where a component runs: helpers may move.
     any_address = next((address for node in nodes.values() if (address := address_of(node))), "")
     helper_services = [services[name] for name in sorted(services) if services[name].metadata.labels.get(Label.ROLE)]

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from robotapp_api.checks.size import size_problem
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.names import SCHEDULER_NAME, Annotation, Reason
+from robotapp_api.values.recordings.components import add_recorders
 from robotapp_operator.plan.spec.desired import NO_ABILITIES, NO_SETTINGS, Abilities, App, HelperDefaults
 from robotapp_operator.plan.spec.objects import version_number
 from robotapp_operator.plan.spec.unknown_fields import find_unknown_fields
@@ -67,7 +68,7 @@ def parse_record(
             namespace=meta.get("namespace", ""),
             uid=meta.get("uid", ""),
             generation=meta.get("generation", 0),
-            spec=spec,
+            spec=add_recorders(spec, image=helper_defaults.recorder_image, user=helper_defaults.user),
             annotations=annotations,
             created=meta.get("creationTimestamp") or "",
             default_scheduler=default_scheduler,

@@ -1,4 +1,4 @@
-"""What differs from robot to robot: the app as its overrides make it, and the names of robot and instance in a pod."""
+"""What differs from robot to robot: the app as its overrides make it, and what is expanded in a pod."""
 
 import dataclasses
 from collections.abc import Iterable, Mapping
@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.overrides import OverrideNames, apply_overrides
-from robotapp_api.values.robot_references import expand, expand_sources
+from robotapp_api.values.references import Values, expand, expand_sources
 from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import Deployment
 
@@ -14,38 +14,40 @@ _IN_CONTAINERS: Final = ("env", "envFrom")
 _CONTAINERS: Final = ("initContainers", "containers")
 
 
-def expand_pod(pod: dict[str, Any], robot: str) -> dict[str, Any]:
-    """Returns the pod's spec with names and keys of objects and `subPath` expanded. Without a robot there is nothing to expand."""
-    if not robot:
+def expand_pod(pod: dict[str, Any], values: Values) -> dict[str, Any]:
+    """Returns the pod's spec with names and keys of objects and `subPath` expanded. Without values there is nothing to expand."""
+    if not values:
         return pod
     copy = dict(pod)
     if "volumes" in pod:
-        copy["volumes"] = expand_sources(pod["volumes"], robot)
+        copy["volumes"] = expand_sources(pod["volumes"], values)
     if "imagePullSecrets" in pod:
-        copy["imagePullSecrets"] = _expand_field(pod["imagePullSecrets"], "name", robot)
+        copy["imagePullSecrets"] = _expand_field(pod["imagePullSecrets"], "name", values)
     for field in _CONTAINERS:
         if field in pod:
-            copy[field] = [_expand_container(container, robot) for container in pod[field]]
+            copy[field] = [_expand_container(container, values) for container in pod[field]]
     return copy
 
 
-def _expand_container(container: Mapping[str, Any], robot: str) -> dict[str, Any]:
+def _expand_container(container: Mapping[str, Any], values: Values) -> dict[str, Any]:
     copy = dict(container)
     for field in _IN_CONTAINERS:
         if field in container:
-            copy[field] = expand_sources(container[field], robot)
+            copy[field] = expand_sources(container[field], values)
     if "volumeMounts" in container:
-        copy["volumeMounts"] = _expand_field(container["volumeMounts"], "subPath", robot)
+        copy["volumeMounts"] = _expand_field(container["volumeMounts"], "subPath", values)
     return copy
 
 
-def _expand_field(items: list[dict[str, Any]], field: str, robot: str) -> list[dict[str, Any]]:
-    return [{**item, field: expand(item[field], robot)} if isinstance(item.get(field), str) else item for item in items]
+def _expand_field(items: list[dict[str, Any]], field: str, values: Values) -> list[dict[str, Any]]:
+    return [
+        {**item, field: expand(item[field], values)} if isinstance(item.get(field), str) else item for item in items
+    ]
 
 
-def expand_labels(labels: Mapping[str, str], robot: str) -> dict[str, str]:
+def expand_labels(labels: Mapping[str, str], values: Values) -> dict[str, str]:
     """Returns labels with the names of robot and instance in their values."""
-    return {key: expand(value, robot) for key, value in labels.items()}
+    return {key: expand(value, values) for key, value in labels.items()}
 
 
 def overridden(app: App, names: OverrideNames) -> App:

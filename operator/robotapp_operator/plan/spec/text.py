@@ -40,3 +40,13 @@ def shown(values: Iterable[object], limit: int = 8) -> str:
     listed = [str(value) for value in values]
     more = f" and {len(listed) - limit} more" if len(listed) > limit else ""
     return (", ".join(listed[:limit]) or "none") + more
+
+
+def count_of(part: int, total: int, noun: str, one: str = "is", more: str = "are") -> str:
+    """Returns `1 of 3 edges is`, `2 of 3 edges are` or `1 of 1 edge is`. one, more: the verb."""
+    return f"{part} of {total} {noun}{'' if total == 1 else 's'} {one if 1 in {part, total} else more}"
+
+
+def count(number: int, noun: str, one: str = "is", more: str = "are") -> str:
+    """Returns `1 edge is` or `2 edges are`. one, more: the verb."""
+    return f"{number} {noun} {one}" if number == 1 else f"{number} {noun}s {more}"

@@ -5,9 +5,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from robotapp_api.checks.containers import STOP_SIGNAL
 from robotapp_api.checks.edges import bandwidth_field
 from robotapp_api.checks.host_access.guarded import host_access_problems
-from robotapp_api.checks.pool import pool_notes
 from robotapp_api.checks.problem import Problem
-from robotapp_api.checks.spec import spec_notes, spec_problems
+from robotapp_api.checks.spec import pool_notes, spec_notes, spec_problems
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import Annotation, Label, Reason
 from robotapp_api.values.component_references import (
@@ -17,7 +16,7 @@ from robotapp_api.values.component_references import (
     list_helper_texts,
 )
 from robotapp_api.values.overrides import merge_component, select_overrides
-from robotapp_api.values.robot_references import has_reference
+from robotapp_api.values.references import has_reference, reference_values
 from robotapp_claims.rules.domain import DomainRequest, withheld
 from robotapp_claims.rules.identity import holder_of_app
 from robotapp_claims.rules.instances import closed_nodes, robot_of
@@ -33,6 +32,7 @@ __all__ = [
     "decisive_robots",
     "domain_problems",
     "limit_note",
+    "name_problems",
     "notes_of",
     "override_notes",
     "problems_alone",
@@ -43,16 +43,16 @@ __all__ = [
 
 def problems_alone(app: App) -> tuple[Problem, ...]:
     """Problems of the spec alone, whatever nodes there are."""
-    problems = spec_problems(app.spec)
+    problems = spec_problems(app.written)
     if app.abilities.stop_signals:
         problems = (problem for problem in problems if not problem.field.endswith(STOP_SIGNAL))
-    guarded = () if app.abilities.host_access else host_access_problems(app.spec)
+    guarded = () if app.abilities.host_access else host_access_problems(app.written)
     return (*problems, *guarded)
 
 
 def problems_with(app: App, nodes: Mapping[str, Node]) -> tuple[Problem, ...]:
     """Problems of the spec that depend on the current nodes."""
-    return (*_placement_problems(app, nodes), *_name_problems(app, nodes))
+    return tuple(_placement_problems(app, nodes))
 
 
 def domain_problems(app: App, pool: Pool | None, claims: Iterable[Claim]) -> tuple[Problem, ...]:
@@ -76,7 +76,7 @@ def domain_problems(app: App, pool: Pool | None, claims: Iterable[Claim]) -> tup
 
 def notes_of(app: App, pool: Pool | None = None) -> tuple[str, ...]:
     """What of an accepted spec and of its pool has no effect yet, a sentence each."""
-    found = [*map(str, spec_notes(app.spec, our_scheduler=app.our_scheduler)), *_of_other_schedulers(app)]
+    found = [*map(str, spec_notes(app.written, our_scheduler=app.our_scheduler)), *_of_other_schedulers(app)]
     if pool is not None and (note := limit_note(pool)):
         found.append(note)
     if app.unknown_fields:
@@ -103,10 +103,10 @@ def _of_other_schedulers(app: App) -> Iterator[str]:
             f"spec.placement.objective: {app.spec.placement.objective} has no effect with scheduler {app.scheduler_name}, "
             "which places the pods of an app one by one"
         )
-    field = bandwidth_field(app.spec.edges)
+    field = bandwidth_field(app.written.edges)
     if field and not app.our_scheduler:
         yield f"{field}: has no effect with scheduler {app.scheduler_name}, which knows nothing of access links"
-    for index, component in enumerate(() if app.our_scheduler else app.spec.components):
+    for index, component in enumerate(() if app.our_scheduler else app.written.components):
         if component.on_disconnect == "Stop":
             yield (
                 f"spec.components[{index}].onDisconnect: Stop acts like Failover with scheduler {app.scheduler_name}, which "
@@ -169,24 +169,24 @@ def _placement_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem
         yield Problem(Reason.NO_MATCHING_ROBOT, "spec.robots.nodeSelector", text, of_cluster=True)
 
 
-def _name_problems(app: App, nodes: Mapping[str, Node]) -> Iterator[Problem]:
-    """Names, keys and labels that are none for some robot, each with one such robot."""
-    texts = [*list_helper_texts(app.spec)]
+def name_problems(app: App, robots: Iterable[str]) -> Mapping[str, str]:
+    """Returns, by robot, why a name, key or label of the spec is none for it. Robots for which all of them are right are left out."""
+    texts = [*list_helper_texts(app.written)]
     for component, at in _list_variants(app):
         texts += list_expanded_texts(component, at)
     texts = [text for text in texts if has_reference(text.text) and text.kind != "path"]
-    robots = sorted({robot_of(node) for node in allowed_robots(app, nodes)}) if texts else []
-    decisive = {kind: decisive_robots(kind, robots) for kind in {text.kind for text in texts}}
+    names = sorted(filter(None, robots)) if texts else []
+    decisive = {kind: decisive_robots(kind, names) for kind in {text.kind for text in texts}}
+    problems: dict[str, str] = {}
     for text in texts:
-        wrongs = ((robot, expanded_problem(text, robot)) for robot in decisive[text.kind])
-        robot, wrong = next((pair for pair in wrongs if pair[1]), ("", ""))
-        if wrong:
-            yield Problem(
-                Reason.INVALID_SPEC,
-                text.path,
-                f"{text.text} is for robot {robot}: {wrong}; label the robot's node otherwise ({Label.ROBOT}), or write another text",
-                of_cluster=True,
-            )
+        if any(expanded_problem(text, reference_values(robot, ordinal=0)) for robot in decisive[text.kind]):
+            for robot in names:
+                if robot not in problems and (wrong := expanded_problem(text, reference_values(robot, ordinal=0))):
+                    problems[robot] = (
+                        f"{text.path}: {text.text} is for robot {robot}: {wrong}; label the robot's node otherwise ({Label.ROBOT}), or "
+                        "write another text"
+                    )
+    return problems
 
 
 def decisive_robots(kind: str, robots: Sequence[str]) -> tuple[str, ...]:
@@ -196,15 +196,15 @@ def decisive_robots(kind: str, robots: Sequence[str]) -> tuple[str, ...]:
     otherwise hold the operator up for seconds whenever a node changes.
     """
     bare = ExpandedText("", kind, "$(ROBOTAPP_ROBOT)")
-    first = next((robot for robot in robots if expanded_problem(bare, robot)), None)
+    first = next((robot for robot in robots if expanded_problem(bare, reference_values(robot))), None)
     return (*(() if first is None else (first,)), *((max(robots, key=len),) if robots else ()))
 
 
 def _list_variants(app: App) -> Iterator[tuple[Component, str]]:
     """Yields each component as it is written, and what each override adds to one."""
-    for index, component in enumerate(app.spec.components):
+    for index, component in enumerate(app.written.components):
         yield component, f"spec.components[{index}]"
-    for index, override in enumerate(app.spec.overrides):
+    for index, override in enumerate(app.written.overrides):
         for position, part in enumerate(override.components):
             if part.env or part.parameters:
                 only = Component(name=part.name, image="of-the-component")

@@ -1,6 +1,6 @@
 """The seven conditions: reason code, numbers, next step. lastTransitionTime moves only with the status."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from robotapp_api.model.conditions import condition
@@ -9,7 +9,7 @@ from robotapp_api.values.approval import describe_approval
 from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_claims.rules.device import claimed
 from robotapp_operator.plan.diff.newer import Held, version_key
-from robotapp_operator.plan.spec.text import clip, shown
+from robotapp_operator.plan.spec.text import clip, count, count_of, shown
 from robotapp_operator.plan.status.facts import AppFacts, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView
 from robotapp_operator.plan.status.troubled import (
@@ -28,8 +28,8 @@ MAX_BRIEF_BYTES: Final = 256
 """Bytes of a message of a RobotAppInstance, of which there may be thousands."""
 
 
-NOT_HANDED_OVER: Final = " reserved, but not handed over: no node gives devices to containers yet"
-"""True of every node until one runs a driver that does."""
+NOT_HANDED_OVER: Final = " reserved, but not handed over: their nodes have no driver that gives devices to containers"
+HANDED_OVER: Final = " handed over by the driver of the node"
 
 
 class Verdict(NamedTuple):
@@ -55,25 +55,35 @@ def ready(facts: AppFacts) -> Verdict:
     total = sum(len(instance.wanted) for instance in facts.instances)
     up = sum(component.ready for instance in facts.instances for component in instance.wanted)
     if facts.instances and all(instance.ready for instance in facts.instances):
-        return Verdict("True", Reason.ALL_READY, f"{up} of {total} components are ready")
+        return Verdict("True", Reason.ALL_READY, f"{count_of(up, total, 'component')} ready")
     return Verdict("False", *_why_not_ready(facts, up, total))
 
 
 def accepted(facts: AppFacts) -> Verdict:
     unclear = [instance for instance in facts.instances if instance.unclear]
     if not facts.problems and unclear and facts.alone:
-        return Verdict("False", Reason.ROBOT_NODE_UNCLEAR, unclear[0].unclear)
+        return Verdict("False", unclear[0].unclear_reason, unclear[0].unclear)
     if not facts.problems:
-        notes = [*facts.notes, *([_unclear_text(facts, unclear)] if unclear else [])]
+        notes = [*facts.notes, *_list_unclear(facts, unclear)]
         return Verdict("True", Reason.ACCEPTED, "; ".join(["the spec is understood", *notes]))
     more = f" (and {len(facts.problems) - 3} more)" if len(facts.problems) > 3 else ""
     text = "; ".join(map(str, facts.problems[:3])) + more
     return Verdict("False", facts.problems[0].reason, text)
 
 
-def _unclear_text(facts: AppFacts, unclear: Sequence[InstanceFacts]) -> str:
-    names = shown([instance.name for instance in unclear], limit=4)
-    return f"{len(unclear)} of {len(facts.instances)} instances are for robots whose primary node is unclear ({names}): see status.troubled for what to label"
+def _list_unclear(facts: AppFacts, unclear: Sequence[InstanceFacts]) -> Iterator[str]:
+    """Yields a sentence for each reason why instances cannot be made for their robots."""
+    texts = {
+        Reason.ROBOT_NODE_UNCLEAR: "whose primary node is unclear",
+        Reason.INVALID_SPEC: "whose name does not fit into the spec",
+    }
+    for reason, text in texts.items():
+        names = [instance.name for instance in unclear if instance.unclear_reason is reason]
+        if names:
+            yield (
+                f"{len(names)} of {len(facts.instances)} instances are for robots {text} ({shown(names, limit=4)}): see "
+                "status.troubled for what to label"
+            )
 
 
 def allocated(facts: AppFacts) -> Verdict:
@@ -92,8 +102,12 @@ def _domains_missing(facts: AppFacts) -> Verdict | None:
     if facts.instances and not without:
         return None
     if without and all(instance.unclear for instance in without):
-        return Verdict("Unknown", Reason.ROBOT_NODE_UNCLEAR, _named(facts, without[0], without[0].unclear))
-    return Verdict("Unknown", Reason.PENDING, f"{len(without)} of {len(facts.instances)} instances wait for a domain")
+        return Verdict("Unknown", without[0].unclear_reason, _named(facts, without[0], without[0].unclear))
+    return Verdict(
+        "Unknown",
+        Reason.PENDING,
+        f"{count_of(len(without), len(facts.instances), 'instance', 'waits', 'wait')} for a domain",
+    )
 
 
 def _devices_missing(facts: AppFacts) -> Verdict | None:
@@ -101,20 +115,25 @@ def _devices_missing(facts: AppFacts) -> Verdict | None:
     for instance in facts.instances:
         if instance.lost:
             return Verdict("False", Reason.DEVICE_LOST, _named(facts, instance, lost_text(instance)))
-    if wanted and not facts.app.our_scheduler:
+    served = all(instance.any_scheduler for instance in facts.instances if instance.devices_wanted)
+    if wanted and not facts.app.our_scheduler and not served:
         text = (
             f"scheduler {facts.app.scheduler_name} claims no devices, so their use is unknown; {_our_scheduler(facts)}"
         )
         return Verdict("Unknown", Reason.NOT_OUR_SCHEDULER, text)
-    if held >= wanted or facts.app.suspended:
+    if facts.app.suspended:
+        return None
+    for instance in facts.instances:
+        if instance.missing_device and not instance.bound:
+            return Verdict("False", Reason.WAITING_FOR_DEVICES, _named(facts, instance, instance.missing_device))
+    if held >= wanted:
         return None
     for instance in facts.instances:
         if instance.busy:
             return Verdict("False", Reason.DEVICE_BUSY, _named(facts, instance, instance.busy))
-    text = (
-        f"{held} of {wanted} devices are claimed; kubectl robotapp explain {facts.app.name} shows what each node lacks"
-    )
-    return Verdict("False", Reason.WAITING_FOR_DEVICES, text)
+    text = f"{count_of(held, wanted, 'device')} claimed; kubectl robotapp explain {facts.app.name} shows what each node lacks"
+    notes = [_named(facts, instance, instance.ledger_note) for instance in facts.instances if instance.ledger_note]
+    return Verdict("False", Reason.WAITING_FOR_DEVICES, "; ".join([text, *notes[:1]]))
 
 
 def _our_scheduler(facts: AppFacts) -> str:
@@ -130,12 +149,23 @@ def _all_allocated(facts: AppFacts) -> Verdict:
         text = f"nothing has to be claimed: {free}" if free else "the app needs neither a domain nor devices"
         return Verdict("True", Reason.NOTHING_TO_ALLOCATE, text)
     parts = [f"domain {shown(domains)}"] if domains else []
-    parts += [f"{held} of {wanted} devices{NOT_HANDED_OVER if held else ''}"] if wanted else []
+    parts += [f"{held} of {wanted} devices{_ledger_text(facts, held)}"] if wanted else []
+    parts += [_named(facts, instance, instance.ledger_note) for instance in facts.instances if instance.ledger_note][:1]
     parts += [free] if free else []
     asked = facts.app.requested_domain
     if asked is not None and facts.app.share_with and domains != [asked]:
         parts.append(f"spec.ros2.domain {asked} is not used, ros2.shareWith decides; remove one of the two")
     return Verdict("True", Reason.ALLOCATED, "; ".join(parts))
+
+
+def _ledger_text(facts: AppFacts, held: int) -> str:
+    """Returns how the held devices reach the containers."""
+    given = min(held, sum(instance.devices_handed_over for instance in facts.instances))
+    if not held:
+        return ""
+    if not given:
+        return NOT_HANDED_OVER
+    return HANDED_OVER if given == held else f", {given} of them{HANDED_OVER}, the others reserved alone"
 
 
 def _unclaimed_text(facts: AppFacts) -> str:
@@ -193,8 +223,14 @@ def budget_met(facts: AppFacts) -> Verdict:
         return _not_accepted(facts)
     edges = [edge for instance in facts.instances for edge in instance.edges if edge.budget_us is not None]
     planned = sum(edge.latency is not None for edge in facts.app.edges_in_use)
+    if planned and facts.app.suspended:
+        return Verdict("Unknown", Reason.SUSPENDED, "nothing is measured while suspended")
     if planned and not edges:
-        return Verdict("Unknown", Reason.NOT_MEASURED, f"{planned} edges have a budget; there is no instance yet")
+        return Verdict(
+            "Unknown",
+            Reason.NOT_MEASURED,
+            f"{count(planned, 'edge', 'has', 'have')} a budget; there is no instance yet",
+        )
     if not edges:
         own = any(component.policies.latency_budget for component in facts.app.spec.components)
         more = "; those under policies decide about places alone" if own else ""
@@ -204,18 +240,20 @@ def budget_met(facts: AppFacts) -> Verdict:
         worst = max(over, key=lambda edge: edge.use)
         its_first = sorted(facts.instances, key=lambda one: worst not in one.edges)
         stays = next((_named(facts, one, one.stays) for one in its_first if one.stays), "")
-        text = f"{len(over)} of {len(edges)} edges are over budget, worst {edge_text(worst)}; {stays or _closer(worst)}"
+        text = f"{count_of(len(over), len(edges), 'edge')} over budget, worst {edge_text(worst)}; {stays or _closer(worst)}"
         return Verdict("False", Reason.BUDGET_EXCEEDED, text)
     unknown = [edge for edge in edges if edge.met is None]
     if unknown:
         return Verdict(
             "Unknown",
             Reason.NOT_MEASURED,
-            f"{len(unknown)} of {len(edges)} edges have no recent measurement, for example {edge_text(unknown[0])}; {_missing(unknown[0])}",
+            f"{count_of(len(unknown), len(edges), 'edge', 'has', 'have')} no recent measurement, for example {edge_text(unknown[0])}; {_missing(unknown[0])}",
         )
     worst = max(edges, key=lambda edge: edge.use)
     return Verdict(
-        "True", Reason.WITHIN_BUDGET, f"{len(edges)} of {len(edges)} edges within budget, tightest {edge_text(worst)}"
+        "True",
+        Reason.WITHIN_BUDGET,
+        f"{count_of(len(edges), len(edges), 'edge')} within budget, tightest {edge_text(worst)}",
     )
 
 
@@ -227,7 +265,7 @@ def progressing(facts: AppFacts) -> Verdict:
         return Verdict(
             "False",
             Reason.UPDATE_HELD,
-            f"{len(held)} templates of a newer operator wait; annotate {describe_approval(held[0].ours)} to roll them",
+            f"{count(len(held), 'template', 'of a newer operator waits', 'of a newer operator wait')}; annotate {describe_approval(held[0].ours)} to roll them",
         )
     if facts.problems or facts.app.suspended:
         return Verdict("False", Reason.UP_TO_DATE, "nothing to roll out")
@@ -242,15 +280,15 @@ def progressing(facts: AppFacts) -> Verdict:
         return Verdict("True", Reason.ROLLING_OUT, "no instance yet")
     if rolling:
         return Verdict(
-            "True", Reason.ROLLING_OUT, f"{len(rolling)} components are rolling out: {shown(sorted(set(rolling)))}"
+            "True", Reason.ROLLING_OUT, f"{count(len(rolling), 'component')} rolling out: {shown(sorted(set(rolling)))}"
         )
     waiting = [(instance, text) for instance in facts.instances for text in instance.config_held]
     if waiting:
         return Verdict("False", Reason.CONFIG_HELD, _named(facts, *waiting[0]))
     if blocked:
-        what = "a domain" if blocked[0].refusal else "it to be clear which node is their robot's"
-        reason = blocked[0].refusal[0] if blocked[0].refusal else Reason.ROBOT_NODE_UNCLEAR
-        return Verdict("False", reason, f"{len(blocked)} of {len(facts.instances)} instances wait for {what}")
+        reason, what = _blocked_by(blocked[0])
+        waiting_text = count_of(len(blocked), len(facts.instances), "instance", "waits", "wait")
+        return Verdict("False", reason, f"{waiting_text} for {what}")
     return Verdict("False", Reason.UP_TO_DATE, "every component has its newest template")
 
 
@@ -270,6 +308,15 @@ def newer_templates(facts: AppFacts) -> str:
         "suspend, replicas, images and domains act, other edits wait; run the newer operator again, "
         f"or annotate {describe_approval(newest.ours)} to have this one write its own templates"
     )
+
+
+def _blocked_by(instance: InstanceFacts) -> tuple[Reason, str]:
+    """Returns for what such an instance waits."""
+    if instance.refusal:
+        return instance.refusal[0], "a domain"
+    if instance.unclear_reason is Reason.ROBOT_NODE_UNCLEAR:
+        return Reason.ROBOT_NODE_UNCLEAR, "it to be clear which node is their robot's"
+    return instance.unclear_reason, "a name of their robot that fits into the spec"
 
 
 def _blocked(instance: InstanceFacts) -> bool:
@@ -320,22 +367,25 @@ def _missing(edge: EdgeView) -> str:
 def _why_not_ready(facts: AppFacts, up: int, total: int) -> tuple[Reason, str]:
     """Why the instance that needs attention most is not ready."""
     waiting = [instance for instance in facts.instances if not instance.ready]
-    count = f"{up} of {total} components are ready"
+    readiness = f"{count_of(up, total, 'component')} ready"
     if not waiting:
-        return Reason.COMPONENTS_NOT_READY, f"{count}; no instance yet"
+        return Reason.COMPONENTS_NOT_READY, f"{readiness}; no instance yet"
     instance = min(waiting, key=rank_of)
     if missing := what_is_missing(instance):
         return missing[0], _named(facts, instance, missing[1])
     worst = instance.worst
     if (worst is None or not worst.reason) and (failure := explain_helpers(instance)):
-        return failure[0], f"{count}; {_named(facts, instance, failure[1])}"
+        return failure[0], f"{readiness}; {_named(facts, instance, failure[1])}"
     if worst is None:
         return (
             Reason.COMPONENTS_NOT_READY,
-            f"{count}; {_named(facts, instance, 'its discovery or master is not ready')}",
+            f"{readiness}; {_named(facts, instance, 'its discovery or master is not ready')}",
         )
     text = worst.message or ("is starting" if worst.exists else "is being created")
-    return worst.reason or Reason.COMPONENTS_NOT_READY, f"{count}; {_named(facts, instance, f'{worst.name}: {text}')}"
+    return (
+        worst.reason or Reason.COMPONENTS_NOT_READY,
+        f"{readiness}; {_named(facts, instance, f'{worst.name}: {text}')}",
+    )
 
 
 def _not_accepted(facts: AppFacts) -> Verdict:

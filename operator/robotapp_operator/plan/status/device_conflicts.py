@@ -10,6 +10,7 @@ from robotapp_api.model.names import GPU
 from robotapp_claims.rules.device import busy_text, claimed, fits, is_device
 from robotapp_claims.rules.identity import UNKNOWN_DEVICE_TYPE, claim_name_device, device_label
 from robotapp_claims.rules.instances import Instance, closed_nodes
+from robotapp_claims.rules.node_devices import describe_missing
 from robotapp_claims.rules.objects import Claim, DeviceThing
 from robotapp_operator.plan.render.node_affinity import nodes_for
 from robotapp_operator.plan.spec.desired import App, Desired, desired_of
@@ -96,6 +97,37 @@ def device_trouble(
     for fitting in dict.fromkeys(request.fitting for request in requests):
         if other := _held_by_others(fitting, app, instance, held=held, telemetry=telemetry):
             return busy_text(other, for_namespace=app.namespace)
+    return ""
+
+
+def missing_device(
+    app: App,
+    instance: Instance,
+    components: Collection[str],
+    *,
+    telemetry: Mapping[str, Telemetry],
+    nodes: Mapping[str, Node],
+) -> str:
+    """Which device of these components no node has that may run them, and what these nodes have instead; "" if nothing is missing.
+
+    Nodes without an agent are left out: their labels name devices by words of their own.
+    """
+    closed = closed_nodes([node.metadata for node in nodes.values()], app.namespace)
+    labels = {name: node.metadata.labels for name, node in nodes.items() if name not in closed and name in telemetry}
+    unreported = {
+        name: node.metadata.labels for name, node in nodes.items() if name not in closed and name not in telemetry
+    }
+    desired, places = desired_of(app, instance.robot), Places(telemetry)
+    for component in app.spec.components:
+        wishes = [device for device in component.devices if device.type != GPU]
+        if component.name not in components or not wishes or nodes_for(component, desired, unreported):
+            continue
+        admitted = nodes_for(component, desired, labels)
+        for device in wishes:
+            if not places.of(device, admitted):
+                reports = {name: telemetry[name].status.devices for name in admitted}
+                if text := describe_missing(device, reports):
+                    return f"{component.name} ({device.name}): {text}"
     return ""
 
 

@@ -43,6 +43,14 @@ class InstanceFacts:
     devices_wanted: int = 0
     devices_held: int = 0
     busy: str = ""
+    devices_handed_over: int = 0
+    """Of those held: devices that a driver gives to the containers."""
+    any_scheduler: bool = False
+    """Whether all devices that it wants for itself are in ResourceClaims, which every scheduler allocates."""
+    ledger_note: str = ""
+    """What a user may not expect of how its components get devices."""
+    missing_device: str = ""
+    """The device that no node has on which its component may run, and what is there instead."""
     claims: tuple[str, ...] = ()
     refusal: tuple[Reason, str] | None = None
     trouble: tuple[Reason, str] | None = None
@@ -120,8 +128,13 @@ class InstanceFacts:
 
     @property
     def unclear(self) -> str:
-        """Why the robot has no primary node, with the cure; "" when it has one. Such an instance is not started, but runs on."""
+        """Why the instance cannot be made for its robot, with the cure; "" when it can. Such an instance is not started, but runs on."""
         return self.instance.problem
+
+    @property
+    def unclear_reason(self) -> Reason:
+        """Whether the robot has no primary node, or a name that does not fit into the spec."""
+        return Reason.INVALID_SPEC if self.instance.node else Reason.ROBOT_NODE_UNCLEAR
 
     @property
     def exists(self) -> bool:

@@ -12,7 +12,7 @@ from robotapp_api.values.placement.round_trips import is_unreachable
 from robotapp_api.values.quantities.duration import format_us, time_text
 from robotapp_operator.plan.diff.master_restarts import MOST_RESTARTS
 from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
-from robotapp_operator.plan.spec.text import clip, shown
+from robotapp_operator.plan.spec.text import clip, count, shown
 from robotapp_operator.plan.status.facts import AppFacts, Grace, InstanceFacts
 from robotapp_operator.plan.status.latency import EdgeView
 
@@ -89,7 +89,7 @@ def trouble_of(instance: InstanceFacts) -> Trouble | None:
 def what_is_missing(instance: InstanceFacts) -> tuple[Reason, str] | None:
     """Why the instance as a whole is not ready, before its components are considered; None when nothing keeps it."""
     if instance.unclear and not instance.ready:
-        return Reason.ROBOT_NODE_UNCLEAR, instance.unclear
+        return instance.unclear_reason, instance.unclear
     if instance.refusal or instance.trouble:
         return instance.refusal or instance.trouble
     if instance.ready:
@@ -200,7 +200,7 @@ def _though_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
     if instance.lost:
         return Rank.DEVICE_LOST, Reason.DEVICE_LOST, lost_text(instance)
     if instance.unclear:
-        return Rank.UNCLEAR_BUT_READY, Reason.ROBOT_NODE_UNCLEAR, instance.unclear
+        return Rank.UNCLEAR_BUT_READY, instance.unclear_reason, instance.unclear
     if instance.cut_off:
         return Rank.RESTART_NEEDED, Reason.RESTART_NEEDED, cut_off_text(instance)
     if failure := explain_helpers(instance):
@@ -210,6 +210,6 @@ def _though_ready(instance: InstanceFacts) -> tuple[Rank, Reason, str] | None:
         return (
             Rank.OVER_BUDGET,
             Reason.BUDGET_EXCEEDED,
-            f"{len(over)} edges are over budget, worst {edge_text(over[0])}",
+            f"{count(len(over), 'edge')} over budget, worst {edge_text(over[0])}",
         )
     return None

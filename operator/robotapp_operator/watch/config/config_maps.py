@@ -21,10 +21,11 @@ from robotapp_operator.plan.spec.desired import App
 from robotapp_operator.plan.spec.objects import ConfigMap, Meta
 from robotapp_operator.queue.work import StartOver, Work
 from robotapp_operator.queue.workqueue import Key, Queue
-from robotapp_operator.watch.cache import Cache, InstanceKey
+from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config.metadata_only import Head
 from robotapp_operator.watch.config.secret_versions import SecretVersions
 from robotapp_operator.watch.enqueue import enqueue_status
+from robotapp_operator.watch.indexes.index import InstanceKey
 
 log = logging.getLogger(__name__)
 

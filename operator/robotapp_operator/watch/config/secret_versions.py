@@ -14,9 +14,10 @@ from robotapp_client.api.resources import SECRETS, SELF_ACCESS_REVIEWS
 from robotapp_client.transport.errors import ClientError
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key, Queue
-from robotapp_operator.watch.cache import Cache, InstanceKey
+from robotapp_operator.watch.cache import Cache
 from robotapp_operator.watch.config.metadata_only import Head
 from robotapp_operator.watch.enqueue import enqueue_status
+from robotapp_operator.watch.indexes.index import InstanceKey
 
 log = logging.getLogger(__name__)
 

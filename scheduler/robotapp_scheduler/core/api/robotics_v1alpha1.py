@@ -52,7 +52,22 @@ class Component(Slim):
     separate_from: tuple[str, ...] = ()
     depends_on: tuple[Dependency, ...] = ()
     replicas: int = 1
+    replica_identity: str = ""
     on_disconnect: str = ""
+
+
+class RecordingVolume(Slim):
+    """recordings[].volume."""
+
+    claim_name: str = ""
+
+
+class Recording(Slim):
+    """One recording: a component of its name."""
+
+    name: str = ""
+    tiers: tuple[str, ...] = ()
+    volume: RecordingVolume = msgspec.field(default_factory=RecordingVolume)
 
 
 class EdgeLatency(Slim):
@@ -110,6 +125,7 @@ class RobotAppSpec(Slim):
     suspend: bool = False
     components: tuple[Component, ...] = ()
     edges: tuple[Edge, ...] = ()
+    recordings: tuple[Recording, ...] = ()
     placement: Placement = msgspec.field(default_factory=Placement)
 
 

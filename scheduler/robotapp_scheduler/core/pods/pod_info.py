@@ -17,6 +17,7 @@ from robotapp_scheduler.core.api.core_v1 import Affinity, NodeAffinity, OwnerRef
 from robotapp_scheduler.core.api.ros import InvalidAnnotation, RosContext, RosRequest
 from robotapp_scheduler.core.dynamic_resources.claims_of_pods import PodClaims, list_named_claims
 from robotapp_scheduler.core.pods.cached_property import CachedProperty
+from robotapp_scheduler.core.pods.domain_variable import find_lost_domain
 from robotapp_scheduler.core.pods.pod_group_index import group_ref_of, in_group
 from robotapp_scheduler.core.pods.pod_signature import HostPort, PodSignature, controller_of
 from robotapp_scheduler.core.pods.pod_volumes import PodVolumes, volumes_of
@@ -184,7 +185,10 @@ class PodInfo:
 
     @CachedProperty
     def _ros_request(self) -> RosRequest | InvalidAnnotation | None:
-        return parse_annotations(self.annotations)
+        request = parse_annotations(self.annotations)
+        if isinstance(request, RosRequest) and request.dds_domain:
+            return find_lost_domain(self.pod.spec, self.annotations, request.dds_domain) or request
+        return request
 
     def features(self, names: tuple[str, ...]) -> tuple[Hashable, ...]:
         """The values of some features as a key: two pods with equal keys are equal to every rule that reads these."""

@@ -8,14 +8,24 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
+import msgspec
+
 from robotapp_api.model.names import ROBOT_END, Label
 from robotapp_api.values.placement.better_node import edge_to, topic_of
 from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS, NeighbourRules, Neighbours, neighbours
 from robotapp_api.values.placement.tiers import ROBOT
 from robotapp_api.values.quantities.bandwidth import bandwidth_bps
 from robotapp_api.values.quantities.duration import parse_us
+from robotapp_api.values.replicas import expand_struct
 from robotapp_scheduler.core.api.core_v1 import Owned, Pod
-from robotapp_scheduler.core.api.robotics_v1alpha1 import Component, Edge, Reschedule, RobotApp
+from robotapp_scheduler.core.api.robotics_v1alpha1 import (
+    Component,
+    Edge,
+    Reschedule,
+    RobotApp,
+    RobotAppSpec,
+    SharedData,
+)
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
 from robotapp_scheduler.core.pods.pod_signature import controller_of
 
@@ -103,7 +113,9 @@ def tied(component: Component) -> bool:
 
 
 def read_app(source: RobotApp) -> App:
-    """Prepare an app. Durations that cannot be read are collected, never guessed."""
+    """Prepare an app, each replica that has an ordinal as a component of its own. Durations that cannot be read are collected, never guessed."""
+    if (spec := expand_struct(source.spec)) is not source.spec:
+        source = msgspec.structs.replace(source, spec=spec)
     problems: list[str] = []
     links: dict[str, list[Link]] = {}
     for i, edge in enumerate(source.spec.edges):
@@ -117,7 +129,7 @@ def read_app(source: RobotApp) -> App:
     flows = tuple(_flows(source.spec.edges, problems))
     return App(
         source=source,
-        components={component.name: component for component in source.spec.components},
+        components={component.name: component for component in list_components(source.spec)},
         links={name: tuple(found) for name, found in links.items()},
         neighbours=neighbours(
             NeighbourRules(each.name, (*each.colocate_with, *each.shared_data.with_), each.separate_from)
@@ -126,6 +138,20 @@ def read_app(source: RobotApp) -> App:
         flows=flows,
         problems=tuple(problems),
     )
+
+
+def list_components(spec: RobotAppSpec) -> list[Component]:
+    """Returns the components of a spec and those that its recordings become, as far as placement needs them."""
+    recorders = (
+        Component(
+            name=recording.name,
+            runs_on=recording.tiers,
+            qos_class="best_effort",
+            shared_data=SharedData(claim_names=(recording.volume.claim_name,) if recording.volume.claim_name else ()),
+        )
+        for recording in spec.recordings
+    )
+    return [*spec.components, *recorders]
 
 
 class Connection(NamedTuple):

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from datetime import datetime
 from typing import Final, Protocol
 
-from robotapp_api.model.names import GPU, ROBOT_END, Label
+from robotapp_api.model.names import GPU, POD_CLAIM, ROBOT_END, Label
 from robotapp_api.values.placement.neighbours import NO_NEIGHBOURS
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_claims.rules.device import claimed
@@ -85,10 +85,12 @@ def _of_app(pod: PodInfo, member: Member, app: App, component: Component, around
     endpoints = _app_endpoints(pod, member, app, around, held=until is not None)
     if not endpoints and own_budget_us is not None:
         endpoints = _robot_endpoint(member.instance, around, budget_us=own_budget_us)
+    # Those that a driver hands over are in the pod's ResourceClaim, and in no RobotClaim.
+    handed_over = any(each.name == POD_CLAIM for each in pod.pod.spec.resource_claims)
     requests = tuple(
         DeviceRequest(d.name, d.type, d.model, d.interface, d.usb_id or "", claimed(d))
         for d in component.devices
-        if d.type != GPU
+        if d.type != GPU and not (handed_over and claimed(d))
         for _ in range(d.count)
     )
     shared = component.shared_data

@@ -20,6 +20,7 @@ from robotapp_client.transport.errors import (
     ApiError,
     ClientError,
     Conflict,
+    NamespaceTerminating,
     NotFound,
     ServerError,
     TooManyRequests,
@@ -99,6 +100,8 @@ class Binder:
                 in_doubt = True
                 if error.status not in {500, 503}:
                     return await self._read_back(pod, node, problem=problem, in_doubt=True)
+            elif isinstance(error, NamespaceTerminating):  # nothing is ever bound there again, and the pod goes with it
+                return BindOutcome(BindResult.GONE, problem)
             elif isinstance(error, ApiError):
                 return BindOutcome(BindResult.FAILED, problem)
             elif error.maybe_applied:

@@ -20,6 +20,8 @@ pytestmark = pytest.mark.usefixtures("operator")
 
 OPERATOR = "system:serviceaccount:robotapp-system:robotapp-operator"
 ANY_ROBOT = {"nodeSelector": {"matchLabels": {"robotics.io/tier": "robot"}}, "assignment": "Any"}
+AUTOSCALED_S = 60.0
+"""The controller of autoscalers looks every 15 s."""
 EACH_ROBOT = {"nodeSelector": {"matchLabels": {"robotics.io/tier": "robot"}}}
 
 
@@ -147,6 +149,35 @@ def test_drift_is_repaired_and_costs_one_write(tenant: Tenant, ids: str) -> None
     version = tenant.deployments()[0]["metadata"]["generation"]
     time.sleep(1.5)
     assert tenant.deployments()[0]["metadata"]["generation"] == version
+
+
+def test_an_autoscaler_of_a_component_is_named_with_its_cure_and_the_replicas_stay_the_apps(
+    tenant: Tenant, ids: str
+) -> None:
+    tenant.apply("scaled", part("a"), ros2={"pool": ids})
+    tenant.wait_ready("scaled")
+    name = tenant.deployments()[0]["metadata"]["name"]
+    target = {"apiVersion": "apps/v1", "kind": "Deployment", "name": name}
+    autoscaler = {
+        "apiVersion": "autoscaling/v2",
+        "kind": "HorizontalPodAutoscaler",
+        "metadata": {"name": "a", "namespace": tenant.namespace},
+        "spec": {
+            "scaleTargetRef": target,
+            "minReplicas": 3,
+            "maxReplicas": 4,
+        },  # below the minimum it asks for no metrics
+    }
+    path = f"/apis/autoscaling/v2/namespaces/{tenant.namespace}/horizontalpodautoscalers"
+    tenant.cp.api.create(path, autoscaler)
+    asked = ("get", "events", "-n", tenant.namespace, "--field-selector=reason=ReplicasSetBack", "-o", "yaml")
+    eventually(lambda: "HorizontalPodAutoscaler" in tenant.cp.kubectl(*asked), timeout_s=AUTOSCALED_S)
+    note = " ".join(tenant.cp.kubectl(*asked).split())
+    assert "write spec.components[0].replicas of RobotApp scaled" in note
+    assert "delete the HorizontalPodAutoscaler, which a RobotApp does not follow" in note
+    tenant.cp.api.delete(f"{path}/a")
+    eventually(lambda: tenant.deployments()[0]["spec"]["replicas"] == 1)
+    tenant.wait_ready("scaled")
 
 
 def test_a_deleted_child_comes_back(tenant: Tenant, ids: str) -> None:

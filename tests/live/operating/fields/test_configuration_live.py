@@ -98,7 +98,10 @@ MISSING: list[tuple[str, dict[str, Any], str]] = [
     ),
     (
         "volume",
-        {"template": {"spec": {"volumes": [{"name": "v", "configMap": {"name": "absent"}}]}}},
+        {
+            "volumeMounts": [{"name": "v", "mountPath": "/v"}],
+            "template": {"spec": {"volumes": [{"name": "v", "configMap": {"name": "absent"}}]}},
+        },
         "there is no ConfigMap absent",
     ),
     ("account", {"template": {"spec": {"serviceAccountName": "absent"}}}, 'serviceaccount "absent" not found'),

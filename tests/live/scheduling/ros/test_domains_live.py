@@ -1,7 +1,5 @@
 """DDS domains of pods without a RobotApp: granted in the Binding, one holder each, free again after the rest."""
 
-from collections.abc import Iterator
-
 import pytest
 
 from campaigns.rigs.stage import CLAIMS, Json, Stage, nodes, pod
@@ -11,15 +9,6 @@ from robotapp_testbed.machines.nodes import edge
 
 pytestmark = [pytest.mark.live, pytest.mark.usefixtures("scheduler", "short_rest")]
 POOL = f"/apis/{API_VERSION}/domainpools/default"
-
-
-@pytest.fixture
-def short_rest(installed_plane: ControlPlane) -> Iterator[None]:
-    """Ids rest for one second instead of the shipped sixty."""
-    before = installed_plane.api.get(POOL)["spec"].get("quarantineSeconds")
-    installed_plane.api.patch(POOL, {"spec": {"quarantineSeconds": 1}})
-    yield
-    installed_plane.api.patch(POOL, {"spec": {"quarantineSeconds": before}})
 
 
 def wants(name: str, domain: str) -> Json:
@@ -69,6 +58,18 @@ def test_a_bare_pod_gets_no_reserved_id_by_asking_for_it(installed_plane: Contro
             assert 'write "auto"' in message
         finally:
             installed_plane.api.patch(POOL, {"spec": {"reserved": reserved}})
+
+
+def test_a_pod_whose_variable_reads_a_wrong_annotation_is_refused_with_the_line_to_write(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    path = "metadata.annotations['scheduler.robotics.io/domain']"
+    lost = wants("lost", "auto")
+    lost["spec"]["containers"][0]["env"] = [{"name": "ROS_DOMAIN_ID", "valueFrom": {"fieldRef": {"fieldPath": path}}}]
+    with nodes(installed_plane, edge("edge-1")):
+        stage.create_pod(lost)
+        message = stage.wait_refused("lost", reason="InvalidAnnotation")
+        assert f"metadata.annotations['{Annotation.GRANTED_DOMAIN}']" in message
 
 
 def test_the_second_pod_of_a_number_waits_is_told_who_has_it_and_gets_it_after_the_rest(

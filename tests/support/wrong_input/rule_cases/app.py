@@ -18,6 +18,10 @@ def _selector(**fields: Any) -> Object:
     return app(robots={"nodeSelector": fields})
 
 
+def _recording(name: str, **topics: Any) -> Object:
+    return {"name": name, "topics": topics}
+
+
 def _override(name: str) -> Object:
     return {"name": "slow", **AMR_07, "components": [{"name": name, "image": "x"}]}
 
@@ -58,6 +62,18 @@ APP = [
         app(robots=AMR_07, overrides=[_override("driver")]),
         app(overrides=[_override("driver")]),
         "overrides are for some of the app's robots, and the app has none; write robots.nodeSelector, or the values in the components",
+    ),
+    RuleCase(
+        "a recording records something",
+        app(recordings=[_recording("all", names=["/scan"])]),
+        app(recordings=[_recording("all", exclude="/scan")]),
+        'nothing would be recorded; write names, such as [/scan], or regex, such as "/camera/.*" (".*" for all)',
+    ),
+    RuleCase(
+        "a recording has a name of its own",
+        app(recordings=[_recording("all", regex=".*")]),
+        app(recordings=[_recording("driver", regex=".*")]),
+        'recordings have names of components: ["driver"]; write other names',
     ),
     RuleCase(
         "colocateWith exists",

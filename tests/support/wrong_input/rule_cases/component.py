@@ -37,6 +37,10 @@ def _files(*files: Object) -> Object:
     return app(components=[component(parameters=list(files))])
 
 
+def _devices(*devices: Object) -> Object:
+    return app(components=[component(devices=[{"type": "serial", **device} for device in devices])])
+
+
 def _refused(field: str, bad: Any, advice: str, *, good: Any) -> RuleCase:
     """A field of the pod that has no place in an app, with the only value the API server lets through."""
     says = f"{field} cannot be set in the template; {advice}"
@@ -60,7 +64,37 @@ COMPONENT = [
         "exclusive devices are not shared by replicas",
         app(components=[component(replicas=2, devices=[{"name": "cam", "type": "usb", "sharing": "Cluster"}])]),
         app(components=[component(replicas=2, devices=[{"name": "cam", "type": "usb"}])]),
-        "component driver: 2 replicas cannot share the exclusive device cam; write replicas: 1, or sharing: Cluster on the device",
+        "component driver: 2 replicas cannot share the exclusive device cam; write replicas: 1, sharing: Cluster on the device, or replicaIdentity: Ordinal for one of its own for each replica",
+    ),
+    RuleCase(
+        "replicas with ordinals have exclusive devices of their own",
+        app(components=[component(replicas=2, replicaIdentity="Ordinal", devices=[{"name": "cam", "type": "usb"}])]),
+        app(components=[component(replicas=2, replicaIdentity="None", devices=[{"name": "cam", "type": "usb"}])]),
+        "component driver: 2 replicas cannot share the exclusive device cam; write replicas: 1, sharing: Cluster on the device, or replicaIdentity: Ordinal for one of its own for each replica",
+    ),
+    RuleCase(
+        "a path of its own for each device",
+        _devices({"name": "a", "mountAs": "/dev/lidar"}, {"name": "b", "mountAs": "/dev/base"}, {"name": "c"}),
+        _devices({"name": "a", "mountAs": "/dev/lidar"}, {"name": "b", "mountAs": "/dev/lidar"}),
+        "component driver: two devices cannot have one path; write another mountAs for one of them",
+    ),
+    RuleCase(
+        "a path takes one device",
+        _devices({"name": "front-lidar", "count": 1, "mountAs": "/dev/lidar"}),
+        _devices({"name": "front-lidar", "count": 2, "mountAs": "/dev/lidar"}),
+        "device front-lidar: one path takes one device; write count: 1, or leave mountAs out and read its variable",
+    ),
+    RuleCase(
+        "a device is mounted below /dev",
+        _devices({"name": "a", "mountAs": "/dev/serial/by-id/usb-FTDI_A5:1.0-if00@x+y"}),
+        _devices({"name": "a", "mountAs": "/dev/../etc/passwd"}),
+        "write a path below /dev, such as /dev/lidar, of letters, digits and . _ : @ + -",
+    ),
+    RuleCase(
+        "a device replaces none that every container has",
+        _devices({"name": "a", "mountAs": "/dev/null0"}),
+        _devices({"name": "a", "mountAs": "/dev/pts/0"}),
+        "every container has this path already; write another one, such as /dev/lidar",
     ),
     RuleCase(
         "the domain is not set by hand",

@@ -128,6 +128,9 @@ def test_another_uid_wants_nothing_of_the_old_ones_devices() -> None:
         ("8086:0b3a:a:1", "usb:8086:0b3a:a:1", True),
         ("usb:8086:0b3a", "8086:0b3a:123", True),
         ("8086:0b3a", "", False),
+        ("0x8086:0x0b3a", "8086:0b3a:123", True),
+        ("0X8086:0b3a:0x1", "8086:0b3a:0x1", True),
+        ("8086:0b3a:0x1", "8086:0b3a:1", False),
         ("serial-7", "serial-7", True),
         ("serial-7", "Serial-7", False),
         ("serial-7", "usb:serial-7", False),
@@ -156,6 +159,31 @@ def test_a_device_fits_by_everything_the_requirement_names(requirement: DeviceRe
     assert device.fits(requirement, camera) is fits
     unplugged = reported("cam", "usb", model="d435", interface="video0", identity="usb:8086:0b3a:1", present=False)
     assert not device.fits(requirement, unplugged)
+
+
+@pytest.mark.parametrize(
+    ("requirement", "found"),
+    [
+        (DeviceRequirement(type="camera"), "video"),
+        (DeviceRequirement(type="webcam", model="Intel(R) RealSense 435i"), "video"),
+        (DeviceRequirement(type="tty", usb_id="0x10C4:0xEA60"), "serial"),
+        (DeviceRequirement(type="uart", interface="/dev/ttyTHS1"), "board"),
+        (DeviceRequirement(type="can-bus", interface="can0"), "can"),
+        (DeviceRequirement(type="usb", usb_id="8086:0b3a"), "video"),
+        (DeviceRequirement(type="gripper", interface="/dev/hidraw0"), "gripper"),
+        (DeviceRequirement(type="lidar"), ""),
+        (DeviceRequirement(type="serial", interface="ttyUSB0"), ""),
+    ],
+)
+def test_words_of_people_find_what_agents_publish(requirement: DeviceRequirement, found: str) -> None:
+    node = [
+        reported("video", "video", model="Intel-R-RealSense-435i", identity="8086:0b3a", names=("usb",)),
+        reported("serial", "serial", model="CP2102", identity="10c4:ea60:7"),
+        reported("board", "serial", interface="ttyTHS1"),
+        reported("can", "can", interface="can0"),
+        reported("gripper", "gripper", interface="/dev/hidraw0"),  # a rule may name anything
+    ]
+    assert [one.id for one in node if device.fits(requirement, one)] == ([found] if found else [])
 
 
 # A device of its own for every wish
@@ -203,3 +231,21 @@ def test_a_busy_device_says_who_has_it_and_when_it_is_free() -> None:
     taken = device_claim(holder=app_holder("app-2", name="other", component="driver"))
     text = busy_text(taken, for_namespace="team")
     assert text == "device can-can0 on edge-1 is held by team/other: it is free when its holder is deleted or suspended"
+
+
+@pytest.mark.parametrize(
+    ("component", "replicas", "wanted"),
+    [("driver-1", 2, True), ("driver-2", 2, False), ("driver", 2, False), ("driver-0", 0, False)],
+)
+def test_a_replica_with_an_ordinal_wants_devices_of_its_own_while_there_is_one_of_its_number(
+    component: str, replicas: int, wanted: bool
+) -> None:
+    part = {
+        "name": "driver",
+        "replicas": replicas,
+        "replicaIdentity": "Ordinal",
+        "devices": [{"name": "c", "type": "usb"}],
+    }
+    written = msgspec.convert({"metadata": {"uid": "app-1"}, "spec": {"components": [part]}}, App)
+    holder = app_holder("app-1", component=component)
+    assert device.wants_devices(written, holder) is wanted

@@ -14,9 +14,8 @@ from tests.support.claims.objects import (
     replica_set,
 )
 
-from robotapp_claims.rules.membership import AppRef
 from robotapp_claims.rules.objects import Container, Deployment, EnvVar, Pod, PodSpec, ReplicaSet
-from robotapp_claims.rules.usage import named_ids, owner_as_used, pod_as_used, unclear_domains, usage_of
+from robotapp_claims.rules.usage import AppRef, named_ids, owner_as_used, pod_as_used, unclear_domains, usage_of
 
 seven = domain_claim(7)
 

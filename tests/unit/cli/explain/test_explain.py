@@ -221,6 +221,17 @@ def test_a_component_without_pods_says_what_keeps_them(
     assert " ".join(line.split()).startswith(f"driver waiting {text}")
 
 
+@pytest.mark.parametrize("suspends", ["app", "component"])
+def test_a_component_that_shall_have_no_pod_is_suspended_and_does_not_wait(stage: Stage, suspends: str) -> None:
+    app = robotapp(suspend=suspends == "app")
+    app["spec"]["components"][0]["replicas"] = 0 if suspends == "component" else 1
+    stage.add(ROBOTAPPS, app)
+    stage.add(INSTANCES, instance())
+    name = app["spec"]["components"][0]["name"]
+    lines = stage.text("explain", "teleop", "--scheduler-url", stage.scheduler.url).splitlines()
+    assert [line.split()[1] for line in lines if line.split()[:1] == [name]] == ["suspended"]
+
+
 def test_wide_shows_the_scores(placed: Stage) -> None:
     assert "edge-1 1964, edge-2 1748" in placed.text(
         "explain", "teleop", "--scheduler-url", placed.scheduler.url, "-o", "wide"

@@ -100,6 +100,9 @@ def test_budgets_come_from_both_ends_of_the_edges_and_from_the_policies() -> Non
     found = list_budgets(app, "panel", instance="amr-07", nodes={"driver": "edge-1"})
     assert found == (Peer("edge-1", 30.0), Peer("amr-07", 50.0), Peer("amr-07", 80.0))
     assert list_budgets(app, "driver", instance="", nodes={}) == (Peer("panel", 30.0),)
+    app["spec"]["components"][0] |= {"replicas": 2, "replicaIdentity": "Ordinal"}
+    assert list_budgets(app, "driver-1", instance="", nodes={}) == (Peer("panel", 30.0),)
+    assert list_budgets(app, "driver-2", instance="", nodes={}) == ()
 
 
 def test_missing_hardware_is_named_as_the_component_asks_for_it() -> None:

@@ -148,13 +148,13 @@ def test_long_volumes_and_memory() -> None:
 @pytest.mark.parametrize(
     ("device", "wanted"),
     [
-        ("/dev/ttyUSB0", {"name": "ttyusb0", "type": "serial"}),
-        ("/dev/ttyUSB0:/dev/ttyUSB0:rw", {"name": "ttyusb0", "type": "serial"}),
-        ("/dev/rplidar:/dev/ttyUSB0", {"name": "rplidar", "type": "serial"}),
-        ("/dev/ttyTHS1", {"name": "ttyths1", "type": "serial", "interface": "ttyTHS1"}),
-        ("/dev/video2", {"name": "video2", "type": "video"}),
-        ("/dev/i2c-1", {"name": "i2c-1", "type": "i2c", "interface": "i2c-1"}),
-        ({"source": "/dev/input/js0", "target": "/dev/js0"}, {"name": "js0", "type": "input"}),
+        ("/dev/ttyUSB0", {"name": "ttyusb0", "type": "serial", "mountAs": "/dev/ttyUSB0"}),
+        ("/dev/ttyUSB0:/dev/ttyUSB0:rw", {"name": "ttyusb0", "type": "serial", "mountAs": "/dev/ttyUSB0"}),
+        ("/dev/rplidar:/dev/ttyUSB0", {"name": "rplidar", "type": "serial", "mountAs": "/dev/ttyUSB0"}),
+        ("/dev/ttyTHS1", {"name": "ttyths1", "type": "serial", "interface": "ttyTHS1", "mountAs": "/dev/ttyTHS1"}),
+        ("/dev/video2", {"name": "video2", "type": "video", "mountAs": "/dev/video2"}),
+        ("/dev/i2c-1", {"name": "i2c-1", "type": "i2c", "interface": "i2c-1", "mountAs": "/dev/i2c-1"}),
+        ({"source": "/dev/input/js0", "target": "/dev/js0"}, {"name": "js0", "type": "input", "mountAs": "/dev/js0"}),
     ],
 )
 def test_a_path_that_shows_the_type_is_a_device(device: Any, wanted: dict[str, str]) -> None:

@@ -225,6 +225,22 @@ class TestEntering:
         stage.text("shell", "teleop", "driver", "--robot", "amr-08")
         assert started[0][started[0].index("--") - 1] == "b"
 
+    def test_a_replica_with_an_ordinal_is_named_by_its_number_and_all_of_them_by_their_component(
+        self, stage: Stage, started: list[list[str]]
+    ) -> None:
+        components = [{"name": "det", "image": "i", "replicas": 2, "replicaIdentity": "Ordinal"}]
+        stage.add(ROBOTAPPS, robotapp(components=components))
+        for number in range(2):
+            replica = running_pod(f"pod-{number}", f"det-{number}")
+            replica["metadata"]["labels"]["robotics.io/replica-of"] = "det"
+            stage.add("/pods", replica)
+        result = stage.run("shell", "teleop", "det")
+        assert (result.exit_code, started) == (2, [])
+        assert "has several pods (amr-07/det-0, amr-07/det-1); name one of these replicas" in result.stderr
+        stage.text("shell", "teleop", "det-1")
+        assert started[0][started[0].index("--") - 1] == "pod-1"
+        assert "has no component det-2" in stage.run("shell", "teleop", "det-2").stderr
+
     def test_a_container_that_is_not_there_is_answered_with_those_there_are(
         self, stage: Stage, started: list[list[str]]
     ) -> None:

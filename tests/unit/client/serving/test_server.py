@@ -13,7 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.clients import until
 
-from robotapp_client.serving.server import Connection, Limits, Server, listen, read_counted_address, read_network
+from robotapp_client.serving.server import (
+    UNREAD_BYTES,
+    Connection,
+    Limits,
+    Server,
+    listen,
+    read_counted_address,
+    read_network,
+)
 from robotapp_client.serving.tls import TlsPort, loaded
 from robotapp_testbed.control_plane.servers import unverified
 
@@ -153,6 +161,19 @@ async def test_all_strangers_together_open_only_so_many_in_a_while_and_the_node_
         answers = [await say(peer, b"hello\n") for peer in await crowd_of(site, 5)]
         assert answers == [b"hello\n"] * 3 + [b""] * 2
         assert await say(await site.dial(source=NODE), b"hello\n") == b"hello\n"
+
+
+async def test_one_read_takes_little_of_what_a_peer_has_sent() -> None:
+    with await listen("127.0.0.1", 0) as listener, socket.create_connection(listener.getsockname()) as peer:
+        listener.setblocking(True)
+        peer.settimeout(0.2)
+        accepted, _ = listener.accept()
+        with accepted:
+            with pytest.raises(TimeoutError):  # the kernel takes no more, and nobody reads
+                peer.sendall(bytes(64 * UNREAD_BYTES))
+            assert 0 < len(accepted.recv(64 * UNREAD_BYTES)) <= 2 * UNREAD_BYTES, (
+                "the kernel doubles what it is asked for"
+            )
 
 
 def test_an_address_of_the_node_is_recognised_among_those_of_its_network() -> None:

@@ -1,6 +1,7 @@
 """Events: written once, counted when repeated, limited per object, and never in the way."""
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime, timedelta
@@ -250,6 +251,19 @@ async def test_a_recorder_that_ended_writes_and_retries_nothing() -> None:
     made.say("another")
     await made.time.advance(60)
     assert made.writes == 1
+
+
+async def test_where_the_namespace_is_being_deleted_no_event_is_missed(caplog: pytest.LogCaptureFixture) -> None:
+    cause = {"reason": "NamespaceTerminating", "field": "metadata.namespace", "message": "being terminated"}
+    body = {"kind": "Status", "code": 403, "reason": "Forbidden", "details": {"causes": [cause]}}
+    async with ScriptedServer(reply(body, status=403)) as server, client_for(server.endpoint) as client:
+        recorder = EventRecorder(client, controller="robotapp-operator", instance="pod-1")
+        task = asyncio.create_task(recorder.run())
+        recorder.event(POD, reason="Placed", note="hello", action="Binding")
+        await recorder.drain()
+        task.cancel()
+    assert (recorder.stats.failed, recorder.stats.created) == (0, 0)
+    assert not [record for record in caplog.records if record.levelno >= logging.WARNING]
 
 
 async def test_a_strange_object_does_not_stop_the_recorder() -> None:

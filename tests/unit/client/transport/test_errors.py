@@ -41,6 +41,17 @@ def test_an_existing_name_is_not_a_conflict() -> None:
     assert not issubclass(errors.AlreadyExists, errors.Conflict)
 
 
+def test_a_namespace_that_is_being_deleted_is_more_than_a_missing_right() -> None:
+    cause = {
+        "field": "metadata.namespace",
+        "reason": "NamespaceTerminating",
+        "message": "namespace a is being terminated",
+    }
+    error = answer(403, reason="Forbidden", details={"causes": [cause]})
+    assert type(error) is errors.NamespaceTerminating
+    assert isinstance(error, errors.Forbidden), "who treats all refusals alike need not have heard of it"
+
+
 def test_causes_name_the_fields() -> None:
     cause = {"field": "spec.x", "reason": "FieldValueInvalid", "message": "too big"}
     assert answer(422, details={"causes": [cause]}).causes == (("spec.x", "FieldValueInvalid", "too big"),)

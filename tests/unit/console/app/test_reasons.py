@@ -74,6 +74,9 @@ def test_without_a_record_a_waiting_pod_has_its_conditions_words() -> None:
 def test_a_component_without_a_pod_is_named() -> None:
     pods = select_pods([msgspec.convert(pod("a", "driver"), AppPod)], "amr-07")
     assert list_without_pods({"spec": SPEC}, pods) == ("planner",)
+    numbered = {"components": [{"name": "det", "replicas": 2, "replicaIdentity": "Ordinal"}]}
+    pods = select_pods([msgspec.convert(pod("a", "det-1"), AppPod)], "amr-07")
+    assert list_without_pods({"spec": numbered}, pods) == ("det-0",)
 
 
 def test_what_was_given_up_and_what_is_proposed_are_notes() -> None:

@@ -205,3 +205,27 @@ def test_a_label_that_shows_the_node_is_no_robots_ends_the_wait() -> None:
     assert run(core) == {}
     show(core, make_node("old", labels=EDGE, taints=LOST))
     assert set(run(core)) == {"teleop-driver-abc-after"}
+
+
+def test_each_replica_with_an_ordinal_waits_for_its_own_predecessor_alone() -> None:
+    core = make_core(*(make_node(name) for name in ("n0", "n1", "n2")))
+    core.cluster.apply_app(app_object({"name": "det", "replicas": 2, "replicaIdentity": "Ordinal"}))
+    for name in ("det-0", "det-1"):
+        for owned in chain(name):
+            core.cluster.apply_owner(owned)
+    core.cluster.apply_pod(member_pod("det-0", uid="before", node="n0"))
+    arrive(core, member_pod("det-0", uid="after"))
+    arrive(core, member_pod("det-1", uid="one"))
+    placed = run(core)
+    assert len(placed) == 1, "det-1 has no predecessor"
+    assert "waiting for its predecessor teleop-det-0-abc-before" in gate_of(core).reason
+
+
+def test_an_app_waits_for_a_pod_of_each_replica_with_an_ordinal() -> None:
+    core = make_core(make_node("n0"))
+    core.cluster.apply_app(app_object({"name": "det", "replicas": 2, "replicaIdentity": "Ordinal"}))
+    for owned in chain("det-0"):
+        core.cluster.apply_owner(owned)
+    arrive(core, member_pod("det-0", uid="zero"))
+    assert run(core) == {}
+    assert "waiting for pods of det-1 (0 of 1)" in gate_of(core).reason

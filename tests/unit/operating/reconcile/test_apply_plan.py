@@ -8,7 +8,7 @@ from tests.support.scripted import ScriptedClient
 
 from robotapp_api.model.names import Reason
 from robotapp_claims.rules.domain import Fence
-from robotapp_client import AlreadyExists, Conflict, Forbidden, Invalid, NotFound
+from robotapp_client import AlreadyExists, Conflict, Forbidden, Invalid, NamespaceTerminating, NotFound
 from robotapp_operator.plan.diff.diff import Change, Observed, Plan, plan, wanted_children
 from robotapp_operator.plan.spec.desired import Domain, desired_of
 from robotapp_operator.plan.spec.objects import ChildRef
@@ -220,6 +220,13 @@ async def test_refusals_are_collected_and_the_other_children_still_written() -> 
     assert [reason for reason, _ in done.refusals] == [Reason.QUOTA_REFUSED, Reason.FAILED_CREATE]
     assert done.count == 1
     assert "exceeded quota" in done.refusals[0][1]
+
+
+async def test_nothing_more_is_tried_where_the_namespace_is_being_deleted() -> None:
+    client = ScriptedClient().always("create", refusal(NamespaceTerminating, "being terminated", 403))
+    with pytest.raises(NamespaceTerminating):
+        await run(client, fresh())
+    assert client.methods() == ["create"]
 
 
 def taken_by(**owner: Any) -> ScriptedClient:

@@ -1,5 +1,6 @@
 """Keys to work, errors to retry classes."""
 
+import logging
 from typing import Any
 
 import msgspec
@@ -11,7 +12,7 @@ from tests.unit.operating.controlling import StubbedController
 from robotapp_api.model.names import Label, Reason
 from robotapp_claims.rules.domain import DomainOutcome
 from robotapp_claims.rules.objects import Pool
-from robotapp_client import TooManyRequests, Unreachable
+from robotapp_client import NamespaceTerminating, TooManyRequests, Unreachable
 from robotapp_operator.plan.render.instance_object import AppInstance, wanted_object
 from robotapp_operator.queue.work import StartOver, Work
 from robotapp_operator.queue.workqueue import Key
@@ -242,6 +243,60 @@ async def test_an_unreachable_server_backs_off_and_its_wish_is_respected(world: 
     assert world.due(29) == set()
     assert world.due(2) == {Key(Work.CHILDREN, "uid-1", "")}
     assert world.reconciles()["robotapp-children", "error"] == 2
+
+
+def find_warnings(caplog: pytest.LogCaptureFixture) -> list[str]:
+    return [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
+
+
+async def test_what_cannot_be_made_in_a_namespace_that_is_being_deleted_is_said_once_and_not_tried_again(
+    world: StubbedController, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    ending = NamespaceTerminating("being terminated", status=403)
+    for uid in ("uid-1", "uid-2"):
+        world.cache.update_app(app_body(uid, uid=uid))
+        for worker, work in ((world.children, Work.CHILDREN), (world.objects, Work.INSTANCE)):
+            worker.answer = ending
+            await world.handle(Key(work, uid, ""))
+    assert world.due(120) == set()
+    assert caplog.text.count("namespace default is being deleted") == 1
+    assert find_warnings(caplog) == []
+    assert world.reconciles()["robotapp-children", "success"] == 2
+    calls = len(world.children.calls) + len(world.objects.calls)
+    for work in (
+        Work.CHILDREN,
+        Work.INSTANCE,
+        Work.MOVES,
+        Work.GATES,
+    ):  # as the events of its objects' deletion add them
+        await world.handle(Key(work, "uid-1", ""))
+    assert (len(world.children.calls) + len(world.objects.calls), world.mover.calls, world.gates.calls) == (
+        calls,
+        [],
+        [],
+    )
+
+
+async def test_an_app_of_a_later_namespace_of_that_name_is_worked_on(world: StubbedController) -> None:
+    world.cache.update_app(app_body())
+    world.children.answer = NamespaceTerminating("being terminated", status=403)
+    await world.handle(Key(Work.CHILDREN, "uid-1", ""))
+    world.cache.forget_app("uid-1")
+    world.cache.update_app(app_body(uid="uid-2"))
+    world.children.answer = True
+    await world.handle(Key(Work.CHILDREN, "uid-2", ""))
+    assert world.children.calls[-1] == ("uid-2", "")
+
+
+async def test_the_fleet_view_of_a_namespace_that_is_being_deleted_waits_for_its_next_change(
+    world: StubbedController, caplog: pytest.LogCaptureFixture
+) -> None:
+    world.fleet.answer = NamespaceTerminating("being terminated", status=403)
+    for _ in range(2):
+        await world.handle(Key(Work.FLEET, "ns/robots"))
+        assert world.due(120) == set()
+    assert find_warnings(caplog) == []
 
 
 async def test_a_bug_is_logged_counted_shown_and_does_not_stop_the_others(

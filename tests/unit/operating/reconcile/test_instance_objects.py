@@ -8,7 +8,7 @@ import pytest
 from tests.support.apiserver import FakeApiServer
 from tests.support.apiserver.store import Key as Stored
 from tests.support.clients import client_for
-from tests.support.factories import app_body, domain_claim, make_app, make_node, robots, telemetry
+from tests.support.factories import app_body, component, domain_claim, make_app, make_node, robots, telemetry
 from tests.unit.operating.controlling import place
 from tests.unit.operating.instance_writing import REFUSED, WrittenInstances
 
@@ -420,8 +420,36 @@ async def test_a_robot_whose_node_is_unclear_is_told_so_and_the_others_are_not(w
     assert (accepted["b"]["status"], accepted["b"]["reason"]) == ("False", "RobotNodeUnclear")
 
 
+async def test_a_robot_whose_name_makes_no_name_of_an_object_is_told_so_and_the_others_run(
+    world: WrittenInstances,
+) -> None:
+    world.cache.nodes.update(robots("a", "B"))
+    part = component("driver", envFrom=[{"configMapRef": {"name": "env-$(ROBOTAPP_ROBOT)", "optional": True}}])
+    uid = await world.app(robots=EACH, components=[part])
+    for robot in ("a", "B"):
+        await world.settle(uid, robot)
+    accepted = {
+        item["spec"]["robot"]: next(each for each in item["status"]["conditions"] if each["type"] == "Accepted")
+        for item in await world.stored()
+    }
+    assert accepted["a"]["status"] == "True"
+    assert (accepted["B"]["status"], accepted["B"]["reason"]) == ("False", "InvalidSpec")
+    assert '"env-B" is no name of an object' in accepted["B"]["message"]
+
+
 async def test_a_refused_app_has_objects_that_say_so(world: WrittenInstances) -> None:
     uid = await world.app(ros={"distro": "humbel"})
     await world.settle(uid)
     (item,) = await world.stored()
     assert item["status"]["phase"] == "Failed"
+
+
+async def test_replicas_with_ordinals_are_components_of_the_status(world: WrittenInstances) -> None:
+    part = component("det", replicas=2, replicaIdentity="Ordinal", dependsOn=[{"component": "base"}])
+    uid = await world.app(components=[component("base"), part])
+    await world.settle(uid)
+    (item,) = await world.stored()
+    messages = {each["name"]: each.get("message", "") for each in item["status"]["components"]}
+    assert set(messages) == {"base", "det-0", "det-1"}
+    assert messages["det-1"] == "waits until base is Ready (dependsOn)"
+    assert item["status"]["summary"]["ready"] == "0/3"

@@ -197,6 +197,26 @@ async def test_what_was_written_is_awaited_before_anything_is_read_again(world: 
     assert not any("labelSelector" in path and "instance" in path for path in reads)
 
 
+async def test_an_app_that_was_always_suspended_has_its_domain_and_no_deployments_until_it_is_resumed(
+    world: ReconciledServer,
+) -> None:
+    await world.pool()
+    uid = await world.app(suspend=True)
+    assert await world.children.reconcile(uid, "")
+    assert (len(await world.claims()), await world.deployments()) == (1, [])
+    await world.mirror()
+    before = world.writes()
+    assert await world.children.reconcile(uid, "")
+    assert world.writes() == before, "nothing is missing"
+    await world.edit("teleop", suspend=False)
+    assert await world.children.reconcile(uid, "")
+    assert {item["spec"]["replicas"] for item in await world.deployments()} == {1}
+    await world.mirror()
+    await world.edit("teleop", suspend=True)
+    assert await world.children.reconcile(uid, "")
+    assert {item["spec"]["replicas"] for item in await world.deployments()} == {0}, "what is there stays, without pods"
+
+
 async def test_an_edit_does_not_wait_for_the_events_of_the_last_write(world: ReconciledServer) -> None:
     await world.pool()
     uid = await world.app()

@@ -29,7 +29,7 @@ from robotapp_operator.watch.lister import device_losses, instances_by_name
 START = datetime(2026, 5, 1, 12, tzinfo=UTC)
 EDGE = {"topic": "/t", "from": "planner", "to": "driver", "latency": {"budget": "30ms"}}
 FOR_S = 15.0
-CAMERA = {"name": "cam", "type": "usb"}
+CAMERA = {"name": "cam", "type": "usb", "interface": "cam"}
 
 
 class Scene:
@@ -155,7 +155,7 @@ class Scene:
 
     async def plug(self, *, present: bool, node: str = "far") -> None:
         """The camera of a node; the planner's pod holds that of node far."""
-        self.devices[node] = [TelemetryDevice(id="usb-cam", type="usb", present=present)]
+        self.devices[node] = [TelemetryDevice(id="usb-cam", type="usb", interface="cam", present=present)]
         self.cache.reported_devices += 1
         await self.mirror()
         pod = self.cache.pods.of(UID).get("planner")
@@ -167,7 +167,7 @@ class Scene:
         """Other apps' pods on node far, whose devices are gone."""
         for number in range(pods):
             device = f"other-{number}"
-            self.devices["far"].append(TelemetryDevice(id=device, type="usb", present=False))
+            self.devices["far"].append(TelemetryDevice(id=device, type="usb", interface="cam", present=False))
             self._claim(device, f"pod-{number}", f"app-{number}")
 
     def _claim(self, device: str, pod: str, app_uid: str) -> None:

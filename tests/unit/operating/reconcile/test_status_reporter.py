@@ -168,7 +168,7 @@ async def test_a_fleet_is_told_of_as_its_domains_come_and_not_only_when_all_are_
     world.cache.claims.put(uid, "c", domain_claim(7, uid=uid, instance="a"))
     world.now_s += 5
     await world.reporter.report(uid)
-    assert "1 of 2 instances wait" in json.dumps((await world.status())["conditions"])
+    assert "1 of 2 instances waits" in json.dumps((await world.status())["conditions"])
 
 
 async def test_a_restarted_operator_does_not_doubt_a_refusal_it_has_not_asked_about(world: ReportedServer) -> None:

@@ -23,7 +23,7 @@ from robotapp_operator.plan.status.components import (
 from robotapp_operator.queue.work import Work, namespace_group
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.watch.cache import Cache
-from robotapp_operator.watch.pod_events import AT_ONCE, LATER_S, NEW_S, REFUSED_S, SOON_S, PodEvents
+from robotapp_operator.watch.pod_events import AT_ONCE, GIVE_BACK_S, LATER_S, NEW_S, REFUSED_S, SOON_S, PodEvents
 
 GROUP = namespace_group("default")
 MOUNT = 'MountVolume.SetUp failed for volume "v" : secret "tokens" not found'
@@ -170,3 +170,30 @@ def test_a_missing_object_of_the_environment_is_told_with_its_cure() -> None:
     pod = make_pod("p", node="n", waiting=("CreateContainerConfigError", 'secret "tokens" not found'))
     view = component_view(HelperPart("driver", ""), deployment(), [pod])
     assert view.message == 'CreateContainerConfigError: secret "tokens" not found; create it, or write optional: true'
+
+
+@pytest.mark.parametrize(
+    ("note", "given_back"),
+    [
+        ("device serial-1 of node n is in use by claim x; the pod starts when it is free", True),
+        ("DRA driver devices.robotics.io is not registered", False),
+    ],
+)
+async def test_a_device_that_the_driver_refuses_for_long_is_given_back_and_one_of_a_driver_that_is_away_is_kept(
+    world: WatchedEvents, note: str, given_back: bool
+) -> None:
+    refused: list[str] = []
+
+    async def take(pod: Pod) -> None:
+        refused.append(pod.metadata.name)
+
+    events = PodEvents(world.client, world.cache, world.queue, clock=lambda: world.now_s, on_refused=take)
+    pod = world.wait("driver")
+    await world.event("e", pod.metadata.uid, note, reason="FailedPrepareDynamicResources")
+    await events.look(GROUP)
+    world.now_s = GIVE_BACK_S - 1
+    await events.look(GROUP)
+    assert refused == []
+    world.now_s = GIVE_BACK_S
+    await events.look(GROUP)
+    assert refused == (["driver"] if given_back else [])

@@ -179,8 +179,8 @@ def test_the_restart_rolls_the_template_once_and_its_event_names_the_components(
     (change,) = what.changes
     assert is_restart(change)
     assert read_master_starts(change.child.spec) == at(60)
-    note = describe_restart(["driver"], at(60), robot="amr-07")
-    assert note.startswith("robot amr-07: the ROS master was started anew at 2026-01-01T12:01:00Z")
+    note = describe_restart(["driver"], at(60))
+    assert note.startswith("the ROS master was started anew at 2026-01-01T12:01:00Z")
     again = observed | {change.child.ref: stored(change, app)}
     assert not plan(app, wanted, again, version=VERSION, settled={})
 

@@ -10,6 +10,7 @@ from tests.support.factories import component, make_app
 from robotapp_api.model.names import SCHEDULING_GATE, Annotation, Label
 from robotapp_operator.plan.render.parameters import NONE, ParameterState, parameter_states
 from robotapp_operator.plan.render.pod_template import pod_template
+from robotapp_operator.plan.spec.config_content import ClusterConfig, config_content
 from robotapp_operator.plan.spec.desired import Domain, desired_of
 from robotapp_operator.plan.spec.objects import ConfigMap
 
@@ -165,9 +166,12 @@ def test_what_a_named_config_map_holds_rolls_the_pods_and_other_keys_do_not() ->
 
 def test_a_required_file_that_is_not_there_is_told() -> None:
     app = make_app(component("driver", args=["run"], parameters=FILES))
-    assert parameter_states(app, "amr-07", {})["driver"].missing == ("there is no ConfigMap drv",)
-    found = parameter_states(app, "amr-07", {"default/drv": config_map("drv")})["driver"]
-    assert found.missing == ("ConfigMap drv has no key base.yaml",)
+
+    def list_missing(config_maps: dict[str, ConfigMap]) -> tuple[str, ...]:
+        return config_content(app.spec.components[0], app, "amr-07", ClusterConfig(config_maps, {})).missing
+
+    assert list_missing({}) == ("there is no ConfigMap drv",)
+    assert list_missing({"default/drv": config_map("drv")}) == ("ConfigMap drv has no key base.yaml",)
 
 
 def test_no_files_change_nothing() -> None:

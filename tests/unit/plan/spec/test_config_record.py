@@ -217,6 +217,27 @@ def test_all_places_in_which_a_config_map_is_named_count_with_the_keys_that_they
     assert before.changed_since(other.mounted, other.files) == ["ConfigMap all", "ConfigMap env"]
 
 
+def test_what_no_container_mounts_is_not_missing_because_the_kubelet_leaves_it_out() -> None:
+    volumes = [
+        {"name": "idle", "configMap": {"name": "idle"}},
+        {"name": "vault", "secret": {"secretName": "vault"}},
+        {"name": "files", "configMap": {"name": "files"}},
+        {"name": "keys", "secret": {"secretName": "keys"}},
+    ]
+    step = {"name": "prepare", "image": "x", "volumeMounts": [{"name": "keys", "mountPath": "/keys"}]}
+    driver = component(
+        "driver",
+        volumeMounts=[{"name": "files", "mountPath": "/files"}],
+        template={"spec": {"volumes": volumes, "initContainers": [step]}},
+    )
+    app = make_app(driver)
+    content = config_content(app.spec.components[0], app, "", ClusterConfig({}, {"default": {}}))
+    assert content.missing == ("there is no ConfigMap files", "there is no Secret keys")
+    assert {"ConfigMap idle", "Secret vault"} <= content.mounted.keys(), (
+        "what a component refers to is recorded as before"
+    )
+
+
 def test_what_is_required_and_missing_is_named_and_what_is_optional_is_not() -> None:
     driver = component(
         "driver",

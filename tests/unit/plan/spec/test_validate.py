@@ -14,6 +14,7 @@ from robotapp_operator.plan.spec.objects import Node
 from robotapp_operator.plan.spec.validate import (
     Problem,
     domain_problems,
+    name_problems,
     notes_of,
     override_notes,
     problems_alone,
@@ -457,16 +458,14 @@ def test_fields_without_effect_are_told_and_do_not_refuse_the_app() -> None:
     assert notes_of(make_app()) == ()
 
 
-def test_a_device_that_no_agent_publishes_is_noted_with_the_one_that_is_meant() -> None:
+def test_an_interface_that_no_agent_publishes_is_noted_and_a_model_is_taken_as_its_maker_writes_it() -> None:
     # A label written by hand may give the interface _x.
     camera = {"type": "video", "model": "Intel(R) RealSense 435i", "interface": "_x"}
-    model, interface = notes_of(
+    (note,) = notes_of(
         make_app(component("a", devices=[camera | {"name": "cam"}], requires=[{"type": "can", "interface": "***"}]))
     )
-    assert model.startswith("spec.components[0].devices[0].model: ")
-    assert model.endswith("write Intel-R-RealSense-435i")
-    assert interface.startswith("spec.components[0].requires[0].interface: ")
-    assert interface.endswith("leave it out")
+    assert note.startswith("spec.components[0].requires[0].interface: ")
+    assert note.endswith("leave it out")
 
 
 def test_a_fallback_is_noted_where_no_budget_is_preferred_and_where_another_scheduler_places() -> None:
@@ -508,18 +507,20 @@ def test_a_bandwidth_is_noted_with_the_nodes_on_which_it_is_checked_and_where_no
 def test_a_name_that_is_none_for_some_robot_is_refused_with_the_robot_and_the_field() -> None:
     part = component("a", envFrom=[{"configMapRef": {"name": "env-$(ROBOTAPP_ROBOT)"}}])
     app = make_app(part, robots=EACH)
-    assert problems_of(app, robots("amr-07")) == ()
-    reason, field, message = only_problem(app, **robots("amr-07", "AMR_08"))
-    assert (reason, field) == (Reason.INVALID_SPEC, "spec.components[0].envFrom[0].configMapRef.name")
-    assert message.startswith('env-$(ROBOTAPP_ROBOT) is for robot AMR_08: "env-AMR_08" is no name of an object')
+    assert problems_of(app, robots("amr-07", "AMR_08")) == ()
+    problems = name_problems(app, ["amr-07", "AMR_08"])
+    assert list(problems) == ["AMR_08"], "the others run"
+    assert problems["AMR_08"].startswith(
+        'spec.components[0].envFrom[0].configMapRef.name: env-$(ROBOTAPP_ROBOT) is for robot AMR_08: "env-AMR_08" is no name of an object'
+    )
 
 
 def test_names_that_overrides_add_are_looked_at_too() -> None:
     file = {"configMapKeyRef": {"name": "p-$(ROBOTAPP_ROBOT)", "key": "a"}}
     override = {"name": "some", **EACH, "components": [{"name": "a", "parameters": [file]}]}
     app = make_app(component("a", args=["x"]), robots=EACH, overrides=[override])
-    _, field, _ = only_problem(app, **robots("AMR_08"))
-    assert field == "spec.overrides[0].components[0].parameters[0].configMapKeyRef.name"
+    (problem,) = name_problems(app, ["AMR_08"]).values()
+    assert problem.startswith("spec.overrides[0].components[0].parameters[0].configMapKeyRef.name: ")
 
 
 def test_an_override_that_chooses_no_robot_is_told() -> None:

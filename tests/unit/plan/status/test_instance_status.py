@@ -98,9 +98,7 @@ def test_other_instances_are_another_matter() -> None:
 def test_messages_do_not_repeat_whose_they_are() -> None:
     failing = dataclasses.replace(STARTING, reason=Reason.CRASH_LOOP, message="exit code 1")
     status = status_of(instance(failing))
-    assert (
-        messages(status)["Ready"] == status["summary"]["message"] == "0 of 1 components are ready; driver: exit code 1"
-    )
+    assert messages(status)["Ready"] == status["summary"]["message"] == "0 of 1 component is ready; driver: exit code 1"
 
 
 def test_conditions_are_about_this_object_whose_spec_never_changes() -> None:

@@ -12,7 +12,7 @@ from robotapp_api.model.names import Condition, EventReason, Phase, Reason
 from robotapp_api.values.approval import read_approval
 from robotapp_claims.rules.instances import Instance
 from robotapp_operator.plan.diff.newer import Held
-from robotapp_operator.plan.spec.text import stored_bytes
+from robotapp_operator.plan.spec.text import count_of, stored_bytes
 from robotapp_operator.plan.spec.validate import Problem
 from robotapp_operator.plan.status.components import ComponentView, HelperPart, HelperView
 from robotapp_operator.plan.status.events import events_between
@@ -149,7 +149,7 @@ def test_devices_that_nobody_claims_are_no_reason_to_wait_and_are_named() -> Non
 def test_an_app_without_a_domain_rolls_nothing_out() -> None:
     status = status_of(instance(WAITING, domain=None, refusal=(Reason.DOMAIN_EXHAUSTED, "4 of 4 ids are claimed")))
     assert condition(status, Condition.PROGRESSING) == ("False", Reason.DOMAIN_EXHAUSTED)
-    assert "1 of 1 instances wait" in message(status, Condition.PROGRESSING)
+    assert "1 of 1 instance waits" in message(status, Condition.PROGRESSING)
 
 
 def test_another_scheduler_claims_no_devices() -> None:
@@ -167,7 +167,7 @@ def test_where_another_scheduler_is_the_operators_setting_ours_is_to_be_written(
 def test_reserved_devices_that_no_node_hands_over_are_said_to_be_so() -> None:
     status = status_of(instance(UP, devices_wanted=2, devices_held=2))
     assert condition(status, Condition.ALLOCATED) == ("True", Reason.ALLOCATED)
-    text = "domain 7; 2 of 2 devices reserved, but not handed over: no node gives devices to containers yet"
+    text = "domain 7; 2 of 2 devices reserved, but not handed over: their nodes have no driver that gives devices to containers"
     assert message(status, Condition.ALLOCATED) == text
 
 
@@ -208,7 +208,7 @@ def test_failures_of_children_reach_ready_and_the_table(reason: Reason) -> None:
     failing = dataclasses.replace(STARTING, name="logger", reason=reason, message="the cause")
     status = status_of(instance(UP, failing))
     assert condition(status, Condition.READY) == ("False", reason)
-    assert "1 of 2 components are ready; logger: the cause" in message(status, Condition.READY)
+    assert "1 of 2 components is ready; logger: the cause" in message(status, Condition.READY)
     assert status["summary"]["message"] == message(status, Condition.READY)
     assert status["phase"] == Phase.DEGRADED
     assert status["troubled"] == [{"instance": "", "reason": reason.value, "message": "logger: the cause"}]
@@ -277,7 +277,7 @@ def test_a_component_that_waits_is_named_when_what_it_waits_for_has_no_trouble_o
     status = status_of(instance(UP, LATER))
     assert (
         message(status, Condition.READY)
-        == "1 of 2 components are ready; mapper: waits until driver is Ready (dependsOn)"
+        == "1 of 2 components is ready; mapper: waits until driver is Ready (dependsOn)"
     )
     assert message(status, Condition.PLACED).endswith("; mapper waits until driver is Ready (dependsOn)")
     assert (status["phase"], status["troubled"]) == (Phase.PLACING, [])
@@ -288,6 +288,20 @@ def test_what_others_wait_for_is_named_before_them() -> None:
     for driver, text in ((failing, "driver: restarted 3 times"), (STARTING, "driver: is starting")):
         assert message(status_of(instance(LATER, driver)), Condition.READY) == f"0 of 2 components are ready; {text}"
     assert status_of(instance(LATER, failing))["phase"] == Phase.DEGRADED
+
+
+def test_nothing_is_measured_while_suspended() -> None:
+    edge = {"topic": "/t", "from": "operator", "to": "driver", "latency": {"budget": "30ms"}}
+    status = status_of(instance(WAITING), app={"suspend": True, "edges": [edge]})
+    assert condition(status, Condition.BUDGET_MET) == ("Unknown", Reason.SUSPENDED)
+
+
+@pytest.mark.parametrize(
+    ("part", "total", "text"),
+    [(1, 1, "1 of 1 edge is"), (0, 1, "0 of 1 edge is"), (1, 3, "1 of 3 edges is"), (0, 3, "0 of 3 edges are")],
+)
+def test_numbers_and_their_words_agree(part: int, total: int, text: str) -> None:
+    assert count_of(part, total, "edge") == text
 
 
 def test_suspended_apps_say_how_to_start_them() -> None:
@@ -461,6 +475,21 @@ def test_an_app_with_an_unclear_robot_is_accepted_and_the_others_go_on() -> None
     assert status["troubled"] == [
         {"instance": "b", "reason": "RobotNodeUnclear", "message": "robot b has 2 nodes: label one"}
     ]
+
+
+def test_a_robot_whose_name_does_not_fit_into_the_spec_is_in_trouble_alone() -> None:
+    lost = dataclasses.replace(WAITING, exists=False)
+    text = "spec.components[0].envFrom[0].configMapRef.name: env-$(ROBOTAPP_ROBOT) is for robot B"
+    misnamed = dataclasses.replace(instance(lost, robot="B", domain=None), instance=Instance("B", "node-of-b", text))
+    status = status_of(instance(robot="a"), misnamed)
+    assert condition(status, Condition.ACCEPTED) == ("True", Reason.ACCEPTED)
+    assert "1 of 2 instances are for robots whose name does not fit into the spec (B)" in message(
+        status, Condition.ACCEPTED
+    )
+    assert condition(status, Condition.READY) == ("False", Reason.INVALID_SPEC)
+    assert condition(status, Condition.PROGRESSING) == ("False", Reason.INVALID_SPEC)
+    assert condition(status, Condition.ALLOCATED) == ("Unknown", Reason.INVALID_SPEC)
+    assert status["troubled"] == [{"instance": "B", "reason": "InvalidSpec", "message": text}]
 
 
 def test_what_is_accepted_without_effect_is_said() -> None:

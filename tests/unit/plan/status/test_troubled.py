@@ -21,7 +21,8 @@ STARTING = dataclasses.replace(UP, ready=False)
 
 
 def instance(robot: str, component: ComponentView = UP, *, problem: str = "", **fields: Any) -> InstanceFacts:
-    return InstanceFacts(instance=Instance(robot, f"n-{robot}", problem), components=(component,), domain=7, **fields)
+    node = "" if problem else f"n-{robot}"
+    return InstanceFacts(instance=Instance(robot, node, problem), components=(component,), domain=7, **fields)
 
 
 def failing(reason: Reason, message: str = "why") -> ComponentView:

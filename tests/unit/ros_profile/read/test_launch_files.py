@@ -166,3 +166,12 @@ def test_functions_that_call_each_other_end() -> None:
             return LaunchDescription(a())
     """)
     assert len(found.nodes) <= 1000
+
+
+@pytest.mark.parametrize(
+    "start", ["", "\n\n", '<?xml version="1.0"?>\n\n', '\n\n<?xml version="1.0"?>\n', "\n<!-- a\n-->"]
+)
+def test_lines_are_those_of_the_file_whatever_stands_before_the_first_element(start: str) -> None:
+    text = f'{start}<launch>\n<node pkg="a" exec="b"/></launch>'
+    (node,) = launch(text, "a.launch.xml").nodes
+    assert node.line == text[: text.index("<node")].count("\n") + 1

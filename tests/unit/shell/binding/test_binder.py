@@ -8,6 +8,7 @@ from robotapp_client.transport.errors import (
     ClientError,
     Conflict,
     Forbidden,
+    NamespaceTerminating,
     NotFound,
     ServerError,
     TooManyRequests,
@@ -182,8 +183,9 @@ async def test_who_leads_no_longer_sends_and_says_nothing_more(told: int) -> Non
         (conflict(), None, pod(node="edge-2"), BindResult.TAKEN, ["post_soon", "get"]),
         (Unreachable("reset", maybe_applied=True), None, pod(node="edge-1"), BindResult.BOUND, ["post_soon", "get"]),
         (Forbidden("no", status=403), None, None, BindResult.FAILED, ["post_soon"]),
+        (NamespaceTerminating("ends", status=403), None, None, BindResult.GONE, ["post_soon"]),
     ],
-    ids=["bound", "503", "conflict", "doubt", "refused"],
+    ids=["bound", "503", "conflict", "doubt", "refused", "namespace ends"],
 )
 async def test_a_bind_begun_without_a_task_goes_on_where_its_first_try_ended(
     first: Any, then: Any, found: Any, result: BindResult | None, calls: list[str]

@@ -1,0 +1,220 @@
+"""Prepares and unprepares claims: decides by the rules, records in the checkpoint, then writes the CDI spec."""
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Callable, Iterable
+from typing import Final, NamedTuple
+
+import msgspec
+
+from robotapp_agent.devices.device import Device
+from robotapp_agent.driver.messages import ClaimReference, DeviceAnswer
+from robotapp_agent.driver.node_files import CdiFolder, Checkpoint, DeviceFiles
+from robotapp_agent.driver.rules.allocation import ResourceClaim, plan_preparation
+from robotapp_agent.driver.rules.cdi_spec import DeviceFile, cdi_id, files_of, spec_of
+from robotapp_agent.driver.rules.ledger import Held, PreparedClaim, claims_of_earlier_boots
+from robotapp_agent.driver.rules.refusal import Refusal
+from robotapp_client.api.client import ApiClient
+from robotapp_client.api.resources import RESOURCECLAIMS
+from robotapp_client.transport.errors import ClientError, NotFound
+
+log = logging.getLogger(__name__)
+
+
+class NodeFolders(NamedTuple):
+    """Files and folders of the node that the plugin reads and writes."""
+
+    checkpoint: Checkpoint
+    cdi: CdiFolder
+    device_files: DeviceFiles
+
+
+MOST_REFUSED: Final = 1024
+"""Claims that are remembered as refused; more are forgotten, and only wait less the next time."""
+
+
+class Patience(NamedTuple):
+    """How long a preparation waits for a device in use. The kubelet would try again after 12 s only, and gives a call 45 s."""
+
+    first_s: float = 3.0
+    """A claim's first try: enough for a pod that is about to end, and the event that names the holder comes soon."""
+    later_s: float = 30.0
+
+
+PATIENCE: Final = Patience()
+
+
+class DevicePlugin:
+    """The lock of one node's devices. Call everything from one event loop.
+
+    Between the look at the ledger and the checkpoint nothing is awaited, so two claims never pass the lock together.
+    """
+
+    def __init__(
+        self,
+        client: ApiClient,
+        folders: NodeFolders,
+        *,
+        node: str,
+        boot_id: str,
+        runtime_problem: Callable[[], str] = str,
+        patience: Patience = PATIENCE,
+    ) -> None:
+        """runtime_problem: a reason why containers would not get what is prepared, "" for none. Raises CheckpointError."""
+        self._client = client
+        self._folders = folders
+        self._node = node
+        self._boot_id = boot_id
+        self._runtime_problem = runtime_problem
+        self._patience = patience
+        self._refused: set[str] = set()
+        """Claims that were told who has their device."""
+        self._releases = asyncio.Condition()
+        self._devices: dict[str, Device] = {}
+        self._ledger = folders.checkpoint.load()
+
+    def __repr__(self) -> str:
+        return f"<DevicePlugin of {self._node}: {len(self._ledger.claims)} claims, {len(self._devices)} devices>"
+
+    def update_devices(self, devices: Iterable[Device]) -> None:
+        """Takes in a scan: a device that was plugged in again may have another path, which the next container gets."""
+        self._devices = {device.id: device for device in devices}
+        for claim in self._ledger.claims.values():
+            try:
+                self._write_spec(claim)
+            except OSError as error:
+                log.warning("the CDI spec of claim %s/%s is not written: %s", claim.namespace, claim.name, error)
+
+    def remove_leftovers(self) -> None:
+        """Removes CDI specs without an entry in the checkpoint: what the driver was ended in the middle of."""
+        for uid in self._folders.cdi.list_uids():
+            if uid not in self._ledger.claims:
+                self._folders.cdi.remove(uid)
+
+    async def release_after_reboot(self) -> None:
+        """Releases claims of earlier boots that are gone. Others keep their devices until the kubelet prepares them again."""
+        for claim in claims_of_earlier_boots(self._ledger.claims.values(), self._boot_id):
+            await self._release_if_gone(claim)
+
+    async def prepare(self, reference: ClaimReference) -> tuple[DeviceAnswer, ...] | str:
+        """The devices for the kubelet, or why the claim cannot be prepared. Preparing again changes nothing."""
+        plan = await self._plan(reference)
+        if isinstance(plan, PreparedClaim) and await self._wait_until_free(plan):
+            plan = await self._plan(reference)  # meanwhile the claim may have been deleted, or given another device
+        return self._record(plan) if isinstance(plan, PreparedClaim) else plan
+
+    async def _plan(self, reference: ClaimReference) -> PreparedClaim | str:
+        """The claim as it would be recorded, or why it cannot be prepared."""
+        if problem := self._runtime_problem():
+            return f"node {self._node} hands out no devices: {problem}"
+        try:
+            claim = await self._client.get(
+                RESOURCECLAIMS, reference.name, namespace=reference.namespace, as_type=ResourceClaim
+            )
+        except (ClientError, msgspec.ValidationError) as error:
+            recorded_claim = self._ledger.claims.get(reference.uid)
+            if recorded_claim is None or isinstance(error, NotFound):
+                return f"claim {reference.namespace}/{reference.name} cannot be read: {error}"
+            return recorded_claim
+        plan = plan_preparation(claim, uid=reference.uid, node=self._node, devices=self._devices, boot_id=self._boot_id)
+        if isinstance(plan, Refusal):
+            return plan.text
+        blocker = self._ledger.find_holder(plan)
+        while blocker is not None and blocker.holder.boot_id != self._boot_id:
+            if not await self._release_if_gone(blocker.holder):
+                break
+            blocker = self._ledger.find_holder(plan)
+        return plan
+
+    async def _wait_until_free(self, plan: PreparedClaim) -> bool:
+        """Returns when the claim's devices are free or the patience ends: whether it had to wait."""
+        if self._ledger.find_holder(plan) is None:
+            return False
+        patience_s = self._patience.later_s if plan.uid in self._refused else self._patience.first_s
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience_s), self._releases:
+                await self._releases.wait_for(lambda: self._ledger.find_holder(plan) is None)
+        return True
+
+    async def unprepare(self, reference: ClaimReference) -> str:
+        """Gives the claim's devices back; the error, or "" when they are free."""
+        self._refused.discard(reference.uid)
+        try:
+            self._release(reference.uid)
+        except OSError as error:
+            return f"the devices of claim {reference.namespace}/{reference.name} are not given back: {error}"
+        async with self._releases:
+            self._releases.notify_all()
+        return ""
+
+    def _record(self, claim: PreparedClaim) -> tuple[DeviceAnswer, ...] | str:
+        ledger = self._ledger.prepare(claim)
+        if isinstance(ledger, Held):
+            if len(self._refused) >= MOST_REFUSED:
+                self._refused.clear()
+            self._refused.add(claim.uid)
+            return ledger.explain(node=self._node, namespace=claim.namespace)
+        try:
+            if ledger != self._ledger:
+                # First the lock, then the device: a driver that ends in between refuses others when it is back.
+                self._folders.checkpoint.save(ledger)
+                self._ledger = ledger
+            if not self._write_spec(claim):
+                return (
+                    f"a device of claim {claim.namespace}/{claim.name} on node {self._node} has no device file any more"
+                )
+        except OSError as error:
+            return f"claim {claim.namespace}/{claim.name} is not prepared on node {self._node}: {error}"
+        self._refused.discard(claim.uid)
+        log.info("claim %s/%s is prepared: %s", claim.namespace, claim.name, ", ".join(d.device for d in claim.devices))
+        return tuple(DeviceAnswer(d.request, d.pool, d.device, cdi_id(claim, d)) for d in claim.devices)
+
+    def _write_spec(self, claim: PreparedClaim) -> bool:
+        """Writes the CDI spec; returns whether the claim's devices are all there."""
+        spec = spec_of(claim, self._devices, {d.device: self._files(d.device) for d in claim.devices})
+        if spec is None:
+            return False
+        self._folders.cdi.write(claim.uid, spec)
+        return True
+
+    def _files(self, device_id: str) -> list[DeviceFile]:
+        device = self._devices.get(device_id)
+        if device is None:
+            return []
+        files = self._folders.device_files
+        paths = files_of(device, files.list_sound())
+        first, *further = [files.find(path) for path in paths] or [None]
+        return [] if first is None else [first, *(file for file in further if file is not None)]
+
+    def _release(self, uid: str) -> None:
+        """First the device, then the lock."""
+        self._folders.cdi.remove(uid)
+        claim = self._ledger.claims.get(uid)
+        if claim is not None:
+            ledger = self._ledger.release([uid])
+            self._folders.checkpoint.save(ledger)
+            self._ledger = ledger
+            log.info("claim %s/%s has given its devices back", claim.namespace, claim.name)
+
+    async def _release_if_gone(self, claim: PreparedClaim) -> bool:
+        """Releases a claim of an earlier boot that was deleted or lost its allocation; returns whether it did."""
+        try:
+            current = await self._client.get(
+                RESOURCECLAIMS, claim.name, namespace=claim.namespace, as_type=ResourceClaim
+            )
+            devices = {result.device for result in current.results}
+            is_gone = current.metadata.uid != claim.uid or devices.isdisjoint(d.device for d in claim.devices)
+        except NotFound:
+            is_gone = True
+        except (ClientError, msgspec.ValidationError):
+            return False
+        current_claim = self._ledger.claims.get(claim.uid)
+        if not is_gone or current_claim != claim:  # prepared again meanwhile
+            return False
+        try:
+            self._release(claim.uid)
+        except OSError as error:
+            log.warning("claim %s/%s of an earlier boot is not released: %s", claim.namespace, claim.name, error)
+            return False
+        return True

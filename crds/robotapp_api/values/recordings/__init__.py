@@ -1,0 +1,1 @@
+"""Recordings as the components that they become."""

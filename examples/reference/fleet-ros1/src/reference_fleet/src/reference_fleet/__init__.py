@@ -1,0 +1,1 @@
+"""A coordinator gives tasks to three robots, each exactly once."""

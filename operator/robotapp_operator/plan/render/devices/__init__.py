@@ -1,0 +1,1 @@
+"""Devices of a component: variables of its containers and its ResourceClaim."""

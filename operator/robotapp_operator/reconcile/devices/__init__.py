@@ -1,0 +1,1 @@
+"""ResourceClaims of components: created and deleted, never changed."""

@@ -1,0 +1,134 @@
+"""Creates and deletes the ResourceClaims of components. Who gets which device is written by schedulers alone."""
+
+import logging
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import msgspec
+
+from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_claims.rules.objects import ResourceClaim
+from robotapp_client import AlreadyExists, ApiClient, ApiError, Conflict, NotFound
+from robotapp_client.api.resources import RESOURCECLAIMS
+from robotapp_operator.plan.render.devices.resource_claim import DeviceClaim, named_claim
+from robotapp_operator.plan.spec.desired import App
+from robotapp_operator.plan.spec.objects import Deployment, Pod
+from robotapp_operator.plan.status.components import over_quota
+from robotapp_operator.queue.work import StartOver
+from robotapp_operator.reconcile.apply_plan import evict
+from robotapp_operator.watch.cache import Cache
+
+log = logging.getLogger(__name__)
+
+
+class ClaimPlan(NamedTuple):
+    """What is missing. `deletes`: claims that nobody may use any more, and those whose wish has changed."""
+
+    creates: tuple[DeviceClaim, ...] = ()
+    deletes: tuple[ResourceClaim, ...] = ()
+
+
+def plan_claims(
+    app: App,
+    wanted: Sequence[DeviceClaim],
+    observed: Iterable[ResourceClaim],
+    *,
+    deployments: Iterable[Deployment],
+    pods: Iterable[Pod],
+) -> ClaimPlan:
+    """Returns the ResourceClaims of one instance to create and to delete.
+
+    A claim that is not wanted stays while a pod of its component exists, or a Deployment may still make one: the device is in use. The
+    spec of a claim never changes, so another wish is another claim of the same name; the driver refuses a device that the pod of the
+    former claim still has.
+    """
+    own = {
+        claim.metadata.name: claim
+        for claim in observed
+        if claim.metadata.controller_uid == app.uid and claim.metadata.namespace == app.namespace
+    }
+    named = {named_claim(item.spec) for item in deployments if item.replicas}
+    used = {pod.metadata.labels.get(Label.COMPONENT, "") for pod in pods if not pod.terminal}
+    creates: list[DeviceClaim] = []
+    deletes: list[ResourceClaim] = []
+    for wish in wanted:
+        over = own.pop(wish.name, None)
+        if over is None or over.metadata.annotations.get(Annotation.CONTENT_HASH) != wish.hash:
+            creates.append(wish)
+            deletes += [over] if over is not None else []
+    for name, claim in sorted(own.items()):
+        is_free = name not in named and claim.metadata.labels.get(Label.COMPONENT, "") not in used
+        if is_free and claim.metadata.deletion_timestamp is None:
+            deletes.append(claim)
+    return ClaimPlan(tuple(creates), tuple(deletes))
+
+
+async def write_claims(client: ApiClient, app: App, plan: ClaimPlan) -> list[tuple[Reason, str]]:
+    """Deletes, then creates. Returns why claims were refused. Raises StartOver where an old claim of a name is not gone yet."""
+    for resource_claim in plan.deletes:
+        await _delete(client, resource_claim)
+    refusals = []
+    for claim in plan.creates:
+        try:
+            await client.create(RESOURCECLAIMS, claim.body(app), namespace=app.namespace)
+        except AlreadyExists:
+            refusals += await _explain_conflict(client, app, claim)
+        except ApiError as error:
+            reason = Reason.QUOTA_REFUSED if over_quota(error.message) else Reason.FAILED_CREATE
+            refusals.append((reason, f"ResourceClaim {claim.name}: {error.message}"[:1024]))
+    return refusals
+
+
+async def give_back(client: ApiClient, cache: Cache, pod: Pod) -> None:
+    """Replaces a pod, and the claim whose device another one keeps: its successor has a device chosen that is free.
+
+    Two schedulers may give one device to two claims; the driver hands it to the first. The pod goes before the claim, so no device is
+    freed below a pod.
+    """
+    meta = pod.metadata
+    claims = cache.allocations.claims.of_instance(meta.app_uid, meta.instance).values()
+    own = [
+        claim
+        for claim in claims
+        if claim.metadata.controller_uid == meta.app_uid
+        and claim.metadata.namespace == meta.namespace
+        and any(user.uid == meta.uid for user in claim.status.reserved_for)
+    ]
+    if not own or await evict(client, pod):
+        return
+    for claim in own:
+        log.info("the driver refuses pod %s/%s its device: pod and claim are made anew", meta.namespace, meta.name)
+        await _delete(client, claim)
+
+
+async def _delete(client: ApiClient, resource_claim: ResourceClaim) -> None:
+    meta = resource_claim.metadata
+    try:
+        await client.delete(RESOURCECLAIMS, meta.name, namespace=meta.namespace, uid=meta.uid)
+    except (NotFound, Conflict):
+        log.debug("ResourceClaim %s is gone already", meta.name)
+
+
+async def _explain_conflict(client: ApiClient, app: App, claim: DeviceClaim) -> list[tuple[Reason, str]]:
+    """Returns nothing for a claim of the app's own that the cache did not show yet."""
+    try:
+        live = msgspec.convert(await client.get(RESOURCECLAIMS, claim.name, namespace=app.namespace), ResourceClaim)
+    except NotFound as race:
+        raise StartOver(str(race)) from race
+    meta = live.metadata
+    if meta.controller_uid != app.uid:
+        text = f"ResourceClaim {claim.name} exists and belongs to somebody else; delete or rename it"
+        return [(Reason.FAILED_CREATE, text)]
+    if meta.deletion_timestamp is not None or meta.annotations.get(Annotation.CONTENT_HASH) != claim.hash:
+        raise StartOver(f"the former ResourceClaim {claim.name} is still there")
+    return []
+
+
+def components_with_pods(pods: Mapping[str, Sequence[Pod]]) -> frozenset[str]:
+    """Returns the components with a pod on a node. pods: by the uid of their Deployment."""
+    return frozenset(
+        pod.metadata.labels.get(Label.COMPONENT, "")
+        for group in pods.values()
+        for pod in group
+        if pod.spec.node_name and not pod.terminal
+    )

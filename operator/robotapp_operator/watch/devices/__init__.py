@@ -1,0 +1,1 @@
+"""What a DRA driver publishes and hands over: ResourceSlices and ResourceClaims."""

@@ -1,0 +1,74 @@
+"""The lock of the node's devices."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.support.agent.dra import NODE, device, prepared
+
+from robotapp_agent.driver.rules.ledger import Held, Ledger, PreparedClaim, claims_of_earlier_boots
+
+
+def test_a_device_of_one_claim_is_refused_to_another() -> None:
+    ledger = Ledger().prepare(prepared("first"))
+    assert isinstance(ledger, Ledger)
+    held = ledger.prepare(prepared("second"))
+    assert isinstance(held, Held)
+    assert held.explain(node=NODE, namespace="fleet") == (
+        f"device {device().id} of node robot-1 is in use by claim first; the pod starts when it is free"
+    )
+
+
+def test_names_of_other_namespaces_are_not_told() -> None:
+    held = Held("can-can0", prepared("secret-plan", namespace="rival"))
+    assert "secret-plan" not in held.explain(node=NODE, namespace="fleet")
+    assert "rival" not in held.explain(node=NODE, namespace="fleet")
+
+
+def test_preparing_again_changes_nothing() -> None:
+    ledger = Ledger().prepare(prepared())
+    assert isinstance(ledger, Ledger)
+    assert ledger.prepare(prepared()) == ledger
+
+
+def test_admin_access_neither_takes_nor_respects_the_lock() -> None:
+    one = prepared("admin")
+    admin = PreparedClaim(
+        uid=one.uid,
+        namespace=one.namespace,
+        name=one.name,
+        boot_id=one.boot_id,
+        devices=tuple(type(d)(d.request, d.pool, d.device, d.variable, admin=True) for d in one.devices),
+    )
+    ledger = Ledger().prepare(admin)
+    assert isinstance(ledger, Ledger)
+    both = ledger.prepare(prepared("driver"))
+    assert isinstance(both, Ledger)
+    assert both.prepare(admin) == both
+
+
+def test_only_claims_of_earlier_boots_may_be_stale() -> None:
+    claims = [prepared("old", boot_id="boot-0"), prepared("new", boot_id="boot-1")]
+    assert claims_of_earlier_boots(claims, "boot-1") == [claims[0]]
+
+
+steps = st.lists(
+    st.one_of(
+        st.tuples(st.just("prepare"), st.sampled_from("abcd"), st.sets(st.sampled_from(["x", "y", "z"]), min_size=1)),
+        st.tuples(st.just("release"), st.sampled_from("abcd"), st.just(set[str]())),
+    ),
+    max_size=20,
+)
+
+
+@given(steps)
+def test_no_order_of_steps_gives_a_device_to_two_claims(steps: list[tuple[str, str, set[str]]]) -> None:
+    ledger = Ledger()
+    for step, name, ids in steps:
+        if step == "release":
+            ledger = ledger.release([f"uid-of-{name}"])
+            continue
+        taken = {d.device for claim in ledger.claims.values() if claim.name != name for d in claim.devices}
+        after = ledger.prepare(prepared(name, *sorted(ids)))
+        assert isinstance(after, Held) is bool(taken & ids)
+        ledger = ledger if isinstance(after, Held) else after
+        devices = [d.device for claim in ledger.claims.values() for d in claim.devices]
+        assert len(devices) == len(set(devices))

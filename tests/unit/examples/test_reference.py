@@ -1,0 +1,138 @@
+"""The applications of examples/reference: their Rigelfile, RobotApp, compose file, parameters and README agree with one another."""
+
+import contextlib
+import io
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from rigel_bridge.main import main as bridge
+from robotapp_cli.lint.linter import lint
+from robotapp_cli.main import app as cli
+from robotapp_testbed import images
+from ros_profile.main import main as profile
+
+FOLDER = Path(__file__).parents[3] / "examples" / "reference"
+APPS = sorted(path for path in FOLDER.iterdir() if path.is_dir())
+FILES = ("Dockerfile", "README.md", "Rigelfile", "compose.yaml", "robotapp.yaml")
+
+
+@pytest.fixture(params=APPS, ids=lambda path: path.name)
+def app(request: pytest.FixtureRequest) -> Path:
+    folder: Path = request.param
+    return folder
+
+
+def render(app: Path, *flags: str) -> str:
+    """Returns what rigel-bridge makes of the Rigelfile."""
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        assert bridge(["render", str(app / "Rigelfile"), *flags]) == 0
+    return output.getvalue()
+
+
+def read_package(app: Path) -> Path:
+    (package,) = (path for path in (app / "src").iterdir() if path.is_dir())
+    return package
+
+
+def words_of(component: dict[str, Any]) -> tuple[str, str, list[str]]:
+    """Returns name, image and command line of a component."""
+    return component["name"], component["image"], component["args"]
+
+
+def test_each_application_is_listed_and_can_be_built_by_the_testbed() -> None:
+    listed = (FOLDER / "README.md").read_text()
+    assert [app.name for app in APPS if f"]({app.name}/README.md)" not in listed] == []
+    assert [app.name for app in APPS if app.name not in images.RECIPES] == []
+
+
+def test_an_application_has_its_files_and_one_package(app: Path) -> None:
+    assert [name for name in FILES if not (app / name).is_file()] == []
+    package = read_package(app)
+    assert (package / "package.xml").is_file()
+    assert list((package / "launch").iterdir())
+
+
+def test_the_rigelfile_renders_to_the_robotapp(app: Path) -> None:
+    assert render(app) == (app / "robotapp.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("sequence", "scheduler", "has_wishes"),
+    [
+        ("demo", "ros-aware-scheduler", True),
+        ("benchmark_default", "default-scheduler", False),
+        ("benchmark_custom", "ros-aware-scheduler", True),
+    ],
+)
+def test_three_sequences_choose_the_scheduler_and_nothing_else_of_the_programs(
+    app: Path, sequence: str, scheduler: str, has_wishes: bool
+) -> None:
+    spec = yaml.safe_load(render(app, "--sequence", sequence))["spec"]
+    committed = yaml.safe_load((app / "robotapp.yaml").read_text())["spec"]
+    assert spec["schedulerName"] == scheduler
+    assert any("policies" in component for component in spec["components"]) is has_wishes
+    assert list(map(words_of, spec["components"])) == list(map(words_of, committed["components"]))
+
+
+def test_the_robotapp_has_no_findings_of_lint(app: Path) -> None:
+    assert lint((app / "robotapp.yaml").read_bytes()).findings == []
+
+
+def test_the_compose_file_imports_to_the_same_programs(app: Path) -> None:
+    result = CliRunner().invoke(cli, ["import", str(app / "compose.yaml")])
+    assert result.exit_code == 0, result.output
+    (imported,) = (part for part in yaml.safe_load_all(result.stdout) if part["kind"] == "RobotApp")
+    committed = yaml.safe_load((app / "robotapp.yaml").read_text())
+    assert imported["metadata"]["name"] == committed["metadata"]["name"]
+    assert imported["spec"]["ros"] == committed["spec"]["ros"]
+    by_name = sorted(map(words_of, imported["spec"]["components"]))
+    assert by_name == sorted(map(words_of, committed["spec"]["components"]))
+
+
+def test_a_parameter_of_the_files_is_one_that_a_node_declares_or_gets(app: Path) -> None:
+    package = read_package(app)
+    sources = "".join(
+        path.read_text() for path in package.rglob("*") if path.suffix in (".py", ".cpp") or path.parent.name == "nodes"
+    )
+    names = {name for path in (package / "config").glob("*.yaml") for name in list_parameters(path)}
+    assert names
+    assert sorted(name for name in names if f'"{name}"' not in sources and f'"~{name}"' not in sources) == []
+
+
+def list_parameters(path: Path) -> set[str]:
+    """Returns none for a file that is not of parameters, such as a world."""
+    nodes = [node for node in yaml.safe_load(path.read_text()).values() if isinstance(node, dict)]
+    if path.parents[2].parent.name.endswith("ros2"):
+        return {name for node in nodes for name in node.get("ros__parameters", {})}
+    return {name for node in nodes for name in node}
+
+
+def test_the_readme_has_what_the_profile_generator_makes_of_the_package(app: Path) -> None:
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        assert profile([str(app / "src"), "--no-cache"]) == 0
+    assert output.getvalue().strip() in (app / "README.md").read_text()
+
+
+def test_what_the_robotapp_starts_is_part_of_the_package(app: Path) -> None:
+    package = read_package(app)
+    for component in yaml.safe_load((app / "robotapp.yaml").read_text())["spec"]["components"]:
+        match component["args"]:
+            case ["ros2", "run", package.name, executable, *_]:
+                assert f'"{executable} = ' in (package / "setup.py").read_text()
+            case ["roslaunch", "--wait", package.name, launch_file, *_]:
+                assert (package / "launch" / launch_file).is_file()
+            case words:
+                pytest.fail(f"unknown way to start: {shlex.join(words)}")
+
+
+def test_both_generations_of_the_fleet_keep_their_tasks_by_the_same_journal() -> None:
+    """Each folder is whole, as a repository of its own would be, so the file is there twice."""
+    first, second = sorted(FOLDER.glob("fleet-*/src/**/tasks.py"))
+    assert first.read_text() == second.read_text()
