@@ -169,7 +169,7 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
         "tests/live/crash/",
         "tests/live/peer_examples/",
     ),
-    "recorder/": ("tests/live/nodes/test_recordings.py",),
+    "recorder/": ("tests/live/nodes/ros/test_recordings.py",),
     "rigel_bridge/": ("tests/live/bridge/",),
     "ros_profile/": ("tests/live/bridge/test_cluster_live.py",),
     "scheduler/": ("tests/live/scheduling/", "tests/live/faults/"),
@@ -186,7 +186,7 @@ TEST_FOLDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "e2e/ros_nodes/": (
         "e2e/tests/ros_nodes/",
         "tests/live/nodes/test_teleoperation.py",
-        "tests/live/nodes/test_real_ros.py",
+        "tests/live/nodes/ros/test_real_ros.py",
     ),
     "e2e/suite/": ("e2e/tests/suite/",),
     "e2e/journeys/": ("e2e/tests/live/testbed/",),

@@ -88,7 +88,7 @@ class KubeletServer:
         return answers
 
     async def _unprepare(self, claims: tuple[messages.ClaimReference, ...], _: Any) -> dict[str, str]:
-        return {claim.uid: self._plugin.unprepare(claim) for claim in claims}
+        return {claim.uid: await self._plugin.unprepare(claim) for claim in claims}
 
     async def _info(self, _request: bytes, _: Any) -> bytes:
         return messages.encode_plugin_info(

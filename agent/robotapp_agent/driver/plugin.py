@@ -1,8 +1,10 @@
 """Prepares and unprepares claims: decides by the rules, records in the checkpoint, then writes the CDI spec."""
 
+import asyncio
+import contextlib
 import logging
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -28,10 +30,25 @@ class NodeFolders(NamedTuple):
     device_files: DeviceFiles
 
 
+MOST_REFUSED: Final = 1024
+"""Claims that are remembered as refused; more are forgotten, and only wait less the next time."""
+
+
+class Patience(NamedTuple):
+    """How long a preparation waits for a device in use. The kubelet would try again after 12 s only, and gives a call 45 s."""
+
+    first_s: float = 3.0
+    """A claim's first try: enough for a pod that is about to end, and the event that names the holder comes soon."""
+    later_s: float = 30.0
+
+
+PATIENCE: Final = Patience()
+
+
 class DevicePlugin:
     """The lock of one node's devices. Call everything from one event loop.
 
-    Between the answer of the API server and the checkpoint nothing is awaited, so two claims never pass the lock together.
+    Between the look at the ledger and the checkpoint nothing is awaited, so two claims never pass the lock together.
     """
 
     def __init__(
@@ -42,6 +59,7 @@ class DevicePlugin:
         node: str,
         boot_id: str,
         runtime_problem: Callable[[], str] = str,
+        patience: Patience = PATIENCE,
     ) -> None:
         """runtime_problem: a reason why containers would not get what is prepared, "" for none. Raises CheckpointError."""
         self._client = client
@@ -49,6 +67,10 @@ class DevicePlugin:
         self._node = node
         self._boot_id = boot_id
         self._runtime_problem = runtime_problem
+        self._patience = patience
+        self._refused: set[str] = set()
+        """Claims that were told who has their device."""
+        self._releases = asyncio.Condition()
         self._devices: dict[str, Device] = {}
         self._ledger = folders.checkpoint.load()
 
@@ -77,6 +99,13 @@ class DevicePlugin:
 
     async def prepare(self, reference: ClaimReference) -> tuple[DeviceAnswer, ...] | str:
         """The devices for the kubelet, or why the claim cannot be prepared. Preparing again changes nothing."""
+        plan = await self._plan(reference)
+        if isinstance(plan, PreparedClaim) and await self._wait_until_free(plan):
+            plan = await self._plan(reference)  # meanwhile the claim may have been deleted, or given another device
+        return self._record(plan) if isinstance(plan, PreparedClaim) else plan
+
+    async def _plan(self, reference: ClaimReference) -> PreparedClaim | str:
+        """The claim as it would be recorded, or why it cannot be prepared."""
         if problem := self._runtime_problem():
             return f"node {self._node} hands out no devices: {problem}"
         try:
@@ -87,7 +116,7 @@ class DevicePlugin:
             recorded_claim = self._ledger.claims.get(reference.uid)
             if recorded_claim is None or isinstance(error, NotFound):
                 return f"claim {reference.namespace}/{reference.name} cannot be read: {error}"
-            return self._record(recorded_claim)
+            return recorded_claim
         plan = plan_preparation(claim, uid=reference.uid, node=self._node, devices=self._devices, boot_id=self._boot_id)
         if isinstance(plan, Refusal):
             return plan.text
@@ -96,19 +125,35 @@ class DevicePlugin:
             if not await self._release_if_gone(blocker.holder):
                 break
             blocker = self._ledger.find_holder(plan)
-        return self._record(plan)
+        return plan
 
-    def unprepare(self, reference: ClaimReference) -> str:
+    async def _wait_until_free(self, plan: PreparedClaim) -> bool:
+        """Returns when the claim's devices are free or the patience ends: whether it had to wait."""
+        if self._ledger.find_holder(plan) is None:
+            return False
+        patience_s = self._patience.later_s if plan.uid in self._refused else self._patience.first_s
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience_s), self._releases:
+                await self._releases.wait_for(lambda: self._ledger.find_holder(plan) is None)
+        return True
+
+    async def unprepare(self, reference: ClaimReference) -> str:
         """Gives the claim's devices back; the error, or "" when they are free."""
+        self._refused.discard(reference.uid)
         try:
             self._release(reference.uid)
         except OSError as error:
             return f"the devices of claim {reference.namespace}/{reference.name} are not given back: {error}"
+        async with self._releases:
+            self._releases.notify_all()
         return ""
 
     def _record(self, claim: PreparedClaim) -> tuple[DeviceAnswer, ...] | str:
         ledger = self._ledger.prepare(claim)
         if isinstance(ledger, Held):
+            if len(self._refused) >= MOST_REFUSED:
+                self._refused.clear()
+            self._refused.add(claim.uid)
             return ledger.explain(node=self._node, namespace=claim.namespace)
         try:
             if ledger != self._ledger:
@@ -121,6 +166,7 @@ class DevicePlugin:
                 )
         except OSError as error:
             return f"claim {claim.namespace}/{claim.name} is not prepared on node {self._node}: {error}"
+        self._refused.discard(claim.uid)
         log.info("claim %s/%s is prepared: %s", claim.namespace, claim.name, ", ".join(d.device for d in claim.devices))
         return tuple(DeviceAnswer(d.request, d.pool, d.device, cdi_id(claim, d)) for d in claim.devices)
 

@@ -68,12 +68,16 @@ def list_command(
         rows = [(recorder, bag) for recorder in recorders for bag in read_bags(options, recorder)]
         if output.structured:
             write_structured(
-                [bag | {"recording": one.pod.component, "robot": one.pod.robot} for one, bag in rows], output
+                [bag | {"recording": recorder.pod.component, "robot": recorder.pod.robot} for recorder, bag in rows],
+                output,
             )
             return
         print_table(
             ["ROBOT", "RECORDING", "BAG", "BYTES", "STATE"],
-            [(one.pod.robot, one.pod.component, bag["name"], f"{bag['bytes']:,}", bag["state"]) for one, bag in rows],
+            [
+                (recorder.pod.robot, recorder.pod.component, bag["name"], f"{bag['bytes']:,}", bag["state"])
+                for recorder, bag in rows
+            ],
         )
 
     _with_recorders(options, Selection(name, recording, robot), show)

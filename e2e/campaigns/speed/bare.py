@@ -1,7 +1,8 @@
 """The bare client: does a scheduler's writes without deciding anything. What it reaches is the rig's own limit.
 
 It binds every pending pod of its schedulerName to the next node in turn and writes one Event for it. With --victims N it
-first does what preemption writes: N times condition, delete and Event, then the preemptor's status and Event.
+first does what preemption writes: N times condition, delete and Event, then the preemptor's status and Event. With --devices N
+it first allocates the claim that has the pod's name.
 """
 
 import argparse
@@ -17,10 +18,10 @@ import msgspec
 import uvloop
 
 from campaigns.speed.watches import SeenPod
-from campaigns.speed.workloads import ROLE, SCHEDULER, filler_name
+from campaigns.speed.workloads import DRIVER, ROLE, SCHEDULER, filler_name
 from robotapp_client.api.bodies import STRATEGIC
 from robotapp_client.api.client import ApiClient
-from robotapp_client.api.resources import EVENTS, LEASES, NODES, PODS
+from robotapp_client.api.resources import EVENTS, LEASES, NODES, PODS, RESOURCECLAIMS
 from robotapp_client.api.times import micro_time, utc_now, whole_seconds
 from robotapp_client.informer.reflector import Change, Reflector
 from robotapp_client.transport.errors import NotFound
@@ -37,6 +38,7 @@ class Task:
     scheduler_name: str
     events: bool
     victims: int
+    devices: int
 
 
 class Bare:
@@ -81,6 +83,8 @@ class Bare:
             node = next(nodes)
             if self._task.victims:
                 await self._preempt(pod, node)
+            if self._task.devices:
+                await self._allocate(pod, node)
             meta = pod.metadata
             binding = {
                 "apiVersion": "v1",
@@ -91,6 +95,23 @@ class Bare:
             await self._client.post_raw(PODS.path(meta.namespace, meta.name, "binding"), msgspec.json.encode(binding))
             note = f"Successfully assigned {meta.namespace}/{meta.name} to {node}"
             await self._event(meta.namespace, meta.name, meta.uid, reason="Scheduled", action="Binding", note=note)
+
+    async def _allocate(self, pod: SeenPod, node: str) -> None:
+        """Write the finalizer, then allocation and user of the pod's claim. Any device does: nobody looks."""
+        meta = pod.metadata
+        patch: dict[str, Any] = {"metadata": {"finalizers": ["resource.kubernetes.io/delete-protection"]}}
+        await self._client.patch(RESOURCECLAIMS, meta.name, patch, namespace=meta.namespace)
+        field = {"key": "metadata.name", "operator": "In", "values": [node]}
+        device = f"device-{next(self._numbers) % self._task.devices}"
+        result = {"request": "device", "driver": DRIVER, "pool": node, "device": device}
+        allocation = {
+            "devices": {"results": [result]},
+            "nodeSelector": {"nodeSelectorTerms": [{"matchFields": [field]}]},
+            "allocationTimestamp": whole_seconds(utc_now()),
+        }
+        users = [{"resource": "pods", "name": meta.name, "uid": meta.uid}]
+        patch = {"status": {"allocation": allocation, "reservedFor": users}}
+        await self._client.patch(RESOURCECLAIMS, meta.name, patch, namespace=meta.namespace, subresource="status")
 
     async def _preempt(self, pod: SeenPod, node: str) -> None:
         meta, now = pod.metadata, whole_seconds(utc_now())
@@ -133,7 +154,9 @@ class Bare:
 
 async def serve(arguments: argparse.Namespace) -> None:
     endpoint = await asyncio.to_thread(login, arguments.kubeconfig)
-    task = Task(arguments.scheduler_name, events=not arguments.no_events, victims=arguments.victims)
+    task = Task(
+        arguments.scheduler_name, events=not arguments.no_events, victims=arguments.victims, devices=arguments.devices
+    )
     async with ApiClient(endpoint, user_agent="robotapp-bench-bare", max_connections=WORKERS + 2) as client:
         await Bare(client, task).run(arguments.lease)
 
@@ -144,6 +167,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--scheduler-name", required=True)
     parser.add_argument("--lease", default="", help="NAMESPACE/NAME: begin when it is gone")
     parser.add_argument("--victims", type=int, default=0)
+    parser.add_argument("--devices", type=int, default=0)
     parser.add_argument("--no-events", action="store_true")
     return parser.parse_args(argv)
 

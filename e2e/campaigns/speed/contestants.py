@@ -85,7 +85,11 @@ def _start_bare(cp: ControlPlane, contestant: Contestant, workload: Workload, *,
     """As our scheduler's user: an admin would skip the checks of its rights."""
     argv = [sys.executable, "-m", "campaigns.speed.bare"]
     argv += [f"--kubeconfig={cp.kubeconfig('scheduler')}", f"--scheduler-name={contestant.scheduler_name}"]
-    argv += [f"--victims={workload.victims}", *([] if contestant.events else ["--no-events"])]
+    argv += [
+        f"--victims={workload.victims}",
+        f"--devices={workload.devices}",
+        *([] if contestant.events else ["--no-events"]),
+    ]
     argv += [f"--lease={contestant.lease_namespace}/{contestant.lease}"] if leader_elect else []
     return _adopt(cp, "bench-bare", argv)
 

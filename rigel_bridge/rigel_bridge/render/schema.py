@@ -28,11 +28,11 @@ _PATTERNS: Final = {
     rf"^(@robot|{_LABEL})$": "the name of a component, such as base-driver, or @robot",
     rf"^{_LABEL}(\.{_LABEL})*$": "lower-case letters, digits, - and ., such as base-driver",
     r"^\S*$": "an image without blanks, such as ghcr.io/team/driver:1.2",
-    r"^[0-9a-fA-F]{4}:[0-9a-fA-F]{4}(:.+)?$": "vid:pid or vid:pid:serial, such as 8086:0b3a",
     r"^(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$": "letters, digits, _ and /, such as /cmd_vel",
     r"^[a-zA-Z][a-zA-Z0-9_]*/((msg|srv|action)/)?[A-Z][A-Za-z0-9_]*$": "a ROS interface, such as geometry_msgs/msg/Twist",
     r"^(([0-9]{1,15}(\.[0-9]{0,9})?)|(\.[0-9]{1,9}))(([KMGTPE]i)|[numkMGTPE]|([eE][+-]?[0-9]{1,2}))?$": "a quantity, such as 20, 500m, 40M or 512Mi",
     rf"^(({_VALUE}([-A-Za-z0-9_.]|{_ROBOT})*)?{_VALUE})?$": "the value of a label: letters, digits, -, _ and ., such as team-a",
+    r"^(0[xX])?[0-9a-fA-F]{4}:(0[xX])?[0-9a-fA-F]{4}(:.+)?$": "vid:pid or vid:pid:serial, such as 8086:0b3a",
     r"^rmw_[a-z0-9_]+$": "the name of a ROS middleware, such as rmw_fastrtps_cpp",
 }
 """What to write where a pattern is missed. Patterns without words are shown as they stand."""

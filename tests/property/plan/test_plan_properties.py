@@ -164,7 +164,7 @@ def test_only_what_the_app_controls_is_ever_written_over_or_deleted(
     app, wanted, observed = world
     result = planned(app, wanted, observed)
     touched = [*result.deletes, *(change.over for change in result.changes if change.over)]
-    assert all(item.metadata.get_controller_uid == app.uid for item in touched)
+    assert all(item.metadata.controller_uid == app.uid for item in touched)
     assert not {ref_of(item) for item in result.deletes} & {child.ref for child in wanted}
 
 

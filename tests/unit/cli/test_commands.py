@@ -106,6 +106,25 @@ class TestDevices:
         assert rows[2] == ["gone", "lidar", "usb", "unknown", "b/teleop", "amr-07", "driver", "Reserved"]
         assert [row["device"] for row in stage.data("devices", "-n", "fleet")["devices"]] == ["cam", "can-can0"]
 
+    def test_a_device_of_a_resource_claim_has_its_holder_as_one_of_a_robotclaim(self, stage: Stage) -> None:
+        device = {"id": "serial-1", "type": "serial", "present": True}
+        stage.add("robotics.io/nodetelemetries", {"metadata": {"name": "amr-07"}, "status": {"devices": [device]}})
+        owner = {
+            "apiVersion": "robotics.io/v1alpha1",
+            "kind": "RobotApp",
+            "name": "base",
+            "uid": "u",
+            "controller": True,
+        }
+        result = {"request": "d", "driver": "devices.robotics.io", "pool": "amr-07", "device": "serial-1"}
+        meta = {"name": "base-x", "namespace": "fleet", "ownerReferences": [owner]}
+        meta["labels"] = {"robotics.io/instance": "amr-07", "robotics.io/component": "driver"}
+        status = {"allocation": {"devices": {"results": [result, result | {"driver": "gpu.example.org"}]}}}
+        stage.add("resource.k8s.io/resourceclaims", {"metadata": meta, "status": status})
+        (row,) = stage.data("devices")["devices"]
+        assert (row["holder"], row["instance"], row["component"]) == ("fleet/base", "amr-07", "driver")
+        assert row["claim"] == "resourceclaim/fleet/base-x/serial-1"
+
     def test_columns_that_say_nothing_are_left_out_of_the_narrow_form(self, stage: Stage) -> None:
         device = {"id": "cam", "type": "usb", "present": True}
         stage.add("robotics.io/nodetelemetries", {"metadata": {"name": "n"}, "status": {"devices": [device]}})

@@ -15,8 +15,8 @@ LAUNCH: Final = "launch"
 """First word of the command line of a launch file."""
 _EPILOG: Final = (
     "Examples: kubectl robotapp import compose.yaml -o app.yaml; "
-    "kubectl robotapp import compose.yaml compose.robot.yaml --profile robot --image driver=registry.example/driver:1.2; "
-    "kubectl robotapp import launch bringup/robot.launch.py --workspace src --image '*=registry.example/robot:1.2'"
+    "kubectl robotapp import compose.yaml --profile robot --image driver=r/driver:1; "
+    "kubectl robotapp import launch bringup/robot.launch.py --workspace src"
 )
 Files = Annotated[
     list[Path],

@@ -102,9 +102,9 @@ class RobotAppSpec(Model):
             path=".overrides",
         ),
         Rule(
-            rule=f"!has(self.recordings) || !self.recordings.exists(r, r.name in {_NAMES})",
+            rule=f"!has(self.recordings) || !self.recordings.exists(r, sets.contains({_NAMES}, [r.name]))",
             message="a recording becomes a component of its name, so no component may have it; write another name",
-            expression=f"'recordings have names of components: %s; write other names'.format([self.recordings.filter(r, r.name in {_NAMES}).map(r, r.name)])",
+            expression=f"'recordings have names of components: %s; write other names'.format([self.recordings.filter(r, sets.contains({_NAMES}, [r.name])).map(r, r.name)])",
             path=".recordings",
         ),
     )

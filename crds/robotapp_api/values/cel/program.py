@@ -214,8 +214,6 @@ def _compile_map(entries: list[tuple[Step, Step, bool]]) -> Step:
                 if not value.present:
                     continue
                 value = value.content
-            if key in result:
-                raise EvaluationError("Failed with repeated key")
             result[key] = value
         return result
 

@@ -106,10 +106,20 @@ class DeviceWatch:
             allocations.drop_slice(change.old)
         else:
             allocations.put_slice(change.new)
-        if allocations.version == version:
-            return
+        if allocations.version != version:
+            self._look_again((change.new or change.old).spec.node_name)
+
+    def _look_again(self, name: str) -> None:
+        """Adds the keys of apps with devices after a node has gained or lost the driver: of a robot's node, of that robot's instances."""
+        node = self._cache.nodes.get(name)
+        robot = node.robot if node else ""
         for uid, record in self._cache.apps.items():
-            if record.app is not None and record.app.wants_devices:
+            if record.app is None or not record.app.wants_devices:
+                continue
+            if robot and record.app.spec.robots is not None:
+                self._queue.add(Key(Work.CHILDREN, uid, robot), delay_s=DRIVERS_DELAY_S)
+                enqueue_status(self._queue, uid, robot, delay_s=DRIVERS_DELAY_S)
+            else:
                 self._queue.add(Key(Work.APP, uid), delay_s=DRIVERS_DELAY_S)
 
     def _claim(self, change: Change) -> None:

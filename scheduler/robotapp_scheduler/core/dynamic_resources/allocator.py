@@ -29,6 +29,10 @@ Choices = Generator["Choices | None", None, None]
 """Ways to go on, one after the other: None when everything is allocated. A choice is undone before the next is made."""
 
 
+class SearchTooLongError(AllocationError):
+    """There are too many ways to serve the claims on a node to try them all."""
+
+
 class Allocator:
     """Allocates the claims of one pod on one node after the other. It keeps no state between nodes."""
 
@@ -49,7 +53,15 @@ class Allocator:
         """
         pools = self._inventory.pools_of(node)
         search = Search(self._resolved, pools, node, allocated)
-        if not search.run():
+        try:
+            is_allocated = search.run()
+        except SearchTooLongError:
+            # Often one claim alone cannot be served, and was tried with every choice for the claims before it.
+            parts = [Search((resolved_claim,), pools, node, allocated) for resolved_claim in self._resolved]
+            if len(parts) < 2 or all(part.run() for part in parts):
+                raise
+            is_allocated = False
+        if not is_allocated:
             search.explain_failure()
             return None
         return tuple(
@@ -275,7 +287,7 @@ class Search:
     def _count_step(self) -> None:
         self._steps += 1
         if self._steps > MOST_STEPS:
-            raise AllocationError(
+            raise SearchTooLongError(
                 f"node {self._node.name}: gave up trying to allocate devices after {MOST_STEPS} steps; "
                 "fewer requests, constraints or devices per request make the search shorter"
             )

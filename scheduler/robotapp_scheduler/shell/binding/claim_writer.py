@@ -16,7 +16,7 @@ from typing import Any, Final
 import msgspec
 
 from robotapp_api.model.names import GROUP
-from robotapp_client.api.bodies import STRATEGIC
+from robotapp_client.api.bodies import JSON_PATCH, STRATEGIC
 from robotapp_client.api.client import ApiClient, Json
 from robotapp_client.api.resources import RESOURCECLAIMS
 from robotapp_client.api.times import Now, whole_seconds
@@ -186,10 +186,17 @@ class ClaimWriter:
         users = _add_users(claim, pod, standing=allocation is not None)
         if allocation is None and len(users) == len(claim.status.reserved_for):
             return
-        status: Json = {"reservedFor": users}
-        if allocation is not None:
-            status["allocation"] = {**_encode(allocation), "allocationTimestamp": whole_seconds(self._now())}
-        await self._patch(claim, {"metadata": _make_preconditions(claim), "status": status}, "status")
+        if allocation is None:
+            patch: Json = {"metadata": _make_preconditions(claim), "status": {"reservedFor": users}}
+            await self._patch(claim, patch, "status")
+            return
+        status_allocation = {**_encode(allocation), "allocationTimestamp": whole_seconds(self._now())}
+        # A merge patch would drop every null in the parameters of a driver. The version is the condition here as well.
+        operations: list[Json] = [
+            {"op": "replace", "path": "/metadata/resourceVersion", "value": claim.metadata.resource_version},
+            {"op": "add", "path": "/status", "value": {"allocation": status_allocation, "reservedFor": users}},
+        ]
+        await self._patch(claim, operations, "status", content_type=JSON_PATCH)
 
     async def _protect(self, claim: ResourceClaim) -> ResourceClaim:
         """Give the claim the finalizer without which the claim controller would never take the allocation back."""
@@ -200,7 +207,7 @@ class ClaimWriter:
         return await self._patch(claim, {"metadata": metadata})
 
     async def _patch(
-        self, claim: ResourceClaim, patch: Json, subresource: str = "", **content_type: str
+        self, claim: ResourceClaim, patch: Json | list[Json], subresource: str = "", **content_type: str
     ) -> ResourceClaim:
         meta = claim.metadata
         reply = await self._client.patch(

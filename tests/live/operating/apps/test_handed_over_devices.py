@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 
 from campaigns.rigs.live import Tenant, eventually, part
-from robotapp_api.model.names import Label
+from robotapp_api.model.names import Annotation, Label
 from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane.product import start_scheduler
 from robotapp_testbed.failures import ApiStatusError
 from robotapp_testbed.processes.process import Process
 
@@ -70,6 +71,11 @@ def claims(tenant: Tenant) -> list[dict[str, Any]]:
     return tenant.listed("resource.k8s.io/resourceclaims")
 
 
+def wish_of(deployment: dict[str, Any]) -> str | None:
+    annotations: dict[str, str] = deployment["spec"]["template"]["metadata"].get("annotations", {})
+    return annotations.get(Annotation.DEVICES_HASH)
+
+
 def allocate(tenant: Tenant, claim: dict[str, Any], device: str) -> None:
     """Writes what a scheduler writes: the device, and the RobotApp as its standing user."""
     owner = claim["metadata"]["ownerReferences"][0]
@@ -110,7 +116,9 @@ def test_a_component_has_a_claim_for_its_life_and_a_driver_that_comes_or_goes_re
         (claim,) = eventually(
             lambda: [item for item in claims(tenant) if len(item["spec"]["devices"]["requests"]) == 1]
         )
-        (deployment,) = eventually(lambda: tenant.deployments("driver"))
+        # The claim is written first, then the Deployment that names its hash.
+        wish = claim["metadata"]["annotations"][Annotation.CONTENT_HASH]
+        (deployment,) = eventually(lambda: [item for item in tenant.deployments("driver") if wish_of(item) == wish])
         assert eventually(lambda: tenant.listed("pods"))
 
     generation = deployment["metadata"]["generation"]
@@ -142,6 +150,38 @@ def test_without_a_driver_the_pods_are_as_before_and_a_pod_that_runs_keeps_its_l
         assert [item["metadata"]["labels"][Label.APP] for item in claims(tenant)] == ["other"]
         tenant.delete("base")
         tenant.delete("other")
+
+
+def test_our_scheduler_allocates_the_device_and_the_next_pod_has_it_while_a_rival_waits(
+    installed_plane: ControlPlane, namespace: str, ids: str
+) -> None:
+    tenant = Tenant(installed_plane, namespace)
+    scheduler = start_scheduler(installed_plane, name=f"scheduler-{secrets.token_hex(2)}", sweep_seconds=1)
+    try:
+        with running_driver(installed_plane) as device:
+            tenant.apply("base", part("driver", devices=[LIDAR]), ros2={"pool": ids})
+            (claim,) = eventually(lambda: [item for item in claims(tenant) if item.get("status", {}).get("allocation")])
+            (result,) = claim["status"]["allocation"]["devices"]["results"]
+            assert (result["device"], result["pool"]) == (device, NODE)
+            assert {user["resource"] for user in claim["status"]["reservedFor"]} == {"pods", "robotapps"}
+            tenant.wait_ready("base")
+            assert not tenant.claims() or all("device" not in item["spec"] for item in tenant.claims())
+
+            tenant.apply("rival", part("driver", devices=[LIDAR]), ros2={"pool": ids})
+            tenant.wait("rival", "Placed", "False", reason="Unschedulable")
+            (pod,) = [pod for pod in tenant.listed("pods") if pod["metadata"]["labels"][Label.APP] == "base"]
+            tenant.cp.kubectl("delete", "pod", pod["metadata"]["name"], "-n", namespace, "--wait=true")
+            tenant.wait_ready("base")
+            (again,) = [item for item in claims(tenant) if item["metadata"]["labels"][Label.APP] == "base"]
+            assert again["status"]["allocation"] == claim["status"]["allocation"]
+
+            tenant.edit("base", suspend=True)
+            tenant.wait_ready("rival")
+            tenant.delete("base")
+            tenant.delete("rival")
+            eventually(lambda: not claims(tenant), what=lambda: claims(tenant))
+    finally:
+        scheduler.stop()
 
 
 def test_an_app_with_an_allocated_claim_is_deleted_without_the_operator(

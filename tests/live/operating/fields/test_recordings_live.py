@@ -3,7 +3,7 @@
 import pytest
 
 from campaigns.rigs.live import Tenant, eventually, part
-from robotapp_client.transport.errors import ApiError
+from robotapp_testbed.failures import ApiStatusError
 
 pytestmark = pytest.mark.usefixtures("operator")
 
@@ -41,5 +41,5 @@ def test_a_recording_that_cannot_be_is_not_accepted_with_its_cure(tenant: Tenant
 
 
 def test_a_recording_with_the_name_of_a_component_is_refused(tenant: Tenant) -> None:
-    with pytest.raises(ApiError, match="recordings have names of components"):
+    with pytest.raises(ApiStatusError, match="recordings have names of components"):
         tenant.apply("same", part("all"), recordings=[ALL])

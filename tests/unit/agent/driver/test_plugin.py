@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 from tests.support.agent.dra import ADAPTER, BOOT, NODE, FakeKubelet, claim, config, device, fields, result
 from tests.support.apiserver import FakeApiServer
-from tests.support.clients import client_for
+from tests.support.clients import client_for, until
 
 from robotapp_agent.devices.device import Device
 from robotapp_agent.driver.kubelet import KubeletServer, SocketGoneError
 from robotapp_agent.driver.messages import ClaimReference
 from robotapp_agent.driver.node_files import CdiFolder, Checkpoint, DeviceFiles
-from robotapp_agent.driver.plugin import DevicePlugin, NodeFolders
+from robotapp_agent.driver.plugin import DevicePlugin, NodeFolders, Patience
 from robotapp_client import ApiClient
 from robotapp_client.api.resources import RESOURCECLAIMS
 
@@ -37,11 +37,12 @@ class Node:
         self.checkpoint = Checkpoint(folder / "state")
         self.kubelet = FakeKubelet(folder)
         self.registrations = 0
+        self.patience = Patience(0, 0)
 
     def start_plugin(self, *, boot_id: str = BOOT, devices: tuple[Device, ...] = (ZERO,)) -> DevicePlugin:
         """A driver that has just started."""
         folders = NodeFolders(self.checkpoint, self.cdi, DeviceFiles(Path("/")))
-        plugin = DevicePlugin(self.client, folders, node=NODE, boot_id=boot_id)
+        plugin = DevicePlugin(self.client, folders, node=NODE, boot_id=boot_id, patience=self.patience)
         plugin.remove_leftovers()
         plugin.update_devices(devices)
         return plugin
@@ -128,6 +129,34 @@ async def test_a_device_in_use_is_refused_until_it_is_given_back(node: Node) -> 
         await node.kubelet.unprepare("first")
         assert (await node.kubelet.prepare("second")).error == ""
     assert node.cdi.list_uids() == ["uid-of-second"]
+
+
+async def test_a_device_that_becomes_free_is_handed_over_at_once(node: Node) -> None:
+    for name in ("first", "second"):
+        node.allocate(name)
+    node.patience = Patience(0, 60)
+    async with node.run():
+        await node.kubelet.prepare("first")
+        assert "in use by claim first" in (await node.kubelet.prepare("second")).error
+        waiting = asyncio.create_task(node.kubelet.prepare("second"))
+        requests = len(node.api.requests)
+        await until(lambda: len(node.api.requests) > requests)
+        await node.kubelet.unprepare("first")
+        assert (await waiting).error == ""
+
+
+async def test_a_claim_that_was_deleted_while_it_waited_takes_nothing(node: Node) -> None:
+    for name in ("first", "second"):
+        node.allocate(name)
+    node.patience = Patience(60, 60)
+    async with node.run():
+        await node.kubelet.prepare("first")
+        waiting = asyncio.create_task(node.kubelet.prepare("second"))
+        await until(lambda: "/second" in node.api.requests[-1][1])
+        node.api.store.remove(RESOURCECLAIMS, "second", "fleet")
+        await node.kubelet.unprepare("first")
+        assert "cannot be read" in (await waiting).error
+    assert node.cdi.list_uids() == []
 
 
 async def test_a_holder_in_another_namespace_is_not_named(node: Node) -> None:

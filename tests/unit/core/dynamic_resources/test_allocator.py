@@ -234,6 +234,14 @@ def test_a_search_that_takes_too_long_is_given_up(monkeypatch: pytest.MonkeyPatc
         allocate(inventory, *claims)
 
 
+def test_a_claim_that_fits_nowhere_ends_a_search_that_takes_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(allocator_module, "MOST_STEPS", 200)
+    inventory = make_inventory(make_slice(*(f"d{i}" for i in range(20))))
+    claims = [make_resource_claim(make_request("r", count=9), name="large")]
+    claims.append(make_resource_claim(make_request("r", "false"), name="hopeless"))
+    assert allocate(inventory, *claims) is None
+
+
 def test_claims_may_need_more_devices_than_python_allows_calls_in_calls() -> None:
     inventory = make_inventory(*(make_slice(*(f"d{i}" for i in range(128)), pool=f"p{n}") for n in range(12)))
     claims = [make_resource_claim(make_request("r", count=32), name=f"c{n}") for n in range(40)]

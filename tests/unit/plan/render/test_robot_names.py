@@ -3,14 +3,14 @@
 from typing import Any
 
 import pytest
-from tests.support.factories import component, make_app, make_node
+from tests.support.factories import component, make_app
 
 from robotapp_api.checks.spec import spec_problems
 from robotapp_operator.plan.render.infrastructure import infrastructure
 from robotapp_operator.plan.render.parameters import parameter_states
 from robotapp_operator.plan.render.pod_template import pod_template
 from robotapp_operator.plan.spec.desired import Domain, desired_of
-from robotapp_operator.plan.spec.validate import problems_with
+from robotapp_operator.plan.spec.validate import name_problems
 
 ROBOTS = {"nodeSelector": {"matchLabels": {"robotics.io/robot": "amr-07"}}}
 R = "$(ROBOTAPP_ROBOT)"
@@ -92,7 +92,7 @@ def test_a_name_of_a_robot_that_no_object_may_have_is_named_for_helpers_too() ->
     for robot, problems in (("amr-07", 0), ("AMR_07", 1)):
         selector = {"nodeSelector": {"matchLabels": {"robotics.io/robot": robot}}}
         app = make_app(robots=selector, ros2={"discovery": {"template": template}})
-        node_problems = problems_with(app, {"n": make_node("n", robot=robot)})
-        assert [problem.field for problem in node_problems] == problems * [
+        found = name_problems(app, [robot])
+        assert [text.partition(": ")[0] for text in found.values()] == problems * [
             "spec.ros2.discovery.template.spec.imagePullSecrets[0].name"
         ]

@@ -43,7 +43,7 @@ class Server:
             raise NotFound(f'resourceclaims "{name}" not found', status=404)
         return msgspec.convert(self.stored[name], ResourceClaim)
 
-    async def patch(self, _resource: Any, name: str, patch: dict[str, Any], *, subresource: str = "", **_: Any) -> Any:
+    async def patch(self, _resource: Any, name: str, patch: Any, *, subresource: str = "", **_: Any) -> Any:
         failure = self.failures.pop(0) if self.failures else None
         if failure is not None and not failure[1]:
             raise failure[0]
@@ -52,8 +52,11 @@ class Server:
             raise failure[0]
         return reply
 
-    def _apply(self, name: str, patch: dict[str, Any], subresource: str) -> Any:
+    def _apply(self, name: str, patch: Any, subresource: str) -> Any:
         stored = self.stored[name]
+        if isinstance(patch, list):
+            version, status = (operation["value"] for operation in patch)
+            patch = {"metadata": {"uid": stored["metadata"]["uid"], "resourceVersion": version}, "status": status}
         version = patch["metadata"].pop("resourceVersion", None)
         if version is not None and version != stored["metadata"]["resourceVersion"]:
             raise Conflict("the object has been modified", status=409)
