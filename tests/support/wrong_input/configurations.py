@@ -203,6 +203,6 @@ OURS_ALONE: Final[dict[str, tuple[Json, str]]] = {
     "gangs": (plugins("multiPoint", {"name": "GangScheduling"}), 'not supported here: plugin "GangScheduling"'),
     "a deadline a pause may miss": (
         {"leaderElection": {"renewDeadline": "2100ms", "retryPeriod": "2s"}}, "must be greater than 1.2 times `RetryPeriod`"),
-    "devices": (args("DynamicResources", filterTimeout="20s"), "filterTimeout: not supported here"),
+    "devices": (args("DynamicResources", filterTimeout="20s"), "filterTimeout: only the default 10s is supported"),
 }  # fmt: skip
 """kube-scheduler takes them, we refuse them with the reason."""

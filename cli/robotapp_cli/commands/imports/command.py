@@ -15,7 +15,7 @@ LAUNCH: Final = "launch"
 """First word of the command line of a launch file."""
 _EPILOG: Final = (
     "Examples: kubectl robotapp import compose.yaml -o app.yaml; "
-    "kubectl robotapp import compose.yaml --profile robot --image driver=r/driver:1; "
+    "kubectl robotapp import compose.yaml --image driver=r/driver:1; "
     "kubectl robotapp import launch bringup/robot.launch.py --workspace src"
 )
 Files = Annotated[
