@@ -1,19 +1,33 @@
-"""Which devices a node has: those its agent reports, else those its labels name. One rule for the scheduler and the CLI.
+"""Which devices a node has, and who holds them: one rule for the scheduler, the CLI and the console.
 
-Also which of them somebody may mean who wrote another name.
+A node has the devices that its agent reports, else those that its labels name. Also which of them somebody may mean who wrote
+another name.
 """
 
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple, Protocol
 
 from robotapp_api.model.names import FROM_TELEMETRY, GPU, HARDWARE_PREFIX, HARDWARE_SOURCE
 from robotapp_api.values.devices.words import PLUGGING_ORDER, list_types
-from robotapp_claims.rules.device import Kind
+from robotapp_claims.rules.device import Kind, is_device
+from robotapp_claims.rules.identity import device_label
+from robotapp_claims.rules.objects import Claim
 
 MOST_NAMED: Final = 3
 """Devices and nodes that a message names."""
 SHORTEST_SERIAL: Final = 4
 """Shorter serials occur in other texts by chance."""
+
+# States of a device
+
+HELD: Final = "held"
+FREE: Final = "free"
+ABSENT: Final = "absent"
+DEVICE_PLUGIN: Final = "device plugin"
+"""A GPU: its device plugin hands it out, and no claim shows to whom."""
+UNKNOWN: Final = "unknown"
+"""No claim that may be read holds it, and others may."""
 
 
 class Device(NamedTuple):
@@ -56,9 +70,6 @@ def devices_of_labels(labels: Mapping[str, str]) -> tuple[Device, ...]:
     return tuple(sorted(device for devices in named.values() for device in devices))
 
 
-# What is there in place of a device that is not
-
-
 class Reported(Protocol):
     """A device with its id and path, as an agent reports it."""
 
@@ -78,6 +89,110 @@ class Reported(Protocol):
     def present(self) -> bool: ...
     @property
     def names(self) -> tuple[str, ...]: ...
+
+
+class NodeDevice(NamedTuple):
+    """One device of a node. `source`: agent, label or claim, whichever names it. `is_present`: None where a claim alone names it."""
+
+    node: str
+    device: Device
+    source: str
+    is_present: bool | None = True
+    path: str = ""
+    claim: Claim | None = None
+    has_hidden_claims: bool = False
+    """Whether claims that may not be read may hold it."""
+
+    @property
+    def state(self) -> str:
+        """Returns the word for people."""
+        if self.claim is not None:
+            return HELD
+        if not self.is_present:
+            return ABSENT
+        if self.device.type == GPU:
+            return DEVICE_PLUGIN
+        return UNKNOWN if self.has_hidden_claims else FREE
+
+    @property
+    def holder(self) -> str:
+        """Returns `namespace/name`, "" while nobody is known to hold it."""
+        return f"{self.claim.holder.namespace}/{self.claim.holder.name}" if self.claim is not None else ""
+
+
+def list_devices(
+    labels: Mapping[str, Mapping[str, str]],
+    reports: Mapping[str, Iterable[Reported]],
+    claims: Iterable[Claim],
+    *,
+    hidden: Collection[str] = (),
+) -> dict[str, tuple[NodeDevice, ...]]:
+    """Returns the devices of each node that has any, with their holders. labels and reports: by node.
+
+    claims: RobotClaims, and what ResourceClaims hold in their form (`list_held`). hidden: nodes on which claims that may not be read
+    may hold devices. A held device that nothing describes is listed all the same.
+    """
+    claims_by_node: defaultdict[str, list[Claim]] = defaultdict(list)
+    for claim in claims:
+        if claim.spec.device is not None:
+            claims_by_node[claim.spec.device.node].append(claim)
+    devices = {
+        node: [NodeDevice(node, device, "label") for device in devices_of_labels(pairs)]
+        for node, pairs in labels.items()
+    }
+    devices |= {node: [_read_report(node, item) for item in items] for node, items in reports.items()}
+    for node in devices.keys() & frozenset(hidden):
+        devices[node] = [device._replace(has_hidden_claims=True) for device in devices[node]]
+    return {
+        node: _with_holders(node, devices.get(node, ()), claims_by_node.get(node, ()))
+        for node in sorted(devices.keys() | claims_by_node.keys())
+        if devices.get(node) or claims_by_node.get(node)
+    }
+
+
+def find_hidden_nodes(
+    nodes: Iterable[str], *, claims_are_read: bool, driver_nodes: Iterable[str] | None
+) -> frozenset[str]:
+    """Returns the nodes on which ResourceClaims that may not be read may hold devices. driver_nodes: None where they may not be read."""
+    if claims_are_read:
+        return frozenset()
+    return frozenset(nodes if driver_nodes is None else driver_nodes)
+
+
+def _read_report(node: str, item: Reported) -> NodeDevice:
+    device = Device(
+        item.id, item.type, model=item.model, interface=item.interface, identity=item.identity, names=tuple(item.names)
+    )
+    return NodeDevice(node, device, "agent", item.present, item.path)
+
+
+def _with_holders(node: str, devices: Iterable[NodeDevice], claims: Iterable[Claim]) -> tuple[NodeDevice, ...]:
+    """Returns each device with the claim of its name, else with one that was made under another name and may be for it."""
+    rows = list(devices)
+    labels = {device_label(row.device.id) for row in rows}
+    claims_by_id = {claim.spec.device.id: claim for claim in claims if claim.spec.device is not None}
+    matched_claims = set[str]()
+    for index, row in enumerate(rows):
+        claim = claims_by_id.get(device_label(row.device.id)) or _find_alias(row.device, claims_by_id.values(), labels)
+        if claim is not None:
+            matched_claims.add(claim.name)
+            rows[index] = row._replace(claim=claim)
+    rows += [
+        NodeDevice(node, Device(thing.id, thing.type), "claim", is_present=None, claim=claim)
+        for claim in claims_by_id.values()
+        if claim.name not in matched_claims and (thing := claim.spec.device) is not None
+    ]
+    return tuple(rows)
+
+
+def _find_alias(device: Device, claims: Iterable[Claim], labels: set[str]) -> Claim | None:
+    things = ((claim, claim.spec.device) for claim in claims)
+    return next(
+        (claim for claim, thing in things if thing is not None and is_device(thing, device, known=labels)), None
+    )
+
+
+# What is there in place of a device that is not
 
 
 def describe_missing(wish: Kind, devices_by_node: Mapping[str, Sequence[Reported]]) -> str:

@@ -4,7 +4,6 @@ import msgspec
 
 from robotapp_claims.rules.objects import Claim, Pool
 from robotapp_claims.rules.pools import fullness
-from robotapp_cli.commands.devices import holder_of
 from robotapp_cli.output import Output, blank_line, print_line, print_table, write_structured
 from robotapp_cli.reading.fields import Json, age, meta, plain, status
 from robotapp_cli.reading.session import Session
@@ -43,7 +42,7 @@ def _pool_row(pool: Json, claims: list[Json]) -> list[str]:
 
 
 def _domain_row(claim: Json, *, wide: bool) -> list[str]:
-    domain, row = claim["spec"]["domain"], holder_of(claim)
+    domain, row = claim["spec"]["domain"], _holder_of(claim)
     scope = f"/{domain['scopeValue']}" if domain.get("scopeValue") else ""
     found = [
         str(domain["id"]),
@@ -54,3 +53,9 @@ def _domain_row(claim: Json, *, wide: bool) -> list[str]:
         age(meta(claim).get("creationTimestamp")),
     ]
     return [*found, meta(claim)["name"]] if wide else found
+
+
+def _holder_of(claim: Json) -> tuple[str, str, str]:
+    """Returns `namespace/name`, instance and component."""
+    holder = claim["spec"]["holder"]
+    return f"{holder['namespace']}/{holder['name']}", holder.get("instance", ""), holder.get("component", "")

@@ -16,7 +16,8 @@ from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.placement.round_trips import RoundTrips, Rtt
 from robotapp_api.values.quantities.bandwidth import parse_link_bandwidth
 from robotapp_claims.rules.instances import primary_node
-from robotapp_cli.commands.devices import NodeDevice, devices_of, list_device_claims
+from robotapp_claims.rules.node_devices import FREE, HELD, NodeDevice
+from robotapp_cli.commands.devices import devices_of, read_ledgers
 from robotapp_cli.output import Column, Output, print_line, print_table, write_structured
 from robotapp_cli.reading.fields import Json, age, condition, label, meta, short_ms, status
 from robotapp_cli.reading.session import Session
@@ -134,7 +135,8 @@ async def _nodes(session: Session) -> list[_Computer]:
     client = session.client
     nodes = (await client.list(NODES)).items
     telemetry = {meta(each)["name"]: each for each in (await client.list(NODETELEMETRIES)).items}
-    devices = devices_of(nodes, telemetry.values(), await list_device_claims(client))
+    ledgers = await read_ledgers(client, [meta(node)["name"] for node in nodes])
+    devices = devices_of(nodes, list(telemetry.values()), ledgers)
     now_s = datetime.now(UTC).timestamp()
     trips = reported_round_trips(telemetry, now_s=now_s)
     zones = {meta(node)["name"]: label(node, Label.ZONE) for node in nodes}
@@ -229,7 +231,7 @@ def _jitter(telemetry: Json | None, zone: str, zones: Mapping[str, str]) -> str:
 
 def _counted(devices: Iterable[NodeDevice]) -> dict[str, int]:
     states = [device.state for device in devices]
-    return {"free": states.count("free"), "held": states.count("held")}
+    return {"free": states.count(FREE), "held": states.count(HELD)}
 
 
 def _robots(nodes: Iterable[_Computer]) -> list[RobotView]:

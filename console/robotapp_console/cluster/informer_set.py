@@ -200,6 +200,8 @@ class InformerSet:
             source = feed
             if self._is_narrowed(feed.kind) and (local_feed := self._feeds.get((plural, namespace or home))):
                 source, fallback_namespace = local_feed, local_feed.namespace
+            if source.is_absent and feed.kind.is_optional:
+                continue
             if source.refusal:
                 cure = _NOT_INSTALLED if source.is_absent else f"You may not read them: {feed.kind.cure}."
                 refusals[plural] = Refusal(feed.kind.words, clean(source.refusal), cure)
@@ -212,6 +214,8 @@ class InformerSet:
             apps=stores.get("robotapps", {}),
             instances=stores.get("robotappinstances", {}),
             claims=stores.get("robotclaims", {}),
+            resource_claims=stores.get("resourceclaims", {}),
+            slices=stores.get("resourceslices", {}),
             pools=stores.get("domainpools", {}),
             telemetry=stores.get("nodetelemetries", {}),
             nodes=stores.get("nodes", {}),

@@ -10,7 +10,7 @@ from robotapp_console.cluster.informer_set import InformerSet
 IDLE_S: Final = 60.0
 SWEEP_S: Final = 5.0
 MOST_SETS: Final = 200
-"""Users at once; each costs up to seven watches on the API server."""
+"""Users at once; each costs up to nine watches on the API server."""
 
 
 class TooManyUsersError(Exception):

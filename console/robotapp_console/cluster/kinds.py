@@ -7,12 +7,15 @@ from typing import Any, Final
 import msgspec
 
 from robotapp_api.values.placement.round_trips import without_round_trips
-from robotapp_claims.rules.objects import Claim
+from robotapp_claims.rules.device_attributes import DRIVER
+from robotapp_claims.rules.objects import Claim, ResourceClaim, ResourceSlice
 from robotapp_client.api.resources import (
     DOMAINPOOLS,
     NODES,
     NODETELEMETRIES,
     PODS,
+    RESOURCECLAIMS,
+    RESOURCESLICES,
     ROBOTAPPINSTANCES,
     ROBOTAPPS,
     ROBOTCLAIMS,
@@ -40,6 +43,7 @@ def drop_heartbeat(report: Telemetry) -> Telemetry:
 @dataclass(frozen=True, slots=True)
 class Kind:
     """One kind. `whole`: the objects of a single namespace would be misleading, so only all of them are read.
+    `is_optional`: nothing is missing from the pages of a cluster that does not serve the kind.
 
     `compared` returns the part of an object that makes a difference to pages.
     """
@@ -51,6 +55,7 @@ class Kind:
     field_selector: str = ""
     kept: Callable[[Any], Any] | None = None
     whole: bool = False
+    is_optional: bool = False
     compared: Callable[[Any], Any] = drop_version
 
     @property
@@ -61,6 +66,22 @@ class Kind:
 APPS: Final = Kind(ROBOTAPPS, App, "RobotApps", _VIEW)
 INSTANCES: Final = Kind(ROBOTAPPINSTANCES, Instance, "RobotAppInstances", _VIEW)
 CLAIMS: Final = Kind(ROBOTCLAIMS, Claim, "RobotClaims (who holds which device and domain)", _VIEWER)
+RESOURCE_CLAIM_KIND: Final = Kind(
+    RESOURCECLAIMS,
+    ResourceClaim,
+    "ResourceClaims of all namespaces (who holds the devices that a driver hands over)",
+    _VIEWER,
+    whole=True,
+    is_optional=True,
+)
+SLICES: Final = Kind(
+    RESOURCESLICES,
+    ResourceSlice,
+    "ResourceSlices (which nodes have the driver of devices)",
+    _VIEWER,
+    field_selector=f"spec.driver={DRIVER}",
+    is_optional=True,
+)
 POOLS: Final = Kind(DOMAINPOOLS, Pool, "DomainPools", _VIEWER)
 TELEMETRY: Final = Kind(
     NODETELEMETRIES,
@@ -79,6 +100,6 @@ POD_KIND: Final = Kind(
     field_selector="status.phase!=Succeeded,status.phase!=Failed",
     whole=True,
 )
-FLEET_KINDS: Final = (APPS, INSTANCES, CLAIMS, POOLS, TELEMETRY, NODE_KIND)
+FLEET_KINDS: Final = (APPS, INSTANCES, CLAIMS, RESOURCE_CLAIM_KIND, SLICES, POOLS, TELEMETRY, NODE_KIND)
 APP_KINDS: Final = (APPS, INSTANCES, TELEMETRY, NODE_KIND)
-NODES_KINDS: Final = (CLAIMS, TELEMETRY, NODE_KIND, POD_KIND)
+NODES_KINDS: Final = (CLAIMS, RESOURCE_CLAIM_KIND, SLICES, TELEMETRY, NODE_KIND, POD_KIND)

@@ -1,47 +1,64 @@
-"""The devices of nodes and who holds them: one rule with `kubectl robotapp devices`."""
+"""The devices of nodes and who holds them, by the rule of `kubectl robotapp devices`."""
 
-from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from robotapp_api.model.names import GPU
-from robotapp_claims.rules.device import is_device
-from robotapp_claims.rules.identity import device_label
-from robotapp_claims.rules.node_devices import Device, devices_of_labels
+from robotapp_claims.rules import node_devices
+from robotapp_claims.rules.device_attributes import list_held
+from robotapp_claims.rules.node_devices import FREE, find_hidden_nodes, list_devices
 from robotapp_claims.rules.objects import Claim
-from robotapp_console.views.objects import Node, Telemetry
+from robotapp_console.views.snapshot import Refusal, Snapshot
 from robotapp_console.views.texts import clean
 
 
 @dataclass(frozen=True, slots=True)
 class NodeDevice:
-    """One device. `holder` is `namespace/app component`, empty while it is free."""
+    """One device. `holder` is `namespace/app component`, empty while nobody is known to hold it; `state` is the word for people."""
 
     id: str
     type: str
     present: bool = True
     holder: str = ""
+    state: str = FREE
 
     @property
     def is_free(self) -> bool:
-        return not self.holder and self.present and self.type != GPU
+        return self.state == FREE
 
 
-def devices_by_node(
-    nodes: Mapping[str, Node], telemetry: Mapping[str, Telemetry], claims: Iterable[Claim]
-) -> dict[str, tuple[NodeDevice, ...]]:
-    """Returns the devices of each node: those its agent reports, else those of its labels, and held ones that are neither."""
-    claims_by_node: dict[str, list[Claim]] = defaultdict(list)
-    for claim in claims:
-        if claim.spec.device is not None:
-            claims_by_node[claim.spec.device.node].append(claim)
-    devices = {name: [(device, True) for device in devices_of_labels(node.labels)] for name, node in nodes.items()}
-    devices |= {name: _list_reported(report) for name, report in telemetry.items()}
-    return {
-        name: _with_holders(devices.get(name, []), claims_by_node.get(name, ()))
-        for name in sorted(devices.keys() | claims_by_node.keys())
-        if devices.get(name) or claims_by_node.get(name)
-    }
+def devices_by_node(snapshot: Snapshot) -> dict[str, tuple[NodeDevice, ...]]:
+    """Returns the devices of each node with their holders, by RobotClaims and ResourceClaims."""
+    devices = list_devices(
+        {name: node.labels for name, node in snapshot.nodes.items()},
+        {name: report.status.devices for name, report in snapshot.telemetry.items()},
+        list_device_claims(snapshot),
+        hidden=find_hidden(snapshot),
+    )
+    return {node: tuple(map(_describe, group)) for node, group in devices.items()}
+
+
+def list_device_claims(snapshot: Snapshot) -> tuple[Claim, ...]:
+    """Returns what holds devices, in the form of RobotClaims."""
+    reserved = (claim for claim in snapshot.claims.values() if claim.spec.device is not None)
+    return (*reserved, *(claim for item in snapshot.resource_claims.values() for claim in list_held(item)))
+
+
+def find_hidden(snapshot: Snapshot) -> frozenset[str]:
+    """Returns the nodes on which claims that the user may not read may hold devices: such devices are not shown as free."""
+    if "robotclaims" in snapshot.refusals:
+        return frozenset(snapshot.nodes.keys() | snapshot.telemetry.keys())
+    may_read_slices = "resourceslices" not in snapshot.refusals
+    return find_hidden_nodes(
+        snapshot.nodes.keys() | snapshot.telemetry.keys(),
+        claims_are_read="resourceclaims" not in snapshot.refusals,
+        driver_nodes=(item.spec.node_name for item in snapshot.slices.values()) if may_read_slices else None,
+    )
+
+
+def list_ledger_refusals(snapshot: Snapshot) -> tuple[Refusal, ...]:
+    """Returns which claims of devices are missing from what is shown; none of a ledger that no node has."""
+    hidden = ("resourceclaims",) if find_hidden(snapshot) else ()
+    return snapshot.list_refusals("robotclaims", *hidden)
 
 
 def count_devices(devices: Iterable[NodeDevice]) -> tuple[int, int]:
@@ -50,53 +67,9 @@ def count_devices(devices: Iterable[NodeDevice]) -> tuple[int, int]:
     return sum(bool(device.holder) for device in group), sum(device.is_free for device in group)
 
 
-def _list_reported(report: Telemetry) -> list[tuple[Device, bool]]:
-    return [
-        (
-            Device(
-                item.id, item.type, model=item.model, interface=item.interface, identity=item.identity, names=item.names
-            ),
-            item.present,
-        )
-        for item in report.status.devices
-    ]
-
-
-def _with_holders(devices: Iterable[tuple[Device, bool]], claims: Iterable[Claim]) -> tuple[NodeDevice, ...]:
-    """Returns each device with the claim of its name, else with one that was made under another name and may be for it."""
-    pairs = tuple(devices)
-    claims_by_id = {claim.spec.device.id: claim for claim in claims if claim.spec.device is not None}
-    labels = {device_label(device.id) for device, _ in pairs}
-    rows, matched_claims = [], set[str]()
-    for device, present in pairs:
-        claim = claims_by_id.get(device_label(device.id)) or _find_alias(device, claims_by_id.values(), labels)
-        if claim is not None:
-            matched_claims.add(claim.name)
-        rows.append(
-            NodeDevice(clean(device.id, 63), device.type, present, _describe_holder(claim) if claim is not None else "")
-        )
-    rows += [
-        NodeDevice(
-            device_id,
-            claim.spec.device.type if claim.spec.device else "",
-            present=False,
-            holder=_describe_holder(claim),
-        )
-        for device_id, claim in claims_by_id.items()
-        if claim.name not in matched_claims
-    ]
-    return tuple(rows)
-
-
-def _find_alias(device: Device, claims: Iterable[Claim], labels: set[str]) -> Claim | None:
-    candidates = (claim for claim in claims if claim.spec.device is not None)
-    return next(
-        (claim for claim in candidates if claim.spec.device and is_device(claim.spec.device, device, known=labels)),
-        None,
+def _describe(device: node_devices.NodeDevice) -> NodeDevice:
+    component = device.claim.holder.component if device.claim is not None else ""
+    holder = " ".join(part for part in (device.holder, component) if part)
+    return NodeDevice(
+        clean(device.device.id, 63), device.device.type, bool(device.is_present), clean(holder, 160), device.state
     )
-
-
-def _describe_holder(claim: Claim) -> str:
-    holder = claim.spec.holder
-    parts = [f"{holder.namespace}/{holder.name}", holder.component]
-    return clean(" ".join(part for part in parts if part), 160)

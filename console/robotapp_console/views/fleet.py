@@ -8,7 +8,14 @@ from typing import Final, NamedTuple
 
 from robotapp_api.model.names import Label, Phase
 from robotapp_claims.rules.instances import primary_node
-from robotapp_console.views.devices import NodeDevice, count_devices, devices_by_node
+from robotapp_console.views.devices import (
+    NodeDevice,
+    count_devices,
+    devices_by_node,
+    find_hidden,
+    list_device_claims,
+    list_ledger_refusals,
+)
 from robotapp_console.views.history import Sparkline, draw_sparkline
 from robotapp_console.views.links import Link, NodeLinks, read_zones
 from robotapp_console.views.objects import Battery, Load, Node, find_condition
@@ -112,7 +119,7 @@ def build_fleet(snapshot: Snapshot) -> Fleet:
         if robot := node.labels.get(Label.ROBOT):
             computers[robot].append(node)
     chips, loose = _group_chips(snapshot)
-    devices = devices_by_node(snapshot.nodes, snapshot.telemetry, snapshot.claims.values())
+    devices = devices_by_node(snapshot)
     zones = read_zones(snapshot.nodes)
     around = _Surroundings(devices, zones, snapshot.prepare_links(zones), snapshot)
     rows = tuple(
@@ -126,8 +133,10 @@ def build_fleet(snapshot: Snapshot) -> Fleet:
         find_problems(snapshot),
         tuple(sorted({row.zone for row in rows if row.zone})),
         _count(rows, snapshot),
-        snapshot.list_refusals(
-            "robotapps", "robotappinstances", "nodes", "nodetelemetries", "robotclaims", "domainpools"
+        (
+            *snapshot.list_refusals("robotapps", "robotappinstances", "nodes", "nodetelemetries"),
+            *list_ledger_refusals(snapshot),
+            *snapshot.list_refusals("domainpools"),
         ),
         bool(snapshot.apps),
     )
@@ -206,12 +215,13 @@ def _count(rows: tuple[RobotRow, ...], snapshot: Snapshot) -> dict[str, int | No
         "offline": ("nodes", sum(bool(row.offline_since) for row in rows)),
         "apps": ("robotapps", len(phases)),
         "running": ("robotapps", phases.count(Phase.RUNNING)),
-        "held": ("robotclaims", sum(claim.spec.device is not None for claim in claims)),
+        "held": ("robotclaims", len(list_device_claims(snapshot))),
         "domains": ("robotclaims", sum(claim.spec.domain is not None for claim in claims)),
     }
     if "nodes" not in snapshot.refusals:  # then robots are known without their instances
         counts["robots"] = ("nodes", len(rows))
-    return {name: None if plural in snapshot.refusals else count for name, (plural, count) in counts.items()}
+    known = {name: None if plural in snapshot.refusals else count for name, (plural, count) in counts.items()}
+    return known | ({"held": None} if find_hidden(snapshot) else {})
 
 
 _KEYS: Final = {

@@ -8,7 +8,7 @@ from typing import Final
 from robotapp_api.model.names import Annotation, Label
 from robotapp_api.values.quantities.quantity import parse_bytes, parse_milli
 from robotapp_api.values.quantities.requests import pod_requests
-from robotapp_console.views.devices import NodeDevice, devices_by_node
+from robotapp_console.views.devices import NodeDevice, devices_by_node, list_ledger_refusals
 from robotapp_console.views.links import ZoneMatrix, read_zones
 from robotapp_console.views.objects import Load, Node, Pod, find_condition
 from robotapp_console.views.paging import FAR, NAMESPACE, NEAR, Page, Query, take_page
@@ -76,7 +76,7 @@ class Nodes:
 
 def build_nodes(snapshot: Snapshot) -> Nodes:
     """Returns the screen's content; a column whose kind may not be read is empty."""
-    devices = devices_by_node(snapshot.nodes, snapshot.telemetry, snapshot.claims.values())
+    devices = devices_by_node(snapshot)
     requested = None if "pods" in snapshot.refusals else sum_requests(snapshot.pods.values())
     rows = tuple(
         _build_row(node, devices.get(name, ()), requested, snapshot) for name, node in sorted(snapshot.nodes.items())
@@ -86,7 +86,11 @@ def build_nodes(snapshot: Snapshot) -> Nodes:
         snapshot.prepare_links(read_zones(snapshot.nodes)).find_matrix(),
         tuple(sorted({row.zone for row in rows if row.zone})),
         tuple(sorted({row.tier for row in rows if row.tier})),
-        snapshot.list_refusals("nodes", "nodetelemetries", "robotclaims", "pods"),
+        (
+            *snapshot.list_refusals("nodes", "nodetelemetries"),
+            *list_ledger_refusals(snapshot),
+            *snapshot.list_refusals("pods"),
+        ),
     )
 
 

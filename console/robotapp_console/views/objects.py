@@ -196,6 +196,7 @@ class ReportedDevice(Object, frozen=True, kw_only=True):
     model: str = ""
     interface: str = ""
     identity: str = ""
+    path: str = ""
     present: bool = False
     names: tuple[str, ...] = ()
 

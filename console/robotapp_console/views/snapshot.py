@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from robotapp_api.values.placement.round_trips import RoundTrips
-from robotapp_claims.rules.objects import Claim
+from robotapp_claims.rules.objects import Claim, ResourceClaim, ResourceSlice
 from robotapp_console.views.history import LinkHistory
 from robotapp_console.views.links import NodeLinks
 from robotapp_console.views.objects import App, Instance, Node, Pod, Pool, Telemetry
@@ -39,6 +39,10 @@ class Snapshot:
     apps: Mapping[str, App] = field(default_factory=dict)
     instances: Mapping[str, Instance] = field(default_factory=dict)
     claims: Mapping[str, Claim] = field(default_factory=dict)
+    resource_claims: Mapping[str, ResourceClaim] = field(default_factory=dict)
+    """Of all namespaces, whichever the user chose: a device that another one holds is not free."""
+    slices: Mapping[str, ResourceSlice] = field(default_factory=dict)
+    """Those of our driver: where it runs."""
     pools: Mapping[str, Pool] = field(default_factory=dict)
     telemetry: Mapping[str, Telemetry] = field(default_factory=dict)
     nodes: Mapping[str, Node] = field(default_factory=dict)

@@ -114,7 +114,7 @@ def _describe_node(row: NodeRow) -> dict[str, Any]:
         "cordoned": row.cordoned,
         "notReadySince": row.not_ready_since,
         "agentHeardAt": row.reported_at,
-        "devices": [{"id": d.id, "holder": d.holder, "present": d.present} for d in row.devices],
+        "devices": [{"id": d.id, "holder": d.holder, "present": d.present, "state": d.state} for d in row.devices],
     }
 
 

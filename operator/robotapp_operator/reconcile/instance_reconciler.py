@@ -6,7 +6,7 @@ carries the Deployment's resourceVersion as it was before the claims were listed
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import msgspec
@@ -19,6 +19,7 @@ from robotapp_claims.rules.identity import holder_of_app
 from robotapp_claims.rules.instances import Instance, robot_of
 from robotapp_claims.rules.objects import App as ClaimsApp
 from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
+from robotapp_claims.rules.objects import ResourceClaim
 from robotapp_client import ApiClient, NotFound
 from robotapp_client.api.resources import DEPLOYMENTS, NODES, ROBOTAPPS, SERVICES
 from robotapp_client.api.times import Now, utc_now
@@ -43,7 +44,7 @@ from robotapp_operator.plan.diff.master_restarts import (
 )
 from robotapp_operator.plan.render.child import DEPLOYMENT, Child
 from robotapp_operator.plan.render.devices.ledger import claiming_components
-from robotapp_operator.plan.render.devices.resource_claim import wanted_claims
+from robotapp_operator.plan.render.devices.resource_claim import DeviceClaim, wanted_claims
 from robotapp_operator.plan.render.parameters import ParameterState
 from robotapp_operator.plan.spec.desired import App, Desired, Domain, desired_of
 from robotapp_operator.plan.spec.instances import allowed_robots
@@ -53,9 +54,11 @@ from robotapp_operator.plan.status.events import PendingEvent
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.apply_plan import Written, execute, stop
 from robotapp_operator.reconcile.devices.resource_claims import (
+    ClaimOwner,
     ClaimPlan,
     components_with_pods,
     plan_claims,
+    release_claims,
     write_claims,
 )
 from robotapp_operator.reconcile.reconcile_state import ReconcileState, Unseen
@@ -185,12 +188,12 @@ class Children:
             return True
         app, observed = record.app, self._cache.children(uid, robot)
         if app is None:
-            return not (record.suspended and still_running(uid, observed))
+            return not self._must_stop(record, robot, observed)
         instance = find_instance(wanted_instances(app, self._cache), robot)
         if instance is None:
             return not self._plan(app, [], observed) and not self._claims_missing(app, robot, [], observed)
         if problems_now(app, self._cache):
-            return not (record.suspended and still_running(uid, observed))
+            return not self._must_stop(record, robot, observed)
         app = app_of_instance(app, instance, self._cache)
         if _must_not_start(instance, observed):
             return True
@@ -296,11 +299,28 @@ class Children:
         return await self._write(app, robot, wanted, observed, fences)
 
     async def _stop_if_suspended(self, record: Record, robot: str) -> bool:
-        """Stop the pods of a suspended app whose spec has problems or cannot be read; nothing else is rendered for it."""
+        """Stops the pods of a suspended app whose spec has problems or cannot be read, then frees its devices; nothing else is rendered for it."""
         if record.suspended:
-            for item in still_running(record.uid, await self._observe(record, robot)):
+            observed = await self._observe(record, robot)
+            running = still_running(record.uid, observed)
+            for item in running:
                 await stop(self._client, item)
+            if not running:
+                await release_claims(self._client, self._claims_to_release(record, robot, observed))
         return True
+
+    def _must_stop(self, record: Record, robot: str, observed: Mapping[ChildRef, Observed]) -> bool:
+        """Whether a suspended app whose spec has problems, or cannot be read, still has pods to stop or devices to free."""
+        if not record.suspended:
+            return False
+        return bool(still_running(record.uid, observed) or self._claims_to_release(record, robot, observed))
+
+    def _claims_to_release(
+        self, record: Record, robot: str, observed: Mapping[ChildRef, Observed]
+    ) -> tuple[ResourceClaim, ...]:
+        """Returns the ResourceClaims of a stopped instance that no pod uses any more."""
+        claims = self._cache.allocations.claims.of_instance(record.uid, robot).values()
+        return self._plan_claims(record, robot, (), claims, observed).deletes
 
     async def _without_domain(
         self, app: App, robot: str, observed: dict[ChildRef, Observed], outcome: DomainOutcome, fences: dict[str, Fence]
@@ -367,14 +387,24 @@ class Children:
         needed = wanted_claims(app, wanted)
         if not claims and not needed:
             return None
-        what = plan_claims(
-            app,
+        what = self._plan_claims(app, robot, needed, claims, observed)
+        return what if what.creates or what.deletes else None
+
+    def _plan_claims(
+        self,
+        owner: ClaimOwner,
+        robot: str,
+        needed: Sequence[DeviceClaim],
+        claims: Iterable[ResourceClaim],
+        observed: Mapping[ChildRef, Observed],
+    ) -> ClaimPlan:
+        return plan_claims(
+            owner,
             needed,
             claims,
             deployments=[item for item in observed.values() if isinstance(item, Deployment)],
-            pods=self._cache.pods.of_instance(app.uid, robot).values(),
+            pods=self._cache.pods.of_instance(owner.uid, robot).values(),
         )
-        return what if what.creates or what.deletes else None
 
     def _announce_restart(self, app: App, robot: str, changes: list[Change]) -> None:
         """Write an event where nodes were restarted because of their master."""

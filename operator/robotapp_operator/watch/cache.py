@@ -301,8 +301,8 @@ class Cache:
         return {item.metadata.uid for group in groups for item in group.values()}
 
     def instance_keys(self, uid: str) -> set[str]:
-        """Instances of the app by its children."""
-        return self.deployments.instances(uid) | self.services.instances(uid)
+        """Instances of the app by its children, and by ResourceClaims that hold devices after them."""
+        return self.deployments.instances(uid) | self.services.instances(uid) | self.allocations.claims.instances(uid)
 
     def running_instances(self, uid: str) -> set[str]:
         return self.deployments.instances(uid)

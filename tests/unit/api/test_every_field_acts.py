@@ -163,7 +163,7 @@ OBSERVED: Final[Mapping[str, str]] = {
         telemetry.devices.present""",
     "scheduler/robotapp_scheduler/plugins/ros/load_balance.py": """
         telemetry.load.cpuPercent telemetry.load.memoryPercent telemetry.load.gpuPercent""",
-    "cli/robotapp_cli/commands/devices.py": "telemetry.devices.id telemetry.devices.names telemetry.devices.path",
+    f"{CLAIMS}/node_devices.py": "telemetry.devices.id telemetry.devices.names telemetry.devices.path",
     "cli/robotapp_cli/commands/nodes.py": """
         telemetry.arch telemetry.kernel.realtime telemetry.deviceProblem telemetry.rtt.jitterUs telemetry.load.diskPercent
         telemetry.load.networkBps telemetry.temperatures.name telemetry.temperatures.celsius telemetry.battery.percent

@@ -101,7 +101,7 @@ class TestDevices:
             claim("dev.b", namespace="b", device={"node": "gone", "id": "lidar", "type": "usb"}),
         )
         rows = [line.split() for line in stage.text("devices").splitlines()[1:]]
-        assert rows[0] == ["amr-07", "cam", "usb", "no", "free"]
+        assert rows[0] == ["amr-07", "cam", "usb", "no", "absent"]
         assert rows[1] == ["amr-07", "can-can0", "can", "can0", "yes", "fleet/teleop", "amr-07", "driver", "Reserved"]
         assert rows[2] == ["gone", "lidar", "usb", "unknown", "b/teleop", "amr-07", "driver", "Reserved"]
         assert [row["device"] for row in stage.data("devices", "-n", "fleet")["devices"]] == ["cam", "can-can0"]
@@ -124,6 +124,25 @@ class TestDevices:
         (row,) = stage.data("devices")["devices"]
         assert (row["holder"], row["instance"], row["component"]) == ("fleet/base", "amr-07", "driver")
         assert row["claim"] == "resourceclaim/fleet/base-x/serial-1"
+
+    @pytest.mark.parametrize(
+        ("forbidden", "holders"),
+        [(("resourceclaims",), ["unknown", "free"]), (("resourceclaims", "resourceslices"), ["unknown", "unknown"])],
+    )
+    def test_a_device_whose_claims_may_not_be_read_is_not_shown_as_free(
+        self, stage: Stage, forbidden: tuple[str, ...], holders: list[str]
+    ) -> None:
+        for name in ("amr-07", "edge-1"):
+            stage.add("/nodes", {"metadata": {"name": name}})
+            device = {"id": "serial-1", "type": "serial", "present": True}
+            stage.add("robotics.io/nodetelemetries", {"metadata": {"name": name}, "status": {"devices": [device]}})
+        spec = {"driver": "devices.robotics.io", "nodeName": "amr-07"}
+        stage.add("resource.k8s.io/resourceslices", {"metadata": {"name": "amr-07-x"}, "spec": spec})
+        stage.api.forbidden |= {f"/apis/resource.k8s.io/v1/{plural}" for plural in forbidden}
+        assert [row["state"] for row in stage.data("devices")["devices"]] == holders
+        text = stage.text("devices")
+        assert [line.split()[3] for line in text.splitlines()[1:3]] == holders
+        assert "robotapp-cluster-viewer" in text
 
     def test_columns_that_say_nothing_are_left_out_of_the_narrow_form(self, stage: Stage) -> None:
         device = {"id": "cam", "type": "usb", "present": True}

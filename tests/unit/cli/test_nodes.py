@@ -52,7 +52,13 @@ def rows(stage: Stage, command: str) -> list[list[str]]:
 
 
 def held(name: str, device: str) -> Json:
-    holder = {"kind": "RobotApp", "namespace": "fleet", "name": "teleop", "uid": "u"}
+    holder = {
+        "apiVersion": "robotics.io/v1alpha1",
+        "kind": "RobotApp",
+        "namespace": "fleet",
+        "name": "teleop",
+        "uid": "u",
+    }
     thing = {"node": name, "id": device, "type": device.split("-", maxsplit=1)[0]}
     return {"metadata": {"name": f"dev.{name}.{device}"}, "spec": {"device": thing, "holder": holder}}
 

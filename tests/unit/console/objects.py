@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from robotapp_api.values.placement.round_trips import RoundTrips
-from robotapp_claims.rules.objects import Claim
+from robotapp_claims.rules.objects import Claim, ResourceClaim, ResourceSlice
 from robotapp_console.views.objects import App, Instance, Node, Pod, Pool, Telemetry
 from robotapp_console.views.snapshot import Refusal, Snapshot
 
@@ -121,6 +121,35 @@ def device_claim(device: str, *, node: str = "amr-07", holder: str = "teleop", c
     }
 
 
+def resource_claim(
+    device: str, *, node: str = "amr-07", namespace: str = "default", holder: str = "teleop", component: str = "driver"
+) -> Object:
+    """A claim of an app's component whose device the driver hands over."""
+    owner = {
+        "apiVersion": "robotics.io/v1alpha1",
+        "kind": "RobotApp",
+        "name": holder,
+        "uid": f"u-{holder}",
+        "controller": True,
+    }
+    result = {"request": "d", "driver": "devices.robotics.io", "pool": node, "device": device}
+    return {
+        "metadata": {
+            "name": f"{holder}-{component}",
+            "namespace": namespace,
+            "uid": f"u-{namespace}-{holder}-{component}",
+            "labels": {"robotics.io/component": component},
+            "ownerReferences": [owner],
+        },
+        "status": {"allocation": {"devices": {"results": [result]}}},
+    }
+
+
+def resource_slice(node: str = "amr-07") -> Object:
+    """A slice of our driver: it runs on the node."""
+    return {"metadata": {"name": f"{node}-slice"}, "spec": {"driver": "devices.robotics.io", "nodeName": node}}
+
+
 def pool(name: str = "default", used: str = "12/119", quarantined: int = 0) -> Object:
     return {"metadata": {"name": name}, "status": {"used": used, "quarantined": quarantined}}
 
@@ -141,6 +170,8 @@ def snapshot(
     nodes: list[Object] = [],  # noqa: B006
     reports: list[Object] = [],  # noqa: B006
     claims: list[Object] = [],  # noqa: B006
+    resource_claims: list[Object] = [],  # noqa: B006
+    slices: list[Object] = [],  # noqa: B006
     pools: list[Object] = [],  # noqa: B006
     pods: list[Object] = [],  # noqa: B006
     refused: tuple[str, ...] = (),
@@ -158,6 +189,8 @@ def snapshot(
         nodes={item.name: item for item in map(_reader(Node), nodes)},
         telemetry=decoded,
         claims={item.name: item for item in map(_reader(Claim), claims)},
+        resource_claims={_key(item): item for item in map(_reader(ResourceClaim), resource_claims)},
+        slices={item.metadata.name: item for item in map(_reader(ResourceSlice), slices)},
         pools={item.metadata.name: item for item in map(_reader(Pool), pools)},
         pods={_key(item): item for item in map(_reader(Pod), pods)},
         round_trips=trips,

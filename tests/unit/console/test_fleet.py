@@ -1,5 +1,7 @@
 """The first screen: robots as rows, problems on top."""
 
+from typing import Any
+
 import pytest
 from tests.unit.console.objects import (
     NOW_S,
@@ -8,6 +10,8 @@ from tests.unit.console.objects import (
     instance,
     node,
     pool,
+    resource_claim,
+    resource_slice,
     snapshot,
     telemetry,
 )
@@ -52,6 +56,21 @@ def test_a_robot_is_a_row_with_its_zone_nodes_apps_devices_and_load() -> None:
     assert row.battery.charging
     assert not row.silent
     assert not row.offline_since
+
+
+def test_devices_of_both_ledgers_count_as_held_and_none_as_free_while_one_ledger_may_not_be_read() -> None:
+    devices = [{"id": f"can-can{number}", "type": "can", "present": True} for number in range(3)]
+    parts: dict[str, Any] = {
+        "nodes": [node("amr-07", robot="amr-07")],
+        "reports": [telemetry("amr-07", devices=devices)],
+        "claims": [device_claim("can-can0")],
+        "slices": [resource_slice()],
+    }
+    fleet = build_fleet(snapshot(**parts, resource_claims=[resource_claim("can-can1")]))
+    assert (fleet.rows[0].held, fleet.rows[0].free, fleet.counts["held"]) == (2, 1, 2)
+    fleet = build_fleet(snapshot(**parts, refused=("resourceclaims",)))
+    assert (fleet.rows[0].held, fleet.rows[0].free, fleet.counts["held"]) == (1, 0, None)
+    assert [refusal.what for refusal in fleet.refusals] == ["resourceclaims"]
 
 
 def test_without_the_right_to_read_nodes_robots_are_known_by_their_instances() -> None:

@@ -1,7 +1,16 @@
 """The screen of nodes."""
 
 import pytest
-from tests.unit.console.objects import NOW_S, device_claim, node, pod, snapshot, telemetry
+from tests.unit.console.objects import (
+    NOW_S,
+    device_claim,
+    node,
+    pod,
+    resource_claim,
+    resource_slice,
+    snapshot,
+    telemetry,
+)
 
 from robotapp_console.views.links import read_zones
 from robotapp_console.views.nodes import build_nodes, read_nodes_query, take_nodes_page
@@ -63,6 +72,48 @@ def test_devices_name_their_holders() -> None:
 def test_a_held_device_that_nothing_describes_is_shown_all_the_same() -> None:
     rows = build_nodes(snapshot(nodes=[node("amr-07")], claims=[device_claim("can-can9")])).rows
     assert [(device.id, device.present) for device in rows[0].devices] == [("can-can9", False)]
+
+
+TWO_NODES = [node("amr-07"), node("edge-1")]
+TWO_REPORTS = [
+    telemetry(name, devices=[{"id": "can-can0", "type": "can", "present": True}]) for name in ("amr-07", "edge-1")
+]
+
+
+def states_of(world: Snapshot) -> list[tuple[str, str]]:
+    return [(device.state, device.holder) for row in build_nodes(world).rows for device in row.devices]
+
+
+def test_a_device_that_a_driver_hands_over_has_its_holder_as_one_of_a_robotclaim() -> None:
+    world = snapshot(
+        nodes=TWO_NODES,
+        reports=TWO_REPORTS,
+        claims=[device_claim("can-can0", node="edge-1")],
+        resource_claims=[resource_claim("can-can0", namespace="b", holder="base")],
+    )
+    assert states_of(world) == [("held", "b/base driver"), ("held", "default/teleop driver")]
+
+
+def test_without_the_right_to_read_resource_claims_no_device_of_the_driver_counts_as_free() -> None:
+    world = snapshot(nodes=TWO_NODES, reports=TWO_REPORTS, slices=[resource_slice()], refused=("resourceclaims",))
+    assert states_of(world) == [("unknown", ""), ("free", "")]
+    assert [refusal.what for refusal in build_nodes(world).refusals] == ["resourceclaims"]
+
+
+def test_without_the_right_to_read_slices_either_every_node_may_have_the_driver() -> None:
+    world = snapshot(nodes=TWO_NODES, reports=TWO_REPORTS, refused=("resourceclaims", "resourceslices"))
+    assert states_of(world) == [("unknown", ""), ("unknown", "")]
+
+
+def test_where_no_node_has_the_driver_missing_rights_to_its_claims_hide_nothing() -> None:
+    world = snapshot(nodes=TWO_NODES, reports=TWO_REPORTS, refused=("resourceclaims",))
+    assert states_of(world) == [("free", ""), ("free", "")]
+    assert not build_nodes(world).refusals
+
+
+def test_without_the_right_to_read_robotclaims_no_device_counts_as_free() -> None:
+    world = snapshot(nodes=TWO_NODES, reports=TWO_REPORTS, refused=("robotclaims",))
+    assert states_of(world) == [("unknown", ""), ("unknown", "")]
 
 
 def test_states_of_nodes_are_told_apart() -> None:

@@ -106,8 +106,8 @@ async def test_all_pages_of_a_user_share_one_set_of_watches_and_users_do_not() -
         async with opened(stage, one) as first, opened(stage, other) as second, opened(stage, one) as third:
             for stream in (first, second, third):
                 await stream.next_message()
-            await until(lambda: len(stage.api.watches) == 6, what="six watches")
-            assert len(set(stage.api.watches)) == 6
+            await until(lambda: len(stage.api.watches) == 8, what="eight watches")
+            assert len(set(stage.api.watches)) == 8
             await tenant.get("/")
             await until(lambda: ("tenant", "robotapps") in stage.api.watches, what="the tenant's own watch")
         assert len(stage.console.informers) == 2
@@ -132,7 +132,7 @@ async def test_a_broken_watch_is_told_and_resumes_by_itself() -> None:
         await browser.sign_in(ADMIN)
         async with opened(stage, browser) as stream:
             await stream.next_message()
-            await until(lambda: stage.api.watching == 6, what="six watches")
+            await until(lambda: stage.api.watching == 8, what="eight watches")
             stage.api.failing = [500] * 40
             stage.api.break_watches()
             message = await stream.find("stale since")
@@ -171,7 +171,7 @@ async def test_a_right_that_is_taken_shows_although_the_watch_goes_on(monkeypatc
         stage.api.put(NODES, node("amr-07", robot="amr-07"))
         async with opened(stage, browser) as stream:
             await stream.find("amr-07")
-            await until(lambda: stage.api.watching == 6, what="six watches")
+            await until(lambda: stage.api.watching == 8, what="eight watches")
             stage.api.forbidden = {"nodes"}
             message = await stream.find("Not shown: Nodes")
             assert "amr-07" not in message
@@ -201,7 +201,7 @@ async def test_a_token_that_is_no_longer_valid_ends_the_open_pages_although_thei
         browser = stage.browser()
         await browser.sign_in(ADMIN)
         async with opened(stage, browser) as stream:
-            await until(lambda: stage.api.watching == 6, what="six watches")
+            await until(lambda: stage.api.watching == 8, what="eight watches")
             await stream.next_message()
             del stage.api.tokens[ADMIN]
             with pytest.raises(EOFError):

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import msgspec
 
@@ -21,6 +21,15 @@ from robotapp_operator.watch.cache import Cache
 log = logging.getLogger(__name__)
 
 
+class ClaimOwner(Protocol):
+    """The app that controls claims; its spec may be unreadable."""
+
+    @property
+    def uid(self) -> str: ...
+    @property
+    def namespace(self) -> str: ...
+
+
 class ClaimPlan(NamedTuple):
     """What is missing. `deletes`: claims that nobody may use any more, and those whose wish has changed."""
 
@@ -29,7 +38,7 @@ class ClaimPlan(NamedTuple):
 
 
 def plan_claims(
-    app: App,
+    app: ClaimOwner,
     wanted: Sequence[DeviceClaim],
     observed: Iterable[ResourceClaim],
     *,
@@ -65,8 +74,7 @@ def plan_claims(
 
 async def write_claims(client: ApiClient, app: App, plan: ClaimPlan) -> list[tuple[Reason, str]]:
     """Deletes, then creates. Returns why claims were refused. Raises StartOver where an old claim of a name is not gone yet."""
-    for resource_claim in plan.deletes:
-        await _delete(client, resource_claim)
+    await release_claims(client, plan.deletes)
     refusals = []
     for claim in plan.creates:
         try:
@@ -77,6 +85,12 @@ async def write_claims(client: ApiClient, app: App, plan: ClaimPlan) -> list[tup
             reason = Reason.QUOTA_REFUSED if over_quota(error.message) else Reason.FAILED_CREATE
             refusals.append((reason, f"ResourceClaim {claim.name}: {error.message}"[:1024]))
     return refusals
+
+
+async def release_claims(client: ApiClient, resource_claims: Iterable[ResourceClaim]) -> None:
+    """Deletes claims, so that their devices are free."""
+    for resource_claim in resource_claims:
+        await _delete(client, resource_claim)
 
 
 async def give_back(client: ApiClient, cache: Cache, pod: Pod) -> None:
