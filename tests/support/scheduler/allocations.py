@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from robotapp_scheduler.core.dynamic_resources.allocator import Allocator
+from robotapp_scheduler.core.dynamic_resources.allocator import MOST_STEPS, Allocator
 from robotapp_scheduler.core.dynamic_resources.inventory import Inventory, TargetNode
 from robotapp_scheduler.core.dynamic_resources.objects import (
     AllocationResult,
@@ -36,7 +36,7 @@ def make_slice(
         spec["nodeName"] = NODE.name
     pool = pool or str(spec.get("nodeName", "shared"))
     given = {
-        "driver": DRIVER,
+        "driver": spec.pop("driver", DRIVER),
         "pool": {"name": pool, "generation": generation, "resourceSliceCount": of},
         "devices": [make_device(device) if isinstance(device, str) else device for device in devices],
         **spec,
@@ -63,10 +63,13 @@ def make_requirements(*selectors: str, **fields: Any) -> dict[str, Any]:
     return {"deviceClassName": "any", "allocationMode": mode, "selectors": texts, **count, **fields}
 
 
-def make_resource_claim(*requests: dict[str, Any], name: str = "claim", **devices: Any) -> ResourceClaim:
-    """A claim in namespace `ns`."""
+def make_resource_claim(
+    *requests: dict[str, Any], name: str = "claim", namespace: str = "ns", **devices: Any
+) -> ResourceClaim:
+    """A claim, in namespace `ns` unless another is given."""
+    metadata = {"name": name, "namespace": namespace, "uid": name}
     spec = {"devices": {"requests": list(requests), **devices}}
-    return msgspec.convert({"metadata": {"name": name, "namespace": "ns", "uid": name}, "spec": spec}, ResourceClaim)
+    return msgspec.convert({"metadata": metadata, "spec": spec}, ResourceClaim)
 
 
 def make_taint_rule(name: str, effect: str = "NoSchedule", **selector: str) -> DeviceTaintRule:
@@ -89,11 +92,12 @@ def allocate(
     allocated: set[str] | frozenset[str] = frozenset(),
     classes: tuple[DeviceClass, ...] = (),
     node: TargetNode = NODE,
+    extra_steps: int = MOST_STEPS,
 ) -> tuple[AllocationResult, ...] | None:
     """What the allocator decides; `allocated` are names of devices of the pool `robot-1`."""
     by_name = {device_class.metadata.name: device_class for device_class in (make_class(), *classes)}
     taken = {DeviceId(DRIVER, NODE.name, name) for name in allocated}
-    return Allocator(inventory, by_name, claims).allocate(node, taken)
+    return Allocator(inventory, by_name, claims).allocate(node, taken, extra_steps)
 
 
 def names_of(allocations: tuple[AllocationResult, ...] | None) -> list[list[str]] | None:

@@ -15,10 +15,11 @@ TOO_COSTLY: Final = "operation cancelled: actual cost limit exceeded"
 class Evaluation:
     """Variables in scope and the rounds made so far."""
 
-    __slots__ = ("rounds", "variables")
+    __slots__ = ("most_rounds", "rounds", "variables")
 
-    def __init__(self, variables: dict[str, Any]) -> None:
+    def __init__(self, variables: dict[str, Any], most_rounds: int = MOST_ROUNDS) -> None:
         self.variables = variables
+        self.most_rounds = most_rounds
         self.rounds = 0
 
     def __repr__(self) -> str:
@@ -27,7 +28,7 @@ class Evaluation:
     def count_round(self) -> None:
         """Raises EvaluationError when there were too many rounds."""
         self.rounds += 1
-        if self.rounds > MOST_ROUNDS:
+        if self.rounds > self.most_rounds:
             raise EvaluationError(TOO_COSTLY)
 
     def with_variable(self, name: str, value: Any, body: "Step") -> Any:

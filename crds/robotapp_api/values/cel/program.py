@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from robotapp_api.values.cel import operators
 from robotapp_api.values.cel.errors import EvaluationError, ExpressionError, make_overload_error
-from robotapp_api.values.cel.evaluation import Evaluation, Step
+from robotapp_api.values.cel.evaluation import MOST_ROUNDS, Evaluation, Step
 from robotapp_api.values.cel.library.registry import GLOBAL_FUNCTIONS, MEMBER_FUNCTIONS
 from robotapp_api.values.cel.macros import COMPREHENSIONS, MACRO_NAMES, compile_macro
 from robotapp_api.values.cel.parser import parse
@@ -30,21 +30,26 @@ TOO_DEEP: Final = "the expression is nested too deeply"
 class Program:
     """An expression that is ready to be evaluated any number of times."""
 
-    __slots__ = ("_root", "text")
+    __slots__ = ("_root", "rounds", "text")
 
     def __init__(self, text: str, root: Step) -> None:
         self.text = text
+        self.rounds = 0
+        """Rounds of macros in all evaluations so far: what they cost beyond the length of the expression."""
         self._root = root
 
     def __repr__(self) -> str:
         return f"Program({self.text!r})"
 
-    def evaluate(self, variables: Mapping[str, Any]) -> Any:
-        """The value of the expression. Raises EvaluationError."""
+    def evaluate(self, variables: Mapping[str, Any], most_rounds: int = MOST_ROUNDS) -> Any:
+        """The value of the expression. Raises EvaluationError, also after so many rounds of its macros."""
+        evaluation = Evaluation(dict(variables), most_rounds)
         try:
-            return self._root(Evaluation(dict(variables)))
+            return self._root(evaluation)
         except RecursionError:
             raise EvaluationError(TOO_DEEP) from None
+        finally:
+            self.rounds += evaluation.rounds
 
 
 def compile_expression(text: str, variables: frozenset[str]) -> Program:

@@ -163,6 +163,7 @@ def _taken_back(
                 rejected_by=plugins,
                 nodes=decision.nodes,
                 feasible=decision.feasible,
+                costly=any(failure.costly for failure in failures),
             )
         )
     return result

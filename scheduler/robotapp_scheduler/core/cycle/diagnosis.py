@@ -22,6 +22,7 @@ from robotapp_scheduler.core.cycle.group_gates import (
 )
 from robotapp_scheduler.core.cycle.joint_problem import LimitsConnections
 from robotapp_scheduler.core.cycle.schedule_result import ScheduleResult
+from robotapp_scheduler.core.dynamic_resources.allocator import SEARCH_ENDED
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.explain.record import histogram, pre_filter_message
 from robotapp_scheduler.core.framework.interface import Code, PluginError, Status
@@ -148,6 +149,7 @@ class Diagnosis:
             message=histogram(count, texts),
             rejected_by=frozenset(plugins),
             nodes=count,
+            costly=SEARCH_ENDED in texts,
         )
         if pod.ros is not None and pod.ros.held_until is not None:
             decision.message += (

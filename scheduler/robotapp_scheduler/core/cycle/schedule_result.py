@@ -59,6 +59,8 @@ class ScheduleResult(msgspec.Struct, kw_only=True, eq=False):
     """The node the refused pod is to wait for; "" = none any more, None = as before."""
     plan: "Plan | None" = None
     """Who has to be evicted from that node."""
+    costly: bool = False
+    """The attempt took as long as one may: the pod is to wait longer before the next."""
     post_filtered: bool = False
     """Was preemption tried?"""
     queued: "QueuedPodInfo | None" = None

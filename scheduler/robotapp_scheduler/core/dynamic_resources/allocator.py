@@ -2,12 +2,23 @@
 
 Requests are served in order, each by the first devices that fit; when a later request finds none, an earlier one takes the
 next. The first solution counts, so drivers decide by the names of pools and slices and the order of devices what comes first.
+
+Parts without a solution are left out, so the first solution stays the same. Every choice has a depth. A dead end names the
+choices, as bits by depth, of which one has to change; the search goes back to the deepest of them at once, since those in
+between make no difference. Devices that no request and no constraint tells apart are tried once.
 """
 
-from collections.abc import Container, Generator, Mapping, Sequence
+from collections.abc import Container, Generator, Hashable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Final
 
+from robotapp_scheduler.core.dynamic_resources.candidates import (
+    Candidate,
+    Candidates,
+    Survey,
+    count_survey,
+    survey_candidates,
+)
 from robotapp_scheduler.core.dynamic_resources.constraints import Constraint
 from robotapp_scheduler.core.dynamic_resources.errors import AllocationError, NodeAllocationError
 from robotapp_scheduler.core.dynamic_resources.inventory import Inventory, NodePool, TargetNode, reaches_from_device
@@ -22,15 +33,27 @@ from robotapp_scheduler.core.dynamic_resources.offered_devices import OfferedDev
 from robotapp_scheduler.core.dynamic_resources.requests import Requirement, ResolvedClaim, resolve_claims
 from robotapp_scheduler.core.dynamic_resources.results import ChosenDevice, make_result
 
-MOST_STEPS: Final = 100_000
-"""Devices that are looked at for one node before the search is given up; kube-scheduler gives up after 10 s."""
+STEPS_PER_NODE: Final = 32
+STEPS_PER_DEVICE: Final = 2
+"""Steps that each node gets for itself and per device that it reaches: enough for claims that never lead into a dead end."""
+DEVICES_IN_USE_PER_STEP: Final = 16
+"""Devices that earlier choices of the search hold are passed over that much faster than others are tried."""
+MOST_STEPS: Final = 3_000
+"""Steps beyond these that all nodes of one attempt share, some milliseconds. Other pods wait meanwhile."""
+SEARCH_ENDED: Final = (
+    "cannot allocate all claims: too many combinations of devices were tried; "
+    "fewer requests, alternatives and constraints, or selectors that match fewer devices, make it decidable"
+)
 
 Choices = Generator["Choices | None", None, None]
 """Ways to go on, one after the other: None when everything is allocated. A choice is undone before the next is made."""
 
 
-class SearchTooLongError(AllocationError):
+class SearchTooLongError(NodeAllocationError):
     """There are too many ways to serve the claims on a node to try them all."""
+
+    def __init__(self) -> None:
+        super().__init__(SEARCH_ENDED)
 
 
 class Allocator:
@@ -46,21 +69,16 @@ class Allocator:
     def __repr__(self) -> str:
         return f"Allocator({', '.join(map(str, self._claims))})"
 
-    def allocate(self, node: TargetNode, allocated: Container[DeviceId]) -> tuple[AllocationResult, ...] | None:
+    def allocate(
+        self, node: TargetNode, allocated: Container[DeviceId], extra_steps: int = MOST_STEPS
+    ) -> tuple[AllocationResult, ...] | None:
         """Returns one allocation per claim, or None when the node cannot serve all of them.
 
-        Raises AllocationError when no node should be tried, NodeAllocationError when this one cannot be judged.
+        Raises AllocationError when no node should be tried, NodeAllocationError when this one cannot be judged, and of these
+        SearchTooLongError when that would take more than `extra_steps` beyond the node's own.
         """
-        pools = self._inventory.pools_of(node)
-        search = Search(self._resolved, pools, node, allocated)
-        try:
-            is_allocated = search.run()
-        except SearchTooLongError:
-            # Often one claim alone cannot be served, and was tried with every choice for the claims before it.
-            parts = [Search((resolved_claim,), pools, node, allocated) for resolved_claim in self._resolved]
-            if len(parts) < 2 or all(part.run() for part in parts):
-                raise
-            is_allocated = False
+        search = Search(self._resolved, self._inventory.pools_of(node), node, allocated, extra_steps)
+        is_allocated = search.run()
         if not is_allocated:
             search.explain_failure()
             return None
@@ -83,21 +101,30 @@ class Search:
         pools: tuple[NodePool, ...],
         node: TargetNode,
         allocated: Container[DeviceId],
+        extra_steps: int,
     ) -> None:
         self._claims = claims
         self._pools = pools
         self._node = node
         self._allocated = allocated
-        self._candidates = [
+        self._offered_devices = [
             offered_device for pool in pools for offer in pool.offers for offered_device in offer.devices
         ]
+        self._steps = STEPS_PER_NODE + STEPS_PER_DEVICE * len(self._offered_devices) + extra_steps
+        """Steps that are left."""
+        self._count_steps(sum(len(claim.requests) + len(claim.claim.spec.devices.constraints) for claim in claims))
         self._constraints = [resolved_claim.make_constraints() for resolved_claim in claims]
-        self._users: dict[DeviceId, set[int]] = {}
-        """Claims, by index, to which a device is given in the solution so far."""
-        self._steps = 0
+        self._users: dict[DeviceId, dict[int, int]] = {}
+        """Claims, by index, to which a device is given in the solution so far, and the depths of these choices."""
         self._all_devices: dict[Requirement, list[OfferedDevice]] = {}
+        self._candidates: dict[Hashable, Candidates] = {}
+        """By what a request looks for: equal requests share theirs."""
         self._counts: list[list[list[int]]] = []
         """Number of devices by claim, request and alternative."""
+        self._conflict = 0
+        """The choices, as bits by depth, of which one has to change before the last dead end can be served."""
+        self._survey: Survey | None = None
+        """Made at the first dead end: most searches have none."""
         self._unserved_device: OfferedDevice | None = None
         """A device that fits, but needs what this scheduler does not serve."""
         self.chosen: list[list[ChosenDevice]] = [[] for _ in claims]
@@ -113,7 +140,7 @@ class Search:
         """Fills `chosen` and `selected`. Returns whether everything could be allocated."""
         self._counts = [self._count_devices(resolved_claim) for resolved_claim in self._claims]
         # Claims may need hundreds of devices in all, so the choices made so far are on a stack of our own.
-        stack = [self._serve_request(0, 0)]
+        stack = [self._serve_request(0, 0, 0)]
         while stack:
             for choice in stack[-1]:
                 if choice is None:
@@ -169,7 +196,7 @@ class Search:
 
     # --- Choices -----------------------------------------------------------------------------------------------------
 
-    def _serve_request(self, claim_index: int, request_index: int) -> Choices:
+    def _serve_request(self, depth: int, claim_index: int, request_index: int) -> Choices:
         """Tries the alternatives of a request in their order; after the last request of a claim comes the next claim."""
         while claim_index < len(self._claims) and request_index >= len(self._claims[claim_index].requests):
             claim_index, request_index = claim_index + 1, 0
@@ -179,103 +206,173 @@ class Search:
         counts = self._counts[claim_index]
         # What later requests need at least must still fit. Without this look ahead each device would be tried in vain.
         room = MOST_DEVICES - len(self.chosen[claim_index]) - sum(min(later) for later in counts[request_index + 1 :])
+        conflict = 0
         for requirement, count in zip(
             self._claims[claim_index].requests[request_index], counts[request_index], strict=True
         ):
             if count > room:
+                conflict |= (1 << depth) - 1  # other alternatives of the requests before would leave more
                 continue
             self.selected[claim_index][request_index] = requirement
             if requirement.takes_all:
-                yield self._take_all(claim_index, request_index, requirement)
+                yield self._take_all(depth + 1, claim_index, request_index, requirement)
             else:
-                yield self._take_one(claim_index, request_index, requirement, count, 0)
+                yield self._take_one(depth + 1, claim_index, request_index, requirement, missing=count)
+            if not self._conflict >> depth & 1:
+                return
+            conflict |= self._conflict ^ 1 << depth
+        self._end_in_vain(depth, conflict)
 
     def _take_one(
-        self, claim_index: int, request_index: int, requirement: Requirement, missing: int, start: int
+        self,
+        depth: int,
+        claim_index: int,
+        request_index: int,
+        requirement: Requirement,
+        *,
+        missing: int,
+        start: int = 0,
     ) -> Choices:
         """Tries the candidates from `start` on: the order of a request's own devices does not matter."""
         if not missing:
-            yield self._serve_request(claim_index, request_index + 1)
+            yield self._serve_request(depth, claim_index, request_index + 1)
             return
-        candidates = self._candidates
-        for index in range(start, len(candidates)):
-            self._count_step()
-            offered_device = candidates[index]
-            if self._is_in_use(offered_device.id, claim_index, admin_access=requirement.admin_access):
+        conflict = 1 << (depth - 1)  # the alternative, or the device before: it decides about `start`
+        futile_kinds: set[int] = set()
+        for index, (offered_device, fails) in self._candidates_of(requirement).iterate_from(start):
+            users = self._find_users(offered_device.id, claim_index, admin_access=requirement.admin_access)
+            self._count_steps(1 if users is None or index % DEVICES_IN_USE_PER_STEP == 0 else 0)
+            if users is not None:
+                conflict |= users
                 continue
-            if self._is_selectable(requirement, offered_device) and self._take(
-                claim_index, requirement, offered_device
-            ):
-                yield self._take_one(claim_index, request_index, requirement, missing - 1, index + 1)
-                self._give_back(claim_index)
+            if fails:
+                self._is_selectable(requirement, offered_device)  # raises the error with the name of this claim
+            if futile_kinds and self._kind_of(offered_device.id) in futile_kinds:
+                continue
+            obstacles = self._take(depth, claim_index, requirement, offered_device)
+            if obstacles is not None:
+                conflict |= obstacles
+                continue
+            yield self._take_one(
+                depth + 1, claim_index, request_index, requirement, missing=missing - 1, start=index + 1
+            )
+            self._give_back(claim_index)
+            if not self._conflict >> depth & 1:
+                return
+            conflict |= self._conflict ^ 1 << depth
+            kind = self._kind_of(offered_device.id)
+            if kind is not None:
+                futile_kinds.add(kind)
+        self._end_in_vain(depth, conflict)
 
-    def _take_all(self, claim_index: int, request_index: int, requirement: Requirement) -> Choices:
+    def _take_all(self, depth: int, claim_index: int, request_index: int, requirement: Requirement) -> Choices:
         """Takes every device that the request selects, if there are any and all are free."""
         devices = self._all_devices[requirement]
+        conflict = 1 << (depth - 1)
         taken_count = 0
         for offered_device in devices:
-            self._count_step()
-            if self._is_in_use(offered_device.id, claim_index, admin_access=requirement.admin_access):
+            self._count_steps(1)
+            users = self._find_users(offered_device.id, claim_index, admin_access=requirement.admin_access)
+            if users is None and not self._is_usable(requirement, offered_device):
+                users = 0
+            if users is not None:
+                conflict |= users
                 break
-            if not self._take(claim_index, requirement, offered_device, must=True):
-                break
+            if self._take(depth, claim_index, requirement, offered_device) is not None:
+                raise AllocationError(
+                    f"claim {self._claims[claim_index].claim}, request {requirement.short_name}: "
+                    f"cannot add device {offered_device.id} because a claim constraint would not be satisfied"
+                )
             taken_count += 1
-        if devices and taken_count == len(devices):
-            yield self._serve_request(claim_index, request_index + 1)
+        is_complete = bool(devices) and taken_count == len(devices)
+        if is_complete:
+            yield self._serve_request(depth + 1, claim_index, request_index + 1)
         for _ in range(taken_count):
             self._give_back(claim_index)
+        if is_complete:
+            if not self._conflict >> depth & 1:
+                return
+            conflict |= self._conflict ^ 1 << depth
+        self._end_in_vain(depth, conflict)
+
+    def _end_in_vain(self, depth: int, conflict: int) -> None:
+        """Notes which choices have to change, now that a choice has nothing left to try."""
+        survey = self._get_survey()
+        if survey.may_fail:
+            self._conflict = (1 << depth) - 1  # one of the next may end in an error, as in kube-scheduler
+        else:
+            self._conflict = 0 if survey.hopeless else conflict
 
     def _take(
-        self, claim_index: int, requirement: Requirement, offered_device: OfferedDevice, *, must: bool = False
-    ) -> bool:
-        """Gives a free device to the claim if its taints are tolerated and all constraints hold.
-
-        Raises AllocationError when a device that the request needs breaks a constraint: that is the claim's mistake.
-        """
-        if offered_device.unserved:
-            self._unserved_device = offered_device
-            return False
-        if not tolerates_all(requirement.tolerations, offered_device.taints):
-            return False
+        self, depth: int, claim_index: int, requirement: Requirement, offered_device: OfferedDevice
+    ) -> int | None:
+        """Gives a free device to the claim if all constraints hold; else returns the choices that are against it."""
         passed_constraints: list[Constraint] = []
         for constraint in self._constraints[claim_index]:
             if not constraint.applies_to(requirement.request, requirement.name):
                 continue
-            if not constraint.add(offered_device):
+            if not constraint.add(offered_device, depth):
                 for former in passed_constraints:
                     former.remove_last()
-                if must:
-                    raise AllocationError(
-                        f"claim {self._claims[claim_index].claim}, request {requirement.short_name}: "
-                        f"cannot add device {offered_device.id} because a claim constraint would not be satisfied"
-                    )
-                return False
+                return constraint.conflict
             passed_constraints.append(constraint)
-        self._users.setdefault(offered_device.id, set()).add(claim_index)
+        self._users.setdefault(offered_device.id, {})[claim_index] = depth
         self.chosen[claim_index].append((requirement, offered_device))
-        return True
+        return None
 
     def _give_back(self, claim_index: int) -> None:
         """Undoes the last `_take` for the claim."""
         requirement, offered_device = self.chosen[claim_index].pop()
-        self._users[offered_device.id].discard(claim_index)
+        del self._users[offered_device.id][claim_index]
         for constraint in self._constraints[claim_index]:
             if constraint.applies_to(requirement.request, requirement.name):
                 constraint.remove_last()
 
     # --- Facts about a device ----------------------------------------------------------------------------------------
 
-    def _is_in_use(self, device: DeviceId, claim_index: int, *, admin_access: bool) -> bool:
-        """Admin access may share a device with every other claim, and with nothing of its own."""
+    def _find_users(self, device: DeviceId, claim_index: int, *, admin_access: bool) -> int | None:
+        """The choices that hold a device, 0 for other pods; None when it is free.
+
+        Admin access may share a device with every other claim, and with nothing of its own.
+        """
         users = self._users.get(device)
         if admin_access:
-            return users is not None and claim_index in users
-        return bool(users) or device in self._allocated
+            return 1 << users[claim_index] if users and claim_index in users else None
+        if users:
+            return 1 << min(users.values())
+        return 0 if device in self._allocated else None
+
+    def _kind_of(self, device: DeviceId) -> int | None:
+        """Equal for devices that make no difference; None where that cannot be said, as of one that claims share."""
+        return None if self._users.get(device) else self._get_survey().kinds.get(device)
+
+    def _candidates_of(self, requirement: Requirement) -> Candidates:
+        selectors = tuple(selector for selector, _ in requirement.selectors)
+        key = (selectors, requirement.tolerations, requirement.admin_access)
+        candidates = self._candidates.get(key)
+        if candidates is None:
+            candidates = self._candidates[key] = Candidates(self._find_candidates(requirement))
+        return candidates
+
+    def _find_candidates(self, requirement: Requirement) -> Iterator[Candidate]:
+        for offered_device in self._offered_devices:
+            self._count_steps(1)
+            if not requirement.admin_access and offered_device.id in self._allocated:
+                continue  # its selectors are not evaluated, so they cannot fail
+            try:
+                is_selectable = self._is_selectable(requirement, offered_device)
+            except AllocationError:
+                yield Candidate(offered_device, fails=True)
+                continue
+            if is_selectable and self._is_usable(requirement, offered_device):
+                yield Candidate(offered_device)
 
     def _is_selectable(self, requirement: Requirement, offered_device: OfferedDevice) -> bool:
         """Returns whether all selectors match the device. Raises AllocationError when one cannot be evaluated."""
         for selector, place in requirement.selectors:
+            former_rounds = selector.rounds
             verdict = offered_device.verdict_of(selector)
+            self._count_steps(1 + selector.rounds - former_rounds)
             if verdict is False:
                 return False
             if verdict is not True:
@@ -284,10 +381,27 @@ class Search:
             return reaches_from_device(offered_device.device, self._node)
         return True
 
-    def _count_step(self) -> None:
-        self._steps += 1
-        if self._steps > MOST_STEPS:
-            raise SearchTooLongError(
-                f"node {self._node.name}: gave up trying to allocate devices after {MOST_STEPS} steps; "
-                "fewer requests, constraints or devices per request make the search shorter"
-            )
+    def _is_usable(self, requirement: Requirement, offered_device: OfferedDevice) -> bool:
+        """Returns whether the device is one that this scheduler serves and its taints are tolerated."""
+        if offered_device.unserved:
+            self._unserved_device = offered_device
+            return False
+        return tolerates_all(requirement.tolerations, offered_device.taints)
+
+    def _get_survey(self) -> Survey:
+        if self._survey is None:
+            candidates = {
+                requirement: self._candidates_of(requirement).list_all()
+                for resolved_claim in self._claims
+                for alternatives in resolved_claim.requests
+                for requirement in alternatives
+                if not requirement.takes_all
+            }
+            self._count_steps(count_survey(self._claims, candidates))
+            self._survey = survey_candidates(self._claims, self._constraints, candidates, self._all_devices)
+        return self._survey
+
+    def _count_steps(self, steps: int) -> None:
+        self._steps -= steps
+        if self._steps < 0:
+            raise SearchTooLongError

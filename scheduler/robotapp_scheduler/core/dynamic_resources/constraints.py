@@ -12,40 +12,61 @@ INCOMPARABLE: Final = None
 
 
 class Constraint:
-    """A constraint and the values of the devices that were passed_constraints to it. Adding a device never makes a broken one hold."""
+    """A constraint and the values of the devices that were added to it. Adding a device never makes a broken one hold."""
 
-    __slots__ = ("_attribute", "_distinct", "_requests", "_values")
+    __slots__ = ("_depths", "_requests", "_values", "attribute", "conflict", "is_distinct", "usable_values")
 
     def __init__(self, constraint: DeviceConstraint) -> None:
-        self._distinct = constraint.match_attribute is None
-        self._attribute = constraint.match_attribute or constraint.distinct_attribute or ""
+        self.is_distinct = constraint.match_attribute is None
+        self.attribute = constraint.match_attribute or constraint.distinct_attribute or ""
+        self.usable_values: frozenset[ScalarValue | None] | None = None
+        """The values with which the constraint can hold at all, None for any."""
+        self.conflict = 0
+        """The choice, as a bit by its depth, against which the last refused device stands; 0 when it can never be added."""
         self._requests = frozenset(constraint.requests)
         self._values: list[ScalarValue | None] = []
+        self._depths: list[int] = []
 
     def __repr__(self) -> str:
-        return f"Constraint({self._attribute}, {'distinct' if self._distinct else 'match'}, {self._values})"
+        return f"Constraint({self.attribute}, {'distinct' if self.is_distinct else 'match'}, {self._values})"
 
     def applies_to(self, request: str, name: str) -> bool:
         """Returns whether the constraint is about devices of this request, or of this subrequest of it."""
         return not self._requests or request in self._requests or name in self._requests
 
-    def add(self, offered_device: OfferedDevice) -> bool:
-        """Adds the device if the constraint still holds with it."""
-        attribute = lookup_attribute(offered_device, self._attribute)
-        if attribute is None:
+    def get_value(self, offered_device: OfferedDevice) -> tuple[bool, ScalarValue | None]:
+        """Whether the device has the attribute, and its value."""
+        attribute = lookup_attribute(offered_device, self.attribute)
+        return (True, get_scalar_value(attribute)) if attribute is not None else (False, INCOMPARABLE)
+
+    def add(self, offered_device: OfferedDevice, depth: int) -> bool:
+        """Adds the device if the constraint still holds with it, else sets `conflict`."""
+        exists, value = self.get_value(offered_device)
+        self.conflict = 0
+        if not exists or (self.usable_values is not None and value not in self.usable_values):
             return False
-        value = get_scalar_value(attribute)
-        if self._distinct:
-            fits = value not in self._values if value is not INCOMPARABLE else not self._values
-        else:
-            fits = not self._values or (value is not INCOMPARABLE and value == self._values[0])
-        if fits:
-            self._values.append(value)
-        return fits
+        blocking = self._find_blocking(value)
+        if blocking is not None:
+            self.conflict = 1 << self._depths[blocking]
+            return False
+        self._values.append(value)
+        self._depths.append(depth)
+        return True
 
     def remove_last(self) -> None:
-        """Takes the device out that was passed_constraints last."""
+        """Takes the device out that was added last."""
         self._values.pop()
+        self._depths.pop()
+
+    def _find_blocking(self, value: ScalarValue | None) -> int | None:
+        """The position of a device beside which none of this value can stand."""
+        if not self._values:
+            return None
+        if value is INCOMPARABLE:
+            return 0
+        if self.is_distinct:
+            return self._values.index(value) if value in self._values else None
+        return 0 if value != self._values[0] else None
 
 
 def lookup_attribute(offered_device: OfferedDevice, name: str) -> DeviceAttribute | None:

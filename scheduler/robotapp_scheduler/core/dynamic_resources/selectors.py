@@ -10,6 +10,8 @@ from robotapp_scheduler.core.dynamic_resources.objects import Device, DeviceAttr
 VARIABLES: Final = frozenset({"device"})
 MOST_COMPILED: Final = 1024
 """Compiled selectors that are kept."""
+MOST_ROUNDS: Final = 500
+"""Rounds of macros on one device, less than a millisecond: a device has 32 attributes and capacities at most."""
 HINT: Final = ". consider using CEL optional chaining (.? followed by orValue()) or guarding the check with has() for optional fields"
 
 DeviceInput = dict[str, Any]
@@ -49,6 +51,11 @@ class Selector:
     def __repr__(self) -> str:
         return f"Selector({self.text!r})"
 
+    @property
+    def rounds(self) -> int:
+        """Rounds of macros in all evaluations so far."""
+        return self._program.rounds if self._program is not None else 0
+
     def evaluate(self, device: DeviceInput | EvaluationError) -> Verdict:
         """Returns whether the selector matches the device."""
         if self._program is None:
@@ -56,7 +63,7 @@ class Selector:
         if isinstance(device, EvaluationError):
             return SelectorError(str(device), compiled=True)
         try:
-            value = self._program.evaluate(device)
+            value = self._program.evaluate(device, MOST_ROUNDS)
         except EvaluationError as trouble:
             text = str(trouble)
             return SelectorError(text + HINT if "no such key:" in text else text, compiled=True)

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from itertools import count
 from math import floor
-from typing import Any
+from typing import Any, Final
 
 Key = tuple[Any, ...]
 Entry = tuple[Key, int, str]
@@ -89,6 +89,11 @@ class Heap:
         return list(self._live)
 
 
+LONGEST_COSTLY_S: Final = 300.0
+COSTLY_FACTOR: Final = 8.0
+"""A pod whose attempts take long waits so many times as long, up to the longest wait there is without an event."""
+
+
 class Backoff:
     """When a pod that failed may be tried again.
 
@@ -105,17 +110,20 @@ class Backoff:
         self._most_s = most_s
         self._clock = clock
 
-    def duration_s(self, failures: int) -> float:
+    def duration_s(self, failures: int, *, costly: bool = False) -> float:
         """Wait after this many failures in a row: initial · 2^(n-1), capped."""
         if failures <= 0:
             return 0.0
         # The exponent is capped first: 2.0**5000 would overflow.
-        return float(min(self._most_s, self._initial_s * 2.0 ** min(failures - 1, 62)))
+        wait_s = self._initial_s * 2.0 ** min(failures - 1, 62)
+        if costly:
+            return float(min(max(self._most_s, LONGEST_COSTLY_S), COSTLY_FACTOR * wait_s))
+        return float(min(self._most_s, wait_s))
 
-    def expiry(self, since_s: float, failures: int) -> int:
+    def expiry(self, since_s: float, failures: int, *, costly: bool = False) -> int:
         """The second after which the pod is ready."""
-        return floor(since_s + self.duration_s(failures))
+        return floor(since_s + self.duration_s(failures, costly=costly))
 
-    def over(self, since_s: float, failures: int) -> bool:
+    def over(self, since_s: float, failures: int, *, costly: bool = False) -> bool:
         """Is the wait over now? Without failures there is none."""
-        return failures <= 0 or floor(self._clock()) > self.expiry(since_s, failures)
+        return failures <= 0 or floor(self._clock()) > self.expiry(since_s, failures, costly=costly)

@@ -30,6 +30,8 @@ class Rejection(msgspec.Struct, frozen=True):
     plugins: frozenset[str] = frozenset()
     pending: frozenset[str] = frozenset()
     """Those of `plugins` that returned Pending: when their hint moves the pod, it skips its back-off."""
+    costly: bool = False
+    """The attempt took as long as one may, so the next must wait longer than usual."""
 
 
 class QueuedPodInfo:
@@ -60,6 +62,11 @@ class QueuedPodInfo:
         if self.gate is not None:
             return frozenset((self.gate.plugin,))
         return self.rejection.plugins if self.rejection is not None else frozenset()
+
+    @property
+    def is_costly(self) -> bool:
+        """Did its last attempt take as long as one may?"""
+        return self.rejection is not None and self.rejection.costly
 
     @property
     def failures(self) -> int:

@@ -195,7 +195,7 @@ class SchedulingQueue:
         for heap in (self._backoff, self._error_backoff):
             while (first := heap.peek()) is not None:
                 queued = self._pods[first[1]]
-                if not self._backoff_rule.over(queued.timestamp_s, queued.failures):
+                if not self._is_backoff_over(queued):
                     break
                 heap.discard(first[1])
                 self._to_active(queued, "BackoffComplete")
@@ -208,7 +208,8 @@ class SchedulingQueue:
     def pop(self) -> list[QueuedPodInfo]:
         """The next pod with all waiting pods of its group, now in flight; empty when there is nothing to do.
 
-        With an empty active queue the head of the back-off queue is taken early, never one that failed by an error.
+        With an empty active queue the head of the back-off queue is taken early, never one that failed by an error or whose
+        attempts take long.
         """
         uid = self._active.pop()
         if uid is None:
@@ -293,15 +294,18 @@ class SchedulingQueue:
             self._requeue_from_wait(queued, event.label, immediate=answer)
 
     def _requeue_from_wait(self, queued: QueuedPodInfo, event: str, *, immediate: bool) -> None:
-        if immediate or self._backoff_rule.over(queued.timestamp_s, queued.failures):
+        if immediate or self._is_backoff_over(queued):
             self._to_active(queued, event)
             return
         if self._close_gate(queued):
             return
-        expiry = self._backoff_rule.expiry(queued.timestamp_s, queued.failures)
-        heap = self._error_backoff if queued.errors else self._backoff
+        expiry = self._backoff_rule.expiry(queued.timestamp_s, queued.failures, costly=queued.is_costly)
+        heap = self._error_backoff if queued.errors or queued.is_costly else self._backoff
         heap.push(queued.info.uid, (expiry, *self._active_key(queued)))
         self._note("backoff", event)
+
+    def _is_backoff_over(self, queued: QueuedPodInfo) -> bool:
+        return self._backoff_rule.over(queued.timestamp_s, queued.failures, costly=queued.is_costly)
 
     def _to_active(self, queued: QueuedPodInfo, event: str) -> None:
         if self._close_gate(queued):

@@ -89,7 +89,7 @@ class BindingCycle:
             self._evict(decision.plan, decision.pod)
         if known and decision.deallocate is not None:
             self._handle.resource_claims.deallocate(decision.deallocate, decision.pod)
-        self._core.queue.requeue(queued, Rejection(decision.rejected_by))
+        self._core.queue.requeue(queued, Rejection(decision.rejected_by, costly=decision.costly))
         if not known:
             return
         self._reporter.unscheduled(pod, reason=decision.reason, message=decision.message, nominate=decision.nominate)

@@ -5,12 +5,15 @@ Slices are written by hand: nothing here depends on what a driver does.
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from secrets import token_hex
 from typing import Any, Final
 
 import pytest
+from tests.support.scheduler.allocations import make_device, make_request
 
 from campaigns.rigs.stage import Json, Stage, nodes, pod
 from robotapp_testbed import ControlPlane
+from robotapp_testbed.control_plane.namespaces import created
 from robotapp_testbed.machines.nodes import edge
 
 pytestmark = [pytest.mark.live, pytest.mark.usefixtures("scheduler")]
@@ -168,3 +171,44 @@ def test_a_claim_of_a_robotapp_keeps_its_device_between_pods_until_the_app_is_su
         app_path = f"/apis/robotics.io/v1alpha1/namespaces/{stage.namespace}/robotapps/patrol"
         stage.cp.api.patch(app_path, {"spec": {"suspend": True}})
         assert stage.wait_bound("rival") == "edge-2"
+
+
+HOSTILE_PODS: Final = 200
+
+
+def make_hostile_pod(api: Any, namespace: str, number: int) -> None:
+    """A pod whose claim nobody else's equals: pairs of devices of one place, or a selector that counts to 40,000."""
+    numbers = f"[{', '.join(map(str, range(200)))}]"
+    unique = f'device.driver != "{number}"'
+    costly = f"{unique} && {numbers}.all(x, {numbers}.all(y, x + y >= 0))"
+    request = make_request("r", costly if number % 10 == 0 else unique, deviceClassName="late", count=2)
+    one_place = [{"matchAttribute": f"{DRIVER}/{attribute}"} for attribute in ("row", "column")]
+    claim = {"metadata": {"name": f"c{number}"}, "spec": {"devices": {"requests": [request], "constraints": one_place}}}
+    api.create(f"{API}/namespaces/{namespace}/resourceclaims", claim)
+    body = pod(f"p{number}", resourceClaims=[{"name": "camera", "resourceClaimName": f"c{number}"}])
+    api.create(f"/api/v1/namespaces/{namespace}/pods", body)
+
+
+def test_pods_whose_claims_nobody_can_decide_do_not_hold_up_those_of_others(
+    installed_plane: ControlPlane, stage: Stage
+) -> None:
+    api = installed_plane.api
+    names = ("edge-1", "edge-2", "edge-3")
+    grid = [make_device(f"d{i}", attributes={"row": i // 10, "column": i % 10}) for i in range(100)]
+    with nodes(installed_plane, *map(edge, names)), created(installed_plane, f"hostile-{token_hex(3)}") as namespace:
+        for node in names:
+            body = slice_of(node)
+            api.create(f"{API}/resourceslices", body | {"spec": body["spec"] | {"devices": grid}})
+        for number in range(HOSTILE_PODS):
+            make_hostile_pod(api, namespace, number)
+        hostile = Stage(installed_plane, namespace)
+        last = f"p{HOSTILE_PODS - 1}"
+        hostile.wait_refused(last, reason="Unschedulable", saying="device class late does not exist")
+        api.create(f"{API}/deviceclasses", class_of(name="late"))
+        stage.create_pod(pod("honest"))
+        assert stage.wait_bound("honest", timeout_s=3) in names
+        hostile.wait_refused(last, reason="Unschedulable", saying="too many combinations of devices were tried")
+        stage.create_pod(pod("later"))
+        assert stage.wait_bound("later", timeout_s=3) in names
+        for node in names:
+            api.delete(f"{API}/resourceslices/{slice_of(node)['metadata']['name']}")

@@ -13,8 +13,9 @@ from tests.support.scheduler.allocations import (
     names_of,
 )
 
-from robotapp_scheduler.core.dynamic_resources import allocator as allocator_module
+from robotapp_scheduler.core.dynamic_resources.allocator import SearchTooLongError
 from robotapp_scheduler.core.dynamic_resources.errors import AllocationError, NodeAllocationError
+from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
 
 LIDAR = 'device.attributes["devices.example.com"].type == "lidar"'
 SENSORS = make_slice(
@@ -226,20 +227,61 @@ def test_a_device_in_use_is_not_even_shown_to_selectors() -> None:
         allocate(inventory, claim)
 
 
-def test_a_search_that_takes_too_long_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(allocator_module, "MOST_STEPS", 50)
-    inventory = make_inventory(make_slice(*(f"d{i}" for i in range(20))))
-    claims = [make_resource_claim(make_request("r", count=9), name=name) for name in ("a", "b", "c")]
-    with pytest.raises(AllocationError, match="node robot-1: gave up trying to allocate devices after 50 steps"):
-        allocate(inventory, *claims)
+def test_a_search_that_takes_too_long_is_given_up_on_this_node_with_the_cure() -> None:
+    grid = make_slice(*(make_device(f"d{i}", attributes={"row": i // 10, "column": i % 10}) for i in range(100)))
+    same_place = [{"matchAttribute": f"devices.example.com/{attribute}"} for attribute in ("row", "column")]
+    claim = make_resource_claim(make_request("r", count=2), constraints=same_place)
+    with pytest.raises(SearchTooLongError, match="too many combinations of devices were tried; fewer requests"):
+        allocate(make_inventory(grid), claim)
 
 
-def test_a_claim_that_fits_nowhere_ends_a_search_that_takes_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(allocator_module, "MOST_STEPS", 200)
+BUSES = make_slice(*(make_device(f"d{i}", attributes={"bus": i // 3}) for i in range(31)))
+ONE_BUS = [{"matchAttribute": "devices.example.com/bus"}]
+DIFFERENT_BUSES = [{"distinctAttribute": "devices.example.com/bus"}]
+
+
+@pytest.mark.parametrize(
+    "claims",
+    [
+        [make_resource_claim(*(make_request(f"r{i}") for i in range(32)))],
+        [make_resource_claim(*(make_request(f"r{i}") for i in range(4)), constraints=ONE_BUS)],
+        [make_resource_claim(make_request("r", count=4), constraints=ONE_BUS)],
+        [make_resource_claim(make_request("r", count=12), constraints=DIFFERENT_BUSES)],
+        [
+            make_resource_claim(
+                make_request("r", count=16), constraints=[{"matchAttribute": "devices.example.com/absent"}]
+            )
+        ],
+        [make_resource_claim(make_request("r", count=9), name=name) for name in ("a", "b", "c", "d")],
+        [
+            make_resource_claim(*(make_request(f"r{i}") for i in range(16)), name="large"),
+            make_resource_claim(make_request("r", "false"), name="hopeless"),
+        ],
+    ],
+)
+def test_claims_that_cannot_be_served_are_seen_as_such_before_all_ways_are_tried(claims: list[ResourceClaim]) -> None:
+    assert allocate(make_inventory(BUSES), *claims, extra_steps=800) is None
+
+
+def test_a_request_that_fails_is_not_tried_again_for_choices_that_make_no_difference() -> None:
+    devices = (make_device(f"d{i}", attributes={"bus": i, "type": "lidar" if i < 2 else "camera"}) for i in range(30))
+    text = 'device.attributes["devices.example.com"].type == "lidar"'
+    pair = [{"matchAttribute": "devices.example.com/bus", "requests": ["x", "y"]}]
+    requests = [make_request("free", count=5), make_request("x", text), make_request("y", text)]
+    claim = make_resource_claim(*requests, constraints=[*pair, {"distinctAttribute": "devices.example.com/bus"}])
+    assert allocate(make_inventory(make_slice(*devices)), claim, extra_steps=800) is None
+
+
+def test_what_selectors_cost_counts_as_steps() -> None:
+    numbers = f"[{', '.join(map(str, range(20)))}]"
+    claim = make_resource_claim(make_request("r", f"{numbers}.all(x, {numbers}.all(y, x + y >= 0))"))
     inventory = make_inventory(make_slice(*(f"d{i}" for i in range(20))))
-    claims = [make_resource_claim(make_request("r", count=9), name="large")]
-    claims.append(make_resource_claim(make_request("r", "false"), name="hopeless"))
-    assert allocate(inventory, *claims) is None
+    with pytest.raises(SearchTooLongError):
+        allocate(inventory, claim, extra_steps=0)
+    assert names_of(allocate(inventory, claim, extra_steps=0)) == [["d0"]], "its verdict is kept"
+    endless = make_resource_claim(make_request("r", f"{numbers}.all(x, {numbers}.all(y, {numbers}.all(z, true)))"))
+    with pytest.raises(AllocationError, match="CEL runtime error: operation cancelled: actual cost limit exceeded"):
+        allocate(inventory, endless)
 
 
 def test_claims_may_need_more_devices_than_python_allows_calls_in_calls() -> None:

@@ -48,6 +48,27 @@ def test_back_off_doubles_from_one_to_ten_seconds(failures: int, expected: float
     assert Backoff(initial_s=1, most_s=10, clock=Clock()).duration_s(failures) == expected
 
 
+@pytest.mark.parametrize(("failures", "expected"), [(0, 0), (1, 8), (2, 16), (6, 256), (7, 300), (5000, 300)])
+def test_back_off_is_eight_times_as_long_for_attempts_that_take_long(failures: int, expected: float) -> None:
+    assert Backoff(initial_s=1, most_s=10, clock=Clock()).duration_s(failures, costly=True) == expected
+
+
+def test_a_pod_whose_attempts_take_long_is_not_taken_early_and_waits_as_usual_once_they_do_not() -> None:
+    clock = Clock()
+    queue = make_queue(clock)
+    queue.add(make_info("a"))
+    queue.requeue(only(queue), Rejection(plugins=FIT.plugins, costly=True))
+    queue.move(Change.POD_REMOVED)
+    clock.forward(8)
+    queue.tick()
+    assert queue.pop() == []
+    clock.forward(1)
+    queue.tick()
+    queue.requeue(only(queue), FIT)
+    queue.move(Change.POD_REMOVED)
+    assert names(queue.pop()) == ["a"], "it is at the head of the back-off queue"
+
+
 def test_back_off_settings_upstream_refuses_are_refused_in_its_words() -> None:
     with pytest.raises(ValueError, match="podInitialBackoffSeconds must be greater than 0"):
         Backoff(initial_s=0, most_s=10, clock=Clock())

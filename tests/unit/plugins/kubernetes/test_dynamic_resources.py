@@ -4,14 +4,23 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.support.scheduler.devices import allocated_on, claim, device_class, wanting, with_devices
+from tests.support.scheduler.allocations import make_device, make_request, make_resource_claim, make_slice
+from tests.support.scheduler.devices import DRIVER, allocated_on, claim, device_class, wanting, with_devices
 from tests.support.scheduling import make_core, make_info, make_node, make_pod, to_pod
 
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
+from robotapp_scheduler.core.dynamic_resources.allocator import (
+    MOST_STEPS,
+    SEARCH_ENDED,
+    STEPS_PER_DEVICE,
+    STEPS_PER_NODE,
+    Search,
+)
 from robotapp_scheduler.core.dynamic_resources.claim_cache import NOT_SERVED
 from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
 from robotapp_scheduler.core.events.cluster_event import Change, Event
 from robotapp_scheduler.core.pods.pod_info import PodInfo
+from robotapp_scheduler.plugins.kubernetes.dynamic_resources.node_allocations import LEAST_SHARE
 from robotapp_scheduler.plugins.kubernetes.dynamic_resources.plugin import DynamicResources
 
 NOWHERE = "3 cannot allocate all claims"
@@ -191,3 +200,39 @@ def test_pods_with_equal_claims_share_their_class_and_pods_without_any_have_one(
     keys = [pod.live_features(DynamicResources.reads) for pod in pods]
     assert keys[0] == (None,)
     assert keys[1] == keys[2] != (None,)
+
+
+def costly_claim(name: str, text: str = "true") -> ResourceClaim:
+    """A claim of devices that stand in one place, of which there are too many combinations to try."""
+    return make_resource_claim(
+        make_request("r", text, deviceClassName="cameras", count=2),
+        name=name,
+        namespace="default",
+        constraints=[{"matchAttribute": f"{DRIVER}/{attribute}"} for attribute in ("row", "column")],
+    )
+
+
+def test_an_attempt_on_many_nodes_ends_after_a_bounded_number_of_steps_and_the_pod_is_to_wait_longer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    nodes = [f"n{i}" for i in range(100)]
+    core = make_core(*map(make_node, nodes))
+    core.cluster.resource_claims.apply_class(device_class("cameras"))
+    grid = [make_device(f"d{i}", attributes={"row": i // 6, "column": i % 6}) for i in range(36)]
+    for node in nodes:
+        core.cluster.resource_claims.apply_slice(make_slice(*grid, driver=DRIVER, nodeName=node))
+    steps: list[int] = []
+    count_steps = Search._count_steps
+    monkeypatch.setattr(Search, "_count_steps", lambda search, n: (steps.append(n), count_steps(search, n)))
+    core.cluster.resource_claims.apply_claim(costly_claim("camera"))
+    decision = core.schedule_one(camera())
+    assert f"100 {SEARCH_ENDED}" in decision.message
+    assert decision.costly
+    own = (100 + MOST_STEPS // LEAST_SHARE) * (STEPS_PER_NODE + 36 * STEPS_PER_DEVICE)
+    assert sum(steps) < own + 2 * MOST_STEPS
+    steps.clear()
+    core.cluster.resource_claims.apply_claim(costly_claim("twin"))
+    assert core.schedule_one(wanting("twin", name="q")).costly
+    assert steps == [], "pods with equal claims share what was computed"
+    core.cluster.resource_claims.apply_claim(claim("simple"))
+    assert core.schedule_one(wanting("simple", name="honest")).node in nodes

@@ -1,10 +1,19 @@
-"""The allocations of a pod's claims per node: computed once for all pods whose claims are equal, until the node's devices change."""
+"""The allocations of a pod's claims per node: computed once for all pods whose claims are equal, until the node's devices change.
+
+Each node is searched with the few steps of its own first. Those that need more share what the attempt may spend beyond that,
+so one attempt takes some milliseconds at most, whatever the claims are.
+"""
 
 from collections import OrderedDict
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from robotapp_scheduler.core.dynamic_resources.allocator import Allocator
+from robotapp_scheduler.core.dynamic_resources.allocator import (
+    MOST_STEPS,
+    SEARCH_ENDED,
+    Allocator,
+    SearchTooLongError,
+)
 from robotapp_scheduler.core.dynamic_resources.claim_cache import ClaimCache
 from robotapp_scheduler.core.dynamic_resources.errors import AllocationError, NodeAllocationError
 from robotapp_scheduler.core.dynamic_resources.inventory import TargetNode
@@ -14,6 +23,8 @@ MOST_REMOVED: Final = 4096
 """Nodes that go before all results are dropped, which nobody else would ever do for those of nodes that are gone."""
 MOST_CLASSES: Final = 32
 """Kinds of claims whose results are allocations."""
+LEAST_SHARE: Final = 250
+"""Steps that are worth a second search of a node; nodes for which none are left are not searched again."""
 
 
 class NodeAllocation(NamedTuple):
@@ -26,6 +37,7 @@ class NodeAllocation(NamedTuple):
 
 CANNOT_ALLOCATE: Final = "cannot allocate all claims"
 _NONE: Final = NodeAllocation(refusal=CANNOT_ALLOCATE)
+_UNDECIDED: Final = NodeAllocation(refusal=SEARCH_ENDED)
 
 
 class NodeAllocations:
@@ -51,27 +63,46 @@ class NodeAllocations:
         self._by_class.move_to_end(key)
         if len(self._by_class) > MOST_CLASSES:
             self._by_class.popitem(last=False)
-        allocator = Allocator(cache.inventory, cache.classes, claims)
-        result: dict[str, NodeAllocation] = {}
-        for name, labels in nodes.items():
-            revision = cache.get_revision(name)
-            entry = allocations.get(name)
-            if entry is None or entry[0] != revision:
-                entry = allocations[name] = (revision, _allocate_on(allocator, TargetNode(name, labels), cache))
-            result[name] = entry[1]
-        return result
+        revisions = {name: cache.get_revision(name) for name in nodes}
+        outdated_nodes = [
+            TargetNode(name, labels)
+            for name, labels in nodes.items()
+            if name not in allocations or allocations[name][0] != revisions[name]
+        ]
+        for name, allocation in _allocate_on_nodes(cache, claims, outdated_nodes):
+            allocations[name] = (revisions[name], allocation)
+        return {name: allocations[name][1] for name in nodes}
 
 
 def allocate_on(
     cache: ClaimCache, claims: Sequence[ResourceClaim], name: str, labels: Mapping[str, str]
 ) -> NodeAllocation:
     """The allocations of these claims on one node, computed anew."""
-    return _allocate_on(Allocator(cache.inventory, cache.classes, claims), TargetNode(name, labels), cache)
+    return dict(_allocate_on_nodes(cache, claims, [TargetNode(name, labels)]))[name]
 
 
-def _allocate_on(allocator: Allocator, node: TargetNode, cache: ClaimCache) -> NodeAllocation:
+def _allocate_on_nodes(
+    cache: ClaimCache, claims: Sequence[ResourceClaim], nodes: Sequence[TargetNode]
+) -> Iterator[tuple[str, NodeAllocation]]:
+    allocator = Allocator(cache.inventory, cache.classes, claims)
+    undecided_nodes: list[TargetNode] = []
+    for node in nodes:
+        allocation = _allocate_on(allocator, node, cache, extra_steps=0)
+        if allocation is _UNDECIDED:
+            undecided_nodes.append(node)
+        else:
+            yield node.name, allocation
+    share = max(LEAST_SHARE, MOST_STEPS // max(1, len(undecided_nodes)))
+    for position, node in enumerate(undecided_nodes, start=1):
+        is_affordable = position * share <= MOST_STEPS
+        yield node.name, _allocate_on(allocator, node, cache, extra_steps=share) if is_affordable else _UNDECIDED
+
+
+def _allocate_on(allocator: Allocator, node: TargetNode, cache: ClaimCache, *, extra_steps: int) -> NodeAllocation:
     try:
-        results = allocator.allocate(node, cache.allocated)
+        results = allocator.allocate(node, cache.allocated, extra_steps)
+    except SearchTooLongError:
+        return _UNDECIDED
     except NodeAllocationError as error:
         return NodeAllocation(refusal=str(error))
     except AllocationError as error:
