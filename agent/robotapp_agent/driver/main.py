@@ -90,7 +90,7 @@ async def _run(options: Options) -> None:
             server.run(),
             publisher.run(),
             _keep_scanning(scanner, plugin, publisher),
-            plugin.release_after_reboot(),
+            plugin.forget_gone_claims(),
         ]
         if options.health_port:
             # It answers as long as the loop runs; nothing else here is cured by another start.

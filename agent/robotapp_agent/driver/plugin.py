@@ -13,11 +13,11 @@ from robotapp_agent.driver.messages import ClaimReference, DeviceAnswer
 from robotapp_agent.driver.node_files import CdiFolder, Checkpoint, DeviceFiles
 from robotapp_agent.driver.rules.allocation import ResourceClaim, plan_preparation
 from robotapp_agent.driver.rules.cdi_spec import DeviceFile, cdi_id, files_of, spec_of
-from robotapp_agent.driver.rules.ledger import Held, PreparedClaim, claims_of_earlier_boots
+from robotapp_agent.driver.rules.ledger import Held, Ledger, PreparedClaim
 from robotapp_agent.driver.rules.refusal import Refusal
 from robotapp_client.api.client import ApiClient
 from robotapp_client.api.resources import RESOURCECLAIMS
-from robotapp_client.transport.errors import ClientError, NotFound
+from robotapp_client.transport.errors import ClientError, NotFound, means_gone
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +40,8 @@ class Patience(NamedTuple):
     first_s: float = 3.0
     """A claim's first try: enough for a pod that is about to end, and the event that names the holder comes soon."""
     later_s: float = 30.0
+    look_again_s: float = 1.0
+    """A claim that no pod uses keeps its device until it is deleted or deallocated, which only a read shows."""
 
 
 PATIENCE: Final = Patience()
@@ -48,7 +50,9 @@ PATIENCE: Final = Patience()
 class DevicePlugin:
     """The lock of one node's devices. Call everything from one event loop.
 
-    Between the look at the ledger and the checkpoint nothing is awaited, so two claims never pass the lock together.
+    Between the look at the ledger and the checkpoint nothing is awaited, so two claims never pass the lock together. What was read
+    about the claim that had a device last counts for the very entry that stood in the ledger when the read began: if that was
+    prepared and given back meanwhile, it is read again.
     """
 
     def __init__(
@@ -81,21 +85,25 @@ class DevicePlugin:
         """Takes in a scan: a device that was plugged in again may have another path, which the next container gets."""
         self._devices = {device.id: device for device in devices}
         for claim in self._ledger.claims.values():
+            if not claim.boot_id:
+                continue
             try:
                 self._write_spec(claim)
             except OSError as error:
                 log.warning("the CDI spec of claim %s/%s is not written: %s", claim.namespace, claim.name, error)
 
     def remove_leftovers(self) -> None:
-        """Removes CDI specs without an entry in the checkpoint: what the driver was ended in the middle of."""
+        """Removes CDI specs of claims that are not prepared: what the driver was ended in the middle of."""
         for uid in self._folders.cdi.list_uids():
-            if uid not in self._ledger.claims:
+            claim = self._ledger.claims.get(uid)
+            if claim is None or not claim.boot_id:
                 self._folders.cdi.remove(uid)
 
-    async def release_after_reboot(self) -> None:
-        """Releases claims of earlier boots that are gone. Others keep their devices until the kubelet prepares them again."""
-        for claim in claims_of_earlier_boots(self._ledger.claims.values(), self._boot_id):
-            await self._release_if_gone(claim)
+    async def forget_gone_claims(self) -> None:
+        """Forgets claims that no container uses and that are gone. Others keep their devices."""
+        for claim in list(self._ledger.claims.values()):
+            if not claim.is_prepared(self._boot_id):
+                await self._forget_if_gone(claim)
 
     async def prepare(self, reference: ClaimReference) -> tuple[DeviceAnswer, ...] | str:
         """The devices for the kubelet, or why the claim cannot be prepared. Preparing again changes nothing."""
@@ -116,15 +124,12 @@ class DevicePlugin:
             recorded_claim = self._ledger.claims.get(reference.uid)
             if recorded_claim is None or isinstance(error, NotFound):
                 return f"claim {reference.namespace}/{reference.name} cannot be read: {error}"
-            return recorded_claim
+            return msgspec.structs.replace(recorded_claim, boot_id=self._boot_id)
         plan = plan_preparation(claim, uid=reference.uid, node=self._node, devices=self._devices, boot_id=self._boot_id)
         if isinstance(plan, Refusal):
             return plan.text
-        blocker = self._ledger.find_holder(plan)
-        while blocker is not None and blocker.holder.boot_id != self._boot_id:
-            if not await self._release_if_gone(blocker.holder):
-                break
-            blocker = self._ledger.find_holder(plan)
+        while (held := self._ledger.find_holder(plan)) and await self._forget_if_gone(held.holder):
+            pass
         return plan
 
     async def _wait_until_free(self, plan: PreparedClaim) -> bool:
@@ -133,17 +138,28 @@ class DevicePlugin:
             return False
         patience_s = self._patience.later_s if plan.uid in self._refused else self._patience.first_s
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(patience_s), self._releases:
-                await self._releases.wait_for(lambda: self._ledger.find_holder(plan) is None)
+            async with asyncio.timeout(patience_s):
+                while held := self._ledger.find_holder(plan):
+                    if held.holder.is_prepared(self._boot_id):
+                        await self._wait_for_release(held.holder)
+                    elif not await self._forget_if_gone(held.holder):
+                        await asyncio.sleep(self._patience.look_again_s)
         return True
+
+    async def _wait_for_release(self, holder: PreparedClaim) -> None:
+        async with self._releases:
+            await self._releases.wait_for(lambda: self._ledger.claims.get(holder.uid) is not holder)
 
     async def unprepare(self, reference: ClaimReference) -> str:
         """Gives the claim's devices back; the error, or "" when they are free."""
         self._refused.discard(reference.uid)
         try:
-            self._release(reference.uid)
+            # First the device, then the lock.
+            self._folders.cdi.remove(reference.uid)
+            self._save(self._ledger.release(reference.uid))
         except OSError as error:
             return f"the devices of claim {reference.namespace}/{reference.name} are not given back: {error}"
+        log.info("claim %s/%s is given back by the kubelet", reference.namespace, reference.name)
         async with self._releases:
             self._releases.notify_all()
         return ""
@@ -155,11 +171,14 @@ class DevicePlugin:
                 self._refused.clear()
             self._refused.add(claim.uid)
             return ledger.explain(node=self._node, namespace=claim.namespace)
+        if former_device := self._ledger.find_former_device(claim):
+            return (
+                f"claim {claim.namespace}/{claim.name} was given another device while a container may still have {former_device} of node "
+                f"{self._node}: it gets the other one when all pods that use the claim have ended"
+            )
         try:
-            if ledger != self._ledger:
-                # First the lock, then the device: a driver that ends in between refuses others when it is back.
-                self._folders.checkpoint.save(ledger)
-                self._ledger = ledger
+            # First the lock, then the device: a driver that ends in between refuses others when it is back.
+            self._save(ledger)
             if not self._write_spec(claim):
                 return (
                     f"a device of claim {claim.namespace}/{claim.name} on node {self._node} has no device file any more"
@@ -187,34 +206,34 @@ class DevicePlugin:
         first, *further = [files.find(path) for path in paths] or [None]
         return [] if first is None else [first, *(file for file in further if file is not None)]
 
-    def _release(self, uid: str) -> None:
-        """First the device, then the lock."""
-        self._folders.cdi.remove(uid)
-        claim = self._ledger.claims.get(uid)
-        if claim is not None:
-            ledger = self._ledger.release([uid])
+    def _save(self, ledger: Ledger) -> None:
+        """Makes this ledger the one that counts. Raises OSError, and then the one before it still does."""
+        if ledger != self._ledger:
             self._folders.checkpoint.save(ledger)
             self._ledger = ledger
-            log.info("claim %s/%s has given its devices back", claim.namespace, claim.name)
 
-    async def _release_if_gone(self, claim: PreparedClaim) -> bool:
-        """Releases a claim of an earlier boot that was deleted or lost its allocation; returns whether it did."""
+    async def _forget_if_gone(self, claim: PreparedClaim) -> bool:
+        """Forgets devices of an entry of the ledger that its claim has no more, if no container has them; returns whether it did."""
+        if claim.is_prepared(self._boot_id):
+            return False
         try:
             current = await self._client.get(
                 RESOURCECLAIMS, claim.name, namespace=claim.namespace, as_type=ResourceClaim
             )
-            devices = {result.device for result in current.results}
-            is_gone = current.metadata.uid != claim.uid or devices.isdisjoint(d.device for d in claim.devices)
-        except NotFound:
-            is_gone = True
-        except (ClientError, msgspec.ValidationError):
-            return False
-        current_claim = self._ledger.claims.get(claim.uid)
-        if not is_gone or current_claim != claim:  # prepared again meanwhile
+            is_same = current.metadata.uid == claim.uid
+            allocated = {r.device for r in current.results if r.pool == self._node} if is_same else set()
+        except (ClientError, msgspec.ValidationError) as error:
+            if not (isinstance(error, NotFound) and means_gone(error, claim.name)):
+                return False
+            allocated = set()
+        # An equal entry is not enough: the claim may have been allocated, prepared and given back since it was read.
+        if self._ledger.claims.get(claim.uid) is not claim or (claim.device_ids and claim.device_ids <= allocated):
             return False
         try:
-            self._release(claim.uid)
+            self._folders.cdi.remove(claim.uid)
+            self._save(self._ledger.forget(claim.uid, allocated=allocated))
         except OSError as error:
-            log.warning("claim %s/%s of an earlier boot is not released: %s", claim.namespace, claim.name, error)
+            log.warning("claim %s/%s still keeps its devices: %s", claim.namespace, claim.name, error)
             return False
+        log.info("claim %s/%s has given its devices back", claim.namespace, claim.name)
         return True

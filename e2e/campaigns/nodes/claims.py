@@ -87,7 +87,10 @@ def place_past_schedulers(
     term = {"matchFields": [{"key": "metadata.name", "operator": "In", "values": [node]}]}
     allocation = {"devices": {"results": [result]}, "nodeSelector": {"nodeSelectorTerms": [term]}}
     status = {"allocation": allocation, "reservedFor": [consumer]}
-    cp.api.patch(f"{CLAIMS.format(namespace)}/{claim_name}/status", {"status": status})
+    path = f"{CLAIMS.format(namespace)}/{claim_name}"
+    # With it the claim controller takes the allocation back when the pod has ended.
+    cp.api.patch(path, {"metadata": {"finalizers": ["resource.kubernetes.io/delete-protection"]}})
+    cp.api.patch(f"{path}/status", {"status": status})
     target = {"apiVersion": "v1", "kind": "Node", "name": node}
     binding = {"apiVersion": "v1", "kind": "Binding", "metadata": {"name": name}, "target": target}
     cp.api.create(f"/api/v1/namespaces/{namespace}/pods/{name}/binding", binding)

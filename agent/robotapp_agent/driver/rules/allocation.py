@@ -90,14 +90,35 @@ def plan_preparation(
         if isinstance(device, Refusal):
             return device
         prepared_devices.append(device)
-    paths = Counter(device.mount_as for device in prepared_devices if device.mount_as)
-    twice = [path for path, count in paths.items() if count > 1]
-    if twice:
-        return Refusal(f"two devices of claim {name} have mountAs {twice[0]}: write different paths")
+    refusal = _refuse_conflicts(name, prepared_devices, devices)
+    if refusal is not None:
+        return refusal
     meta = claim.metadata
     return PreparedClaim(
         uid=uid, namespace=meta.namespace, name=meta.name, boot_id=boot_id, devices=tuple(prepared_devices)
     )
+
+
+def _refuse_conflicts(
+    name: str, prepared_devices: Sequence[PreparedDevice], devices: Mapping[str, Device]
+) -> Refusal | None:
+    """Refuses devices of which a container would get one alone, without a word."""
+    ids = Counter((device.request, device.device) for device in prepared_devices)
+    for (request, device_id), count in ids.items():
+        if count > 1:
+            return Refusal(f"device {device_id} is allocated {count} times to request {request} of claim {name}")
+    paths = {
+        (device.device, path) for device in prepared_devices if (path := device.mount_as or devices[device.device].path)
+    }
+    for device_id, path in sorted(paths):
+        for other_id, other_path in sorted(paths):
+            if (device_id, path) == (other_id, other_path):
+                continue
+            if path == other_path:
+                return Refusal(f"two devices of claim {name} have path {path}: write mountAs with different paths")
+            if other_path.startswith(f"{path}/"):
+                return Refusal(f"mountAs {other_path} of claim {name} lies below the device {path}: write another path")
+    return None
 
 
 def _plan_device(

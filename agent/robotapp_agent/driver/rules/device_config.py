@@ -19,8 +19,8 @@ STANDARD_FILES: Final = frozenset(
     | {"termination-log", "tty", "urandom", "zero"}
 )
 """Names below /dev that every container has; a device must not replace them."""
-_VARIABLE: Final = r"^[A-Z_][A-Z0-9_]{0,62}$"
-_MOUNT: Final = r"^/dev(/[A-Za-z0-9][-A-Za-z0-9_.:]*){1,8}$"
+_VARIABLE: Final = r"^[A-Z_][A-Z0-9_]{0,62}\Z"
+_MOUNT: Final = r"^/dev(/[A-Za-z0-9][-A-Za-z0-9_.:]*){1,8}\Z"
 
 
 class DeviceConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):

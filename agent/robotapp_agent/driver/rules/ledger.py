@@ -1,6 +1,6 @@
-"""The lock of the node's devices: which claim each is prepared for. The API lets two claims have one device; here it ends."""
+"""The lock of the node's devices: which claim each was prepared for last. The API lets two claims have one device; here it ends."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from typing import Final, NamedTuple
 
 import msgspec
@@ -21,14 +21,27 @@ class PreparedDevice(msgspec.Struct, frozen=True):
 
 
 class PreparedClaim(msgspec.Struct, frozen=True):
-    """A claim whose devices containers may have."""
+    """A claim whose devices containers may have, or had last.
+
+    The lock outlives the pod: between two pods of a claim its device is still the claim's, and only the API server shows
+    whether the claim has given it up.
+    """
 
     uid: str
     namespace: str
     name: str
     boot_id: str
-    """Of the boot in which it was last prepared: after another one no container of it runs until it is prepared again."""
+    """Of the boot in which it was last prepared, "" once the kubelet has given it back. See `is_prepared`."""
     devices: tuple[PreparedDevice, ...] = ()
+
+    def is_prepared(self, boot_id: str) -> bool:
+        """Returns whether containers may have the devices. After another boot none has, until the claim is prepared again."""
+        return self.boot_id == boot_id
+
+    @property
+    def device_ids(self) -> frozenset[str]:
+        """Devices that the claim keeps from others."""
+        return frozenset(device.device for device in self.devices if not device.admin)
 
 
 class Held(NamedTuple):
@@ -52,7 +65,7 @@ class Ledger(msgspec.Struct, frozen=True):
 
     def find_holder(self, claim: PreparedClaim) -> Held | None:
         """The first claim that has one of this claim's devices; pods that name the same claim share it."""
-        device_ids = {device.device for device in claim.devices if not device.admin}
+        device_ids = claim.device_ids
         for other in self.claims.values():
             if other.uid != claim.uid:
                 for device in other.devices:
@@ -60,21 +73,36 @@ class Ledger(msgspec.Struct, frozen=True):
                         return Held(device.device, other)
         return None
 
+    def find_former_device(self, claim: PreparedClaim) -> str:
+        """A device that this claim is prepared with and is not to have any more, "" without one: a container may still have it."""
+        recorded_claim = self.claims.get(claim.uid)
+        if recorded_claim is None or not recorded_claim.is_prepared(claim.boot_id):
+            return ""
+        return min(recorded_claim.device_ids - claim.device_ids, default="")
+
     def prepare(self, claim: PreparedClaim) -> "Ledger | Held":
         """The ledger with this claim, in place of what it had before; or who is in the way."""
         blocker = self.find_holder(claim)
         return blocker or Ledger(claims={**self.claims, claim.uid: claim})
 
-    def release(self, uids: Collection[str]) -> "Ledger":
-        """The ledger without these claims; claims that it does not have are released already."""
-        return Ledger(claims={uid: claim for uid, claim in self.claims.items() if uid not in uids})
+    def release(self, uid: str) -> "Ledger":
+        """The ledger after the kubelet has given a claim back. Its devices stay locked until `forget`."""
+        claim = self.claims.get(uid)
+        if claim is None:
+            return self
+        if not claim.device_ids:
+            return self.forget(uid, allocated=())
+        return Ledger(claims={**self.claims, uid: msgspec.structs.replace(claim, boot_id="")})
+
+    def forget(self, uid: str, *, allocated: Collection[str]) -> "Ledger":
+        """The ledger without the devices of a claim that are not allocated to it any more."""
+        claim = self.claims[uid]
+        devices = tuple(device for device in claim.devices if device.device in allocated and not device.admin)
+        if devices:
+            return Ledger(claims={**self.claims, uid: msgspec.structs.replace(claim, devices=devices)})
+        return Ledger(claims={other: claim for other, claim in self.claims.items() if other != uid})
 
     @property
     def device_ids(self) -> frozenset[str]:
-        """Devices that containers may have."""
+        """Devices that claims have, or had last."""
         return frozenset(device.device for claim in self.claims.values() for device in claim.devices)
-
-
-def claims_of_earlier_boots(claims: Iterable[PreparedClaim], boot_id: str) -> list[PreparedClaim]:
-    """Claims of which no container runs: these may be released when the API server does not know them any more."""
-    return [claim for claim in claims if claim.boot_id != boot_id]

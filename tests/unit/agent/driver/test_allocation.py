@@ -71,6 +71,14 @@ def test_devices_of_other_drivers_in_the_same_claim_are_left_to_them() -> None:
         ({"mountAs": "/dev/null"}, "every container has"),
         ({"mountAs": "/dev/pts/0"}, "every container has"),
         ({"mountAs": "/dev"}, "mountAs"),
+        ({"mountAs": "/dev/lidar/../../etc/passwd"}, "mountAs"),
+        ({"mountAs": "/dev//lidar"}, "mountAs"),
+        ({"mountAs": "/dev/lidar/"}, "mountAs"),
+        ({"mountAs": "/dev/lidar\n"}, "mountAs"),
+        ({"mountAs": "/dev/l\u0131dar"}, "mountAs"),
+        ({"mountAs": "/dev/shm/x"}, "every container has"),
+        ({"env": "LIDAR\n"}, "env"),
+        ({"env": "LD=/dev/x"}, "env"),
         ({"env": "lower"}, "env"),
         ({"network": "Pod"}, "network"),
         ({"path": "/dev/lidar"}, "path"),
@@ -127,6 +135,19 @@ def test_one_path_is_not_given_to_several_devices() -> None:
         "driver", result(), result("arm", OTHER), configs=[config(["lidar", "arm"], mountAs="/dev/lidar")]
     )
     assert "two devices" in refused(two_requests)
+    other_path = claim("driver", result(), result("arm", OTHER), configs=[config(["lidar"], mountAs="/dev/ttyUSB1")])
+    assert "two devices of claim fleet/driver have path /dev/ttyUSB1" in refused(other_path), "the arm is there already"
+    below = claim(
+        "driver",
+        result(),
+        result("arm", OTHER),
+        configs=[config(["lidar"], mountAs="/dev/arm"), config(["arm"], mountAs="/dev/arm/joint")],
+    )
+    assert "mountAs /dev/arm/joint of claim fleet/driver lies below the device /dev/arm" in refused(below)
+
+
+def test_an_allocation_by_hand_that_names_a_device_twice_is_refused() -> None:
+    assert f"device {ADAPTER} is allocated 2 times to request lidar" in refused(claim("driver", result(), result()))
 
 
 def test_a_device_without_file_is_refused() -> None:

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.agent.dra import NODE, device, prepared
 
-from robotapp_agent.driver.rules.ledger import Held, Ledger, PreparedClaim, claims_of_earlier_boots
+from robotapp_agent.driver.rules.ledger import Held, Ledger, PreparedClaim
 
 
 def test_a_device_of_one_claim_is_refused_to_another() -> None:
@@ -45,15 +45,36 @@ def test_admin_access_neither_takes_nor_respects_the_lock() -> None:
     assert both.prepare(admin) == both
 
 
-def test_only_claims_of_earlier_boots_may_be_stale() -> None:
-    claims = [prepared("old", boot_id="boot-0"), prepared("new", boot_id="boot-1")]
-    assert claims_of_earlier_boots(claims, "boot-1") == [claims[0]]
+def test_a_device_stays_locked_between_two_pods_of_its_claim() -> None:
+    ledger = Ledger().prepare(prepared("first"))
+    assert isinstance(ledger, Ledger)
+    between = ledger.release("uid-of-first")
+    assert not between.claims["uid-of-first"].is_prepared("boot-1")
+    assert isinstance(between.prepare(prepared("second")), Held)
+    assert between.prepare(prepared("first")) == ledger
+    assert between.forget("uid-of-first", allocated=[device().id]).claims
+    assert isinstance(between.forget("uid-of-first", allocated=["serial-9"]).prepare(prepared("second")), Ledger)
+
+
+def test_a_claim_of_an_earlier_boot_is_not_prepared() -> None:
+    assert prepared("old", boot_id="boot-0").is_prepared("boot-0")
+    assert not prepared("old", boot_id="boot-0").is_prepared("boot-1")
+
+
+def test_a_device_that_a_container_may_have_is_not_exchanged_below_it() -> None:
+    ledger = Ledger().prepare(prepared("driver", "x", "y"))
+    assert isinstance(ledger, Ledger)
+    assert ledger.find_former_device(prepared("driver", "y", "z")) == "x"
+    assert ledger.find_former_device(prepared("driver", "x", "y", "z")) == ""
+    assert ledger.find_former_device(prepared("driver", "z", boot_id="boot-2")) == ""
+    assert ledger.release("uid-of-driver").find_former_device(prepared("driver", "z")) == ""
 
 
 steps = st.lists(
     st.one_of(
         st.tuples(st.just("prepare"), st.sampled_from("abcd"), st.sets(st.sampled_from(["x", "y", "z"]), min_size=1)),
         st.tuples(st.just("release"), st.sampled_from("abcd"), st.just(set[str]())),
+        st.tuples(st.just("forget"), st.sampled_from("abcd"), st.sets(st.sampled_from(["x", "y", "z"]))),
     ),
     max_size=20,
 )
@@ -64,7 +85,11 @@ def test_no_order_of_steps_gives_a_device_to_two_claims(steps: list[tuple[str, s
     ledger = Ledger()
     for step, name, ids in steps:
         if step == "release":
-            ledger = ledger.release([f"uid-of-{name}"])
+            ledger = ledger.release(f"uid-of-{name}")
+            continue
+        if step == "forget":
+            if f"uid-of-{name}" in ledger.claims:
+                ledger = ledger.forget(f"uid-of-{name}", allocated=ids)
             continue
         taken = {d.device for claim in ledger.claims.values() if claim.name != name for d in claim.devices}
         after = ledger.prepare(prepared(name, *sorted(ids)))

@@ -21,6 +21,7 @@ from robotapp_agent.driver.node_files import CdiFolder, Checkpoint, DeviceFiles
 from robotapp_agent.driver.plugin import DevicePlugin, NodeFolders, Patience
 from robotapp_client import ApiClient
 from robotapp_client.api.resources import RESOURCECLAIMS
+from robotapp_client.transport.errors import NotFound, Unreachable
 
 ZERO = device(path="/dev/zero")
 """A character device that every machine has stands for the adapter."""
@@ -67,6 +68,10 @@ class Node:
     def allocate(self, name: str, *results: dict[str, Any], **more: Any) -> None:
         body = claim(name, *results, **more)
         self.api.store.put(RESOURCECLAIMS, body, uid=body["metadata"]["uid"])
+
+    def deallocate(self, name: str) -> None:
+        body = claim(name)
+        self.api.store.put(RESOURCECLAIMS, {**body, "status": {}}, uid=body["metadata"]["uid"])
 
     def spec(self, name: str) -> dict[str, Any]:
         spec: dict[str, Any] = json.loads((self.cdi.folder / f"devices.robotics.io-uid-of-{name}.json").read_text())
@@ -127,14 +132,144 @@ async def test_a_device_in_use_is_refused_until_it_is_given_back(node: Node) -> 
         assert (await node.kubelet.prepare("first")).error == ""
         assert "in use by claim first" in (await node.kubelet.prepare("second")).error
         await node.kubelet.unprepare("first")
+        node.deallocate("first")
         assert (await node.kubelet.prepare("second")).error == ""
     assert node.cdi.list_uids() == ["uid-of-second"]
+
+
+@pytest.mark.parametrize("restart", ["no", "driver", "machine"])
+async def test_between_two_pods_of_a_claim_no_other_claim_gets_its_device(node: Node, restart: str) -> None:
+    for name in ("first", "second"):
+        node.allocate(name)
+    async with node.run():
+        await node.kubelet.prepare("first")
+        await node.kubelet.unprepare("first")
+        assert node.cdi.list_uids() == []
+        if restart == "no":
+            assert "in use by claim first" in (await node.kubelet.prepare("second")).error
+    async with node.run(boot_id="boot-2" if restart == "machine" else BOOT) as plugin:
+        await plugin.forget_gone_claims()
+        assert node.cdi.list_uids() == []
+        assert "in use by claim first" in (await node.kubelet.prepare("second")).error
+        assert (await node.kubelet.prepare("first")).error == ""
+
+
+@pytest.mark.parametrize("change", ["deleted", "made anew", "deallocated", "given another device"])
+async def test_a_claim_that_has_its_device_no_more_keeps_it_from_nobody(node: Node, change: str) -> None:
+    for name in ("first", "second"):
+        node.allocate(name)
+    async with node.run():
+        await node.kubelet.prepare("first")
+        await node.kubelet.unprepare("first")
+        match change:
+            case "deleted":
+                await node.client.delete(RESOURCECLAIMS, "first", namespace="fleet")
+            case "made anew":
+                node.allocate("first", uid="uid-of-its-successor")
+            case "deallocated":
+                node.deallocate("first")
+            case _:
+                node.allocate("first", result(device_id="serial-9"))
+        assert (await node.kubelet.prepare("second")).error == ""
+    assert set(node.checkpoint.load().claims) == {"uid-of-second"}
+
+
+@pytest.mark.parametrize(
+    "answer", [Unreachable("reset", maybe_applied=False), NotFound("404 page not found", status=404)]
+)
+async def test_a_claim_that_cannot_be_read_keeps_its_device(
+    node: Node, monkeypatch: pytest.MonkeyPatch, answer: Exception
+) -> None:
+    for name in ("first", "second"):
+        node.allocate(name)
+    plugin = node.start_plugin()
+    first, second = (ClaimReference("fleet", f"uid-of-{name}", name) for name in ("first", "second"))
+    await plugin.prepare(first)
+    await plugin.unprepare(first)
+    node.deallocate("first")
+    get = node.client.get
+
+    async def fail(resource: Any, name: str, **options: Any) -> Any:
+        if name == "first":
+            raise answer
+        return await get(resource, name, **options)
+
+    with monkeypatch.context() as broken:
+        broken.setattr(node.client, "get", fail)
+        assert "in use by claim first" in str(await plugin.prepare(second))
+    assert not isinstance(await plugin.prepare(second), str)
+
+
+async def test_a_claim_that_comes_back_while_it_is_looked_up_keeps_its_device(
+    node: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was read of it is older than its last preparation."""
+    for name in ("first", "second"):
+        node.allocate(name)
+    plugin = node.start_plugin()
+    first, second = (ClaimReference("fleet", f"uid-of-{name}", name) for name in ("first", "second"))
+    await plugin.prepare(first)
+    await plugin.unprepare(first)
+    node.deallocate("first")
+    get = node.client.get
+    monkeypatch.setattr(node.client, "get", read_first := SlowRead(get, "first"))
+    taking_over = asyncio.create_task(plugin.prepare(second))
+    await read_first.was_read.wait()
+    node.allocate("first")
+    monkeypatch.setattr(node.client, "get", get)
+    assert not isinstance(await plugin.prepare(first), str)
+    await plugin.unprepare(first)
+    read_first.may_return.set()
+    assert "in use by claim first" in str(await taking_over)
+
+
+class SlowRead:
+    """The API server's answer about one object stays on its way until `may_return`."""
+
+    def __init__(self, get: Any, name: str) -> None:
+        self._get = get
+        self._name = name
+        self.was_read = asyncio.Event()
+        self.may_return = asyncio.Event()
+
+    async def __call__(self, resource: Any, name: str, **options: Any) -> Any:
+        answer = await self._get(resource, name, **options)
+        if name == self._name:
+            self.was_read.set()
+            await self.may_return.wait()
+        return answer
+
+
+async def test_a_claim_is_not_given_another_device_below_a_container(node: Node) -> None:
+    node.allocate("driver")
+    other = device("serial-9", path="/dev/full")
+    async with node.run(devices=(ZERO, other)):
+        await node.kubelet.prepare("driver")
+        node.allocate("driver", result(device_id="serial-9"))
+        assert "a container may still have" in (await node.kubelet.prepare("driver")).error
+        assert node.checkpoint.load().device_ids == {ADAPTER}
+        await node.kubelet.unprepare("driver")
+        assert (await node.kubelet.prepare("driver")).error == ""
+        assert node.checkpoint.load().device_ids == {"serial-9"}
+
+
+async def test_a_claim_prepared_after_a_reboot_without_the_api_server_counts_as_prepared(short_folder: Path) -> None:
+    async with FakeApiServer() as api, client_for(api.endpoint, timeout_s=0.2) as client:
+        node = Node(short_folder, api, client)
+        node.allocate("driver")
+        async with node.run(boot_id="boot-1"):
+            await node.kubelet.prepare("driver")
+        async with node.run(boot_id="boot-2"):
+            api.failing += [503] * 40
+            assert (await node.kubelet.prepare("driver")).error == ""
+        (claim,) = node.checkpoint.load().claims.values()
+        assert claim.is_prepared("boot-2")
 
 
 async def test_a_device_that_becomes_free_is_handed_over_at_once(node: Node) -> None:
     for name in ("first", "second"):
         node.allocate(name)
-    node.patience = Patience(0, 60)
+    node.patience = Patience(0, 60, look_again_s=0.01)
     async with node.run():
         await node.kubelet.prepare("first")
         assert "in use by claim first" in (await node.kubelet.prepare("second")).error
@@ -142,19 +277,21 @@ async def test_a_device_that_becomes_free_is_handed_over_at_once(node: Node) -> 
         requests = len(node.api.requests)
         await until(lambda: len(node.api.requests) > requests)
         await node.kubelet.unprepare("first")
+        node.deallocate("first")
         assert (await waiting).error == ""
 
 
 async def test_a_claim_that_was_deleted_while_it_waited_takes_nothing(node: Node) -> None:
     for name in ("first", "second"):
         node.allocate(name)
-    node.patience = Patience(60, 60)
+    node.patience = Patience(60, 60, look_again_s=0.01)
     async with node.run():
         await node.kubelet.prepare("first")
         waiting = asyncio.create_task(node.kubelet.prepare("second"))
         await until(lambda: "/second" in node.api.requests[-1][1])
         node.api.store.remove(RESOURCECLAIMS, "second", "fleet")
         await node.kubelet.unprepare("first")
+        node.deallocate("first")
         assert "cannot be read" in (await waiting).error
     assert node.cdi.list_uids() == []
 
@@ -256,7 +393,7 @@ async def test_after_a_reboot_a_claim_that_stands_keeps_its_device(node: Node) -
     async with node.run(boot_id="boot-1"):
         await node.kubelet.prepare("first")
     async with node.run(boot_id="boot-2") as plugin:
-        await plugin.release_after_reboot()
+        await plugin.forget_gone_claims()
         assert "in use by claim first" in (await node.kubelet.prepare("second")).error
         assert (await node.kubelet.prepare("first")).error == ""
 
@@ -267,7 +404,7 @@ async def test_the_start_after_a_reboot_forgets_claims_that_are_gone(node: Node)
         await node.kubelet.prepare("first")
     await node.client.delete(RESOURCECLAIMS, "first", namespace="fleet")
     async with node.run(boot_id="boot-2") as plugin:
-        await plugin.release_after_reboot()
+        await plugin.forget_gone_claims()
     assert node.cdi.list_uids() == []
     assert node.checkpoint.load().claims == {}
 
