@@ -1,11 +1,15 @@
 """ResourceClaims and pods that use them, for tests on real nodes."""
 
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from campaigns.nodes.real_pods import FOREVER, get, pod
-from robotapp_claims.rules.device_attributes import DRIVER
+from robotapp_claims.rules.device_attributes import DRIVER, selector_of
+from robotapp_claims.rules.node_devices import Device as Kind
 from robotapp_testbed import ControlPlane, wait_until
+from robotapp_testbed.processes.process import Process
+from robotapp_testbed.real import RealNodes
 
 Json = dict[str, Any]
 CLAIMS = "/apis/resource.k8s.io/v1/namespaces/{}/resourceclaims"
@@ -17,6 +21,17 @@ RESTRICTED: Json = {
     "seccompProfile": {"type": "RuntimeDefault"},
 }
 _PUBLISHED_S = 60.0
+
+
+class Wish(Kind):
+    """A wish for a device, as a component writes it."""
+
+    usb_id: str | None = None
+
+
+def selector_for(kind: str) -> str:
+    """CEL that matches all devices of a kind."""
+    return selector_of(Wish("", kind))
 
 
 def claim(name: str, selectors: Mapping[str, str], configs: Sequence[Json] = ()) -> Json:
@@ -56,6 +71,20 @@ def user_of(claim_name: str, name: str, command: Sequence[str] = FOREVER, **spec
     )
     del body["spec"]["nodeName"]
     return body
+
+
+def talk_alone(lines: int) -> str:
+    """Shell: writes lines to the serial port of request `arm` and reads each again; fails when it reads another program's."""
+    return (
+        f'exec 3<>"$ROBOTAPP_DEVICE_ARM"; for turn in $(seq {lines}); do echo "$HOSTNAME $turn" >&3; read line <&3; '
+        'test "$line" = "$HOSTNAME $turn" || { echo "$line"; exit 1; }; sleep 0.1; done'
+    )
+
+
+def driver_on(cp: RealNodes, node: str) -> Process:
+    """The driver of the node as a program in its box, not started yet: one that can be killed and started as often as wanted."""
+    options = [f"--kubeconfig={cp.kubeconfig()}", f"--node-name={node}"]
+    return cp.node(node).box.program("driver", [sys.executable, "-m", "robotapp_agent.driver", *options])
 
 
 def published(cp: ControlPlane, node: str) -> dict[str, Json]:

@@ -2,7 +2,6 @@
 
 import random
 import secrets
-import sys
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -12,8 +11,6 @@ import pytest
 from campaigns.nodes import claims, real_pods
 from campaigns.nodes.claims import claim, events_of, published, user_of, wait_published
 from campaigns.nodes.real_pods import shell
-from robotapp_claims.rules.device_attributes import selector_of
-from robotapp_claims.rules.node_devices import Device as Kind
 from robotapp_testbed import wait_until
 from robotapp_testbed.control_plane import components_as_pods
 from robotapp_testbed.control_plane.namespaces import created
@@ -38,20 +35,11 @@ KILLS = 12
 ROBOT_1 = {"kubernetes.io/hostname": "robot-1"}
 Json = dict[str, Any]
 TALK = 'exec 3<>"$ROBOTAPP_DEVICE_ARM" && echo hello >&3 && read line <&3 && echo "$line from $ROBOTAPP_DEVICE_ARM"'
-ALONE = (
-    'exec 3<>"$ROBOTAPP_DEVICE_ARM"; for turn in $(seq 20); do echo "$HOSTNAME $turn" >&3; read line <&3; '
-    'test "$line" = "$HOSTNAME $turn" || { echo "$line"; exit 1; }; sleep 0.1; done; echo alone'
-)
+ALONE = f"{claims.talk_alone(20)}; echo alone"
 SEE = 'head -c 4 "$ROBOTAPP_DEVICE_EYE" | wc -c'
 
 
-class Wish(Kind):
-    """A wish for a device, as a component writes it."""
-
-    usb_id: str | None = None
-
-
-SERIAL, CAMERA, CAN = (selector_of(Wish("", kind)) for kind in ("serial", "video", "can"))
+SERIAL, CAMERA, CAN = (claims.selector_for(kind) for kind in ("serial", "video", "can"))
 
 
 @pytest.fixture(scope="module")
@@ -197,7 +185,7 @@ def test_claims_that_were_all_given_one_device_take_turns_while_the_driver_is_ki
     cluster: RealNodes, namespace: str
 ) -> None:
     """Each program would read what another one writes: the serial line sends everything back."""
-    driver = cluster.node("robot-2").box.program("driver", driver_command(cluster))
+    driver = claims.driver_on(cluster, "robot-2")
     driver.start()
     try:
         assert wait_published(cluster, "robot-2", ARM)
@@ -220,11 +208,6 @@ def test_claims_that_were_all_given_one_device_take_turns_while_the_driver_is_ki
 
 def phases(cluster: RealNodes, namespace: str, names: list[str]) -> set[str]:
     return {real_pods.get(cluster, namespace, name)["status"]["phase"] for name in names}
-
-
-def driver_command(cluster: RealNodes) -> list[str]:
-    options = [f"--kubeconfig={cluster.kubeconfig()}", "--node-name=robot-2"]
-    return [sys.executable, "-m", "robotapp_agent.driver", *options]
 
 
 def shell_when_possible(cluster: RealNodes, namespace: str, name: str, line: str) -> str:
