@@ -36,10 +36,10 @@ from robotapp_scheduler.core.dynamic_resources.results import ChosenDevice, make
 STEPS_PER_NODE: Final = 32
 STEPS_PER_DEVICE: Final = 2
 """Steps that each node gets for itself and per device that it reaches: enough for claims that never lead into a dead end."""
-DEVICES_IN_USE_PER_STEP: Final = 16
+DEVICES_IN_USE_PER_STEP: Final = 32
 """Devices that earlier choices of the search hold are passed over that much faster than others are tried."""
-MOST_STEPS: Final = 3_000
-"""Steps beyond these that all nodes of one attempt share, some milliseconds. Other pods wait meanwhile."""
+MOST_STEPS: Final = 1_000
+"""Steps beyond these that all nodes of one attempt share, about two milliseconds. Other pods wait meanwhile."""
 SEARCH_ENDED: Final = (
     "cannot allocate all claims: too many combinations of devices were tried; "
     "fewer requests, alternatives and constraints, or selectors that match fewer devices, make it decidable"

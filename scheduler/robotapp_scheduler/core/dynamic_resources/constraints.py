@@ -14,7 +14,16 @@ INCOMPARABLE: Final = None
 class Constraint:
     """A constraint and the values of the devices that were added to it. Adding a device never makes a broken one hold."""
 
-    __slots__ = ("_depths", "_requests", "_values", "attribute", "conflict", "is_distinct", "usable_values")
+    __slots__ = (
+        "_depths",
+        "_requests",
+        "_value_of",
+        "_values",
+        "attribute",
+        "conflict",
+        "is_distinct",
+        "usable_values",
+    )
 
     def __init__(self, constraint: DeviceConstraint) -> None:
         self.is_distinct = constraint.match_attribute is None
@@ -24,6 +33,8 @@ class Constraint:
         self.conflict = 0
         """The choice, as a bit by its depth, against which the last refused device stands; 0 when it can never be added."""
         self._requests = frozenset(constraint.requests)
+        self._value_of: dict[OfferedDevice, tuple[bool, ScalarValue | None]] = {}
+        """Results of `get_value`, which a search wants again and again."""
         self._values: list[ScalarValue | None] = []
         self._depths: list[int] = []
 
@@ -36,8 +47,12 @@ class Constraint:
 
     def get_value(self, offered_device: OfferedDevice) -> tuple[bool, ScalarValue | None]:
         """Whether the device has the attribute, and its value."""
-        attribute = lookup_attribute(offered_device, self.attribute)
-        return (True, get_scalar_value(attribute)) if attribute is not None else (False, INCOMPARABLE)
+        result = self._value_of.get(offered_device)
+        if result is None:
+            attribute = lookup_attribute(offered_device, self.attribute)
+            result = (True, get_scalar_value(attribute)) if attribute is not None else (False, INCOMPARABLE)
+            self._value_of[offered_device] = result
+        return result
 
     def add(self, offered_device: OfferedDevice, depth: int) -> bool:
         """Adds the device if the constraint still holds with it, else sets `conflict`."""
