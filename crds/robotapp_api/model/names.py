@@ -141,10 +141,6 @@ class Annotation(StrEnum):
     """On pods: hash of the ConfigMaps and Secrets that they mount or read as environment, once it is another than at first."""
     LOST_DEVICES = "robotics.io/lost-devices"
     """On a component's Deployment: claims of devices that vanished, each with the uid of the pod that had it."""
-    RELEASE = "robotics.io/release"
-    """On a ResourceClaim of a component, written by the operator: why its devices are to be given back once no pod uses them."""
-    REFUSED_SINCE = "robotics.io/refused-since"
-    """On a ResourceClaim of a component: since when the driver refuses to hand its devices over, because another claim has them."""
 
 
 PARAMETERS_PREFIX: Final = "robotics.io/parameters-"

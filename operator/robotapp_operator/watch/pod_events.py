@@ -14,7 +14,7 @@ from robotapp_client import ApiClient, ClientError, Forbidden
 from robotapp_client.api.client import with_query
 from robotapp_client.api.resources import EVENTS
 from robotapp_operator.plan.spec.objects import Pod
-from robotapp_operator.plan.status.components import PodWarning, explain_warnings
+from robotapp_operator.plan.status.components import PodWarning, awaits_sandbox, explain_warnings
 from robotapp_operator.queue.work import name_of
 from robotapp_operator.queue.workqueue import Queue
 from robotapp_operator.watch.cache import Cache
@@ -84,6 +84,8 @@ class PodEvents:
         self._read_s: dict[str, dict[str, float]] = {}
         """By namespace and uid of a waiting pod: when its events were read last."""
         self._began_s: dict[str, float] = {}
+        self._refused_s: dict[str, float] = {}
+        """By the uid of a waiting pod: when it was first seen that another claim has its device."""
 
     def __repr__(self) -> str:
         return f"<PodEvents: {sum(map(len, self._read_s.values()))} pods>"
@@ -93,7 +95,9 @@ class PodEvents:
         namespace = name_of(group)
         pods = self._cache.waiting_pods.get(namespace, {})
         read_s = {uid: at for uid, at in self._read_s.pop(namespace, {}).items() if uid in pods}
-        self._began_s = {uid: at for uid, at in self._began_s.items() if self._cache.is_waiting(uid)}
+        for times in (self._began_s, self._refused_s):
+            for uid in [uid for uid in times if not self._cache.is_waiting(uid)]:
+                del times[uid]
         if not pods:
             return None
         self._read_s[namespace] = read_s
@@ -104,7 +108,7 @@ class PodEvents:
             read_s[uid] = now_s
             try:
                 await self._read(pods[uid])
-                if self._is_refused(uid, now_s) and self._on_refused is not None:
+                if self._is_refused(pods[uid], now_s) and self._on_refused is not None:
                     await self._on_refused(pods[uid])
             except Forbidden as refusal:
                 log.warning(
@@ -117,14 +121,18 @@ class PodEvents:
         is_new = any(uid not in read_s or now_s - self._began_s[uid] < NEW_S for uid in pods)
         return SOON_S if is_new else LATER_S
 
-    def _is_refused(self, uid: str, now_s: float) -> bool:
+    def _is_refused(self, pod: Pod, now_s: float) -> bool:
         """Whether the driver has refused the pod its device for so long that it shall have another one.
 
-        A driver that is away refuses nothing: its claims stay as they are.
+        A driver that is away refuses nothing: its claims stay as they are. The event outlives the refusal, so a pod that waits for
+        something later, such as its image, has its device.
         """
+        uid = pod.metadata.uid
         failure = self._cache.pod_failures.get(uid, "")
-        in_use = failure.startswith("FailedPrepareDynamicResources") and IN_USE in failure
-        return in_use and now_s - self._began_s[uid] >= GIVE_BACK_S
+        if not (failure.startswith("FailedPrepareDynamicResources") and IN_USE in failure and awaits_sandbox(pod)):
+            self._refused_s.pop(uid, None)
+            return False
+        return now_s - self._refused_s.setdefault(uid, now_s) >= GIVE_BACK_S
 
     async def _read(self, pod: Pod) -> None:
         meta = pod.metadata

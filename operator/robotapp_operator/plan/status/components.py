@@ -241,8 +241,13 @@ def awaits_containers(pod: Pod) -> bool:
         return False
     statuses = (*pod.status.init_container_statuses, *pod.status.container_statuses)
     waiting = [status.state.waiting.reason for status in statuses if status.state.waiting]
-    if any(reason in _PULLING for reason in waiting):
-        return True
+    return any(reason in _PULLING for reason in waiting) or awaits_sandbox(pod)
+
+
+def awaits_sandbox(pod: Pod) -> bool:
+    """Whether volumes, devices or network of the pod are not there yet, as its kubelet reports it: no image is pulled before."""
+    statuses = (*pod.status.init_container_statuses, *pod.status.container_statuses)
+    waiting = [status.state.waiting.reason for status in statuses if status.state.waiting]
     mounted = any(
         condition.type == "PodReadyToStartContainers" and condition.status == "True"
         for condition in pod.status.conditions

@@ -96,8 +96,9 @@ async def release_claims(client: ApiClient, resource_claims: Iterable[ResourceCl
 async def give_back(client: ApiClient, cache: Cache, pod: Pod) -> None:
     """Replaces a pod, and the claim whose device another one keeps: its successor has a device chosen that is free.
 
-    Two schedulers may give one device to two claims; the driver hands it to the first. The pod goes before the claim, so no device is
-    freed below a pod.
+    Two schedulers may give one device to two claims; the driver hands it to the first. The pod goes before the claim, in the state in
+    which it was seen to wait: one that got its device meanwhile, or was replaced, keeps its claim. The claim goes while the pod
+    terminates, so the next pod cannot join it before. Who may have the device meanwhile is decided by the driver's lock.
     """
     meta = pod.metadata
     claims = cache.allocations.claims.of_instance(meta.app_uid, meta.instance).values()
@@ -108,7 +109,7 @@ async def give_back(client: ApiClient, cache: Cache, pod: Pod) -> None:
         and claim.metadata.namespace == meta.namespace
         and any(user.uid == meta.uid for user in claim.status.reserved_for)
     ]
-    if not own or await evict(client, pod):
+    if not own or await evict(client, pod, version=meta.resource_version) != "":
         return
     for claim in own:
         log.info("the driver refuses pod %s/%s its device: pod and claim are made anew", meta.namespace, meta.name)

@@ -65,7 +65,7 @@ class Cache:
         self.rtt = RttModel(self.nodes, clock)
         self.log = ChangeLog()
         self.topology = Topology(self.nodes, self.log)
-        self.resource_claims = ClaimCache(lambda: self.log, self.nodes.row_of.get)
+        self.resource_claims = ClaimCache(lambda: self.log, self.nodes.row_of.get, self.has_pod)
         self.placed: dict[str, PlacedPod] = {}
         """Pods on nodes by uid, assumed ones included."""
         self._by_node: dict[str, dict[str, PlacedPod]] = {}
@@ -151,7 +151,13 @@ class Cache:
         if uid in self.placed:
             self.take_off(uid)
             change |= Change.POD_REMOVED
+        if pod.spec.resource_claims:
+            change |= self.resource_claims.remove_pod(pod)
         return change
+
+    def has_pod(self, uid: str) -> bool:
+        """Whether a pod exists, as far as the watch has shown, and has not ended."""
+        return uid in self.placed or uid in self._seen
 
     def pod_info(self, pod: Pod) -> PodInfo:
         """A pod prepared for scheduling, with what it has in common with other replicas."""

@@ -6,6 +6,7 @@ decision on. Rows of the change log are marked by the nodes that reach a device,
 
 from collections import Counter
 from collections.abc import Callable, Collection, Hashable, Iterable
+from typing import NamedTuple
 
 import msgspec
 
@@ -15,6 +16,7 @@ from robotapp_scheduler.core.dynamic_resources.claims_of_pods import (
     ClaimState,
     PodClaims,
     explain_refusal,
+    is_reserved_for,
     list_named_claims,
     score_preference,
 )
@@ -29,6 +31,7 @@ from robotapp_scheduler.core.dynamic_resources.objects import (
     ResourceSlice,
     allocated_devices,
 )
+from robotapp_scheduler.core.dynamic_resources.standing_consumers import explain_predecessor, list_predecessors
 from robotapp_scheduler.core.events.change_log import EVERY_ROW, ChangeLog
 from robotapp_scheduler.core.events.cluster_event import Change
 
@@ -50,13 +53,22 @@ class _InFlight(msgspec.Struct):
     users: set[str]
 
 
+class _GoneClaim(NamedTuple):
+    """A claim that was deleted while pods used it: its devices are taken until these are gone."""
+
+    users: set[str]
+    devices: tuple[DeviceId, ...]
+
+
 class ClaimCache:
     """Claims, slices, device classes and taint rules. `row_of` is the row of a node by name.
 
-    `log` is a function, because a dry run exchanges the log.
+    `log` is a function, because a dry run exchanges the log. `has_pod` returns whether the pod with this uid exists and has not ended.
     """
 
-    def __init__(self, log: Callable[[], ChangeLog], row_of: Callable[[str], int | None]) -> None:
+    def __init__(
+        self, log: Callable[[], ChangeLog], row_of: Callable[[str], int | None], has_pod: Callable[[str], bool]
+    ) -> None:
         self.served = True
         """False when the API server does not have these kinds."""
         self.classes: dict[str, DeviceClass] = {}
@@ -69,6 +81,9 @@ class ClaimCache:
         """The same per node, for changes that concern one."""
         self._log = log
         self._row_of = row_of
+        self._has_pod = has_pod
+        self._gone_claims: dict[str, _GoneClaim] = {}
+        """By the claim's uid."""
         self._claims: dict[ClaimKey, ResourceClaim] = {}
         self._spec_keys: dict[str, bytes] = {}
         """Encoded spec by the claim's uid: specs are immutable, and equal ones are allocated alike."""
@@ -103,9 +118,24 @@ class ClaimCache:
         old = self._claims.pop(key, None)
         if old is None:
             return Change.NONE
-        self._spec_keys.pop(old.metadata.uid, None)
-        self._count(_devices(old.status.allocation), -1)
+        self._forget_claim(old)
         return Change.RESOURCE_CLAIMS
+
+    def remove_pod(self, pod: Pod) -> Change:
+        """A pod that names claims is gone or has ended. RESOURCE_SLICES: devices of a claim that went before it are free."""
+        uid, namespace = pod.metadata.uid, pod.metadata.namespace
+        change = Change.NONE
+        for claim_uid, gone_claim in [entry for entry in self._gone_claims.items() if uid in entry[1].users]:
+            gone_claim.users.discard(uid)
+            if not gone_claim.users:
+                del self._gone_claims[claim_uid]
+                self._count(gone_claim.devices, -1)
+                change |= Change.RESOURCE_CLAIMS | Change.RESOURCE_SLICES
+        for named_claim in list_named_claims(pod):
+            claim = self._claims.get((namespace, named_claim.claim or ""))
+            if claim is not None and is_reserved_for(claim, uid) and list_predecessors(claim, ""):
+                change |= Change.RESOURCE_CLAIMS
+        return change
 
     def apply_slice(self, resource_slice: ResourceSlice) -> Change:
         """A slice appeared or changed."""
@@ -247,6 +277,7 @@ class ClaimCache:
             if claim is None:
                 return PodClaims(trouble=f'could not find ResourceClaim "{namespace}/{named_claim.claim}"')
             trouble = explain_refusal(claim, pod, made_for_pod=named_claim.made_for_pod)
+            trouble = trouble or self._explain_predecessor(claim, pod.metadata.uid)
             if trouble:
                 return PodClaims(trouble=trouble)
             if claim.metadata.uid in states:
@@ -254,6 +285,10 @@ class ClaimCache:
             state = states[claim.metadata.uid] = self._find_state(claim, group)
             keys.append(self._make_key(state))
         return PodClaims(tuple(states.values()), key=tuple(keys))
+
+    def _explain_predecessor(self, claim: ResourceClaim, uid: str) -> str:
+        users = list_predecessors(claim, uid)
+        return next((explain_predecessor(claim, user) for user in users if self._has_pod(user.uid)), "")
 
     def _find_state(self, claim: ResourceClaim, group: Hashable) -> ClaimState:
         in_flight = self._in_flight.get(claim.metadata.uid) if claim.status.allocation is None else None
@@ -277,16 +312,29 @@ class ClaimCache:
     def _store(self, key: ClaimKey, claim: ResourceClaim) -> Change:
         old, self._claims[key] = self._claims.get(key), claim
         if old is not None and old.metadata.uid != claim.metadata.uid:
-            self._spec_keys.pop(old.metadata.uid, None)
+            self._forget_claim(old)
+            self._count(_devices(claim.status.allocation), +1)
+            return Change.RESOURCE_CLAIMS
         before = old.status.allocation if old is not None else None
         if before != claim.status.allocation:
             self._count(_devices(claim.status.allocation), +1)
             self._count(_devices(before), -1)
-        if old is not None and (old.metadata.uid, old.status, old.metadata.deletion_timestamp) == (
-            claim.metadata.uid, claim.status, claim.metadata.deletion_timestamp,
+        if old is not None and (old.status, old.metadata.deletion_timestamp) == (
+            claim.status, claim.metadata.deletion_timestamp,
         ):  # fmt: skip
             return Change.NONE
         return Change.RESOURCE_CLAIMS
+
+    def _forget_claim(self, claim: ResourceClaim) -> None:
+        """Free the devices of a claim that is gone, those that a pod still has when the pod is gone, too."""
+        uid = claim.metadata.uid
+        self._spec_keys.pop(uid, None)
+        devices = tuple(_devices(claim.status.allocation))
+        users = {user.uid for user in claim.status.reserved_for if self._has_pod(user.uid)}
+        if users and devices:
+            self._gone_claims[uid] = _GoneClaim(users, devices)
+        else:
+            self._count(devices, -1)
 
     def _count(self, devices: Iterable[DeviceId], sign: int) -> None:
         for device in devices:

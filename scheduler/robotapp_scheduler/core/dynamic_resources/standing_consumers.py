@@ -1,20 +1,15 @@
-"""Decides when the allocation of a RobotApp's claim is given back.
+"""Decides who uses a RobotApp's claim next, and when its allocation is given back.
 
 The RobotApp itself is among the users of such a claim, so the allocation outlives its pods: the next pod gets the same device
 on the same node. The scheduler, which wrote that entry, also ends it.
 """
 
 from collections.abc import Callable
-from datetime import datetime, timedelta
-from typing import Final
 
-from robotapp_api.model.names import GROUP, Annotation, Label
+from robotapp_api.model.names import GROUP, Label
 from robotapp_scheduler.core.api.robotics_v1alpha1 import RobotApp
 from robotapp_scheduler.core.dynamic_resources.claims_of_pods import find_robotapp
-from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim
-
-REFUSED_FOR: Final = timedelta(seconds=30)
-"""A driver that refuses a claim for this long has given its device to another one; a new allocation may get a free device."""
+from robotapp_scheduler.core.dynamic_resources.objects import ResourceClaim, ResourceClaimConsumerReference
 
 
 def is_standing(claim: ResourceClaim) -> bool:
@@ -22,9 +17,22 @@ def is_standing(claim: ResourceClaim) -> bool:
     return claim.status.allocation is not None and any(_is_robotapp(user) for user in _list_consumers(claim))
 
 
-def find_release_reason(
-    claim: ResourceClaim, app: RobotApp | None, now: datetime, *, exists: Callable[[str], bool]
-) -> str:
+def list_predecessors(claim: ResourceClaim, uid: str) -> tuple[ResourceClaimConsumerReference, ...]:
+    """Lists the pods that must be gone before the pod with this uid may use the claim; none for claims without a standing consumer.
+
+    A ReplicaSet makes the next pod while the one before terminates, and the kubelet would give both the device.
+    """
+    if not is_standing(claim):
+        return ()
+    return tuple(user for user in claim.status.reserved_for if user.resource == "pods" and user.uid != uid)
+
+
+def explain_predecessor(claim: ResourceClaim, user: ResourceClaimConsumerReference) -> str:
+    """The reason why the next pod waits for this one."""
+    return f'resourceclaim "{claim.metadata.name}" is still used by pod "{user.name}"'
+
+
+def find_release_reason(claim: ResourceClaim, app: RobotApp | None, *, exists: Callable[[str], bool]) -> str:
     """Finds why the allocation of a claim with a standing consumer is given back, "" while it is kept.
 
     `app` is the RobotApp of the claim's owner reference, None when there is none any more. While a pod is among the users, the
@@ -41,7 +49,7 @@ def find_release_reason(
         return f"RobotApp {owner[0]} is being deleted"
     if app.spec.suspend:
         return f"RobotApp {owner[0]} is suspended"
-    return _find_component_reason(claim, app) or _find_annotated_reason(claim, now) or _find_node_reason(claim, exists)
+    return _find_component_reason(claim, app) or _find_node_reason(claim, exists)
 
 
 def _find_component_reason(claim: ResourceClaim, app: RobotApp) -> str:
@@ -52,17 +60,6 @@ def _find_component_reason(claim: ResourceClaim, app: RobotApp) -> str:
     if component is None:
         return f"component {name} is no longer part of the app"
     return "" if component.devices else f"component {name} requests no device any more"
-
-
-def _find_annotated_reason(claim: ResourceClaim, now: datetime) -> str:
-    annotations = claim.metadata.annotations or {}
-    reason = annotations.get(Annotation.RELEASE, "")
-    if reason:
-        return reason
-    refusal_time = _parse_time(annotations.get(Annotation.REFUSED_SINCE, ""))
-    if refusal_time is not None and refusal_time + REFUSED_FOR <= now:
-        return f"the driver has refused the claim for {REFUSED_FOR.seconds} s"
-    return ""
 
 
 def _find_node_reason(claim: ResourceClaim, exists: Callable[[str], bool]) -> str:
@@ -82,12 +79,3 @@ def _list_consumers(claim: ResourceClaim) -> tuple[tuple[str, str], ...]:
 
 def _is_robotapp(consumer: tuple[str, str]) -> bool:
     return consumer == (GROUP, "robotapps")
-
-
-def _parse_time(text: str) -> datetime | None:
-    """The time of an annotation; None for a text that is no time with a zone, which anybody may write."""
-    try:
-        moment = datetime.fromisoformat(text)
-    except ValueError:
-        return None
-    return moment if moment.tzinfo is not None else None

@@ -2,7 +2,8 @@
 
 A claim that is not allocated gets the finalizer that protects an allocation, then allocation and users in one status update. A
 claim of a RobotApp gets no finalizer, which would hang its deletion behind a dead program, and the RobotApp as a user beside
-the pod, so that the allocation outlives the pod (docs/devices.md).
+the pod, so that the allocation outlives the pod (docs/devices.md). Its next pod is entered when the pods before are gone, and the
+same write takes these off.
 
 Every write is for the version that was read, so it takes effect at most once, and may be cancelled or lost at any await: the
 next attempt, also of another process, reads the claim and finds its own allocation there, or none.
@@ -18,9 +19,18 @@ import msgspec
 from robotapp_api.model.names import GROUP
 from robotapp_client.api.bodies import JSON_PATCH, STRATEGIC
 from robotapp_client.api.client import ApiClient, Json
-from robotapp_client.api.resources import RESOURCECLAIMS
+from robotapp_client.api.resources import PODS, RESOURCECLAIMS
 from robotapp_client.api.times import Now, whole_seconds
-from robotapp_client.transport.errors import ApiError, ClientError, Conflict, ServerError, TooManyRequests
+from robotapp_client.transport.errors import (
+    ApiError,
+    ClientError,
+    Conflict,
+    NotFound,
+    ServerError,
+    TooManyRequests,
+    means_gone,
+)
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.dynamic_resources.claim_cache import ClaimCache
 from robotapp_scheduler.core.dynamic_resources.claims_of_pods import (
     ClaimPlan,
@@ -28,7 +38,12 @@ from robotapp_scheduler.core.dynamic_resources.claims_of_pods import (
     find_robotapp,
     is_reserved_for,
 )
-from robotapp_scheduler.core.dynamic_resources.objects import AllocationResult, ResourceClaim
+from robotapp_scheduler.core.dynamic_resources.objects import (
+    AllocationResult,
+    ResourceClaim,
+    ResourceClaimConsumerReference,
+)
+from robotapp_scheduler.core.dynamic_resources.standing_consumers import explain_predecessor, list_predecessors
 from robotapp_scheduler.core.events.cluster_event import Event
 from robotapp_scheduler.core.pods.pod_info import PodInfo
 
@@ -87,15 +102,11 @@ class ClaimWriter:
         for planned_claim in plan.claims:
             meta = planned_claim.claim.metadata
             claim = self._claims.get(meta.namespace, meta.name)
-            if claim is None or claim.metadata.uid != meta.uid or not is_reserved_for(claim, pod.uid):
+            if claim is None:
                 continue
-            if not self._permitted():
-                return
-            status = {"reservedFor": [{"$patch": "delete", "uid": pod.uid}]}
-            patch = {"metadata": {"uid": meta.uid}, "status": status}
             try:
-                await self._patch(claim, patch, "status", content_type=STRATEGIC)
-            except ClientError as error:
+                await self._release_claim(claim, pod, uid=meta.uid)
+            except (UnwritableError, ClientError) as error:
                 log.warning("%s stays among the users of resource claim %s: %s", pod.key, claim, error)
 
     def deallocate(self, claim: ResourceClaim, pod: PodInfo) -> None:
@@ -151,6 +162,44 @@ class ClaimWriter:
                 return
             claim = await self._read(planned_claim, claim)
 
+    async def _release_claim(self, claim: ResourceClaim, pod: PodInfo, *, uid: str) -> None:
+        """Take the pod from the users of the claim with this uid. Raises UnwritableError and ClientError.
+
+        The write is for one version: what a deposed leader had sent would take a pod off that its successor has bound.
+        """
+        meta = claim.metadata
+        for attempt in range(TRIES):
+            if claim.metadata.uid != uid or not is_reserved_for(claim, pod.uid):
+                return
+            if not self._permitted():
+                raise UnwritableError(DEPOSED)
+            status = {"reservedFor": [{"$patch": "delete", "uid": pod.uid}]}
+            patch = {"metadata": _make_preconditions(claim), "status": status}
+            try:
+                await self._patch(claim, patch, "status", content_type=STRATEGIC)
+            except Conflict:
+                if attempt == TRIES - 1:
+                    raise
+            else:
+                return
+            claim = await self._client.get(RESOURCECLAIMS, meta.name, namespace=meta.namespace, as_type=ResourceClaim)
+
+    async def _check_predecessors(self, claim: ResourceClaim, pod: PodInfo) -> None:
+        """Raises UnwritableError while a pod that has to be gone before exists. The cache may not show a pod that is new."""
+        for user in list_predecessors(claim, pod.uid):
+            if await self._has_pod(claim.metadata.namespace, user):
+                raise UnwritableError(explain_predecessor(claim, user))
+
+    async def _has_pod(self, namespace: str, user: ResourceClaimConsumerReference) -> bool:
+        """Returns whether the API server has this pod, and it has not ended."""
+        try:
+            pod = await self._client.get(PODS, user.name, namespace=namespace, as_type=Pod)
+        except NotFound as error:
+            if means_gone(error, user.name):
+                return False
+            raise
+        return pod.metadata.uid == user.uid and not pod.terminal
+
     async def _read(self, planned_claim: PlannedClaim, claim: ResourceClaim) -> ResourceClaim:
         """The claim as stored now. While the API server does not answer, the caller's state."""
         meta = planned_claim.claim.metadata
@@ -183,8 +232,9 @@ class ClaimWriter:
             raise UnwritableError(f"claim {name} got deallocated elsewhere in the meantime")
         if allocation is not None and find_robotapp(claim) is None:
             claim = await self._protect(claim)
+        await self._check_predecessors(claim, pod)
         users = _add_users(claim, pod, standing=allocation is not None)
-        if allocation is None and len(users) == len(claim.status.reserved_for):
+        if allocation is None and users == [_encode(user) for user in claim.status.reserved_for]:
             return
         if allocation is None:
             patch: Json = {"metadata": _make_preconditions(claim), "status": {"reservedFor": users}}
@@ -227,8 +277,12 @@ def _get_devices_and_nodes(allocation: AllocationResult) -> tuple[object, ...]:
 
 
 def _add_users(claim: ResourceClaim, pod: PodInfo, *, standing: bool) -> list[Json]:
-    """The claim's users with the pod among them, and the RobotApp when it is `standing` and owns the claim."""
-    users: list[Json] = [_encode(user) for user in claim.status.reserved_for]
+    """The claim's users with the pod among them, and the RobotApp when it is `standing` and owns the claim.
+
+    Pods that were before it in a RobotApp's claim are left out: what the driver refused them is no news of this pod.
+    """
+    predecessors = list_predecessors(claim, pod.uid)
+    users: list[Json] = [_encode(user) for user in claim.status.reserved_for if user not in predecessors]
     if not is_reserved_for(claim, pod.uid):
         users.append({"resource": "pods", "name": pod.name, "uid": pod.uid})
     owner = find_robotapp(claim) if standing else None

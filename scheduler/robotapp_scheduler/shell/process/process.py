@@ -187,7 +187,7 @@ class Scheduler:
             on_change=self._changed,
             retry=lambda uid: self.core.queue.activate([uid]),
         )
-        self.standing_claims = StandingClaims(client, self.core.cluster, self.claim_writer, now=utc_now)
+        self.standing_claims = StandingClaims(client, self.core.cluster, self.claim_writer)
         claims = ClaimReserver(client, known_claims=self._taken_claims)
         handle = Handle(
             pods=Binder(client, permitted=self._may_act),

@@ -1,6 +1,9 @@
 """Devices count as taken from the decision on, until the claim has them or the pod gives them back; nothing is counted twice."""
 
+from collections.abc import Collection
+
 import msgspec
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.support.scheduler.devices import DRIVER, allocated_on, claim, device_class, resource_slice, wanting
@@ -15,9 +18,10 @@ ROWS = {"n1": 0, "n2": 1}
 NEWS = Change.RESOURCE_CLAIMS
 
 
-def make_cache() -> tuple[ClaimCache, ChangeLog]:
+def make_cache(pods: Collection[str] = ()) -> tuple[ClaimCache, ChangeLog]:
+    """pods: uids of those that exist."""
     log = ChangeLog()
-    cache = ClaimCache(lambda: log, ROWS.get)
+    cache = ClaimCache(lambda: log, ROWS.get, pods.__contains__)
     for node in ROWS:
         cache.apply_slice(resource_slice(node, "d0", "d1"))
     return cache, log
@@ -143,3 +147,51 @@ def test_whatever_happens_exactly_the_devices_of_claims_and_open_decisions_are_t
             claims.pop(number, None)
         expected = {found for found in claims.values() if found is not None} | set(decided.values())
         assert set(cache.allocated) == expected
+
+
+APP = {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "name": "patrol", "uid": "uid-app", "controller": True}
+STANDING = {"apiGroup": "robotics.io", "resource": "robotapps", "name": "patrol", "uid": "uid-app"}
+FIRST = {"resource": "pods", "name": "first", "uid": "uid-first"}
+
+
+def test_the_next_pod_of_a_robotapp_waits_for_the_one_before_and_a_pod_that_shares_does_not() -> None:
+    pods = {"uid-first", "uid-next"}
+    cache, _ = make_cache(pods)
+    cache.apply_claim(claim("camera", allocated_on("n1"), ownerReferences=[APP], reservedFor=[STANDING, FIRST]))
+    cache.apply_claim(claim("shared", allocated_on("n1", device="d1"), reservedFor=[FIRST]))
+    assert (
+        cache.resolve(wanting("camera", name="next").pod).trouble
+        == 'resourceclaim "camera" is still used by pod "first"'
+    )
+    assert cache.resolve(wanting("camera", name="first").pod).trouble == ""
+    assert cache.resolve(wanting("shared", name="next").pod).trouble == ""
+    pods.remove("uid-first")
+    assert cache.remove_pod(wanting("camera", name="first").pod) is NEWS, "the next one is to be tried"
+    assert cache.remove_pod(wanting("shared", name="first").pod) is Change.NONE
+    assert cache.resolve(wanting("camera", name="next").pod).trouble == "", "whether or not it is listed still"
+
+
+@pytest.mark.parametrize("is_replaced", [True, False])
+def test_devices_of_a_claim_that_was_deleted_below_its_pod_are_taken_until_the_pod_is_gone(is_replaced: bool) -> None:
+    pods = {"uid-first"}
+    cache, log = make_cache(pods)
+    camera = claim("camera", allocated_on("n2"), ownerReferences=[APP], reservedFor=[STANDING, FIRST])
+    cache.apply_claim(camera)
+    if is_replaced:
+        cache.apply_claim(claim("camera", version="8", uid="uid-of-the-next"))
+    else:
+        cache.remove_claim(camera)
+    assert taken(cache) == {("n2", "d0")}
+    position = log.position
+    pods.remove("uid-first")
+    assert cache.remove_pod(wanting("camera", name="first").pod) == NEWS | Change.RESOURCE_SLICES
+    assert taken(cache) == set()
+    assert log.since(position, int(NEWS), most=10) == [1]
+
+
+def test_devices_of_a_deleted_claim_without_a_living_pod_are_free_at_once() -> None:
+    cache, _ = make_cache()
+    camera = claim("camera", allocated_on("n2"), ownerReferences=[APP], reservedFor=[STANDING, FIRST])
+    cache.apply_claim(camera)
+    cache.remove_claim(camera)
+    assert taken(cache) == set()

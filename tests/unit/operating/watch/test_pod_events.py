@@ -28,6 +28,7 @@ from robotapp_operator.watch.pod_events import AT_ONCE, GIVE_BACK_S, LATER_S, NE
 GROUP = namespace_group("default")
 MOUNT = 'MountVolume.SetUp failed for volume "v" : secret "tokens" not found'
 CREATING = ("ContainerCreating", "")
+IN_USE_NOTE = "device serial-1 of node n is in use by claim x; the pod starts when it is free"
 
 
 class WatchedEvents:
@@ -175,7 +176,7 @@ def test_a_missing_object_of_the_environment_is_told_with_its_cure() -> None:
 @pytest.mark.parametrize(
     ("note", "given_back"),
     [
-        ("device serial-1 of node n is in use by claim x; the pod starts when it is free", True),
+        (IN_USE_NOTE, True),
         ("DRA driver devices.robotics.io is not registered", False),
     ],
 )
@@ -197,3 +198,40 @@ async def test_a_device_that_the_driver_refuses_for_long_is_given_back_and_one_o
     world.now_s = GIVE_BACK_S
     await events.look(GROUP)
     assert refused == (["driver"] if given_back else [])
+
+
+async def test_a_device_is_given_back_after_30_s_of_refusals_and_not_of_waiting(world: WatchedEvents) -> None:
+    refused: list[str] = []
+
+    async def take(pod: Pod) -> None:
+        refused.append(pod.metadata.name)
+
+    events = PodEvents(world.client, world.cache, world.queue, clock=lambda: world.now_s, on_refused=take)
+    pod = world.wait("driver")
+    await events.look(GROUP)
+    world.now_s = 100.0
+    await world.event("e", pod.metadata.uid, IN_USE_NOTE, reason="FailedPrepareDynamicResources")
+    await events.look(GROUP)
+    assert refused == [], "the driver came late, and its first answer is no refusal for 30 s"
+    world.now_s += GIVE_BACK_S
+    await events.look(GROUP)
+    assert refused == ["driver"]
+
+
+async def test_a_pod_that_got_its_device_and_waits_for_its_image_keeps_it(world: WatchedEvents) -> None:
+    refused: list[str] = []
+
+    async def take(pod: Pod) -> None:
+        refused.append(pod.metadata.name)
+
+    events = PodEvents(world.client, world.cache, world.queue, clock=lambda: world.now_s, on_refused=take)
+    pod = world.wait("driver")
+    await world.event("e", pod.metadata.uid, IN_USE_NOTE, reason="FailedPrepareDynamicResources")
+    await events.look(GROUP)
+    labels = {"labels": pod.metadata.labels}
+    pulling = make_pod("driver", node="n", waiting=("ImagePullBackOff", "no such host"), metadata=labels)
+    world.cache.note_waiting(pulling, waits=awaits_containers(pulling))
+    world.now_s = 2 * GIVE_BACK_S
+    await events.look(GROUP)
+    assert world.cache.is_waiting(pod.metadata.uid)
+    assert refused == []

@@ -190,6 +190,35 @@ def test_only_news_about_its_claims_free_devices_or_nodes_bring_a_pod_back() -> 
     assert not plugin.hint(by_template(None), Event("pods", Change.SELF, before, before))
 
 
+def test_the_end_of_a_pod_brings_back_those_that_name_its_claims_or_want_any_device() -> None:
+    plugin, gone_pod = DynamicResources(), camera("first").pod
+    ended = Change.POD_REMOVED | Change.RESOURCE_CLAIMS
+    assert plugin.hint(camera(), Event("pods", ended, gone_pod))
+    assert not plugin.hint(wanting("arm"), Event("pods", ended, gone_pod))
+    assert plugin.hint(wanting("arm"), Event("pods", ended | Change.RESOURCE_SLICES, gone_pod))
+
+
+def test_the_next_pod_of_a_robotapp_is_held_while_the_one_before_terminates(core: SchedulerCore) -> None:
+    owner = {"apiVersion": "robotics.io/v1alpha1", "kind": "RobotApp", "name": "a", "uid": "uid-a", "controller": True}
+    users = [{"apiGroup": "robotics.io", "resource": "robotapps", "name": "a", "uid": "uid-a"}, USER]
+    core.cluster.resource_claims.apply_claim(
+        claim("camera", allocated_on("n1"), reservedFor=users, ownerReferences=[owner])
+    )
+    before = to_pod(
+        {
+            **msgspec.to_builtins(camera("other").pod),
+            "metadata": {"name": "other", "namespace": "default", "uid": "uid-other"},
+        }
+    )
+    before.spec.node_name = "n1"
+    core.cluster.apply_pod(before)
+    assert gate_of(core, camera()) == 'resourceclaim "camera" is still used by pod "other"'
+    change = core.cluster.remove_pod(before)
+    assert change & DynamicResources.events
+    assert gate_of(core, camera()) == ""
+    assert tried(core, camera()) == "n1"
+
+
 def test_pods_with_equal_claims_share_their_class_and_pods_without_any_have_one() -> None:
     core = make_core(make_node("n1"))
     for name in ("camera", "arm"):

@@ -9,7 +9,9 @@ import pytest
 from tests.support.scheduler.devices import allocated_on, claim, wanting
 from tests.support.scheduling import make_info
 
+from robotapp_client.api.resources import PODS
 from robotapp_client.transport.errors import Conflict, Forbidden, NotFound, ServerError, Unreachable
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.dynamic_resources.claim_cache import ClaimCache
 from robotapp_scheduler.core.dynamic_resources.claims_of_pods import ClaimPlan, PlannedClaim
 from robotapp_scheduler.core.dynamic_resources.objects import AllocationResult, ResourceClaim
@@ -34,11 +36,16 @@ class Server:
         self.failures: list[tuple[Exception, bool] | None] = []
         """(error, whether the write takes effect all the same), None for a write that succeeds."""
         self.slept: list[float] = []
+        self.pods: dict[str, Pod] = {}
 
     async def sleep(self, seconds: float) -> None:
         self.slept.append(seconds)
 
-    async def get(self, _resource: Any, name: str, **_: Any) -> ResourceClaim:
+    async def get(self, resource: Any, name: str, **_: Any) -> Any:
+        if resource is PODS:
+            if name not in self.pods:
+                raise NotFound(f'pods "{name}" not found', status=404, reason="NotFound")
+            return self.pods[name]
         if name not in self.stored:
             raise NotFound(f'resourceclaims "{name}" not found', status=404)
         return msgspec.convert(self.stored[name], ResourceClaim)
@@ -73,7 +80,7 @@ class World:
     def __init__(self, *claims: ResourceClaim, stored: ResourceClaim | None = None) -> None:
         """`stored` is newer than what the watch has shown."""
         self.server = Server(*(claims if stored is None else (stored,)))
-        self.cache = ClaimCache(ChangeLog, lambda _: None)
+        self.cache = ClaimCache(ChangeLog, lambda _: None, lambda _: False)
         for each in claims:
             self.cache.apply_claim(each)
         self.events: list[Event] = []
@@ -125,6 +132,27 @@ async def test_later_users_of_an_allocated_claim_are_added_beside_the_others_and
     assert world.status["reservedFor"] == [STANDING, SELF]
     assert await world.bind(None) == ""
     assert len(world.server.writes) == 1
+
+
+async def test_the_next_pod_of_a_robotapp_takes_the_place_of_those_that_are_gone_in_the_same_write() -> None:
+    world = World(claim("camera", allocated_on("n1"), reservedFor=[OTHER, STANDING], ownerReferences=[APP]))
+    assert await world.bind(None) == ""
+    assert world.server.writes == [("status", {"metadata": {}, "status": {"reservedFor": [STANDING, SELF]}})]
+
+
+@pytest.mark.parametrize(
+    ("uid", "phase", "is_gone"),
+    [("uid-other", "Running", False), ("uid-other", "Failed", True), ("uid-of-a-namesake", "Running", True)],
+)
+async def test_a_pod_does_not_join_a_claim_of_a_robotapp_beside_another_one(
+    uid: str, phase: str, is_gone: bool
+) -> None:
+    world = World(claim("camera", allocated_on("n1"), reservedFor=[OTHER, STANDING], ownerReferences=[APP]))
+    pod = {"metadata": {"name": "other", "uid": uid}, "status": {"phase": phase}}
+    world.server.pods["other"] = msgspec.convert(pod, Pod)
+    trouble = await world.bind(None)
+    assert trouble == ("" if is_gone else 'resourceclaim "camera" is still used by pod "other"')
+    assert len(world.server.writes) == is_gone
 
 
 async def test_what_others_wrote_meanwhile_is_kept() -> None:
@@ -193,6 +221,22 @@ async def test_a_pod_that_was_not_bound_leaves_the_users_and_its_allocation_stay
     assert patch["status"] == {"reservedFor": [{"$patch": "delete", "uid": "uid-p"}]}
     await world.writer.release(make_info("q"), ClaimPlan((PlannedClaim(found, None),)))
     assert len(world.server.writes) == 3, "q was no user"
+
+
+async def test_a_claim_that_changed_is_read_before_a_pod_leaves_it_and_a_deposed_leader_takes_nobody_off() -> None:
+    before = claim("camera", allocated_on("n1"), reservedFor=[SELF])
+    plan = ClaimPlan((PlannedClaim(before, None),))
+    world = World(before, stored=claim("camera", allocated_on("n1"), version="8", reservedFor=[SELF, OTHER]))
+    await world.writer.release(wanting("camera"), plan)
+    assert len(world.server.writes) == 1
+    world = World(before, stored=claim("camera", allocated_on("n1"), version="8", reservedFor=[OTHER]))
+    await world.writer.release(wanting("camera"), plan)
+    assert world.server.writes == []
+    world = World(before)
+    world.server.failures = [(Conflict("changed", status=409), False)]
+    world.leads = False
+    await world.writer.release(wanting("camera"), plan)
+    assert world.server.writes == []
 
 
 async def test_an_allocation_is_taken_back_for_the_version_that_was_seen_or_the_pod_is_tried_again() -> None:

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from robotapp_api.values.quantities.duration import parse_go_ns
+from robotapp_scheduler.core.api.core_v1 import Pod
 from robotapp_scheduler.core.cache.snapshot import Snapshot
 from robotapp_scheduler.core.dynamic_resources.claim_cache import NOT_SERVED, ClaimCache
 from robotapp_scheduler.core.dynamic_resources.claims_of_pods import (
@@ -186,9 +187,12 @@ class DynamicResources:
         return False
 
     def hint(self, pod: PodInfo, event: Event) -> bool:
-        """Returns True for claims of the pod whose status changed, for devices that got free, and for news of slices, classes and nodes."""
+        """Returns True for claims of the pod whose status or users changed, for devices that got free, and for news of slices, classes and nodes."""
         if event.change & Change.SELF:
             return list(list_named_claims(event.old)) != list(list_named_claims(event.new))
+        if event.resource == "pods":
+            gone_pod: Pod = event.old or event.new
+            return bool(event.change & Change.RESOURCE_SLICES) or not _names_of(pod.pod).isdisjoint(_names_of(gone_pod))
         if event.resource != "resourceclaims":
             return True
         old: ResourceClaim | None = event.old
@@ -196,9 +200,7 @@ class DynamicResources:
         if old is not None and old.status.allocation is not None and (new is None or new.status.allocation is None):
             return True
         claim = new or old
-        return claim is not None and (claim.metadata.namespace, claim.metadata.name) in {
-            (pod.namespace, named_claim.claim) for named_claim in list_named_claims(pod.pod)
-        }
+        return claim is not None and (claim.metadata.namespace, claim.metadata.name) in _names_of(pod.pod)
 
     def _allocate_on_nodes(self, claims: PodClaims, nodes: Snapshot) -> Iterator[tuple[int, NodeAllocation]]:
         """Allocations of the claims that have none, by position in the view."""
@@ -225,6 +227,11 @@ def _find_trouble(claims: PodClaims, cache: ClaimCache) -> str:
                 if device_class not in cache.classes:
                     return f"request {name}: device class {device_class} does not exist"
     return ""
+
+
+def _names_of(pod: Pod) -> set[tuple[str, str]]:
+    """Namespaces and names of the claims that a pod names."""
+    return {(pod.metadata.namespace, named.claim) for named in list_named_claims(pod) if named.claim}
 
 
 def _has_alternatives(state: ClaimState) -> bool:

@@ -10,7 +10,7 @@ from tests.support.factories import component, make_app
 
 from robotapp_api.model.names import Annotation, Label
 from robotapp_claims.rules.objects import ResourceClaim
-from robotapp_client import TooManyRequests
+from robotapp_client import Conflict, TooManyRequests
 from robotapp_client.api.resources import PODS, RESOURCECLAIMS
 from robotapp_operator.plan.diff.diff import wanted_children
 from robotapp_operator.plan.render.devices.resource_claim import DeviceClaim, wanted_claims
@@ -100,17 +100,22 @@ async def test_a_refused_claim_goes_after_its_pod_and_never_below_one() -> None:
         await give_back(client, cache, other)
         assert len((await client.list(RESOURCECLAIMS)).items) == 1, "a claim of another pod"
 
-        refused = True
+        refusal: Exception | None = TooManyRequests("disruption budget", status=429)
 
-        async def evict(_path: str, _body: bytes) -> bytes:
+        async def evict(_path: str, body: bytes) -> bytes:
             assert (await client.list(RESOURCECLAIMS)).items, "the pod goes first"
-            if refused:
-                raise TooManyRequests("disruption budget", status=429)
+            preconditions = msgspec.json.decode(body)["deleteOptions"]["preconditions"]
+            assert preconditions == {"uid": pod_uid, "resourceVersion": found.metadata.resource_version}
+            if refusal is not None:
+                raise refusal
             return b"{}"
 
         client.post_raw = evict  # type: ignore[method-assign,assignment]
         await give_back(client, cache, found)
         assert len((await client.list(RESOURCECLAIMS)).items) == 1, "its pod is still there"
-        refused = False
+        refusal = Conflict("the object has been modified", status=409)
+        await give_back(client, cache, found)
+        assert len((await client.list(RESOURCECLAIMS)).items) == 1, "it changed, so it may have its device by now"
+        refusal = None
         await give_back(client, cache, found)
         assert (await client.list(RESOURCECLAIMS)).items == []
