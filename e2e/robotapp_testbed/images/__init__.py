@@ -36,6 +36,8 @@ RECIPES: Final[Mapping[str, Callable[[], Recipe]]] = {
     "navigation-ros2": partial(ReferenceRos2, "navigation-ros2", "navigation"),
     "teleop-ros1": partial(ReferenceRos1, "teleop-ros1"),
     "teleop-ros2": partial(ReferenceRos2, "teleop-ros2"),
+    "usb-sensor-ros1": partial(ReferenceRos1, "usb-sensor-ros1"),
+    "usb-sensor-ros2": partial(ReferenceRos2, "usb-sensor-ros2"),
 }
 _FORMAT = 1
 """Raised when the same inputs shall give other bytes."""

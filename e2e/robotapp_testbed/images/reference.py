@@ -91,7 +91,9 @@ class ReferenceRos1(Ros1):
 
     def config(self) -> Config:
         config = super().config()
-        return replace(config, env={**(config.env or {}), "ROS_PACKAGE_PATH": f"/{_INSTALL}/share"})
+        # roslaunch writes its logs below HOME, which has no other value for a user without an entry in /etc/passwd.
+        variables = {"ROS_PACKAGE_PATH": f"/{_INSTALL}/share", "HOME": "/tmp"}  # noqa: S108 - within the image
+        return replace(config, env={**(config.env or {}), **variables})
 
     def _code_layer(self, base: Path, layer: Path) -> Path:
         _copy_shared(self.package, layer)

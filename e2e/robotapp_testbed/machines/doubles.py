@@ -15,9 +15,11 @@ from robotapp_testbed.machines.fake_host import (
     GAMEPAD,
     LIDAR,
     FakeHost,
+    Serve,
     UsbModel,
     picture_file,
-    serial_loop,
+    send_temperatures,
+    serial_port,
 )
 from robotapp_testbed.machines.nodes import Device
 
@@ -36,8 +38,8 @@ class _Plugged:
 class Doubles:
     """The devices of one node, below `root`; plugged and unplugged by the ids they are declared with.
 
-    A serial port is a pseudo-terminal that sends back what it gets, as long as this process lives and `close` was not called;
-    a camera's file gives zeros.
+    A serial port is a pseudo-terminal, as long as this process lives and `close` was not called: one of the model `thermometer`
+    sends readings, any other one sends back what it gets. A camera's file gives zeros.
     """
 
     def __init__(self, root: Path, devices: Iterable[Device] = ()) -> None:
@@ -113,16 +115,18 @@ def _camera(host: FakeHost, device: Device, plugged: _Plugged) -> str:
 
 def _adapter(host: FakeHost, device: Device, plugged: _Plugged) -> str:
     name = _file(device, f"ttyUSB{plugged.port - 1}")
-    plugged.ends.enter_context(serial_loop(host, name))
+    plugged.ends.enter_context(serial_port(host, name, _SERVES.get(device.model)))
     return host.adapter(f"1-{plugged.port}", name, _model(device, ADAPTER))
 
 
 def _uart(host: FakeHost, device: Device, plugged: _Plugged) -> str:
     name = device.interface or "ttyTHS1"
-    plugged.ends.enter_context(serial_loop(host, name))
+    plugged.ends.enter_context(serial_port(host, name, _SERVES.get(device.model)))
     return host.uart(name)
 
 
+_SERVES: Final[dict[str, Serve]] = {"thermometer": send_temperatures}
+"""What the other end of a serial port does, by model."""
 _Kind = Callable[[FakeHost, Device, _Plugged], str]
 _ON_USB: Final[dict[str, _Kind]] = {
     "video": _camera,

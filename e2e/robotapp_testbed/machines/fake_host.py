@@ -1,15 +1,19 @@
 """A host's /sys, /dev, /run/udev and /proc as plain files: devices that can be plugged and unplugged without hardware.
 
 The trees look as the kernel's do: a device is a folder below sys/devices, and class and bus folders hold links to it. Real are
-only pseudo-terminals, which stand for serial ports (`serial_loop`). A real node with declared devices has such trees in place
+only pseudo-terminals, which stand for serial ports (`serial_port`). A real node with declared devices has such trees in place
 of the machine's (`mounts`), so that the agent in its pod finds them there.
 """
 
+import functools
+import math
+import operator
 import os
+import select
 import shutil
 import threading
 import tty
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +24,10 @@ OTHER_CONTROLLER: Final = "pci0000:00/0000:00:1d.0"
 HUB: Final = "09"
 DIALOUT: Final = 20
 """Debian's group of serial ports."""
+Serve = Callable[[int, threading.Event], None]
+"""Works on the other end of a serial port, a file descriptor that does not block, until the event is set."""
+_TICK_S: Final = 0.1
+_READING_PERIOD_S: Final = 0.1
 _JOYSTICK_KEYS: Final = "ffff000000000000 0 0 0 0"
 _JOYSTICK_AXES: Final = "3003f"
 _CAN: Final = {"type": "280", "dev_port": "0", "address": "", "mtu": "16"}
@@ -255,27 +263,46 @@ def picture_file(host: FakeHost, name: str = "video0") -> Iterator[Path]:
 
 
 @contextmanager
-def serial_loop(host: FakeHost, name: str = "ttyUSB0") -> Iterator[Path]:
-    """A pseudo-terminal behind dev/<name> that sends back what is written to it, as a plug that joins RX and TX does."""
+def serial_port(host: FakeHost, name: str = "ttyUSB0", serve: Serve | None = None) -> Iterator[Path]:
+    """A pseudo-terminal behind dev/<name>, whose other end `serve` works on in a thread; by default it sends everything back.
+
+    At the end a program that has the port open reads its end, as after an unplugged adapter.
+    """
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     with suppress(PermissionError):  # only root may; owner and mode are as udev sets them for serial ports
         os.fchown(theirs, 0, DIALOUT)
         os.fchmod(theirs, 0o660)
+    os.set_blocking(ours, False)
     path = host.root / "dev" / name
     path.symlink_to(os.ttyname(theirs))
-    thread = threading.Thread(target=_echo, args=(ours,), name=f"loop of {name}", daemon=True)
+    unplugged = threading.Event()
+    thread = threading.Thread(target=serve or send_back, args=(ours, unplugged), name=f"end of {name}", daemon=True)
     thread.start()
     try:
         yield path
     finally:
         path.unlink()
-        os.close(theirs)  # the last end: reading ours ends with an error
-        thread.join(timeout=5)
+        unplugged.set()
+        thread.join()
         os.close(ours)
+        os.close(theirs)
 
 
-def _echo(fd: int) -> None:
-    with suppress(OSError):
-        while data := os.read(fd, 4096):
-            os.write(fd, data)
+def send_back(fd: int, unplugged: threading.Event) -> None:
+    """Sends back what is written to a port, as a plug that joins RX and TX does."""
+    while not unplugged.is_set():
+        if select.select([fd], [], [], _TICK_S)[0]:
+            with suppress(BlockingIOError):  # nobody reads what comes back, and the kernel's buffer is full
+                os.write(fd, os.read(fd, 4096))
+
+
+def send_temperatures(fd: int, unplugged: threading.Event) -> None:
+    """Sends ten lines a second as a thermometer that frames them like NMEA 0183: `$T,21.43*52`."""
+    number = 0
+    while not unplugged.wait(_READING_PERIOD_S):
+        number += 1
+        text = f"T,{20 + 5 * math.sin(number / 50):.2f}"
+        checksum = functools.reduce(operator.xor, text.encode(), 0)
+        with suppress(BlockingIOError):  # nobody reads, and the kernel's buffer is full
+            os.write(fd, f"${text}*{checksum:02X}\n".encode())

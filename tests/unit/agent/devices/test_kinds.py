@@ -1,13 +1,22 @@
 """Which devices an agent finds on a host, by fake trees that look as the kernel's do."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from robotapp_agent.devices.device import Device
 from robotapp_agent.shell.device_scanner import DeviceScanner, HostPaths
-from robotapp_testbed.machines.fake_host import CAMERA, GAMEPAD, LIDAR, FakeHost, UsbModel, serial_loop
+from robotapp_testbed.machines.fake_host import (
+    CAMERA,
+    GAMEPAD,
+    LIDAR,
+    FakeHost,
+    UsbModel,
+    send_temperatures,
+    serial_port,
+)
 
 
 def found(host: FakeHost) -> Sequence[Device]:
@@ -201,7 +210,24 @@ def test_a_host_whose_sysfs_is_not_mounted_is_told_and_has_no_devices(tmp_path: 
 def test_a_serial_loop_sends_back_what_is_written_to_it(tmp_path: Path) -> None:
     host = FakeHost(tmp_path)
     host.adapter("1-1", "ttyUSB0")
-    with serial_loop(host) as path, path.open("r+b", buffering=0) as port:
+    with serial_port(host) as path, path.open("r+b", buffering=0) as port:
         port.write(b"ping")
         assert port.read(4) == b"ping"
     assert not path.exists()
+
+
+def test_a_program_that_has_a_serial_port_open_reads_its_end_when_it_is_unplugged(tmp_path: Path) -> None:
+    host = FakeHost(tmp_path)
+    host.adapter("1-1", "ttyUSB0")
+    with ExitStack() as plugged:
+        port = plugged.enter_context(serial_port(host)).open("rb", buffering=0)
+        plugged.close()
+        with port:
+            assert port.read(1) == b""
+
+
+def test_a_thermometer_sends_lines_with_checksums(tmp_path: Path) -> None:
+    host = FakeHost(tmp_path)
+    host.adapter("1-1", "ttyUSB0")
+    with serial_port(host, serve=send_temperatures) as path, path.open("rb") as port:
+        assert [port.readline() for _ in range(2)] == [b"$T,20.10*55\n", b"$T,20.20*56\n"]

@@ -1,0 +1,1 @@
+"""A driver publishes the readings of a temperature sensor on a serial port, and a listener counts them."""
