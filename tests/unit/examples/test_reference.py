@@ -132,7 +132,10 @@ def test_what_the_robotapp_starts_is_part_of_the_package(app: Path) -> None:
                 pytest.fail(f"unknown way to start: {shlex.join(words)}")
 
 
-def test_both_generations_of_the_fleet_keep_their_tasks_by_the_same_journal() -> None:
+@pytest.mark.parametrize(
+    ("app", "file"), [("fleet", "tasks.py"), ("detection", "detector.py"), ("detection", "scene.py")]
+)
+def test_both_generations_of_an_application_work_by_the_same_rules(app: str, file: str) -> None:
     """Each folder is whole, as a repository of its own would be, so the file is there twice."""
-    first, second = sorted(FOLDER.glob("fleet-*/src/**/tasks.py"))
+    first, second = sorted(FOLDER.glob(f"{app}-*/src/**/{file}"))
     assert first.read_text() == second.read_text()
