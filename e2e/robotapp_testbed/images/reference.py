@@ -57,8 +57,7 @@ class ReferenceRos2(Ros2Jazzy):
     def fill(self, scratch: Path) -> Sequence[Path]:
         layers = super().fill(scratch)
         if self._trainer:
-            model = Path(_INSTALL, "share", self.package.name, "model.pkl")
-            train(self._trainer, layers, model, root=scratch / "root")
+            train(self._trainer, self.package, layers, scratch / "root", set_up=f". /{_JAZZY}/setup.bash; ")
         return layers
 
     def code(self) -> list[Path]:
@@ -76,15 +75,27 @@ class ReferenceRos2(Ros2Jazzy):
 
 
 class ReferenceRos1(Ros1):
-    """An application in rospy or roscpp: each source file of C++ in `src` is a program, each executable file in `nodes`, too."""
+    """An application in rospy or roscpp: each source file of C++ in `src` is a program, each executable file in `nodes`, too.
 
-    def __init__(self, app: str) -> None:
+    `group` of uv.lock has what it uses besides ROS, `trainer` is the module that writes its model at build time.
+    """
+
+    def __init__(self, app: str, group: str = "", trainer: str = "") -> None:
+        self._trainer = trainer
         self.package = package_of(app)
+        self.selection = ("--only-group", group) if group else ()
         self.packages = (*Ros1.packages, "python3-nav-msgs", *(["libroscpp4d"] if self._sources() else []))
 
     def inputs(self) -> bytes:
         compiler = repr((debian.closure(_COMPILER), _LIBRARIES, _FLAGS)) if self._sources() else ""
-        return super().inputs() + repr((compiler, _SHARED, _WRITABLE)).encode()
+        trainer = self._trainer.encode()
+        return super().inputs() + repr((compiler, _SHARED, _WRITABLE)).encode() + trainer
+
+    def fill(self, scratch: Path) -> Sequence[Path]:
+        layers = super().fill(scratch)
+        if self._trainer:
+            train(self._trainer, self.package, layers, scratch / "root")
+        return layers
 
     def code(self) -> list[Path]:
         return list_files(self.package)
@@ -115,12 +126,13 @@ class ReferenceRos1(Ros1):
         return sorted((self.package / "src").glob("*.cpp"))
 
 
-def train(module: str, layers: Sequence[Path], model: Path, *, root: Path) -> None:
-    """Runs a module in the image with the path of the model, which goes into the uppermost layer."""
+def train(module: str, package: Path, layers: Sequence[Path], root: Path, *, set_up: str = "") -> None:
+    """Runs a module in the image with the path of the package's model, which goes into the uppermost layer."""
+    model = Path(_INSTALL, "share", package.name, "model.pkl")
     root.mkdir()
     for layer in layers:
         subprocess.run(["cp", "-al", "--remove-destination", f"{layer}/.", str(root)], check=True)
-    line = f". /{_JAZZY}/setup.bash; exec python3 -m {module} /{model}"
+    line = f"{set_up}exec python3 -m {module} /{model}"
     # One thread, so that sums have one order.
     env = {"PATH": PATH, "PYTHONPATH": f"/{_CODE}", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     command = [str(shutil.which("chroot")), str(root), "/bin/sh", "-c", line]

@@ -133,7 +133,14 @@ def test_what_the_robotapp_starts_is_part_of_the_package(app: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "pattern", ["fleet-*/src/**/tasks.py", "usb-sensor-*/src/**/sensor.py", "usb-sensor-*/src/**/arrivals.py"]
+    "pattern",
+    [
+        "fleet-*/src/**/tasks.py",
+        "detection-*/src/**/detector.py",
+        "detection-*/src/**/scene.py",
+        "usb-sensor-*/src/**/sensor.py",
+        "usb-sensor-*/src/**/arrivals.py",
+    ],
 )
 def test_both_generations_of_an_application_share_what_has_nothing_of_ros(pattern: str) -> None:
     """Each folder is whole, as a repository of its own would be, so the file is there twice."""

@@ -1,0 +1,1 @@
+"""A camera sends pictures and a detector finds the signs in them."""
