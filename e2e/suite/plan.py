@@ -18,6 +18,8 @@ EXCLUSIVE: Final = (
     "tests/live/nodes",
     "tests/live/speed",
     "tests/live/images",
+    "tests/live/reference/test_on_real_nodes.py",
+    "tests/live/reference/test_usb_sensor_on_real_nodes.py",
     "tests/live/scheduling/pods/test_cost_per_pod.py",
     "e2e/tests/live/switch",
 )

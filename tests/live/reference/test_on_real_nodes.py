@@ -4,18 +4,16 @@ import logging
 import re
 import time
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
-import yaml
+from tests.live.reference.apps import read_app, read_log
 from tests.support.work_unit import slowness
 
 from campaigns.nodes import teleop_app
-from robotapp_testbed import images, wait_until
+from robotapp_testbed import wait_until
 from robotapp_testbed.binaries import pins
 from robotapp_testbed.control_plane import product
 from robotapp_testbed.control_plane.namespaces import created
-from robotapp_testbed.images.reference import FOLDER
 from robotapp_testbed.machines.nodes import edge, robot
 from robotapp_testbed.real import RealNodes
 
@@ -43,39 +41,22 @@ def cluster(real_machine: type[RealNodes]) -> Iterator[RealNodes]:
         product.start_operator(cp)
         product.start_scheduler(cp)
         with created(cp, PLACE):
-            teleop_app.apply(cp, PLACE, [read_app(APP)])
+            teleop_app.apply(cp, PLACE, [read_app(APP, {"operator": "Edge"})])
             yield cp
 
 
-def read_app(name: str) -> dict[str, Any]:
-    """Returns the committed RobotApp with the image of the testbed in place of its own, the operator off the robot."""
-    app: dict[str, Any] = yaml.safe_load((FOLDER / name / "robotapp.yaml").read_text())
-    image = {"image": images.reference(name), "imagePullPolicy": "IfNotPresent"}
-    for component in app["spec"]["components"]:
-        component.update(image)
-        if component["name"] == "operator":
-            component["runsOn"] = ["Edge"]
-    app["spec"]["ros2"] = {"discovery": image}
-    return app
-
-
-def read_log(cp: RealNodes, component: str) -> str:
-    pod = teleop_app.pods(cp, PLACE, APP).get(component)
-    return cp.kubectl("logs", "-n", PLACE, pod["metadata"]["name"], "-c", component, check=False) if pod else ""
-
-
 def count_answers(cp: RealNodes) -> int:
-    summaries = re.findall(r"commands, (\d+) answered", read_log(cp, "operator"))
+    summaries = re.findall(r"commands, (\d+) answered", read_log(cp, PLACE, APP, "operator"))
     return int(summaries[-1]) if summaries else 0
 
 
 def test_a_robot_stops_when_its_link_is_cut_and_drives_on_when_it_is_back(cluster: RealNodes) -> None:
     assert wait_until(lambda: count_answers(cluster) >= ANSWERED, timeout_s=STARTED_S * slowness(), poll_s=0.5)
-    logger.info("%s", read_log(cluster, "operator").splitlines()[-1])
-    stops = read_log(cluster, "robot").count("stopped")
+    logger.info("%s", read_log(cluster, PLACE, APP, "operator").splitlines()[-1])
+    stops = read_log(cluster, PLACE, APP, "robot").count("stopped")
     cluster.switch.set_link("amr-07", "edge-1", down=True)
     began_s = time.monotonic()
-    assert wait_until(lambda: read_log(cluster, "robot").count("stopped") > stops, timeout_s=CUT_S)
+    assert wait_until(lambda: read_log(cluster, PLACE, APP, "robot").count("stopped") > stops, timeout_s=CUT_S)
     time.sleep(max(CUT_S - (time.monotonic() - began_s), 0))
     cluster.switch.set_link("amr-07", "edge-1", down=False)
     answered, allowed_s, began_s = count_answers(cluster), HEALS_S * slowness(), time.monotonic()
