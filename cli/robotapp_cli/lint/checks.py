@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
+from robotapp_api.checks.device_names import handover_notes
 from robotapp_api.checks.host_access.guarded import host_access_notes
 from robotapp_api.checks.problem import Note
 from robotapp_api.checks.size import size_problem
@@ -114,6 +115,8 @@ def _notes(subject: Subject) -> Iterator[Note]:
     if spec := _spec(subject):
         yield from spec_notes(spec)
         yield from host_access_notes(spec)
+        for index, component in enumerate(spec.components):
+            yield from handover_notes(component, f"spec.components[{index}]")
     if subject.definition.kind == "DomainPool" and not subject.unsound and not _refused(subject):
         yield from pool_notes(max_participants_per_host=subject.stored["spec"]["maxParticipantsPerHost"])
 

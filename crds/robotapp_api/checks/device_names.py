@@ -1,4 +1,6 @@
-"""Finds devices that no node agent would ever publish, and references to paths that are not fixed before a container starts."""
+"""Finds devices that no node agent would ever publish or no driver hands over, and references to paths that are not fixed before a
+container starts.
+"""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -10,7 +12,7 @@ from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.device import Device, Requirement
 from robotapp_api.model.names import GPU
 from robotapp_api.values.devices.variables import DEVICE_PREFIX, device_variable
-from robotapp_api.values.devices.words import PLUGGING_ORDER
+from robotapp_api.values.devices.words import PLUGGING_ORDER, list_types
 from robotapp_api.values.naming import label_value
 
 _BUILT_ABOVE_A_BUS: Final = frozenset({"lidar", "laser", "imu", "gps", "gnss", "motor"})
@@ -110,6 +112,29 @@ def device_name_notes(items: Iterable[Device | Requirement], at: str) -> Iterato
                     f"{at}[{index}].{name}",
                     f'no device that a node agent finds has "{value}", because it writes them as label values; leave it out',
                 )
+
+
+def handover_notes(component: Component, at: str) -> Iterator[Note]:
+    """Yields devices that no driver hands over as they are written. `at`: where the component stands.
+
+    A bus of one's own keeps the component's other devices from being handed over, too: it has one ledger.
+    """
+    for index, device in enumerate(component.devices):
+        where = f"{at}.devices[{index}]"
+        if device.type == GPU:
+            continue
+        if device.sharing != "Exclusive":
+            yield Note(
+                f"{where}.sharing",
+                f"{device.sharing}: no driver hands a shared device over; leave sharing out and publish its data from this component, or "
+                "mount the device file by hostPath, which takes the right robotapps/hostpath",
+            )
+        elif "can" in list_types(device.type) and not component.template.spec.host_network:
+            yield Note(
+                f"{where}.type",
+                "a CAN bus is a network interface of the node, which a pod with a network of its own does not have, and no driver hands "
+                "devices of this component over; write template: {spec: {hostNetwork: true}}, which takes the right robotapps/hostnetwork",
+            )
 
 
 def _type_notes(item: Device | Requirement, at: str) -> Iterator[Note]:

@@ -20,6 +20,7 @@ from robotapp_operator.plan.moves.device_moves import RESTART, move_for_device, 
 from robotapp_operator.plan.moves.mass_loss import Losses
 from robotapp_operator.plan.moves.move_record import parse_moves
 from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, limits_of, moved_text, reschedule
+from robotapp_operator.plan.render.devices.resource_claim import named_claim
 from robotapp_operator.plan.render.node_affinity import tolerates_all
 from robotapp_operator.plan.spec.desired import NEVER, App, desired_of
 from robotapp_operator.plan.spec.objects import Deployment, Node, Pod
@@ -30,6 +31,7 @@ from robotapp_operator.plan.status.facts import InstanceFacts
 from robotapp_operator.plan.status.latency import between
 from robotapp_operator.queue.work import StartOver
 from robotapp_operator.reconcile.apply_plan import evict
+from robotapp_operator.reconcile.devices.resource_claims import release_claims
 from robotapp_operator.reconcile.observer import Observer
 from robotapp_operator.reconcile.reconcile_state import Again, InstanceMemory, ReconcileState
 from robotapp_operator.reconcile.status_reporter import send_event
@@ -118,7 +120,9 @@ class Mover:
         devices_again = await self._devices(app, facts, own, parts)
         for_device, for_edge, edges_again = self._decide(app, instance, facts, own, parts)
         move = next((one for one in (for_device, for_edge) if isinstance(one, Move)), None)
-        refused = await self._move(app, own, parts[move.component], move) if move else ""
+        refused = ""
+        if move is not None:
+            refused = await self._move(app, own, parts[move.component], move, for_device=move is for_device)
         device, edge = (_why(one, move, refused) for one in (for_device, for_edge))
         self._show(app, name, own, device=device, edge=edge)
         due = [again for again in (devices_again, edges_again, REFUSED_S if refused else None) if again is not None]
@@ -149,7 +153,7 @@ class Mover:
             app,
             lost,
             running=running,
-            elsewhere=lambda component: self._elsewhere(app, instance, component, running[component.name].node),
+            elsewhere=lambda component: self._elsewhere(app, instance, component, parts[component.name]),
             losses=self._all_losses,
             now=self._now(),
         )
@@ -226,20 +230,20 @@ class Mover:
         """Those of these nodes, all computers of each robot among them, that do not admit the app's namespace."""
         return closed_nodes([self._cache.nodes[name].metadata for name in names], app.namespace)
 
-    def _elsewhere(self, app: App, instance: Instance, component: Component, here: str) -> str:
+    def _elsewhere(self, app: App, instance: Instance, component: Component, part: DeployedPod) -> str:
         desired = desired_of(app, instance.robot)
+        usable = self._usable(app)
+        if named_claim(part.deployment.spec):  # only nodes with the driver have devices for its claim
+            driver_nodes = self._cache.allocations.driver_nodes(self._cache.nodes).names
+            usable = {name: node for name, node in usable.items() if name in driver_nodes}
         return free_elsewhere(
             component,
             desired,
-            but=here,
+            but=part.pod.spec.node_name,
             claims=self._cache.claims_by_name,
             used=devices_of_pods(self._cache),
             telemetry=self._cache.telemetry,
-            nodes={
-                name: node
-                for name, node in self._usable(app).items()
-                if tolerates_all(component, desired, node.spec.taints)
-            },
+            nodes={name: node for name, node in usable.items() if tolerates_all(component, desired, node.spec.taints)},
         )
 
     # Devices
@@ -311,7 +315,7 @@ class Mover:
                 found = True
         return found
 
-    async def _move(self, app: App, own: InstanceMemory, part: DeployedPod, move: Move) -> str:
+    async def _move(self, app: App, own: InstanceMemory, part: DeployedPod, move: Move, *, for_device: bool) -> str:
         """Why the pod could not be evicted, "" when it was, or when it is gone already."""
         if own.evicted == move.pod:
             return ""
@@ -330,7 +334,22 @@ class Mover:
             "%s/%s: %s is evicted from %s for %s", app.namespace, app.name, move.component, move.before, move.after
         )
         own.moving = move
+        if for_device:
+            await self._release_claim(app, part)
         return ""
+
+    async def _release_claim(self, app: App, part: DeployedPod) -> None:
+        """Deletes the ResourceClaim of a pod that was evicted for a lost device, so that its successor has another device chosen.
+
+        It must be as it was before the eviction: a scheduler that has bound the successor with it has written on it. The successor
+        is then moved by a later check.
+        """
+        name, meta = named_claim(part.deployment.spec), part.pod.metadata
+        for claim in self._cache.allocations.claims.of_instance(app.uid, meta.instance).values():
+            if claim.metadata.name != name or claim.metadata.controller_uid != app.uid:
+                continue
+            if claim.metadata.namespace == app.namespace:
+                await release_claims(self._client, [claim], unchanged=True)
 
     def _tell(self, app: App, own: InstanceMemory, parts: Mapping[str, DeployedPod]) -> None:
         """Write the event of a move when the successor is on a node, about the node that the scheduler has chosen."""

@@ -10,6 +10,7 @@ from typing import Any
 from robotapp_api.values.placement.round_trips import UNREACHABLE_US
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_claims.rules.instances import Instance
+from robotapp_operator.plan.render.devices.ledger import list_handover_notes
 from robotapp_operator.plan.render.instance_object import object_name
 from robotapp_operator.plan.spec.config_content import list_config_maps, names_secrets
 from robotapp_operator.plan.spec.desired import App, desired_of
@@ -68,12 +69,26 @@ class Observer:
                     app, "overrides", self._cache.nodes.identity_version, lambda: override_notes(app, self._cache.nodes)
                 ),
                 *self._cache.answers.get(app, "secrets", secrets, lambda: secret_notes(app, followed=secrets)),
+                *self._handover_notes(app),
             ),
             previous=record.status,
             now=now,
             rmw=desired.rmw,
             discovery=desired.discovery,
         )
+
+    def _handover_notes(self, app: App) -> tuple[str, ...]:
+        """Returns which devices no driver hands over, where one runs."""
+        if not app.wants_devices:
+            return ()
+        version = (self._cache.allocations.version, self._cache.nodes.identity_version)
+
+        def list_notes() -> tuple[str, ...]:
+            drivers = self._cache.allocations.driver_nodes(self._cache.nodes)
+            return list_handover_notes(app, instances_by_name(app, self._cache), drivers)
+
+        notes: tuple[str, ...] = self._cache.answers.get(app, "handover", version, list_notes)
+        return notes
 
     def instance(self, app: App, instance: Instance) -> InstanceFacts:
         memory = self._memory.of(app.uid)

@@ -334,13 +334,13 @@ def devices_of_pods(cache: Cache) -> PodDevices:
 
 
 def device_losses(cache: Cache) -> Losses:
-    """Of the whole cluster. A device of which the agent speaks no more is lost when its loss was recorded."""
+    """Returns those of the whole cluster, by both ledgers. A device of which the agent speaks no more is lost when its loss was recorded."""
 
     def lost(claim: Claim) -> bool:
         there = is_there(claim, cache.telemetry)
         return there is False or (there is None and _recorded(claim, cache))
 
-    return losses_of((claim, lost(claim)) for claim in cache.all_claims() if claim.spec.device)
+    return losses_of((claim, lost(claim)) for claim in cache.claims_by_name.values() if claim.spec.device)
 
 
 def _recorded(claim: Claim, cache: Cache) -> bool:

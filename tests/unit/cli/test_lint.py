@@ -18,6 +18,7 @@ from robotapp_cli.main import app as cli
 from robotapp_cli.output import Output
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+RESERVE_A_BUS = ("can-holder.yaml", "can-rival.yaml")
 OLD = """\
 apiVersion: robotics.io/v1alpha1
 kind: RobotApp
@@ -46,10 +47,18 @@ def written(folder: Path, *objects: dict[str, Any], name: str = "app.yaml") -> s
 
 
 def test_the_examples_have_nothing_wrong() -> None:
-    others = {EXAMPLES / "tenant-quota.yaml", EXAMPLES / "runs.yaml"}
+    others = {EXAMPLES / name for name in ("tenant-quota.yaml", "runs.yaml", *RESERVE_A_BUS)}
     files = sorted({*EXAMPLES.glob("*.yaml")} - others)
     result = run(*map(str, files))
     assert (result.exit_code, result.stdout) == (0, f"nothing wrong in {len(files)} RobotApps\n")
+
+
+def test_examples_that_reserve_a_bus_and_open_none_are_told_what_a_program_that_does_would_need() -> None:
+    result = run(*(str(EXAMPLES / name) for name in RESERVE_A_BUS))
+    assert result.exit_code == 0
+    notes = [line for line in result.stdout.splitlines() if line.startswith(str(EXAMPLES))]
+    assert len(notes) == len(RESERVE_A_BUS)
+    assert all("devices[0].type: a CAN bus is" in note and "hostNetwork: true" in note for note in notes)
 
 
 def test_each_finding_is_a_line_with_its_place_and_the_last_line_counts_them() -> None:

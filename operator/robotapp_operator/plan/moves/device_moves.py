@@ -2,7 +2,8 @@
 
 - Keep: nothing.
 - Restart: when the device is back, the pod that lost it is evicted. Its successor gets the claim, and so the same device.
-- Reschedule: when another node has a free one, the pod is evicted, within the limits that all moves share.
+- Reschedule: when another node has a free one, the pod is evicted, within the limits that all moves share. Its ResourceClaim, where it
+  has one, goes with it: an allocated claim would hold the successor on the node of the lost device.
 
 When so many pods lose a device at once that a mistake of an agent is likelier, none of them is (`mass_loss`).
 """
@@ -12,7 +13,6 @@ from datetime import datetime
 from typing import Final
 
 from robotapp_api.model.app.component import Component
-from robotapp_claims.rules.device_attributes import is_handed_over
 from robotapp_operator.plan.moves.mass_loss import Losses
 from robotapp_operator.plan.moves.rescheduling import Move, Running, Stays, is_tied_to_robot, limits_of
 from robotapp_operator.plan.spec.desired import App
@@ -73,9 +73,6 @@ def _of_component(
 ) -> Move | Stays:
     if is_tied_to_robot(component):
         return Stays(component.name, "it stays on its robot: runsOn is [Robot]")
-    if is_handed_over(device.claim):
-        text = f"its ResourceClaim holds the lost device: kubectl delete resourceclaim {device.claim.split('/')[2]} to have another one chosen"
-        return Stays(component.name, text)
     node = elsewhere(component)
     if not node:
         return Stays(component.name, "no other node has such a device that is free")

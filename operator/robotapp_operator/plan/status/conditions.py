@@ -145,12 +145,13 @@ def _all_allocated(facts: AppFacts) -> Verdict:
     held, wanted = _devices(facts)
     domains = sorted({instance.domain for instance in facts.instances if instance.domain is not None})
     free = _unclaimed_text(facts)
+    notes = [_named(facts, instance, instance.ledger_note) for instance in facts.instances if instance.ledger_note][:1]
     if not domains and not wanted:
         text = f"nothing has to be claimed: {free}" if free else "the app needs neither a domain nor devices"
-        return Verdict("True", Reason.NOTHING_TO_ALLOCATE, text)
+        return Verdict("True", Reason.NOTHING_TO_ALLOCATE, "; ".join([text, *notes]))
     parts = [f"domain {shown(domains)}"] if domains else []
     parts += [f"{held} of {wanted} devices{_ledger_text(facts, held)}"] if wanted else []
-    parts += [_named(facts, instance, instance.ledger_note) for instance in facts.instances if instance.ledger_note][:1]
+    parts += notes
     parts += [free] if free else []
     asked = facts.app.requested_domain
     if asked is not None and facts.app.share_with and domains != [asked]:

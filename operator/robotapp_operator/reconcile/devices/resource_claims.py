@@ -87,10 +87,13 @@ async def write_claims(client: ApiClient, app: App, plan: ClaimPlan) -> list[tup
     return refusals
 
 
-async def release_claims(client: ApiClient, resource_claims: Iterable[ResourceClaim]) -> None:
-    """Deletes claims, so that their devices are free."""
+async def release_claims(
+    client: ApiClient, resource_claims: Iterable[ResourceClaim], *, unchanged: bool = False
+) -> None:
+    """Deletes claims, so that their devices are free. unchanged: only those on which nobody has written since they were read."""
     for resource_claim in resource_claims:
-        await _delete(client, resource_claim)
+        version = resource_claim.metadata.resource_version if unchanged else None
+        await _delete(client, resource_claim, version=version)
 
 
 async def give_back(client: ApiClient, cache: Cache, pod: Pod) -> None:
@@ -116,12 +119,12 @@ async def give_back(client: ApiClient, cache: Cache, pod: Pod) -> None:
         await _delete(client, claim)
 
 
-async def _delete(client: ApiClient, resource_claim: ResourceClaim) -> None:
+async def _delete(client: ApiClient, resource_claim: ResourceClaim, *, version: str | None = None) -> None:
     meta = resource_claim.metadata
     try:
-        await client.delete(RESOURCECLAIMS, meta.name, namespace=meta.namespace, uid=meta.uid)
+        await client.delete(RESOURCECLAIMS, meta.name, namespace=meta.namespace, uid=meta.uid, resource_version=version)
     except (NotFound, Conflict):
-        log.debug("ResourceClaim %s is gone already", meta.name)
+        log.debug("ResourceClaim %s is gone already, or was written meanwhile", meta.name)
 
 
 async def _explain_conflict(client: ApiClient, app: App, claim: DeviceClaim) -> list[tuple[Reason, str]]:

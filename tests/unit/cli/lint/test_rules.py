@@ -132,3 +132,18 @@ def test_contradicting_edges_are_found_at_the_edge() -> None:
     )
     (refusal,) = errors(wrong)
     assert refusal.path == "spec.edges[1].rateHz"
+
+
+@pytest.mark.parametrize(
+    ("device", "field", "cure"),
+    [
+        ({"name": "bus", "type": "can"}, "type", "hostNetwork: true"),
+        ({"name": "cam", "type": "video", "sharing": "Cluster"}, "sharing", "leave sharing out"),
+    ],
+)
+def test_a_device_that_no_driver_hands_over_is_named_with_its_cure(
+    device: dict[str, Any], field: str, cure: str
+) -> None:
+    (note,) = found(app(components=[component("a") | {"devices": [device]}]))
+    assert (note.severity, note.path) == (Severity.WARNING, f"spec.components[0].devices[0].{field}")
+    assert cure in note.message

@@ -4,15 +4,16 @@ A node that gains or loses the driver must restart nothing. So the choice is mad
 or waits for a node with no pod on any; in between it is what the Deployment's template says.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import NamedTuple
 
+from robotapp_api.checks.device_names import handover_notes
 from robotapp_api.model.app.component import Component
 from robotapp_api.model.names import Annotation
 from robotapp_operator.plan.render.child import DEPLOYMENT
 from robotapp_operator.plan.render.devices.resource_claim import may_be_handed_over, named_claim
 from robotapp_operator.plan.render.node_affinity import nodes_for
-from robotapp_operator.plan.spec.desired import Desired
+from robotapp_operator.plan.spec.desired import App, Desired, desired_of
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment
 
 
@@ -60,6 +61,19 @@ def driver_nodes_of(component: Component, desired: Desired, drivers: DriverNodes
     return nodes_for(component, desired, labels)
 
 
+def list_handover_notes(app: App, robots: Iterable[str], drivers: DriverNodes) -> tuple[str, ...]:
+    """Returns a sentence for each device that no driver hands over as written, of components that nodes with the driver may run."""
+    if not drivers.names:
+        return ()
+    instances = [desired_of(app, robot) for robot in robots]
+    return tuple(
+        str(note)
+        for index, component in enumerate(app.spec.components)
+        if any(driver_nodes_of(component, desired, drivers) for desired in instances)
+        for note in handover_notes(component, f"spec.components[{index}]")
+    )
+
+
 def describe_ledger(
     desired: Desired,
     observed: Mapping[ChildRef, object],
@@ -70,12 +84,16 @@ def describe_ledger(
 ) -> str:
     """Returns what a user may not expect of the first component that has it, "" without one. places: components and their nodes.
 
-    A component with a ResourceClaim runs on nodes with the driver alone. One with RobotClaims gets no device file, also where the
+    Shared devices, and those of a component with a CAN bus in a network of its own, are handed over nowhere. A component with a ResourceClaim runs on nodes with the driver alone. One with RobotClaims gets no device file, also where the
     driver came after its start.
     """
     for component in desired.app.spec.components:
         item = observed.get(ChildRef(DEPLOYMENT, desired.name_of(component.name)))
-        if not isinstance(item, Deployment) or not may_be_handed_over(component):
+        if not isinstance(item, Deployment):
+            continue
+        if places.get(component.name) in drivers.names and (notes := [*handover_notes(component, component.name)]):
+            return str(notes[0])
+        if not may_be_handed_over(component):
             continue
         if named_claim(item.spec):
             admitted = nodes_for(component, desired, all_labels)

@@ -15,6 +15,7 @@ from robotapp_operator.plan.render.devices.ledger import (
     DriverNodes,
     claiming_components,
     describe_ledger,
+    list_handover_notes,
 )
 from robotapp_operator.plan.spec.desired import App, Domain, desired_of
 from robotapp_operator.plan.spec.objects import ChildRef, Deployment
@@ -105,3 +106,32 @@ def test_what_a_user_may_not_expect_is_said(claiming: bool, drivers: DriverNodes
     )
     assert says in text
     assert bool(text) is bool(says)
+
+
+BUS: dict[str, Any] = {"name": "bus", "type": "canbus"}
+NETWORK = {"template": {"spec": {"hostNetwork": True}}}
+
+
+@pytest.mark.parametrize(
+    ("device", "fields", "cure"),
+    [
+        (BUS, {}, "hostNetwork: true"),
+        (BUS, NETWORK, ""),
+        (LIDAR | {"sharing": "Cluster"}, {}, "leave sharing out"),
+        (LIDAR | {"sharing": "Namespace"}, {}, "leave sharing out"),
+        (LIDAR, {}, ""),
+        ({"name": "gpu", "type": "gpu"}, {}, ""),
+    ],
+)
+def test_what_no_driver_hands_over_is_noted_with_its_cure_where_one_runs(
+    device: dict[str, Any], fields: dict[str, Any], cure: str
+) -> None:
+    app = make_app(component("driver", runsOn=["Robot"], devices=[device], **fields))
+    notes = list_handover_notes(app, ["amr-07"], on("amr-07"))
+    assert [cure in note for note in notes] == ([True] if cure else [])
+    assert list_handover_notes(app, ["amr-07"], on("amr-08")) == ()
+    assert list_handover_notes(app, ["amr-07"], NO_DRIVER) == ()
+    observed = stored(app, claiming=False)
+    text = describe_ledger(desired_of(app, "amr-07"), observed, on("amr-07"), LABELS, places={"driver": "amr-07"})
+    assert not cure or cure in text
+    assert not describe_ledger(desired_of(app, "amr-07"), observed, NO_DRIVER, LABELS, places={"driver": "amr-07"})
