@@ -93,13 +93,14 @@ def held(pod: PodInfo, gate: PreEnqueueStatus) -> ScheduleResult:
 
 
 def closed(loaded: RegisteredPlugin, status: Status) -> PreEnqueueStatus:
-    """The gate of a plugin; no condition is written for it, as upstream, but when the plugin is broken."""
+    """The gate of a plugin; no condition is written for it, as upstream, but when the plugin is broken or waits for another pod (Pending)."""
     if status.code is Code.ERROR:
         code = PodReason.SCHEDULER_ERROR
         return PreEnqueueStatus(
             plugin=loaded.name, reason=status.reason, events=loaded.events, code=code, report_after_s=0.0
         )
-    return PreEnqueueStatus(plugin=loaded.name, reason=status.reason, events=loaded.events)
+    waiting = PodReason.WAITING_FOR_PREDECESSOR if status.code is Code.PENDING else ""
+    return PreEnqueueStatus(plugin=loaded.name, reason=status.reason, events=loaded.events, code=waiting)
 
 
 class Diagnosis:

@@ -424,8 +424,12 @@ class SchedulerCore:
         if pod.uid in self._preempting:
             return PREEMPTING
         self._resolve_claims(pod)
+        waiting: PreEnqueueStatus | None = None
         for loaded in runner.profile.pre_enqueue:
             status = loaded.pre_enqueue(pod) if loaded.pre_enqueue is not None else None
-            if status is not None and status.code is not Code.SUCCESS:
+            if status is not None and status.code is Code.PENDING:
+                waiting = closed(loaded, status)
+            elif status is not None and status.code is not Code.SUCCESS:
                 return closed(loaded, status)
-        return self.groups.gate(pod) if runner.profile.uses_ros else self.groups.pod_group_gate(pod)
+        gate = self.groups.gate(pod) if runner.profile.uses_ros else self.groups.pod_group_gate(pod)
+        return gate or waiting  # the gates of groups explain more about a predecessor

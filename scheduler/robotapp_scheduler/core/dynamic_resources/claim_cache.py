@@ -277,9 +277,11 @@ class ClaimCache:
             if claim is None:
                 return PodClaims(trouble=f'could not find ResourceClaim "{namespace}/{named_claim.claim}"')
             trouble = explain_refusal(claim, pod, made_for_pod=named_claim.made_for_pod)
-            trouble = trouble or self._explain_predecessor(claim, pod.metadata.uid)
             if trouble:
                 return PodClaims(trouble=trouble)
+            trouble = self._explain_predecessor(claim, pod.metadata.uid)
+            if trouble:
+                return PodClaims(trouble=trouble, waits=True)
             if claim.metadata.uid in states:
                 continue  # two references to one claim
             state = states[claim.metadata.uid] = self._find_state(claim, group)

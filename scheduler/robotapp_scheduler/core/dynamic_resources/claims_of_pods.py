@@ -44,12 +44,14 @@ class ClaimState(NamedTuple):
 
 class PodClaims(NamedTuple):
     """All claims of a pod in the order of its spec, each once, or `trouble`: why it cannot be tried with them now.
+    `waits`: because another pod has to be gone before.
 
     Pods with equal keys can use the same nodes.
     """
 
     states: tuple[ClaimState, ...] = ()
     trouble: str = ""
+    waits: bool = False
     key: Hashable = ()
 
     @property

@@ -187,7 +187,6 @@ def test_our_scheduler_allocates_the_device_and_the_next_pod_has_it_while_a_riva
 def test_an_app_with_an_allocated_claim_is_deleted_without_the_operator(
     tenant: Tenant, installed_plane: ControlPlane, ids: str, operator: Process
 ) -> None:
-    """The last test of the module: the operator does not come back."""
     with running_driver(installed_plane) as device:
         for name in ("base", "arm"):
             tenant.apply(name, part("driver", devices=[LIDAR]), ros2={"pool": ids})
@@ -196,7 +195,11 @@ def test_an_app_with_an_allocated_claim_is_deleted_without_the_operator(
             allocate(tenant, claim, device)
         eventually(lambda: all(item["status"].get("allocation") for item in claims(tenant)))
         operator.stop()
-        tenant.delete("base")
-        eventually(lambda: len(claims(tenant)) == 1, what=lambda: claims(tenant))
-        tenant.cp.kubectl("delete", "robotapp", "arm", "-n", tenant.namespace, "--cascade=foreground", "--timeout=60s")
-        eventually(lambda: not claims(tenant), what=lambda: claims(tenant))
+        try:
+            tenant.delete("base")
+            eventually(lambda: len(claims(tenant)) == 1, what=lambda: claims(tenant))
+            foreground = ("--cascade=foreground", "--timeout=60s")
+            tenant.cp.kubectl("delete", "robotapp", "arm", "-n", tenant.namespace, *foreground)
+            eventually(lambda: not claims(tenant), what=lambda: claims(tenant))
+        finally:
+            operator.start().wait_ready()

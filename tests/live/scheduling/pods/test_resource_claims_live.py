@@ -21,6 +21,7 @@ pytestmark = [pytest.mark.live, pytest.mark.usefixtures("scheduler")]
 DRIVER: Final = "cameras.example.com"
 CLASS: Final = "cameras"
 API: Final = "/apis/resource.k8s.io/v1"
+OPERATOR: Final = "system:serviceaccount:robotapp-system:robotapp-operator"
 
 
 def slice_of(node: str, *names: str, driver: str = DRIVER) -> Json:
@@ -60,9 +61,13 @@ def path(stage: Stage, kind: str = "resourceclaims") -> str:
     return f"/apis/resource.k8s.io/v1/namespaces/{stage.namespace}/{kind}"
 
 
-def make_claim(stage: Stage, name: str, **spec: Any) -> None:
-    request = {"name": "camera", "exactly": {"deviceClassName": "cameras", **spec}}
-    stage.cp.api.create(path(stage), {"metadata": {"name": name}, "spec": {"devices": {"requests": [request]}}})
+def spec_of(**fields: Any) -> Json:
+    request = {"name": "camera", "exactly": {"deviceClassName": "cameras", **fields}}
+    return {"devices": {"requests": [request]}}
+
+
+def make_claim(stage: Stage, name: str, **fields: Any) -> None:
+    stage.cp.api.create(path(stage), {"metadata": {"name": name}, "spec": spec_of(**fields)})
 
 
 def claim_of(stage: Stage, name: str) -> Json:
@@ -147,10 +152,14 @@ def test_a_claim_of_a_robotapp_keeps_its_device_between_pods_until_the_app_is_su
             "name": "patrol",
             "uid": app["metadata"]["uid"],
         }
-        make_claim(stage, "patrol-driver")
-        labels = {"robotics.io/component": "driver"}
-        metadata = {"ownerReferences": [{**owner, "controller": True}], "labels": labels}
-        stage.cp.api.patch(f"{path(stage)}/patrol-driver", {"metadata": metadata})
+        # Nobody else may make a claim for a RobotApp.
+        metadata = {
+            "name": "patrol-driver",
+            "ownerReferences": [{**owner, "controller": True}],
+            "labels": {"robotics.io/component": "driver"},
+        }
+        body = {"apiVersion": "resource.k8s.io/v1", "kind": "ResourceClaim", "metadata": metadata, "spec": spec_of()}
+        stage.cp.kubectl("create", "-n", stage.namespace, "-f", "-", f"--as={OPERATOR}", stdin=[body])
         stage.create_pod(wishing("first", resourceClaimName="patrol-driver"))
         assert stage.wait_bound("first") == "edge-2"
         claim = claim_of(stage, "patrol-driver")
@@ -158,15 +167,14 @@ def test_a_claim_of_a_robotapp_keeps_its_device_between_pods_until_the_app_is_su
         assert claim["status"]["reservedFor"][1] == {
             "apiGroup": "robotics.io", "resource": "robotapps", "name": "patrol", "uid": app["metadata"]["uid"],
         }  # fmt: skip
+        stage.create_pod(wishing("second", resourceClaimName="patrol-driver"))
         make_claim(stage, "rival")
         stage.create_pod(wishing("rival", resourceClaimName="rival"))
         assert stage.wait_refused("rival", reason="Unschedulable", saying="2 cannot allocate all claims.")
+        assert users(stage, "patrol-driver") == {"first", "patrol"}, "the next pod does not share the device"
         stage.delete_pod("first")
-        stage.wait(
-            lambda: users(stage, "patrol-driver") == {"patrol"}, what=lambda: str(claim_of(stage, "patrol-driver"))
-        )
-        stage.create_pod(wishing("second", resourceClaimName="patrol-driver"))
         assert stage.wait_bound("second") == "edge-2"
+        assert users(stage, "patrol-driver") == {"second", "patrol"}
         stage.delete_pod("second")
         app_path = f"/apis/robotics.io/v1alpha1/namespaces/{stage.namespace}/robotapps/patrol"
         stage.cp.api.patch(app_path, {"spec": {"suspend": True}})

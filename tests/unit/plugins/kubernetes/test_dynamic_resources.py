@@ -8,6 +8,7 @@ from tests.support.scheduler.allocations import make_device, make_request, make_
 from tests.support.scheduler.devices import DRIVER, allocated_on, claim, device_class, wanting, with_devices
 from tests.support.scheduling import make_core, make_info, make_node, make_pod, to_pod
 
+from robotapp_api.model.names import PodReason
 from robotapp_scheduler.core.cycle.schedule_one import SchedulerCore
 from robotapp_scheduler.core.dynamic_resources.allocator import (
     MOST_STEPS,
@@ -212,7 +213,10 @@ def test_the_next_pod_of_a_robotapp_is_held_while_the_one_before_terminates(core
     )
     before.spec.node_name = "n1"
     core.cluster.apply_pod(before)
-    assert gate_of(core, camera()) == 'resourceclaim "camera" is still used by pod "other"'
+    gate = core._gate(camera())
+    assert gate is not None
+    assert gate.reason == 'resourceclaim "camera" is still used by pod "other"'
+    assert gate.code == PodReason.WAITING_FOR_PREDECESSOR, "a pod of somebody else may stay for ever, so it is told"
     change = core.cluster.remove_pod(before)
     assert change & DynamicResources.events
     assert gate_of(core, camera()) == ""

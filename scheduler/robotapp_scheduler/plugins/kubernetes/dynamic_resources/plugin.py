@@ -89,8 +89,10 @@ class DynamicResources:
         return bool(pod.pod.spec.resource_claims)
 
     def pre_enqueue(self, pod: PodInfo) -> Status | None:
-        """Holds a pod back while a claim of it is missing, on its way out or not for it."""
+        """Holds a pod back while a claim of it is missing, on its way out, not for it, or a RobotApp's that the pod before still uses."""
         trouble = pod.claims.trouble if pod.claims is not None else ""
+        if pod.claims is not None and pod.claims.waits:
+            return Status(Code.PENDING, trouble)
         if not trouble or trouble == NOT_SERVED:  # the latter gets a condition, from `pre_filter`
             return None
         return Status(Code.UNRESOLVABLE, trouble)
