@@ -100,11 +100,12 @@ class Prober:
             # A pod that was refused may have been tried again since: then the scores are of another attempt.
             scores, best = await self._scores(scheduler, f"{namespace}/{name}") if not message else ({}, frozenset())
             claims = await self._claims(case, versions, message) if names_claims(case) else {}
+            next_node = versions[-1]["spec"].get("nodeName", "") if DEALLOCATED in message else ""
         finally:
             with suppress(NotFound):
                 await delete_now(self._client, PODS.path(namespace, name))
             self._pods.forget(f"{namespace}/{name}")
-        return Verdict(node, message.replace(name, NAME), scores, best, victims, claims)
+        return Verdict(node, message.replace(name, NAME), scores, best, victims, claims, next_node)
 
     async def _promise(self, namespace: str, name: str, node: str) -> None:
         """The API server takes a nomination only of a pod that is there: it waits behind a gate for it."""

@@ -23,6 +23,8 @@ class Verdict:
     """Evicted pods by name, sorted."""
     claims: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Finalizers and status of the pod's ResourceClaims after the decision, by name."""
+    next_node: str = ""
+    """Where the pod went when its refusal had freed one of its claims; not compared, for any of the best nodes will do."""
 
     @property
     def preempts(self) -> bool:
@@ -42,9 +44,9 @@ def differences(theirs: Verdict, ours: Verdict) -> list[str]:
         found.append(f"victims: theirs {theirs.victims}, ours {ours.victims}")
     if theirs.preempts and theirs.node != ours.node:
         found.append(f"nominated: theirs {theirs.node}, ours {ours.node}")
-    if (
-        theirs.node == ours.node and theirs.claims != ours.claims
-    ):  # on another of the best nodes there are other devices
+    # On another of the best nodes there are other devices.
+    is_same_place = (theirs.node, theirs.next_node) == (ours.node, ours.next_node)
+    if is_same_place and theirs.claims != ours.claims:
         found.append(f"claims: theirs {theirs.claims}, ours {ours.claims}")
     if theirs.feasible != ours.feasible:
         found.append(f"feasible: theirs {sorted(theirs.feasible)}, ours {sorted(ours.feasible)}")
