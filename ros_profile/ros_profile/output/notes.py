@@ -133,8 +133,11 @@ def _describe_worked_out(node: LaunchedNode) -> Iterator[str]:
         (node.parameters, "parameter", "write it into a parameter file"),
         (node.remaps, "remap", "add it to args"),
     )
+    in_arguments = {word.partition(":=")[0] for word in node.arguments if ":=" in word}  # ROS 1 reads remaps there, too
     for pairs, what, cure in missing:
         for key, value in pairs:
+            if what == "remap" and key in in_arguments:
+                continue
             if "$" in key + value or "\n" in value:
                 yield f"{what} {key[:100]} is worked out by the launch file; {cure}"
 

@@ -112,6 +112,15 @@ def test_a_folder_without_packages_is_answered_with_the_option(tmp_path: Path) -
     assert "give the sources' folder as --workspace" in result.stderr
 
 
+def test_what_a_ros_1_node_has_in_its_arguments_is_not_said_to_be_missing(tmp_path: Path) -> None:
+    node = '<node pkg="talker" type="talker" name="t" args="2 level:=$(arg level)"/>'
+    text = f'<launch><arg name="level" default="INFO"/>{node}</launch>'
+    package(tmp_path / "src", "bringup", {"launch/a.launch": text})
+    result = run("a.launch", "--workspace", str(tmp_path / "src"), cache=tmp_path)
+    assert "level:=INFO" in yaml.safe_load(result.stdout)["spec"]["components"][0]["args"]
+    assert "remap" not in result.stderr
+
+
 @pytest.mark.parametrize(
     ("file", "data"),
     [("noise.launch.py", b"\x00\x9f\xff" * 99), ("noise.launch.xml", b"\xffno xml"), ("empty.launch.py", b"")],
