@@ -157,10 +157,14 @@ def read_bags(options: Options, recorder: Recorder) -> list[dict[str, Any]]:
 
 def pull_bag(command: Sequence[str], path: Path, size: int) -> None:
     """Writes what a command prints to a new file, which has its name only when it is complete. Raises CliError."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.part")
-    with part.open("wb") as file:
-        result = _run_kubectl(command, file)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with part.open("wb") as file:
+            result = _run_kubectl(command, file)
+    except OSError as error:
+        text = f"{path.parent} cannot be written: {error.strerror}; give another folder as --to"
+        raise CliError(text, code=Exit.USAGE) from error
     if result.returncode != 0 or part.stat().st_size != size:
         received_bytes = part.stat().st_size
         part.unlink()
