@@ -95,6 +95,18 @@ def test_a_bag_that_arrives_in_part_leaves_no_file(
     assert list((tmp_path / "here" / "amr-07").iterdir()) == []
 
 
+def test_the_reason_of_kubectl_is_not_hidden_by_its_address(
+    stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address = f"https://edge-1:10250/exec/{'x' * 400}"
+    script = f"#!/bin/sh\necho 'error: sending request: Post \"{address}\": dial tcp: no such host' >&2\nexit 1\n"
+    write_kubectl(tmp_path / "bin", script, monkeypatch)
+    add_app(stage)
+    output = " ".join(stage.run("bags", "list", "teleop").output.split())
+    assert "error: sending request: Post dial tcp: no such host; kubectl exec has to reach it" in output
+    assert "10250" not in output
+
+
 def test_a_folder_that_cannot_be_made_is_named_with_the_option(
     stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
