@@ -71,6 +71,12 @@ class Report:
         """Adds a line about a place that is marked in the output."""
         self.add(Verdict.CHOOSE, part, message)
 
+    def replace(self, part: Located, verdict: Verdict, message: str) -> None:
+        """Adds a line about the thing at `part` in place of those that it has."""
+        path = shown(part.path)
+        self.lines = [line for line in self.lines if (line.file, line.path) != (part.file, path)]
+        self.add(verdict, part, message)
+
     def sort(self) -> list[Line]:
         """Returns the lines ordered by file and line; those of one line stay in their order."""
         return sorted(self.lines, key=lambda line: (line.file, line.line))

@@ -51,6 +51,7 @@ _BY_FIELD: Final = {
     "rmw": "the name of a ROS middleware, such as rmw_fastrtps_cpp",
     "topic": "letters, digits, _ and /, such as /cmd_vel",
     "name": "letters, digits, _ and /, such as /odom",
+    "names": "names of topics: letters, digits, _ and /, such as /odom",
     "type": "a ROS interface, such as geometry_msgs/msg/Twist",
     "from": "the name of a component, or @robot",
     "to": "the name of a component, or @robot",

@@ -20,6 +20,8 @@ from robotapp_cli.reading.session import Options, Session, run
 
 MOST_ANSWER: Final = 4 << 20
 """Bytes of an answer of the recorder; 10,000 bags take 1 MiB."""
+_URL: Final = re.compile(r'"https?://[^"]*":? ?')
+"""In an error of kubectl: the whole command line, which hides the reason behind it."""
 _NAME: Final = re.compile(r"[a-z0-9][-A-Za-z0-9]{0,127}\.mcap(\.open)?")
 """Names that a recorder gives; the pod is the author's, so another one is not used as the name of a file here."""
 
@@ -157,10 +159,14 @@ def read_bags(options: Options, recorder: Recorder) -> list[dict[str, Any]]:
 
 def pull_bag(command: Sequence[str], path: Path, size: int) -> None:
     """Writes what a command prints to a new file, which has its name only when it is complete. Raises CliError."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.part")
-    with part.open("wb") as file:
-        result = _run_kubectl(command, file)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with part.open("wb") as file:
+            result = _run_kubectl(command, file)
+    except OSError as error:
+        text = f"{path.parent} cannot be written: {error.strerror}; give another folder as --to"
+        raise CliError(text, code=Exit.USAGE) from error
     if result.returncode != 0 or part.stat().st_size != size:
         received_bytes = part.stat().st_size
         part.unlink()
@@ -216,8 +222,9 @@ def _ask(options: Options, recorder: Recorder, verb: str, *arguments: str) -> An
     command = recorder.build_command(options, *PROGRAM, verb, f"--folder={recorder.folder}", *arguments)
     result = _run_kubectl(command, subprocess.PIPE)
     if result.returncode != 0:
-        cause = result.stderr.decode(errors="replace").strip()[-300:]
-        raise CliError(f"pod {recorder.pod.name} cannot be asked for its bags: {cause}")
+        cause = _URL.sub("", result.stderr.decode(errors="replace")).strip()[-300:]
+        text = f"pod {recorder.pod.name} cannot be asked for its bags: {cause}; kubectl exec has to reach it"
+        raise CliError(text)
     if len(result.stdout) > MOST_ANSWER:
         raise CliError(f"pod {recorder.pod.name} answers with more than {MOST_ANSWER >> 20} MiB")
     try:

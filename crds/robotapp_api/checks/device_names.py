@@ -19,6 +19,8 @@ _BUILT_ABOVE_A_BUS: Final = frozenset({"lidar", "laser", "imu", "gps", "gnss", "
 """What a thing is for; agents publish what it is connected by, unless a rule of theirs names it."""
 _INTERFACES: Final = frozenset({"can", "canbus", "can-bus", "socketcan"})
 """Types of network interfaces, which have no path."""
+_LINK_FOLDERS: Final = ("/dev/serial/", "/dev/v4l/", "/dev/input/by-")
+"""Folders of links whose names do not depend on the order of plugging in."""
 _REFERENCE: Final = re.compile(rf"(?<!\$)(?:\$\$)*\$\(({DEVICE_PREFIX}[A-Za-z0-9_]*)\)")
 """A reference that the kubelet would replace; `$$(NAME)` is the text `$(NAME)`."""
 
@@ -106,6 +108,12 @@ def device_name_notes(items: Iterable[Device | Requirement], at: str) -> Iterato
                     f"{at}[{index}].{name}",
                     f"{port[1]} is a number in the order of plugging in, which agents do not publish for USB devices; write usbID: "
                     "VID:PID or VID:PID:SERIAL (kubectl robotapp devices -o wide lists them), or leave it out",
+                )
+            elif value.startswith(_LINK_FOLDERS):
+                yield Note(
+                    f"{at}[{index}].{name}",
+                    f"{value} is a link that udev makes, and agents publish no links; write usbID: VID:PID or VID:PID:SERIAL (kubectl "
+                    "robotapp devices -o wide lists them)",
                 )
             elif value and not label_value(value):
                 yield Note(

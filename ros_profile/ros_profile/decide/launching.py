@@ -7,7 +7,7 @@ from typing import Final
 from ros_profile.decide.substitution import condition_value, located, resolve
 from ros_profile.decide.workspace import Index
 from ros_profile.model.facts import Problem
-from ros_profile.model.launch import UNKNOWN_TEXT, Include, LaunchFile, StartedNode
+from ros_profile.model.launch import UNKNOWN_TEXT, Include, LaunchFile, StartedNode, shorten_substitutions
 from ros_profile.model.package import Package
 
 MAX_DEPTH: Final = 12
@@ -154,11 +154,12 @@ def _include(index: Index, package: Package, include: Include, context: _Context
         reason = "there is no such launch file"
         if UNKNOWN_TEXT in target:
             reason = "its name is made while the launch file runs"
+            target = shorten_substitutions(target[:200])
         elif not holder:
             reason = "it is named by an absolute path, which the source does not have"
-        found.problems.append(
-            Problem(context.chain[-1], f"an include is not followed, {reason}: {target[:200]}", include.line)
-        )
+        name = f": {target[:200]}" if target else ""
+        text = f"an include is not followed, {reason}{name}; import the file that it means, too, or give its nodes components of their own"
+        found.problems.append(Problem(context.chain[-1], text, include.line))
 
 
 def _resolved(pairs: tuple[tuple[str, str], ...], values: Mapping[str, str]) -> tuple[tuple[str, str], ...]:

@@ -1,5 +1,6 @@
 """Launch files as they were read, and what they start once includes are followed."""
 
+import re
 from dataclasses import dataclass
 from typing import Final
 
@@ -74,3 +75,13 @@ class LaunchFile:
     parameters: tuple[tuple[str, str], ...] = ()
     """ROS 1: global `<param>` by absolute name."""
     problems: tuple[Problem, ...] = ()
+
+
+def shorten_substitutions(text: str) -> str:
+    """Returns a text with … for each substitution, or nothing where they are cut or inside each other.
+
+    >>> shorten_substitutions("$(find base)/config/$(?).yaml"), shorten_substitutions("$(?) | humble) | x")
+    ('…/config/….yaml', '')
+    """
+    readable = re.sub(r"\$\([^()$]*\)", "…", text)
+    return "" if re.search(r"[$()|?']", readable) else readable

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from ros_profile.model.conclusions import LaunchedNode, LaunchProfile
+from ros_profile.model.launch import shorten_substitutions
 from ros_profile.output.commands import absolute_files, complete_arguments, is_untold
 from ros_profile.output.hardware import EXCLUSIVE_TYPES
 from ros_profile.output.names import MAX_COMPONENTS, ROS1_DISTROS
@@ -54,7 +55,7 @@ def _note_absent(launch: LaunchProfile) -> Iterator[Note]:
     for node in launch.nodes:
         name = f"{node.executable} of {node.package}"
         if node.executable in ENDING:
-            text = f"{name} ends by itself and is left out: a RobotApp would start it again and again"
+            text = f"{name} ends by itself and is left out: a RobotApp would start it again and again; start it in another component, by a launch file"
             yield Note("", text, node.file, node.line)
         elif node.executable in VIEWERS:
             yield Note("", f"{name} is left out: it belongs on a desk", node.file, node.line)
@@ -89,15 +90,16 @@ def _note_component(component: Component, files: Iterable[str], distro: str) -> 
         for doubted in node.assessment.doubted:
             yield Note(component.name, f"perhaps {perhaps(doubted)}: left out", first.file, first.line)
     for node in component.nodes:
+        for one in claimable(opened_hardware(node)):
+            if library(one):
+                text = f"{requirement(one)['type']} is opened through {library(one)}; where a robot has several, write the interface, usbID or model"
+                yield Note(component.name, text, node.file, node.line, lost=False)
         for text in _describe_node(node, taken, distro):
             yield Note(component.name, text, node.file, node.line)
 
 
 def _describe_node(node: LaunchedNode, taken: frozenset[str], distro: str) -> Iterator[str]:
     hardware = opened_hardware(node)
-    for one in claimable(hardware):
-        if library(one):
-            yield f"{requirement(one)['type']} is opened through {library(one)}"
     yield from unclaimed(hardware)
     if (network := network_of(node)) and len(hardware) < len(distinct(node.assessment.hardware)):
         yield f"no serial device, because of {network}"
@@ -107,7 +109,9 @@ def _describe_node(node: LaunchedNode, taken: frozenset[str], distro: str) -> It
     yield from _describe_worked_out(node)
     yield from _describe_start(node, ros1=distro in ROS1_DISTROS)
     passed = taken.union(absolute_files(node))
-    yield from (f"parameters of {_file_name(file)}" for file in node.parameter_files if file not in passed)
+    for file in node.parameter_files:
+        if file not in passed:
+            yield f"parameters of {_file_name(file)} are not in the app; write the file under parameters"
 
 
 def _describe_start(node: LaunchedNode, *, ros1: bool) -> Iterator[str]:
@@ -129,12 +133,22 @@ def _describe_worked_out(node: LaunchedNode) -> Iterator[str]:
         (node.parameters, "parameter", "write it into a parameter file"),
         (node.remaps, "remap", "add it to args"),
     )
+    in_arguments = {word.partition(":=")[0] for word in node.arguments if ":=" in word}  # ROS 1 reads remaps there, too
     for pairs, what, cure in missing:
         for key, value in pairs:
+            if what == "remap" and key in in_arguments:
+                continue
             if "$" in key + value or "\n" in value:
                 yield f"{what} {key[:100]} is worked out by the launch file; {cure}"
 
 
 def _file_name(file: str) -> str:
-    """Returns the name of a parameter file as far as the launch file tells it."""
-    return f"a file whose name the launch file works out ({file[:100]})" if re.search(r"[$|?]", file) else file
+    """Returns the name of a parameter file as far as the launch file tells it.
+
+    >>> _file_name("base/config/$(?).yaml"), _file_name("base/ | humble) | $(?).yaml")
+    ('a file whose name the launch file works out (base/config/….yaml)', 'a file whose name the launch file works out')
+    """
+    if not re.search(r"[$|?]", file):
+        return file
+    readable = shorten_substitutions(file)
+    return "a file whose name the launch file works out" + (f" ({readable[:100]})" if readable else "")

@@ -68,18 +68,8 @@ def parse(data: bytes, *, most: int = MAX_BYTES) -> Any | Unreadable:
     """The root element (lxml), or why there is none. Slips of syntax are mended as far as lxml can."""
     if refused := refusal(data, most=most):
         return refused
-    parser = etree.XMLParser(
-        resolve_entities=False,
-        no_network=True,
-        load_dtd=False,
-        dtd_validation=False,
-        huge_tree=False,
-        recover=True,
-        remove_comments=True,
-        remove_pis=True,
-    )
     try:
-        root = etree.fromstring(_move_leading_lines(data), parser)
+        root = etree.fromstring(_move_leading_lines(data), _make_parser(recover=True))
     except (etree.XMLSyntaxError, ValueError, LookupError) as error:
         return Unreadable(f"is not XML: {str(error)[:200]}", getattr(error, "lineno", 0) or 0)
     if root is None:
@@ -87,6 +77,29 @@ def parse(data: bytes, *, most: int = MAX_BYTES) -> Any | Unreadable:
     if root.getroottree().docinfo.doctype:
         return Unreadable("has a DOCTYPE or entities; remove them, ROS files need none")
     return root
+
+
+def find_slip(data: bytes) -> Unreadable | None:
+    """Returns the first slip of syntax of a document that parse() reads as far as it goes; None for one without."""
+    try:
+        etree.fromstring(_move_leading_lines(data), _make_parser(recover=False))
+    except etree.XMLSyntaxError as error:
+        text = f"is not well-formed XML and is read as far as it goes ({error.msg[:200]}); correct it, and import again"
+        return Unreadable(text, error.lineno or 0)
+    return None
+
+
+def _make_parser(*, recover: bool) -> etree.XMLParser:
+    return etree.XMLParser(
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        dtd_validation=False,
+        huge_tree=False,
+        recover=recover,
+        remove_comments=True,
+        remove_pis=True,
+    )
 
 
 def _move_leading_lines(data: bytes) -> bytes:

@@ -82,6 +82,7 @@ def object_around(kind: str) -> Object:
         edges=[edge()],
         placement={"gang": "All", "fallback": {"steps": ["Wait"]}},
         update={"operator": "Automatic"},
+        recordings=[{"name": "log", "topics": {"names": ["/odom"]}, "split": {}}],
     )
     whole["status"] = {"summary": {"ready": "2/2"}}
     return copy.deepcopy(whole)

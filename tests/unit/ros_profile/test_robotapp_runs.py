@@ -130,9 +130,10 @@ def test_a_file_that_is_not_there_or_has_substitutions_is_named_in_a_comment(tmp
     text = "/**:\n  ros__parameters:\n    frame: $(var frame)\n"
     files = driver("") | {"config/c.yaml": text, "launch/a.launch.xml": f"<launch>{node}</launch>"}
     assert "parameters" not in components(tmp_path, files)["run"]
-    assert {"# run: parameters of up/config/c.yaml", "# run: parameters of far/d.yaml"} <= set(
-        written(tmp_path, files).splitlines()
-    )
+    assert {
+        f"# run: parameters of {name} are not in the app; write the file under parameters"
+        for name in ("up/config/c.yaml", "far/d.yaml")
+    } <= set(written(tmp_path, files).splitlines())
 
 
 CONTAINER = """

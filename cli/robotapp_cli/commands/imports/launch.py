@@ -32,16 +32,27 @@ def import_launch(options: ImportOptions) -> None:
         launch = choose_launch(profile, str(options.files[1]) if len(options.files) > 1 else "", option=_OPTION)
         distro = choose_distro(profile, launch, options.distro)
     except ChoiceError as error:
+        if unread := _find_unread(profile, str(options.files[1]) if len(options.files) > 1 else ""):
+            text = (
+                f"{unread}: is there, but cannot be read as a launch file; one of Python defines generate_launch_description(), one of "
+                f"XML has <launch> as its root, one of YAML begins with launch:"
+            )
+            raise CliError(text, code=Exit.USAGE) from error
         raise CliError(str(error), code=Exit.USAGE) from error
     robotapp = app(launch, name=options.name or launch.package, distro=distro)
     _set_images(robotapp, images)
     write_objects([robotapp], options.output)
-    write_report(list(_report(launch, robotapp, distro)), options.report)
+    lines = list(_report(launch, robotapp, distro))
+    if not options.distro:
+        text = f"{distro}, because no distribution is named; give --distro where it is another"
+        lines.insert(0, Line(f"{launch.package}/{launch.file}", 1, "spec.ros.distro", Verdict.CHANGED, text))
+    write_report(lines, options.report)
 
 
 def _refuse_compose_options(options: ImportOptions) -> None:
     if len(options.files) > 2:
-        raise CliError(f"{_OPTION} takes one PACKAGE/FILE, and not {len(options.files) - 1}", code=Exit.USAGE)
+        text = f"{_OPTION} takes one PACKAGE/FILE, and not {len(options.files) - 1}; import each into an app of its own"
+        raise CliError(text, code=Exit.USAGE)
     written = {
         "--profile": options.profiles,
         "--env": options.env,
@@ -73,6 +84,19 @@ def _read_sources(workspace: Path) -> "Profile":
         text = f"{workspace}: no package.xml here or below that could be read; give the sources' folder as --workspace"
         raise CliError(text, code=Exit.USAGE)
     return profile
+
+
+def _find_unread(profile: "Profile", wanted: str) -> Path | None:
+    """Returns the file of that name, package/name or package/path, which the readers took for no launch file."""
+    name, _, rest = wanted.partition("/")
+    launches = {f"{package.name}/{launch.file}" for package in profile.packages for launch in package.launches}
+    for package in profile.packages:
+        paths = [rest] if name == package.name and rest else [wanted]
+        for path in (*paths, *(f"launch/{path}" for path in paths)):
+            file = Path(profile.path, package.path, path)
+            if wanted and ".." not in file.parts and f"{package.name}/{path}" not in launches and file.is_file():
+                return file
+    return None
 
 
 def _set_images(robotapp: Json, images: Mapping[str, str]) -> None:

@@ -78,7 +78,7 @@ def write_report(lines: Sequence[Line], form: ReportForm) -> None:
     for line in lines:
         text = f"{line.file}:{line.line}: {line.verdict}: {line.path}: {line.message}"
         sys.stderr.write(printable(text).replace("\n", r"\n") + "\n")
-    counts = ", ".join(f"{count} {name}" for name, count in _count(lines).items())
+    counts = ", ".join(f"{sum(line.verdict is verdict for line in lines)} {verdict}" for verdict in Verdict)
     sys.stderr.write(f"{counts}. Next: kubectl robotapp lint FILE\n")
 
 

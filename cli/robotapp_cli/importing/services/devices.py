@@ -57,7 +57,7 @@ def _take_device(draft: Draft, item: Part, outside: str, inside: str) -> None:
     report = draft.report
     if not outside.startswith("/") and item.unset:
         volume = {"name": "device", "hostPath": {"path": f"/{PATH_MARK}"}}
-        draft.mount(volume, {"mountPath": f"/{PATH_MARK}"})
+        draft.mount(volume, {"mountPath": f"/{PATH_MARK}"}, item)
         text = (
             f"{item.unset[0]} has no value here; give --env {item.unset[0]}=/dev/…, or write devices of the component"
         )
@@ -73,7 +73,7 @@ def _take_device(draft: Draft, item: Part, outside: str, inside: str) -> None:
     kind = kind or next((kind._replace(interface=False) for kind in _KINDS if kind.pattern.fullmatch(inside)), None)
     if kind is None or len(devices) >= _MOST_DEVICES:
         volume = {"name": make_label(f"device-{outside}"), "hostPath": {"path": posixpath.normpath(outside)}}
-        draft.mount(volume, {"mountPath": inside})
+        draft.mount(volume, {"mountPath": inside}, item)
         text = f"{outside} of the node, which takes the right robotapps/hostpath; opening it takes privileged: true"
         report.change(item, text)
         return

@@ -1,12 +1,15 @@
 """A component that is being put together, and the names and units that its fields need."""
 
+import posixpath
 import re
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 from robotapp_cli.importing.files.parts import Part
 from robotapp_cli.importing.files.project import Loader, Project
-from robotapp_cli.importing.report import Report
+from robotapp_cli.importing.report import Report, Verdict
+from robotapp_cli.lint.findings import shown
+from robotapp_cli.lint.marks import MARK
 
 Json = dict[str, Any]
 _NO_LABEL: Final = re.compile(r"[^a-z0-9]+")
@@ -45,6 +48,8 @@ class Draft:
     """Environment variables; those of `environment` replace those of `env_file`."""
     ros: dict[str, Part] = field(default_factory=dict)
     """Variables that become fields of the app."""
+    places: dict[str, Part] = field(default_factory=dict)
+    """Where the volumes of the component are written in the file, by their path in the container."""
     distro: str = ""
     is_without_ros: bool = False
 
@@ -65,16 +70,36 @@ class Draft:
         """Sets a request or a limit."""
         self.fields.setdefault("resources", {}).setdefault(kind, {})[name] = value
 
-    def mount(self, volume: Json, mount: Json) -> None:
-        """Adds a volume and its place in the container. A volume that the pod has already is used again."""
+    def mount(self, volume: Json, mount: Json, item: Part) -> None:
+        """Adds a volume and its place in the container, where a later item replaces an earlier one.
+
+        A volume that the pod has already is used again, but no empty folder: each has a content of its own.
+        """
+        mounts = self.fields.setdefault("volumeMounts", [])
+        path = posixpath.normpath(mount["mountPath"])
+        if MARK not in path:
+            self._replace_mount(path, item)
         volumes = self.pod.setdefault("volumes", [])
         source = {key: value for key, value in volume.items() if key != "name"}
         same = next((other["name"] for other in volumes if {**other, "name": ""} == {**source, "name": ""}), None)
-        if same is None:
+        if same is None or "emptyDir" in source:
             names = [other["name"] for other in volumes]
             same = make_unique(volume["name"], names)
             volumes.append({"name": same, **source})
-        self.fields.setdefault("volumeMounts", []).append({"name": same, **mount})
+        mounts.append({"name": same, **mount})
+
+    def _replace_mount(self, path: str, item: Part) -> None:
+        """Takes away what is mounted at the path already: a container has one mount of a path."""
+        earlier = self.places.get(path)
+        self.places[path] = item
+        if earlier is None:
+            return
+        mounts, volumes = self.fields["volumeMounts"], self.pod["volumes"]
+        mounts[:] = [other for other in mounts if posixpath.normpath(other["mountPath"]) != path]
+        names = {other["name"] for other in mounts}
+        volumes[:] = [other for other in volumes if other["name"] in names]
+        text = f"{shown(item.path)} is mounted at {path}, too, and the later one wins; give one of them another path"
+        self.report.replace(earlier, Verdict.LEFT_OUT, text)
 
     def assemble(self) -> Json:
         """Returns the component as the API has it."""

@@ -118,7 +118,7 @@ def _read_short(item: Part) -> Mount:
 def _mount_memory(draft: Draft, item: Part, target: str, size: str) -> None:
     limit = {"sizeLimit": size} if size else {}
     volume = {"name": make_label(f"tmpfs-{target}"), "emptyDir": {"medium": "Memory", **limit}}
-    draft.mount(volume, {"mountPath": target})
+    draft.mount(volume, {"mountPath": target}, item)
     draft.report.take(item, f"memory at {target}; what is in it counts towards the memory limit")
 
 
@@ -144,7 +144,7 @@ def _mount_named(draft: Draft, mount: Mount) -> None:
     if mount.sub_path:
         place["subPath"] = mount.sub_path
     if not mount.source:
-        draft.mount({"name": make_label(f"data-{mount.target}"), "emptyDir": {}}, place)
+        draft.mount({"name": make_label(f"data-{mount.target}"), "emptyDir": {}}, place, mount.item)
         draft.report.change(mount.item, f"an empty folder at {mount.target} that ends with the pod")
         return
     part = draft.context.project.volumes.get(mount.source)
@@ -153,11 +153,11 @@ def _mount_named(draft: Draft, mount: Mount) -> None:
         raise mount.item.fail(text)
     device = _find_device(part)
     if device:
-        draft.mount({"name": make_label(mount.source), "hostPath": {"path": device}}, place)
+        draft.mount({"name": make_label(mount.source), "hostPath": {"path": device}}, place, mount.item)
         draft.report.change(mount.item, f"folder {device} of the node, which takes the right robotapps/hostpath")
         return
     claim = _name_claim(draft.context, mount.source, part)
-    draft.mount({"name": make_label(mount.source), "persistentVolumeClaim": {"claimName": claim}}, place)
+    draft.mount({"name": make_label(mount.source), "persistentVolumeClaim": {"claimName": claim}}, place, mount.item)
     draft.report.take(mount.item, f"PersistentVolumeClaim {claim} at {mount.target}")
 
 
@@ -223,7 +223,8 @@ def _mount_bind(draft: Draft, mount: Mount) -> None:
     path = loader.resolve(item, mount.source)
     if relative and not item.unset and (text := _read_small(draft, path)) is not None:
         key = _KEY.sub("_", posixpath.basename(path))
-        _mount_config(draft, f"{draft.context.app}-{posixpath.basename(path)}", key, text, mount.target)
+        name = f"{draft.context.app}-{posixpath.basename(path)}"
+        _mount_config(draft, item, name, data={key: text}, target=mount.target)
         draft.report.change(item, f"a ConfigMap has the content of {path} at {mount.target}, read-only; edit it there")
         return
     if mount.source.startswith("~") or item.unset:
@@ -245,7 +246,7 @@ def _mount_bind(draft: Draft, mount: Mount) -> None:
         place["readOnly"] = True
     if mount.propagation:
         place["mountPropagation"] = mount.propagation
-    draft.mount({"name": make_label(f"host-{absolute}", instead="host"), "hostPath": {"path": absolute}}, place)
+    draft.mount({"name": make_label(f"host-{absolute}", instead="host"), "hostPath": {"path": absolute}}, place, item)
 
 
 def _find_absolute(draft: Draft, path: str) -> str:
@@ -270,17 +271,18 @@ def _read_small(draft: Draft, path: str) -> str | None:
     return text if text.replace("\n", "").replace("\t", "").replace("\r", "").isprintable() else None
 
 
-def _mount_config(draft: Draft, name: str, key: str, text: str, target: str) -> None:
+def _mount_config(draft: Draft, item: Part, name: str, *, data: dict[str, str], target: str) -> None:
     """Adds a ConfigMap of one key and mounts it as one file."""
     objects = draft.context.objects
+    (key,) = data
     label, number = make_label(name), 1
-    while (other := objects.get(("ConfigMap", label))) is not None and other["data"] != {key: text}:
+    while (other := objects.get(("ConfigMap", label))) is not None and other["data"] != data:
         number += 1
         label = make_label(f"{make_label(name, most=58)}-{number}")
-    config: Json = {"apiVersion": "v1", "kind": "ConfigMap", "metadata": {"name": label}, "data": {key: text}}
+    config: Json = {"apiVersion": "v1", "kind": "ConfigMap", "metadata": {"name": label}, "data": data}
     objects[("ConfigMap", label)] = config
     volume = {"name": make_label(f"file-{key}"), "configMap": {"name": label}}
-    draft.mount(volume, {"mountPath": target, "subPath": key, "readOnly": True})
+    draft.mount(volume, {"mountPath": target, "subPath": key, "readOnly": True}, item)
 
 
 def take_configs(draft: Draft, part: Part) -> None:
@@ -294,7 +296,7 @@ def take_configs(draft: Draft, part: Part) -> None:
             name_part = config.get("name")
             name = make_label(name_part.as_text() if name_part else source)
             volume = {"name": make_label(f"config-{source}"), "configMap": {"name": name}}
-            draft.mount(volume, {"mountPath": target, "subPath": source, "readOnly": True})
+            draft.mount(volume, {"mountPath": target, "subPath": source, "readOnly": True}, item)
             draft.report.change(item, f"the ConfigMap {name} with the key {source} has to exist in the namespace")
             continue
         text = _read_config(draft, config)
@@ -302,7 +304,7 @@ def take_configs(draft: Draft, part: Part) -> None:
             draft.report.omit(item, "its file cannot be read as text; make a ConfigMap of it and mount that")
             continue
         key = _KEY.sub("_", source)
-        _mount_config(draft, f"{draft.context.app}-{source}", key, text, target)
+        _mount_config(draft, item, f"{draft.context.app}-{source}", data={key: text}, target=target)
         draft.report.take(item, f"a ConfigMap, as the file {target}")
 
 
@@ -343,7 +345,7 @@ def take_secrets(draft: Draft, part: Part) -> None:
         name = _name_secret(draft.context, source, secret)
         key = _KEY.sub("_", source)
         volume = {"name": make_label(f"secret-{source}"), "secret": {"secretName": name}}
-        draft.mount(volume, {"mountPath": target, "subPath": key, "readOnly": True})
+        draft.mount(volume, {"mountPath": target, "subPath": key, "readOnly": True}, item)
         draft.report.change(item, f"make it first: kubectl create secret generic {name} --from-file={key}=FILE")
 
 

@@ -107,9 +107,9 @@ Action = StartedNode | Include | LaunchArgument | Group | Push | Remap | Contain
 
 
 def as_text(value: Any) -> str:
-    """A value where a text is expected: substitutions in a list are one after the other."""
+    """Returns a value where a text is expected: substitutions in a list are one after the other."""
     if isinstance(value, str):
-        return value
+        return str(value)  # no Text: what a reader returns is encoded for the cache
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):

@@ -170,8 +170,14 @@ def read_launch_xml(data: bytes, file: str) -> LaunchFile:
         nodes=tuple(reading.nodes),
         includes=tuple(reading.includes),
         parameters=tuple(reading.parameters),
-        problems=tuple(reading.problems),
+        problems=(*_find_slips(data, file), *reading.problems),
     )
+
+
+def _find_slips(data: bytes, file: str) -> Iterator[Problem]:
+    """Yields the first slip of syntax, after which a node may be missing."""
+    if slip := xml_text.find_slip(data):
+        yield Problem(file, slip.message, slip.line)
 
 
 def _argument(element: Any) -> LaunchArgument:

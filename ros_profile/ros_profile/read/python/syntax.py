@@ -42,7 +42,7 @@ def parse(data: bytes, file: str) -> tuple[ast.Module | None, tuple[Problem, ...
     module, left_out = _parse_in_part(_python3(text))
     if module is None:
         return None, (Problem(file, f"is not Python: {str(first)[:200]}", line),)
-    return module, tuple(Problem(file, "is no Python 3 and is left out", number) for number in left_out)
+    return module, tuple(Problem(file, "this line is no Python 3 and is left out", number) for number in left_out)
 
 
 def _parse_in_part(text: str) -> tuple[ast.Module | None, list[int]]:

@@ -28,7 +28,7 @@ def test_the_output_is_the_robotapp_and_the_report_goes_to_standard_error(tmp_pa
     assert (robotapp["kind"], robotapp["metadata"]) == ("RobotApp", {"name": "robot"})
     lines = result.stderr.splitlines()
     assert f"{tmp_path}/compose.yaml:4: taken: services.nav.command: args" in lines
-    assert lines[-1] == "2 taken, 1 changed, 2 leftOut, 1 choose. Next: kubectl robotapp lint FILE"
+    assert lines[-1] == "2 taken, 1 changed, 2 left out, 1 choose. Next: kubectl robotapp lint FILE"
 
 
 def test_the_report_as_json(tmp_path: Path) -> None:

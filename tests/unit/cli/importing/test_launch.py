@@ -61,6 +61,14 @@ def test_nothing_of_the_launch_file_is_left_out_without_a_line(workspace: Path, 
     assert report["choose"] == 2
 
 
+def test_a_distribution_that_nobody_named_has_a_line(workspace: Path, tmp_path: Path) -> None:
+    line = "bringup/launch/robot.launch.xml:1: changed: spec.ros.distro: jazzy, because no distribution"
+    assert line in run("robot.launch.xml", "--workspace", str(workspace), cache=tmp_path).stderr
+    result = run("robot.launch.xml", "--workspace", str(workspace), "--distro", "humble", cache=tmp_path)
+    assert "spec.ros.distro" not in result.stderr
+    assert yaml.safe_load(result.stdout)["spec"]["ros"] == {"distro": "humble"}
+
+
 def test_images_are_given_by_component_or_for_all_that_have_none(workspace: Path, tmp_path: Path) -> None:
     result = run(
         "robot.launch.xml",
@@ -102,6 +110,29 @@ def test_a_folder_without_packages_is_answered_with_the_option(tmp_path: Path) -
     result = run("--workspace", str(tmp_path), cache=tmp_path)
     assert result.exit_code == 2
     assert "give the sources' folder as --workspace" in result.stderr
+
+
+def test_what_a_ros_1_node_has_in_its_arguments_is_not_said_to_be_missing(tmp_path: Path) -> None:
+    node = '<node pkg="talker" type="talker" name="t" args="2 level:=$(arg level)"/>'
+    text = f'<launch><arg name="level" default="INFO"/>{node}</launch>'
+    package(tmp_path / "src", "bringup", {"launch/a.launch": text})
+    result = run("a.launch", "--workspace", str(tmp_path / "src"), cache=tmp_path)
+    assert "level:=INFO" in yaml.safe_load(result.stdout)["spec"]["components"][0]["args"]
+    assert "remap" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("file", "data"),
+    [("noise.launch.py", b"\x00\x9f\xff" * 99), ("noise.launch.xml", b"\xffno xml"), ("empty.launch.py", b"")],
+)
+def test_a_file_that_is_no_launch_file_is_not_said_to_be_absent(
+    workspace: Path, tmp_path: Path, file: str, data: bytes
+) -> None:
+    (workspace / "bringup/launch" / file).write_bytes(data)
+    for name in (f"bringup/{file}", f"bringup/launch/{file}", file):
+        result = run(name, "--workspace", str(workspace), cache=tmp_path)
+        assert (result.exit_code, result.stdout) == (2, "")
+        assert f"bringup/launch/{file}: is there, but cannot be read as a launch file; one of Python" in result.stderr
 
 
 def test_without_the_readers_it_is_told_what_to_install(

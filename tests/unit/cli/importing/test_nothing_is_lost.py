@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from tests.unit.cli.importing.compose import import_files
 
@@ -163,6 +163,8 @@ def test_a_key_that_compose_does_not_have_is_named_wherever_it_stands(services: 
 
 @settings(max_examples=60, deadline=None)
 @given(SERVICES)
+@example({"a": {"image": "ros:jazzy", "volumes": ["data:/a", "data:/a:ro"]}})
+@example({"a": {"image": "ros:jazzy", "volumes": ["/a", "/srv:/a"], "tmpfs": ["/a"]}})
 def test_the_output_passes_lint_apart_from_marked_places(services: Json) -> None:
     result = import_document(services, distro="jazzy")
     findings = lint(format_objects(result.objects).encode()).findings
@@ -183,6 +185,12 @@ def test_every_variable_port_volume_device_and_command_is_in_the_output(services
             assert {entry["name"] for entry in component.get("env", [])} == names
         wanted = {_read_target(port) for port in service.get("ports", [])} | set(service.get("expose", []))
         assert {port["containerPort"] for port in component.get("ports", [])} == wanted
+        paths = [
+            mount["mountPath"].rstrip("/")
+            for mount in component.get("volumeMounts", [])
+            if "CHOOSE" not in mount["mountPath"]
+        ]
+        assert len(paths) == len(set(paths))
         mounts = {mount["mountPath"] for mount in component.get("volumeMounts", [])}
         assert {_read_mount(volume) for volume in service.get("volumes", [])} - {None} <= mounts
         hosted = sum(device.startswith("/dev/dri") for device in service.get("devices", []))

@@ -146,6 +146,38 @@ def test_long_volumes_and_memory() -> None:
 
 
 @pytest.mark.parametrize(
+    ("volumes", "mounts"),
+    [
+        (["data:/a", "data:/a:ro"], [{"name": "data", "mountPath": "/a", "readOnly": True}]),
+        (["/a", "/a"], [{"name": "data-a", "mountPath": "/a"}]),
+        (["/srv:/a/", "/b", "data:/a"], [{"name": "data-b", "mountPath": "/b"}, {"name": "data", "mountPath": "/a"}]),
+    ],
+)
+def test_the_later_of_two_volumes_at_one_path_is_mounted_and_the_other_has_a_line(
+    volumes: list[str], mounts: list[dict[str, Any]]
+) -> None:
+    result = import_one({"volumes": volumes}, top={"volumes": {"data": None}})
+    assert get_component(result)["volumeMounts"] == mounts
+    assert {volume["name"] for volume in get_pod(result)["volumes"]} == {mount["name"] for mount in mounts}
+    (line,) = [line for line in result.report.lines if line.path == "services.driver.volumes[0]"]
+    last = f"services.driver.volumes[{len(volumes) - 1}]"
+    assert line.verdict is Verdict.LEFT_OUT
+    assert line.message.startswith(f"{last} is mounted at /a, too, and the later one wins; ")
+
+
+def test_a_folder_in_memory_takes_the_place_of_a_volume_of_the_same_path() -> None:
+    result = import_one({"volumes": ["/srv:/run"], "tmpfs": ["/run"]})
+    assert get_component(result)["volumeMounts"] == [{"name": "tmpfs-run", "mountPath": "/run"}]
+    assert [volume["name"] for volume in get_pod(result)["volumes"]] == ["tmpfs-run"]
+
+
+def test_each_empty_folder_has_a_content_of_its_own() -> None:
+    result = import_one({"volumes": ["/a", "/b"], "tmpfs": ["/run", "/shared"]})
+    names = [mount["name"] for mount in get_component(result)["volumeMounts"]]
+    assert sorted(names) == ["data-a", "data-b", "tmpfs-run", "tmpfs-shared"]
+
+
+@pytest.mark.parametrize(
     ("device", "wanted"),
     [
         ("/dev/ttyUSB0", {"name": "ttyusb0", "type": "serial", "mountAs": "/dev/ttyUSB0"}),

@@ -147,3 +147,22 @@ def test_a_device_that_no_driver_hands_over_is_named_with_its_cure(
     (note,) = found(app(components=[component("a") | {"devices": [device]}]))
     assert (note.severity, note.path) == (Severity.WARNING, f"spec.components[0].devices[0].{field}")
     assert cure in note.message
+
+
+@pytest.mark.parametrize(
+    ("interface", "reason"),
+    [
+        ("/dev/ttyUSB0", "ttyUSB0 is a number in the order of plugging in"),
+        ("/dev/serial/by-id/usb-FTDI_FT232R-if00-port0", "by-id/usb-FTDI_FT232R-if00-port0 is a link that udev makes"),
+        (
+            "/dev/v4l/by-path/pci-0000-video-index0",
+            "is a link that udev makes, and agents publish no links; write usbID",
+        ),
+    ],
+)
+def test_an_interface_that_no_agent_publishes_is_a_warning(interface: str, reason: str) -> None:
+    device = {"name": "port", "type": "serial", "interface": interface}
+    findings = lint(yaml.safe_dump(app(components=[component(devices=[device])])).encode()).findings
+    (finding,) = [one for one in findings if one.path.endswith(".interface")]
+    assert finding.severity is Severity.WARNING
+    assert reason in finding.message

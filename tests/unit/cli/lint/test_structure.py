@@ -30,6 +30,7 @@ DURATIONS = (
     "spec.placement.reschedule.for",
     "spec.placement.reschedule.cooldown",
     "spec.connectivity.grace",
+    "spec.recordings[].split.duration",
 )
 GONE = {path: value for path, value in GONE_FIELDS["RobotApp"].items() if not path.startswith("status.")}
 
@@ -504,3 +505,21 @@ class TestObjects:
         findings = found(wrong)
         assert len(findings) == MOST_FINDINGS + 1
         assert sum(each.reason == "TooMany" for each in findings) == 1
+
+
+def list_patterns(schema: dict[str, Any], path: Path = ()) -> Iterator[tuple[Path, str]]:
+    """Yields the pattern of each field of a schema."""
+    if "pattern" in schema:
+        yield path, schema["pattern"]
+    for name, member in schema.get("properties", {}).items():
+        yield from list_patterns(member, (*path, name))
+    for inner, step in ((schema.get("items"), 0), (schema.get("additionalProperties"), "key")):
+        if isinstance(inner, dict):
+            yield from list_patterns(inner, (*path, step))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_pattern_of_a_field_has_words(kind: str) -> None:
+    found = list(list_patterns(definition(kind).schema))
+    assert found
+    assert [path for path, pattern in found if wording._words(path, pattern).startswith("what matches")] == []

@@ -95,6 +95,30 @@ def test_a_bag_that_arrives_in_part_leaves_no_file(
     assert list((tmp_path / "here" / "amr-07").iterdir()) == []
 
 
+def test_the_reason_of_kubectl_is_not_hidden_by_its_address(
+    stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address = f"https://edge-1:10250/exec/{'x' * 400}"
+    script = f"#!/bin/sh\necho 'error: sending request: Post \"{address}\": dial tcp: no such host' >&2\nexit 1\n"
+    write_kubectl(tmp_path / "bin", script, monkeypatch)
+    add_app(stage)
+    output = " ".join(stage.run("bags", "list", "teleop").output.split())
+    assert "error: sending request: Post dial tcp: no such host; kubectl exec has to reach it" in output
+    assert "10250" not in output
+
+
+def test_a_folder_that_cannot_be_made_is_named_with_the_option(
+    stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answer = '[{"name": "all-000001-x.mcap", "bytes": 99, "state": "closed"}]'
+    write_kubectl(tmp_path / "bin", f"#!/bin/sh\necho '{answer}'\n", monkeypatch)
+    add_app(stage)
+    (tmp_path / "file").write_text("in the way")
+    failed = stage.run("bags", "pull", "teleop", "--to", str(tmp_path / "file"))
+    assert failed.exit_code == 2
+    assert "cannot be written: Not a directory; give another folder as --to" in " ".join(failed.output.split())
+
+
 @pytest.mark.parametrize(
     ("answer", "error"),
     [

@@ -70,7 +70,7 @@ def test_a_line_of_python_2_hides_no_program(tmp_path: Path, line: str) -> None:
 
 def test_a_line_that_is_left_out_is_noted_and_a_file_of_such_lines_is_not_read(tmp_path: Path) -> None:
     found = judged(tmp_path / "a", {"scripts/run.py": PYTHON_2.format(line="if x: print 'a'")}, ros=1)
-    assert [(one.line, one.message) for one in found.problems] == [(7, "is no Python 3 and is left out")]
+    assert [(one.line, one.message) for one in found.problems] == [(7, "this line is no Python 3 and is left out")]
     text = SCRIPT + "who goes there\n" * 30
     (problem,) = judged(tmp_path / "b", {"scripts/run.py": text}, ros=1).problems
     assert "is not Python" in problem.message

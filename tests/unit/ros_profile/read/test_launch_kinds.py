@@ -293,3 +293,42 @@ def test_values_that_a_launch_file_replaces_in_a_parameter_file_reach_the_node()
     )
     assert found.nodes[0].parameter_files == ("c.yaml",)
     assert found.nodes[0].parameters == (("autostart", "true"),)
+
+
+def test_a_text_of_the_environment_is_kept_in_the_cache(tmp_path: Path) -> None:
+    text = """
+import os
+def generate_launch_description():
+    return LaunchDescription([
+        DeclareLaunchArgument('base', default_value=os.getenv('BASE')),
+        IncludeLaunchDescription(PythonLaunchDescriptionSource(os.environ['FILE'])),
+        Node(package=os.environ['P'], executable=os.getenv('E', 'e'), name=os.environ['N'], namespace=os.environ['S'],
+             arguments=[os.environ['A']], remappings=[(os.environ['F'], os.environ['T'])], condition=IfCondition(os.environ['C']),
+             parameters=[os.environ['Y'], {'rate': ParameterValue(os.environ['R'], value_type=str), os.environ['K']: os.environ['V']}],
+             prefix=os.environ['X'], additional_env={os.environ['G']: os.environ['H']}),
+    ])
+"""
+    package(tmp_path / "src", "up", {"launch/a.launch.py": text})
+    first = generate_profile(tmp_path / "src", cache=tmp_path / "cache")
+    assert generate_profile(tmp_path / "src", cache=tmp_path / "cache") == first
+    assert len(first.packages[0].launches[0].nodes) == 1
+
+
+def test_the_first_slip_of_an_xml_file_is_named(tmp_path: Path) -> None:
+    found = followed(tmp_path, '<launch>\n<node pkg="p" exec="e"/>\n<node pkg="q" exec="f"', file="a.launch.xml")
+    (problem,) = found.problems
+    assert (problem.file, problem.line) == ("launch/a.launch.xml", 3)
+    assert "is not well-formed XML and is read as far as it goes" in problem.message
+    assert followed(tmp_path / "well", '<launch><node pkg="p" exec="e"/></launch>', file="a.launch.xml").problems == ()
+
+
+def test_an_include_whose_name_is_not_in_the_source_has_a_next_step(tmp_path: Path) -> None:
+    text = f"""
+import os
+def generate_launch_description():
+    lidar = ThisLaunchFileDir() + str(find_lidar(os.environ['LIDAR']))
+    return LaunchDescription([{NODE}, IncludeLaunchDescription(PythonLaunchDescriptionSource([lidar, '/lidar.launch.py']))])
+"""
+    (problem,) = followed(tmp_path, text).problems
+    assert problem.message.endswith("import the file that it means, too, or give its nodes components of their own")
+    assert "$(" not in problem.message
