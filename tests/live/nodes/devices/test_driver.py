@@ -106,6 +106,7 @@ def test_programs_without_rights_open_the_devices_of_their_claim(cluster: RealNo
 def test_a_second_claim_that_was_given_the_same_device_is_refused_and_told(cluster: RealNodes, namespace: str) -> None:
     """The API server lets two claims have one device; the driver does not."""
     apply(cluster, namespace, claim("first", {"arm": SERIAL}), claim("second", {"arm": SERIAL}))
+    # The driver of robot-2 that another test ended may have its device published for half a minute more.
     real_pods.run(cluster, namespace, user_of("first", "holder", nodeSelector=ROBOT_1))
     rival = user_of("second", "rival")
     claims.place_past_schedulers(cluster, namespace, rival, request="arm", device=ARM, node="robot-1")
