@@ -40,7 +40,7 @@ def make_text_app(name: str) -> Json:
 
 def make_parts_app(name: str) -> Json:
     """Hundreds of devices: short JSON, many objects."""
-    devices = [{"name": f"d{n}", "type": "usb"} for n in range(8)]
+    devices = [{"name": f"d{n}", "type": "video"} for n in range(8)]
     return make_app(name, [{"name": f"c{n}", "image": "x", "devices": devices} for n in range(41)])
 
 

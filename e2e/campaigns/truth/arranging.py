@@ -15,7 +15,7 @@ from robotapp_testbed.machines.topology import Device, fleet
 
 SEEN_S = 60.0
 CAN = Device("can0", "can", interface="can0")
-CAMERA = Device("usb-cam", "usb", model="d435")
+CAMERA = Device("video-cam", "video", model="d435")
 Before = Callable[["Place"], AbstractContextManager[object]]
 
 

@@ -35,7 +35,7 @@ NEAR_MS: Final = 2.0
 
 def seeing(on_loss: str) -> tuple[Object]:
     """A component on an edge server with a camera."""
-    return ({"name": "talk", "runsOn": ["Edge"], "devices": [{"name": "cam", "type": "usb", "onLoss": on_loss}]},)
+    return ({"name": "talk", "runsOn": ["Edge"], "devices": [{"name": "cam", "type": "video", "onLoss": on_loss}]},)
 
 
 def moving(**limits: Any) -> Callable[[Place], Object]:
@@ -251,7 +251,7 @@ def _jitter(place: Place, one: str, other: str, *, p95_ms: float) -> Iterator[No
 @contextmanager
 def held_elsewhere(place: Place) -> Iterator[None]:
     """Another app holds the other edge server's camera."""
-    camera = {"devices": [{"name": "cam", "type": "usb"}]}
+    camera = {"devices": [{"name": "cam", "type": "video"}]}
     with (
         cordoned(place, place.edges[0]),
         other_app(place, parts=({"name": "x", "runsOn": ["Edge"], **camera},)),

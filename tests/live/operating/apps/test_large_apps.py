@@ -16,7 +16,7 @@ def texts(number: int) -> list[dict[str, object]]:
 
 def devices(number: int) -> list[dict[str, object]]:
     """Components whose JSON is short and whose objects in memory are many."""
-    each = [{"name": f"d{index}", "type": "usb"} for index in range(8)]
+    each = [{"name": f"d{index}", "type": "video"} for index in range(8)]
     return [part(f"c{index}", devices=each) for index in range(number)]
 
 

@@ -19,7 +19,7 @@ from robotapp_testbed.machines import topology
 from robotapp_testbed.machines.nodes import Device
 
 ROBOT = "amr-1"
-CAMERA = Device(id="usb-cam", type="usb")
+CAMERA = Device(id="video-cam", type="video")
 ON_ROBOT = {"nodeSelector": {"matchLabels": {Label.ROBOT.value: ROBOT}}}
 EDGE = {"topic": "/cmd_vel", "from": "planner", "to": "driver", "latency": {"budget": "30ms"}}
 PDBS = "/apis/policy/v1/namespaces/{}/poddisruptionbudgets"
@@ -217,14 +217,14 @@ def test_a_component_that_may_not_move_shows_the_better_node_until_its_budget_is
 def test_a_pod_whose_device_vanishes_is_restarted_when_it_is_back(
     user: Tenant, network: topology.SimulatedTelemetry
 ) -> None:
-    camera = {"name": "cam", "type": "usb", "onLoss": "Restart"}
+    camera = {"name": "cam", "type": "video", "onLoss": "Restart"}
     user.apply("seeing", part("driver", runsOn=["Edge"], devices=[camera]))
     user.wait_ready("seeing")
     here, first = node_of(user, "driver"), pod_of(user, "driver")["metadata"]["uid"]
     network.unplug(here, CAMERA.id)
     try:
         message = user.wait("seeing", "Allocated", "False", reason="DeviceLost")["message"]
-        assert f"device usb-cam on {here} is gone" in message
+        assert f"device video-cam on {here} is gone" in message
         told(user, "seeing", "DeviceClaimed")
         told(user, "seeing", "DeviceLost")
         eventually(lambda: record(user, "driver", Annotation.LOST_DEVICES))
@@ -242,7 +242,7 @@ def test_a_pod_whose_device_vanishes_is_restarted_when_it_is_back(
 def test_a_pod_whose_device_vanishes_moves_to_a_node_with_a_free_one(
     user: Tenant, network: topology.SimulatedTelemetry
 ) -> None:
-    camera = {"name": "cam", "type": "usb", "onLoss": "Reschedule"}
+    camera = {"name": "cam", "type": "video", "onLoss": "Reschedule"}
     user.apply("looking", part("driver", runsOn=["Edge"], devices=[camera]))
     user.wait_ready("looking")
     here = node_of(user, "driver")
@@ -264,7 +264,7 @@ def devices_held(user: Tenant) -> list[str]:
 def test_a_suspended_component_gives_its_device_back_and_the_gang_waits_for_no_component_that_is_created_later(
     user: Tenant,
 ) -> None:
-    camera = part("camera", runsOn=["Edge"], devices=[{"name": "cam", "type": "usb"}])
+    camera = part("camera", runsOn=["Edge"], devices=[{"name": "cam", "type": "video"}])
     viewer = part("viewer", runsOn=["Edge"], dependsOn=[{"component": "camera"}])
     user.apply("watch", camera, viewer)
     user.wait_ready("watch")
