@@ -137,11 +137,6 @@ def list_held(claim: ResourceClaim) -> tuple[Claim, ...]:
     )
 
 
-def is_handed_over(name: str) -> bool:
-    """Returns whether a held device of this name is held by a ResourceClaim: its driver hands it over."""
-    return name.startswith(_HELD_NAME)
-
-
 def _holder_of(claim: ResourceClaim) -> Holder:
     """The RobotApp that controls the claim, else the claim itself."""
     meta, owner = claim.metadata, claim.metadata.controller

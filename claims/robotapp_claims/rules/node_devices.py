@@ -10,7 +10,7 @@ from typing import Final, NamedTuple, Protocol
 
 from robotapp_api.model.names import FROM_TELEMETRY, GPU, HARDWARE_PREFIX, HARDWARE_SOURCE
 from robotapp_api.values.devices.words import PLUGGING_ORDER, list_types
-from robotapp_claims.rules.device import Kind, is_device
+from robotapp_claims.rules.device import Identified, Kind, is_device
 from robotapp_claims.rules.identity import device_label
 from robotapp_claims.rules.objects import Claim
 
@@ -70,25 +70,13 @@ def devices_of_labels(labels: Mapping[str, str]) -> tuple[Device, ...]:
     return tuple(sorted(device for devices in named.values() for device in devices))
 
 
-class Reported(Protocol):
-    """A device with its id and path, as an agent reports it."""
+class Reported(Identified, Protocol):
+    """A device with its path, as an agent reports it."""
 
-    @property
-    def id(self) -> str: ...
-    @property
-    def type(self) -> str: ...
-    @property
-    def model(self) -> str: ...
-    @property
-    def interface(self) -> str: ...
-    @property
-    def identity(self) -> str: ...
     @property
     def path(self) -> str: ...
     @property
     def present(self) -> bool: ...
-    @property
-    def names(self) -> tuple[str, ...]: ...
 
 
 class NodeDevice(NamedTuple):

@@ -66,23 +66,23 @@ def _look_into_build(draft: Draft, build: Part) -> None:
 
 def take_command(draft: Draft, part: Part) -> None:
     """The command of compose is what Kubernetes calls args."""
-    words = part.as_words()
-    if words:
-        draft.fields["args"] = [escape_references(word) for word in words]
-        report_words(draft, part, "args")
-    else:
-        draft.report.omit(part, "an empty command; the image's own counts")
-    draft.distro = draft.distro or find_distro_in(" ".join(words))
+    _take_words(draft, part, "args", "an empty command; the image's own counts")
 
 
 def take_entrypoint(draft: Draft, part: Part) -> None:
     """The entrypoint of compose is what Kubernetes calls command."""
+    reason = "an empty entrypoint clears the image's; write command with the program in its place"
+    _take_words(draft, part, "command", reason)
+
+
+def _take_words(draft: Draft, part: Part, field: str, reason: str) -> None:
+    """Writes the words of a command line into a field of the container. `reason`: why an empty one is left out."""
     words = part.as_words()
     if words:
-        draft.fields["command"] = [escape_references(word) for word in words]
-        report_words(draft, part, "command")
+        draft.fields[field] = [escape_references(word) for word in words]
+        report_words(draft, part, field)
     else:
-        draft.report.omit(part, "an empty entrypoint clears the image's; write command with the program in its place")
+        draft.report.omit(part, reason)
     draft.distro = draft.distro or find_distro_in(" ".join(words))
 
 

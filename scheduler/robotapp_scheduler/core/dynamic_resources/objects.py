@@ -205,20 +205,6 @@ class ResourceClaim(Slim):
         return f"{self.metadata.namespace}/{self.metadata.name}"
 
 
-class ResourceClaimTemplateSpec(Slim):
-    """The spec of a template."""
-
-    metadata: Metadata = msgspec.field(default_factory=Metadata)
-    spec: ResourceClaimSpec = msgspec.field(default_factory=ResourceClaimSpec)
-
-
-class ResourceClaimTemplate(Slim):
-    """A ResourceClaimTemplate."""
-
-    metadata: Metadata = msgspec.field(default_factory=Metadata)
-    spec: ResourceClaimTemplateSpec = msgspec.field(default_factory=ResourceClaimTemplateSpec)
-
-
 class DeviceClassSpec(Slim):
     """The spec of a class."""
 
