@@ -427,3 +427,11 @@ class Reflector(Generic[T]):
         except Exception:  # the mirror must go on; a consumer's bug is loud in log and metric
             self.stats.callback_failures += 1
             log.exception("%s: on_change failed for %s %s", self, change.kind, change.key)
+
+
+def find_staleness(reflectors: Iterable[Reflector[Any]]) -> dict[str, float]:
+    """Returns the seconds for which changes may have gone unseen, by resource; of several watches of one, the longest."""
+    worst: dict[str, float] = {}
+    for reflector in reflectors:
+        worst[reflector.plural] = max(worst.get(reflector.plural, 0.0), reflector.stale_s)
+    return worst

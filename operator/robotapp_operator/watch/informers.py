@@ -10,6 +10,7 @@ from robotapp_claims.rules.objects import Claim, Pool
 from robotapp_client import ApiClient, Change, Reflector
 from robotapp_client.api import resources
 from robotapp_client.api.resources import Resource
+from robotapp_client.informer.reflector import find_staleness
 from robotapp_operator.plan.diff.diff import deployment_domain
 from robotapp_operator.plan.diff.master_restarts import MasterStart, find_start
 from robotapp_operator.plan.render.infrastructure import MASTER_ROLE
@@ -77,10 +78,7 @@ class Informers:
 
     def staleness(self) -> dict[str, float]:
         """Seconds for which changes may have gone unseen, by resource; of several watches of one, the longest."""
-        worst: dict[str, float] = {}
-        for reflector in self.reflectors:
-            worst[reflector.plural] = max(worst.get(reflector.plural, 0.0), reflector.stale_s)
-        return worst
+        return find_staleness(self.reflectors)
 
     def _cluster_wide(self) -> Iterator[Reflector[Any]]:
         yield self._reflector(resources.NODES, Node, self._node)

@@ -6,11 +6,10 @@ import msgspec
 
 from robotapp_api.model.names import Label
 from robotapp_api.values.toleration import tolerates
-from robotapp_scheduler.core.api.core_v1 import Node, Pod, Taint
+from robotapp_scheduler.core.api.core_v1 import Node, Pod, Taint, controller_of
 from robotapp_scheduler.core.cache.cache import Cache
 from robotapp_scheduler.core.cycle.group_gates import fails_over
 from robotapp_scheduler.core.pods.pod_info import member_of
-from robotapp_scheduler.core.pods.pod_signature import controller_of
 from robotapp_scheduler.what_if.difference import Outcome, PodChange
 
 TAINT_KEY: Final = "node.kubernetes.io/unreachable"

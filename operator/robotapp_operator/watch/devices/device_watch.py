@@ -13,6 +13,7 @@ from robotapp_claims.rules.objects import ResourceClaim, ResourceSlice
 from robotapp_client import ApiClient, Change, ClientError, Forbidden, NotFound, Reflector
 from robotapp_client.api.client import with_query
 from robotapp_client.api.resources import RESOURCECLAIMS, RESOURCESLICES, Resource
+from robotapp_client.informer.reflector import find_staleness
 from robotapp_operator.queue.work import Work
 from robotapp_operator.queue.workqueue import Key, Queue
 from robotapp_operator.watch.cache import Cache
@@ -52,10 +53,7 @@ class DeviceWatch:
 
     def staleness(self) -> dict[str, float]:
         """Seconds for which changes may have gone unseen, by resource."""
-        worst: dict[str, float] = {}
-        for reflector in self._reflectors:
-            worst[reflector.plural] = max(worst.get(reflector.plural, 0.0), reflector.stale_s)
-        return worst
+        return find_staleness(self._reflectors)
 
     async def run(self) -> None:
         """Watches until cancelled, from the moment at which the kinds can be listed."""

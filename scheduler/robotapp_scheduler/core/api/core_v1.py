@@ -41,6 +41,14 @@ class OwnerReference(Slim):
     controller: bool = False
 
 
+def controller_of(owners: list[OwnerReference] | None) -> OwnerReference | None:
+    """Returns the owner that manages an object, None without one."""
+    for owner in owners or ():
+        if owner.controller:
+            return owner
+    return None
+
+
 class Metadata(Slim):
     """The part of metadata every object shares."""
 

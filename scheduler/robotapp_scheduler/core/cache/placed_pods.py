@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from robotapp_scheduler.core.api.core_v1 import REGION, ZONE, Pod
+from robotapp_scheduler.core.api.core_v1 import REGION, ZONE, Pod, controller_of
 from robotapp_scheduler.core.nodes.columns import BoolArray, IntArray, LabelColumns, ResourceColumns, sane
 from robotapp_scheduler.core.nodes.node_table import NodeTable
 from robotapp_scheduler.core.pods.interning import Interner
 from robotapp_scheduler.core.pods.pod_info import PlacedPod, PodInfo
-from robotapp_scheduler.core.pods.pod_signature import ANY_IP, HostPort, controller_of
+from robotapp_scheduler.core.pods.pod_signature import ANY_IP, HostPort
 
 KEYS: Final = (ZONE, REGION)
 PredictedPairs = tuple[tuple[str, str], ...]

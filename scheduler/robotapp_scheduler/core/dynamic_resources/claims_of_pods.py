@@ -3,7 +3,7 @@
 from collections.abc import Hashable, Iterator
 from typing import Final, NamedTuple
 
-from robotapp_scheduler.core.api.core_v1 import NodeSelector, Pod
+from robotapp_scheduler.core.api.core_v1 import NodeSelector, Pod, controller_of
 from robotapp_scheduler.core.dynamic_resources.objects import AllocationResult, ResourceClaim
 
 MOST_RESERVATIONS: Final = 256
@@ -88,7 +88,8 @@ def explain_refusal(claim: ResourceClaim, pod: Pod, *, made_for_pod: bool) -> st
     meta = pod.metadata
     if claim.metadata.deletion_timestamp is not None:
         return f'resourceclaim "{claim.metadata.name}" is being deleted'
-    if made_for_pod and get_controller_uid(claim) != meta.uid:
+    owner = controller_of(claim.metadata.owner_references)
+    if made_for_pod and (owner is None or owner.uid != meta.uid):
         return f"ResourceClaim {claim} was not created for Pod {meta.namespace}/{meta.name} (Pod is not owner)"
     users = claim.status.reserved_for
     if claim.status.allocation is not None and len(users) >= MOST_RESERVATIONS and not is_reserved_for(claim, meta.uid):
@@ -108,11 +109,6 @@ def score_preference(claim: ResourceClaim, allocation: AllocationResult) -> int:
     )
 
 
-def get_controller_uid(claim: ResourceClaim) -> str:
-    """Uid of the owner that controls the claim, "" without one."""
-    return next((owner.uid for owner in claim.metadata.owner_references or () if owner.controller), "")
-
-
 def is_reserved_for(claim: ResourceClaim, uid: str) -> bool:
     """Returns whether the object with this uid is among the users of the claim."""
     return any(user.uid == uid for user in claim.status.reserved_for)
@@ -121,7 +117,7 @@ def is_reserved_for(claim: ResourceClaim, uid: str) -> bool:
 def find_robotapp(claim: ResourceClaim) -> tuple[str, str] | None:
     """Name and uid of the RobotApp that controls the claim: it keeps the allocation when its pods go. None for other claims."""
     group, kind = ROBOTAPPS
-    for owner in claim.metadata.owner_references or ():
-        if owner.controller and owner.kind == kind and owner.api_version.partition("/")[0] == group:
-            return owner.name, owner.uid
-    return None
+    owner = controller_of(claim.metadata.owner_references)
+    if owner is None or owner.kind != kind or owner.api_version.partition("/")[0] != group:
+        return None
+    return owner.name, owner.uid

@@ -10,8 +10,7 @@ from typing import Any, Final, TypeVar
 
 from msgspec.structs import replace
 
-from robotapp_scheduler.core.api.core_v1 import Pod, PodSpec
-from robotapp_scheduler.core.pods.pod_signature import controller_of
+from robotapp_scheduler.core.api.core_v1 import Pod, PodSpec, controller_of
 
 T = TypeVar("T", bound=Hashable)
 

@@ -13,13 +13,13 @@ import msgspec
 from robotapp_api.model.names import Label
 from robotapp_api.values.quantities.requests import PodRequests
 from robotapp_scheduler.core.api.annotations import any_read, parse_annotations
-from robotapp_scheduler.core.api.core_v1 import Affinity, NodeAffinity, OwnerReference, Pod, Toleration
+from robotapp_scheduler.core.api.core_v1 import Affinity, NodeAffinity, OwnerReference, Pod, Toleration, controller_of
 from robotapp_scheduler.core.api.ros import InvalidAnnotation, RosContext, RosRequest
 from robotapp_scheduler.core.dynamic_resources.claims_of_pods import PodClaims, list_named_claims
 from robotapp_scheduler.core.pods.cached_property import CachedProperty
 from robotapp_scheduler.core.pods.domain_variable import find_lost_domain
 from robotapp_scheduler.core.pods.pod_group_index import group_ref_of, in_group
-from robotapp_scheduler.core.pods.pod_signature import HostPort, PodSignature, controller_of
+from robotapp_scheduler.core.pods.pod_signature import HostPort, PodSignature
 from robotapp_scheduler.core.pods.pod_volumes import PodVolumes, volumes_of
 from robotapp_scheduler.core.selectors.affinity_index import PlacedTerm
 from robotapp_scheduler.core.selectors.affinity_terms import attracts_itself

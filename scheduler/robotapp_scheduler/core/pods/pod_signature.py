@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from robotapp_api.values.quantities.requests import PodRequests, pod_requests
-from robotapp_scheduler.core.api.core_v1 import Container, OwnerReference, Pod, PodSpec
+from robotapp_scheduler.core.api.core_v1 import Container, Pod, PodSpec, controller_of
 from robotapp_scheduler.core.nodes.columns import ResourceColumns
 from robotapp_scheduler.core.pods.cached_property import CachedProperty
 from robotapp_scheduler.core.pods.limits import exceeded_limit
@@ -170,14 +170,6 @@ def _key(pod: Pod) -> bytes:
             (meta.name, spec.volumes) if spec.volumes else None,  # an ephemeral volume's claim is named after its pod
         )
     )  # fmt: skip
-
-
-def controller_of(owners: list[OwnerReference] | None) -> OwnerReference | None:
-    """The managing owner, if any."""
-    for owner in owners or ():
-        if owner.controller:
-            return owner
-    return None
 
 
 def requests_of(pod: Pod) -> PodRequests:

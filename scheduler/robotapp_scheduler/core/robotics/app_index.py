@@ -17,7 +17,7 @@ from robotapp_api.values.placement.tiers import ROBOT
 from robotapp_api.values.quantities.bandwidth import bandwidth_bps
 from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.replicas import expand_struct
-from robotapp_scheduler.core.api.core_v1 import Owned, Pod
+from robotapp_scheduler.core.api.core_v1 import Owned, Pod, controller_of
 from robotapp_scheduler.core.api.robotics_v1alpha1 import (
     Component,
     Edge,
@@ -27,7 +27,6 @@ from robotapp_scheduler.core.api.robotics_v1alpha1 import (
     SharedData,
 )
 from robotapp_scheduler.core.pods.pod_info import Member, member_of
-from robotapp_scheduler.core.pods.pod_signature import controller_of
 
 ON_BOARD: Final = (ROBOT,)
 """`runsOn` of a component that never leaves its robot."""
