@@ -314,6 +314,7 @@ class AppSpec(Object, frozen=True, kw_only=True):
     components: tuple[Component, ...] = ()
     ros2: Ros2 | None = None
     robots: Robots | None = None
+    matrix: dict[str, Any] | None = None
     ros: Ros | None = None
 
     def find_component(self, name: str) -> Component | None:
