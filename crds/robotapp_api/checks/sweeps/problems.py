@@ -11,7 +11,7 @@ from robotapp_api.model.app.component import Component
 from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.base import dump
 from robotapp_api.values.component_references import expanded_problem, list_expanded_texts, list_helper_texts
-from robotapp_api.values.references import has_reference, reference_values
+from robotapp_api.values.references import expand, has_reference, reference_values
 from robotapp_api.values.sweeps.matrix import (
     MOST_INSTANCES,
     VARIABLE_PREFIX,
@@ -86,5 +86,6 @@ def _unfit_names(spec: RobotAppSpec, matrix: Mapping[str, object]) -> Iterator[P
     for index, component in enumerate(spec.components):
         texts += list_expanded_texts(component, f"spec.components[{index}]")
     for text in texts:
-        if text.kind != "path" and has_reference(text.text) and (wrong := expanded_problem(text, values)):
+        is_replaced = has_reference(text.text) and not has_reference(expand(text.text, values))
+        if text.kind != "path" and is_replaced and (wrong := expanded_problem(text, values)):
             yield invalid(text.path, f"{text.text} is for instance {longest.name}: {wrong}; write a shorter text")

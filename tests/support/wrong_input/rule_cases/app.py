@@ -22,6 +22,14 @@ def _recording(name: str, **topics: Any) -> Object:
     return {"name": name, "topics": topics}
 
 
+def _matrix(*counts: int) -> Object:
+    """A matrix with a parameter of so many values for each number."""
+    parameters = [
+        {"name": f"p{index}", "values": [str(value) for value in range(count)]} for index, count in enumerate(counts)
+    ]
+    return {"parameters": parameters}
+
+
 def _override(name: str) -> Object:
     return {"name": "slow", **AMR_07, "components": [{"name": name, "image": "x"}]}
 
@@ -74,6 +82,24 @@ APP = [
         app(recordings=[_recording("all", regex=".*")]),
         app(recordings=[_recording("driver", regex=".*")]),
         'recordings have names of components: ["driver"]; write other names',
+    ),
+    RuleCase(
+        "a sweep has no robots",
+        app(matrix=_matrix(2)),
+        app(matrix=_matrix(2), robots=AMR_07),
+        "a sweep has an instance for each combination of values, and robots have one each; remove matrix or robots",
+    ),
+    RuleCase(
+        "instances of a sweep have domains of their own",
+        app(matrix=_matrix(2), ros2={"domain": 7, "isolation": "Discovery", "discovery": {"mode": "Server"}}),
+        app(matrix=_matrix(2), ros2={"domain": 7}),
+        "one domain for all instances of a sweep would let them obey each other's topics; drop ros2.domain, or write ros2.isolation: Discovery",
+    ),
+    RuleCase(
+        "a sweep has at most 256 instances",
+        app(matrix=_matrix(16, 16)),
+        app(matrix=_matrix(16, 17)),
+        "a sweep has at most 256 instances, and the values of its parameters have more combinations; write fewer values, or a RobotApp for each part",
     ),
     RuleCase(
         "colocateWith exists",
