@@ -58,9 +58,11 @@ def full_app() -> dict[str, Any]:
                     "package": "nav2_bringup", "file": "navigation_launch.py", "arguments": {"use_sim_time": "true"},
                     "parametersArgument": "params_file",
                 },
-                dependsOn=[{"component": "driver", "status": "Ready"}],
+                dependsOn=[{"component": "driver", "status": "Ready"}, {"component": "saver", "status": "Complete"}],
             ),
+            component("saver", job={"backoffLimit": 2, "activeDeadlineSeconds": 600}),
         ],
+        completion={"success": {"operator": "All", "components": ["saver"]}, "deadline": "1h"},
         edges=[
             edge(
                 "driver", "mapper", kind="Topic", type="nav_msgs/msg/Odometry", rateHz=20, messageBytes=48, qos=_QOS, requestedQos=_QOS,

@@ -18,6 +18,18 @@ def _selector(**fields: Any) -> Object:
     return app(robots={"nodeSelector": fields})
 
 
+def _after(status: str, **fields: Any) -> Object:
+    dependency = {"component": "saver", "status": status}
+    return app(components=[component("saver", **fields), component("planner", dependsOn=[dependency])])
+
+
+def _completion(*components: str, **fields: Any) -> Object:
+    success = {"success": {"operator": "Any", "components": list(components)}} if components else {}
+    return app(
+        components=[component("saver", **fields), component("planner")], completion={"deadline": "1h", **success}
+    )
+
+
 def _recording(name: str, **topics: Any) -> Object:
     return {"name": name, "topics": topics}
 
@@ -38,6 +50,30 @@ APP = [
         app(edges=[edge("@robot", "driver"), edge("operator", "driver")], robots=AMR_07),
         app(edges=[edge("oprator", "driver")]),
         'edges have unknown ends (topic, from, to): [["/cmd_vel", "oprator", "driver"]]; write the name of a component or @robot',
+    ),
+    RuleCase(
+        "a job completes",
+        _after("Complete", job={}),
+        _after("Ready", job={}),
+        'dependsOn of ["planner"] waits for a job with status: Complete, and for other components with status: Ready; write that status, or job: {} in a component that ends (jobs are ["saver"])',
+    ),
+    RuleCase(
+        "what is no job is ready",
+        _after("Ready"),
+        _after("Complete"),
+        'dependsOn of ["planner"] waits for a job with status: Complete, and for other components with status: Ready; write that status, or job: {} in a component that ends (jobs are [])',
+    ),
+    RuleCase(
+        "completion takes a job",
+        _completion(job={}),
+        _completion(),
+        "completion is about components that end, and none does; write job: {} in one, or remove completion",
+    ),
+    RuleCase(
+        "completion counts jobs",
+        _completion("saver", job={}),
+        _completion("planner", job={}),
+        'completion.success.components are ["planner"], but the components with job are ["saver"]; write the name of one, or job: {} in it',
     ),
     RuleCase(
         "durations in words",
