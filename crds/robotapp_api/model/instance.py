@@ -51,6 +51,8 @@ class ComponentStatus(Observed):
     """Node its pod is bound to; empty while it waits."""
     ready: bool = False
     """All its replicas are ready."""
+    completed: bool = False
+    """Its job has completed."""
     restarts: Count = 0
     """Container restarts of its pods."""
     message: BriefMessage = ""
@@ -159,6 +161,8 @@ class InstanceStatus(Observed):
     """Edges that had no room in the list above."""
     claims: Annotated[tuple[Text, ...], Field(max_length=64)] = ()
     """RobotClaims the instance holds."""
+    completion_time: Timestamp | None = None
+    """When its jobs had completed or failed."""
     moves: Annotated[tuple[Move, ...], ListMap("component"), Field(max_length=64)] = ()
     """Components that were moved to another node (placement.reschedule, devices[].onLoss): a copy of what their Deployments say."""
 

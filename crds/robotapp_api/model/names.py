@@ -260,6 +260,7 @@ class Phase(StrEnum):
     OFFLINE = "Offline"
     SUSPENDED = "Suspended"
     STOPPING = "Stopping"
+    COMPLETED = "Completed"
     FAILED = "Failed"
 
 

@@ -58,9 +58,11 @@ def full_app() -> dict[str, Any]:
                     "package": "nav2_bringup", "file": "navigation_launch.py", "arguments": {"use_sim_time": "true"},
                     "parametersArgument": "params_file",
                 },
-                dependsOn=[{"component": "driver", "status": "Ready"}],
+                dependsOn=[{"component": "driver", "status": "Ready"}, {"component": "saver", "status": "Complete"}],
             ),
+            component("saver", job={"backoffLimit": 2, "activeDeadlineSeconds": 600}),
         ],
+        completion={"success": {"operator": "All", "components": ["saver"]}, "deadline": "1h"},
         edges=[
             edge(
                 "driver", "mapper", kind="Topic", type="nav_msgs/msg/Odometry", rateHz=20, messageBytes=48, qos=_QOS, requestedQos=_QOS,
@@ -209,7 +211,7 @@ def malformed_apps(schema: Schema) -> list[Malformed]:
 
 def full_sweep() -> dict[str, Any]:
     """The fields that an app with robots cannot have."""
-    return app("sweep", matrix={"parameters": [{"name": "speed", "values": ["0.5", "1.5"]}], "parallelism": 2})
+    return app("sweep", components=[component("sim", job={})], matrix={"parameters": [{"name": "speed", "values": ["0.5", "1.5"]}], "parallelism": 2})
 
 
 def unused_fields(schema: Schema) -> list[str]:

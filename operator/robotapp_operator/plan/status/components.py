@@ -380,6 +380,6 @@ def _explain_crash(container: ContainerStatus) -> tuple[Reason, str]:
     if last and last.reason == "OOMKilled":
         cure = "raise resources.limits.memory"
     elif last and last.exit_code == 0:
-        cure = "its program ends by itself, and a component must run on: a program that ends is a Job"
+        cure = "its program ends by itself, and a component runs on: write job: {} in it if it is to end"
     text = f"{container.name} restarted {container.restart_count} times, last with {code}{_quote(last)}; {cure}"
     return Reason.CRASH_LOOP, text

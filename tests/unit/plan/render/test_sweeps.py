@@ -15,7 +15,7 @@ MATRIX = {"parameters": [{"name": "speed", "values": ["0.5", "1.5"]}, {"name": "
 
 
 def sweep(*components: dict[str, Any], **spec: Any) -> App:
-    return make_app(*(components or [component("sim")]), matrix=MATRIX, **spec)
+    return make_app(*(components or [component("sim", job={})]), matrix=MATRIX, **spec)
 
 
 def first_instance(app: App) -> str:
@@ -50,7 +50,7 @@ def test_a_pod_has_the_values_of_its_instance_as_variables_and_no_robot() -> Non
 
 
 def test_values_come_before_the_variables_of_the_component_that_may_refer_to_them() -> None:
-    app = sweep(component("sim", env=[{"name": "GOAL", "value": "$(MATRIX_SPEED)"}]))
+    app = sweep(component("sim", job={}, env=[{"name": "GOAL", "value": "$(MATRIX_SPEED)"}]))
     names = list(variables(pod_of(app, first_instance(app))))
     assert names.index("MATRIX_SPEED") < names.index("GOAL")
 
@@ -58,7 +58,7 @@ def test_values_come_before_the_variables_of_the_component_that_may_refer_to_the
 def test_inline_parameters_and_the_arguments_of_run_have_the_values_in_them() -> None:
     inline = "/**: {ros__parameters: {v: $(MATRIX_SPEED), robot: $(ROBOTAPP_ROBOT)}}"
     run = {"package": "nav", "executable": "sim", "args": ["--planner", "$(MATRIX_PLANNER)"]}
-    app = sweep(component("sim", run=run, parameters=[{"inline": inline}]))
+    app = sweep(component("sim", job={}, run=run, parameters=[{"inline": inline}]))
     template = pod_of(app, first_instance(app))
     (text,) = [text for key, text in template["metadata"]["annotations"].items() if "parameters" in key]
     assert text == "/**: {ros__parameters: {v: 0.5, robot: $(ROBOTAPP_ROBOT)}}"
@@ -66,8 +66,8 @@ def test_inline_parameters_and_the_arguments_of_run_have_the_values_in_them() ->
 
 
 def test_an_instance_may_run_on_any_robot_as_one_of_an_app_without_robots() -> None:
-    app = sweep(component("sim", runsOn=["Robot"]))
-    plain = make_app(component("sim", runsOn=["Robot"]))
+    app = sweep(component("sim", job={}, runsOn=["Robot"]))
+    plain = make_app(component("sim", job={}, runsOn=["Robot"]))
     own, other = pod_of(app, first_instance(app)), pod_of(plain, "")
     assert own["spec"]["affinity"] == other["spec"]["affinity"]
     assert own["spec"]["tolerations"] == other["spec"]["tolerations"]
@@ -75,7 +75,7 @@ def test_an_instance_may_run_on_any_robot_as_one_of_an_app_without_robots() -> N
 
 def test_a_further_value_is_no_edit_of_the_other_instances() -> None:
     more = {"parameters": [*MATRIX["parameters"][:1], {"name": "planner", "values": ["dwb", "mppi", "teb"]}]}
-    before, after = sweep(), make_app(component("sim"), matrix={**more, "parallelism": 3})
+    before, after = sweep(), make_app(component("sim", job={}), matrix={**more, "parallelism": 3})
     assert set(before.sweep) < set(after.sweep)
     assert before.spec_hashes == after.spec_hashes
     assert pod_of(before, first_instance(before)) == pod_of(after, first_instance(before))
@@ -105,7 +105,7 @@ def test_the_object_of_an_instance_has_its_values_and_no_robot() -> None:
     ],
 )
 def test_what_no_instance_can_resolve_is_refused_with_the_cure(part: dict[str, Any], field: str, words: str) -> None:
-    problems = problems_alone(sweep(component("sim", **part)))
+    problems = problems_alone(sweep(component("sim", job={}, **part)))
     assert [problem.field for problem in problems] == [field]
     assert words in problems[0].message
 
@@ -113,7 +113,7 @@ def test_what_no_instance_can_resolve_is_refused_with_the_cure(part: dict[str, A
 def test_a_value_that_would_change_a_parameter_file_is_refused() -> None:
     matrix = {"parameters": [{"name": "goal", "values": ["a", "x: 1"]}]}
     inline = "/**: {ros__parameters: {goal: $(MATRIX_GOAL)}}"
-    app = make_app(component("sim", args=["sim"], parameters=[{"inline": inline}]), matrix=matrix)
+    app = make_app(component("sim", job={}, args=["sim"], parameters=[{"inline": inline}]), matrix=matrix)
     (problem,) = problems_alone(app)
     assert "'x: 1'" in problem.message
     assert "args or env" in problem.message
@@ -122,7 +122,7 @@ def test_a_value_that_would_change_a_parameter_file_is_refused() -> None:
 def test_a_label_that_is_too_long_with_the_name_of_an_instance_is_refused() -> None:
     matrix = {"parameters": [{"name": "world", "values": ["short", "a-warehouse-with-a-very-long-name-of-its-own"]}]}
     labels = {"lab": "results-of-the-night-$(ROBOTAPP_INSTANCE)"}
-    (problem,) = problems_alone(make_app(component("sim", template={"metadata": {"labels": labels}}), matrix=matrix))
+    (problem,) = problems_alone(make_app(component("sim", job={}, template={"metadata": {"labels": labels}}), matrix=matrix))
     assert problem.field == 'spec.components[0].template.metadata.labels["lab"]'
     assert "write a shorter text" in problem.message
 
@@ -130,6 +130,7 @@ def test_a_label_that_is_too_long_with_the_name_of_an_instance_is_refused() -> N
 def test_names_of_the_instance_and_variables_of_ones_own_are_accepted() -> None:
     part = component(
         "sim",
+        job={},
         args=["$(MATRIX_MINE)", "$(MATRIX_SPEED)"],
         env=[{"name": "MATRIX_MINE", "value": "x"}],
         volumeMounts=[{"name": "out", "mountPath": "/out", "subPathExpr": "$(ROBOTAPP_APP)/$(ROBOTAPP_INSTANCE)"}],
