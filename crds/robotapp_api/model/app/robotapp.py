@@ -142,6 +142,11 @@ class RobotAppSpec(Model):
             path=".components",
         ),
         Rule(
+            rule="!has(self.matrix) || has(self.completion) || (!has(self.recordings) && self.components.all(c, has(c.job)))",
+            message="an instance of a sweep would not end, because it has components or recordings that run on; write completion: {} to end it with its jobs",
+            path=".completion",
+        ),
+        Rule(
             rule="!has(self.matrix) || !has(self.ros2) || !has(self.ros2.domain) || self.ros2.isolation == 'Discovery'",
             message="one domain for all instances of a sweep would let them obey each other's topics; drop ros2.domain, or write ros2.isolation: Discovery",
             path=".ros2.domain",

@@ -133,6 +133,12 @@ APP = [
         "an instance of a sweep ends with its components that have job, and none has it, so later instances would wait for ever; write job: {} in the component whose program ends",
     ),
     RuleCase(
+        "an instance of a sweep ends with its jobs",
+        _sweep(2, components=[component("sim", job={}), component("world")], completion={}),
+        _sweep(2, components=[component("sim", job={}), component("world")]),
+        "an instance of a sweep would not end, because it has components or recordings that run on; write completion: {} to end it with its jobs",
+    ),
+    RuleCase(
         "instances of a sweep have domains of their own",
         _sweep(2, ros2={"domain": 7, "isolation": "Discovery", "discovery": {"mode": "Server"}}),
         _sweep(2, ros2={"domain": 7}),
