@@ -105,7 +105,12 @@ class Lines(threading.Thread):
 def environment(home: Path) -> Mapping[str, str]:
     """The variables with which a process of this machine finds ROS 2 below `home`, in a domain of its own."""
     libraries = ":".join(str(path) for path in (home / "lib", *sorted(home.glob("*.libs"))))
-    places = (home / "lib" / "python3.11" / "site-packages", home, pins.REPOSITORY / "e2e", pins.REPOSITORY / "recorder")
+    places = (
+        home / "lib" / "python3.11" / "site-packages",
+        home,
+        pins.REPOSITORY / "e2e",
+        pins.REPOSITORY / "recorder",
+    )
     return {
         **os.environ,
         "AMENT_PREFIX_PATH": str(home),
@@ -202,7 +207,7 @@ def run(folder: Path, *, kills: int, variables: Mapping[str, str]) -> Result:
                 try:
                     numbers += read_numbers(path)
                     opened_bags += 1
-                except Exception as error:  # whatever the reader raises, the bag does not open
+                except Exception as error:  # noqa: BLE001 - whatever the reader raises, the bag does not open
                     problems.append(f"kill {kill}: {path.name} does not open: {error!r}")
             if numbers != sorted(set(numbers)):
                 problems.append(f"kill {kill}: messages twice or in another order")
@@ -210,7 +215,9 @@ def run(folder: Path, *, kills: int, variables: Mapping[str, str]) -> Result:
             lives.append(life)
             if life.lost > allowed:
                 problems.append(f"kill {kill}: {life.lost} messages lost, the open chunk holds {allowed}")
-            say(f"kill {kill} after {life.seconds:.1f} s: {life.kept} kept, {life.lost} lost, {life.gaps} missing between")
+            say(
+                f"kill {kill} after {life.seconds:.1f} s: {life.kept} kept, {life.lost} lost, {life.gaps} missing between"
+            )
             first = sent + UNDER_WAY
     disk_use.end()
     excess = max(0, disk_use.most_bytes - RETAIN_BYTES)

@@ -57,9 +57,7 @@ def test_instances_keep_their_names_when_a_value_is_added(parameters: dict[str, 
 @given(PARAMETERS)
 def test_each_instance_has_a_variable_for_each_parameter(parameters: dict[str, list[str]]) -> None:
     for instance in expand_matrix(matrix(parameters)):
-        assert list_variables(instance.values) == {
-            name_variable(name): instance.values[name] for name in parameters
-        }
+        assert list_variables(instance.values) == {name_variable(name): instance.values[name] for name in parameters}
 
 
 @given(

@@ -211,7 +211,11 @@ def malformed_apps(schema: Schema) -> list[Malformed]:
 
 def full_sweep() -> dict[str, Any]:
     """The fields that an app with robots cannot have."""
-    return app("sweep", components=[component("sim", job={})], matrix={"parameters": [{"name": "speed", "values": ["0.5", "1.5"]}], "parallelism": 2})
+    return app(
+        "sweep",
+        components=[component("sim", job={})],
+        matrix={"parameters": [{"name": "speed", "values": ["0.5", "1.5"]}], "parallelism": 2},
+    )
 
 
 def unused_fields(schema: Schema) -> list[str]:

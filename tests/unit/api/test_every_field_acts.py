@@ -180,7 +180,7 @@ OBSERVED: Final[Mapping[str, str]] = {
     "claims/robotapp_claims/protocol/claim_nodes.py": "claimed.nodes",
     "claims/robotapp_claims/protocol/writes.py": "claimed.node",
     "operator/robotapp_operator/watch/informers.py": "named.app named.appUID named.instance",
-    "cli/robotapp_cli/working/runs.py": "named.matrix",
+    "cli/robotapp_cli/reading/runs.py": "named.matrix",
     "cli/robotapp_cli/reading/instances.py": "instance.phase instance.domain app.troubled.instance",
     "cli/robotapp_cli/commands/apps.py": """
         app.observedGeneration app.phase app.conditions.type app.conditions.status app.conditions.reason

@@ -46,16 +46,18 @@ def sweep_problems(spec: RobotAppSpec) -> Iterator[Problem]:
     yield from _unfit_names(spec, matrix)
 
 
-def _unknown_references(
-    component: Component, at: str, variables: Mapping[str, tuple[str, ...]]
-) -> Iterator[Problem]:
+def _unknown_references(component: Component, at: str, variables: Mapping[str, tuple[str, ...]]) -> Iterator[Problem]:
     """Yields the first reference to a variable that neither the matrix nor the component has."""
     if any(container.get("envFrom") for container, _ in list_containers(component, at)):
         return
     own_names = {
-        variable.get("name") for container, _ in list_containers(component, at) for variable in container.get("env") or ()
+        variable.get("name")
+        for container, _ in list_containers(component, at)
+        for variable in container.get("env") or ()
     }
-    inline = ((f"{at}.parameters[{index}].inline", file.inline or "") for index, file in enumerate(component.parameters))
+    inline = (
+        (f"{at}.parameters[{index}].inline", file.inline or "") for index, file in enumerate(component.parameters)
+    )
     for field, text in (*list_program_texts(component, at), *inline):
         for name in _REFERENCE.findall(text):
             if name not in variables and name not in own_names:

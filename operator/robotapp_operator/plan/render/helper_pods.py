@@ -78,9 +78,7 @@ def render_helper(
     annotations = _share_entries(desired, "annotations") | template.metadata.annotations
     metadata = {
         "labels": {
-            **expand_labels(
-                _share_entries(desired, "labels") | template.metadata.labels, desired.instance_values
-            ),
+            **expand_labels(_share_entries(desired, "labels") | template.metadata.labels, desired.instance_values),
             **labels,
         },
         **({"annotations": annotations} if annotations else {}),

@@ -18,8 +18,8 @@ from robotapp_api.model.app.robotapp import RobotAppSpec
 from robotapp_api.model.app.ros import Discovery, Ros1, Ros2
 from robotapp_api.model.app.service import ComponentService
 from robotapp_api.model.app.template import HelperContainer, HelperTemplate
-from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, MASTER_IMAGE, RECORDER_IMAGE
 from robotapp_api.model.base import dump
+from robotapp_api.model.distros import DISCOVERY_IMAGE, HELPER_USER, IPV4, MASTER_IMAGE, RECORDER_IMAGE
 from robotapp_api.model.names import OUR_SCHEDULERS, SCHEDULER_NAME
 from robotapp_api.values.naming import child_name
 from robotapp_api.values.quantities.duration import parse_us

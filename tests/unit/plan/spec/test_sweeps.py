@@ -122,7 +122,9 @@ def test_a_value_that_would_change_a_parameter_file_is_refused() -> None:
 def test_a_label_that_is_too_long_with_the_name_of_an_instance_is_refused() -> None:
     matrix = {"parameters": [{"name": "world", "values": ["short", "a-warehouse-with-a-very-long-name-of-its-own"]}]}
     labels = {"lab": "results-of-the-night-$(ROBOTAPP_INSTANCE)"}
-    (problem,) = problems_alone(make_app(component("sim", job={}, template={"metadata": {"labels": labels}}), matrix=matrix))
+    (problem,) = problems_alone(
+        make_app(component("sim", job={}, template={"metadata": {"labels": labels}}), matrix=matrix)
+    )
     assert problem.field == 'spec.components[0].template.metadata.labels["lab"]'
     assert "write a shorter text" in problem.message
 
