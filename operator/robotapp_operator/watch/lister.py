@@ -7,7 +7,7 @@ So they are computed once for each version of the spec and the nodes.
 import dataclasses
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from datetime import timedelta
+from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
 from robotapp_api.model.app.component import Component
@@ -25,6 +25,7 @@ from robotapp_claims.rules.release import claims_domain, wanted_claim
 from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_client.api.times import whole_seconds
 from robotapp_operator.plan.diff.diff import deployment_domain
+from robotapp_operator.plan.diff.jobs import Progress, judge_progress
 from robotapp_operator.plan.diff.master_restarts import plan_restarts, ros_deployments
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
@@ -46,6 +47,7 @@ from robotapp_operator.plan.status.components import (
     component_view,
     cut_off,
     helper_part,
+    job_view,
 )
 from robotapp_operator.plan.status.device_conflicts import PodDevices, device_trouble, missing_device
 from robotapp_operator.plan.status.device_loss import LostDevice, is_there, lost_devices, name_of, parse_record
@@ -222,8 +224,9 @@ def instance_facts(
     device_stays: str = "",
     config_held: tuple[str, ...] = (),
     now_s: float,
+    now: datetime,
 ) -> InstanceFacts:
-    """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic.
+    """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic; `now` is the wall clock.
 
     barred: uids of pods that keep our gate, because no node admits them.
     """
@@ -231,12 +234,18 @@ def instance_facts(
     app = app_of_instance(app, instance, cache)
     pods = cache.pods_by_deployment(app.uid, instance.robot)
     owned = owned_deployments(app, instance.robot, cache)
-    unmet = unmet_dependencies(app, owned, pods)
-    sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet)
+    progress = judge_progress(app, cache.jobs.of_instance(app.uid, instance.robot).values(), now=now)
+    has_ended = progress.ending is not None
+    unmet = {} if has_ended else unmet_dependencies(app, owned, pods, progress.jobs)
+    sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress)
     views = list(_view_components(app, instance.robot, sources))
-    domain = cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
+    domain = None if has_ended else cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
-    begun = [part for part in app.spec.components if part.replicas and part.name not in unmet]
+    begun = [
+        part
+        for part in app.spec.components
+        if part.replicas and part.name not in unmet and part.name not in progress.ended and not has_ended
+    ]
     wanted = sum(claims_wanted(component.devices) for component in begun)
     having = min(_having(devices, cache), wanted)
     placed = {view.name: view.node for view in views if view.node}
@@ -245,8 +254,9 @@ def instance_facts(
         components=tuple(views),
         edges=tuple(_measured(app, instance, placed, cache)),
         domain=domain.id if domain else None,
-        needs_domain=needs_domain(app),
-        undecided=needs_domain(app) and domain is None and outcome is None and not instance.problem,
+        ending=progress.ending,
+        needs_domain=needs_domain(app) and not has_ended,
+        undecided=needs_domain(app) and not has_ended and domain is None and outcome is None and not instance.problem,
         devices_wanted=wanted,
         devices_held=having,
         busy=_device_conflict(app, instance, cache) if having < wanted else "",
@@ -477,6 +487,7 @@ class ComponentSources(NamedTuple):
     barred: Collection[str]
     cluster_config: ClusterConfig | None
     unmet: Mapping[str, Sequence[str]]
+    progress: Progress
 
 
 def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterator[ComponentView]:
@@ -485,8 +496,23 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
     by_component = {item.metadata.labels.get(Label.COMPONENT, ""): item for item in sources.deployments}
     for component in app.spec.components:
         deployment = by_component.get(component.name)
-        own_pods = sources.pods.get(deployment.metadata.uid, ()) if deployment else ()
+        job = sources.progress.jobs.get(component.name)
+        workload = job if component.job is not None else deployment
+        own_pods = sources.pods.get(workload.metadata.uid, ()) if workload else ()
         content = config_content(component, app, robot, sources.cluster_config) if sources.cluster_config else None
+        if component.job is not None:
+            yield job_view(
+                component,
+                job,
+                own_pods,
+                missing=content.missing if content else (),
+                lost=[pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)],
+                barred=sources.barred,
+                failures=cache.pod_failures,
+                wait=describe_wait(app, sources.unmet.get(component.name, ())),
+                ending=sources.progress.ending,
+            )
+            continue
         yield component_view(
             component,
             deployment,

@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from datetime import timedelta
 from typing import Any, Final, NamedTuple
 
+import msgspec
+
 from robotapp_api.checks.replicas import expand_spec
 from robotapp_api.checks.ros import discovery_of, rmw_of, ros_components, ros_version_of, uses_ros
 from robotapp_api.model.app.component import Component
@@ -26,6 +28,8 @@ from robotapp_api.values.quantities.duration import parse_us
 from robotapp_api.values.references import Values, reference_values
 from robotapp_api.values.replicas import NumberedReplica, find_replicas
 from robotapp_api.values.sweeps.matrix import MatrixInstance, expand_matrix, list_variables
+from robotapp_claims.rules.instances import CompletionRules, completion_rules_of
+from robotapp_claims.rules.objects import App as ClaimsApp
 from robotapp_claims.rules.share import AppKey
 from robotapp_operator.plan.spec.covers import content_hash
 
@@ -188,6 +192,44 @@ class App:
     def orders_starts(self) -> bool:
         """Whether a component waits for another one."""
         return any(component.depends_on for component in self.spec.components)
+
+    @property
+    def has_jobs(self) -> bool:
+        """Whether a component ends."""
+        return any(component.job is not None for component in self.spec.components)
+
+    @functools.cached_property
+    def completion_rules(self) -> CompletionRules | None:
+        """When instances end, None for those that run on. Recordings end with the others."""
+        if not self.has_jobs:
+            return None
+        recordings = {recording.name for recording in self.spec.recordings}
+        parts = [component for component in self.spec.components if component.name not in recordings]
+        body: dict[str, Any] = {
+            "components": [
+                {"name": part.name, "replicas": part.replicas, "job": None if part.job is None else {}}
+                for part in parts
+            ],
+            "completion": dump(self.spec.completion) if self.spec.completion else None,
+        }
+        return completion_rules_of(msgspec.convert({"metadata": {}, "spec": body}, ClaimsApp))
+
+    @functools.cached_property
+    def run_hashes(self) -> Mapping[str, str]:
+        """Hash of what the user wrote about the run of each component with job, by its name: another one runs the job again.
+
+        Left out is what decides when it starts and for how long: how often a failed one is tried, and what it waits for.
+        """
+        return {
+            part.name: content_hash(
+                [
+                    self.distro,
+                    part.model_dump(mode="json", exclude_defaults=True, exclude={"job", "depends_on", "replicas"}),
+                ]
+            )
+            for part in self.spec.components
+            if part.job is not None
+        }
 
     @property
     def edges_in_use(self) -> tuple[Edge, ...]:
@@ -386,7 +428,9 @@ class Desired:
         if self.discovery == "Server":
             return self.server_names
         if self.discovery == "Peers":
-            return tuple(name for name in self.peer_names if not name.startswith(f"{component}."))
+            ended = {f"{part.name}.{self.peers_service}" for part in self.app.ros_components if part.job is not None}
+            names = (name for name in self.peer_names if not name.startswith(f"{component}."))
+            return tuple(name for name in names if name not in ended)
         return ()
 
 
