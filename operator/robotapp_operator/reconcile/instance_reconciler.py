@@ -69,6 +69,7 @@ from robotapp_operator.watch.lister import (
     app_of_instance,
     cached_domain,
     cluster_config_of,
+    describe_turn,
     instances_by_name,
     names_config,
     needs_domain,
@@ -200,7 +201,7 @@ class Children:
         if problems_now(app, self._cache):
             return not self._must_stop(record, robot, observed)
         app = app_of_instance(app, instance, self._cache)
-        if _must_not_start(instance, observed):
+        if self._must_not_start(app, instance, observed):
             return True
         memory = self._memory.of(uid)
         if not needs_domain(app):
@@ -271,7 +272,7 @@ class Children:
             return await self._stop_if_suspended(record, robot)
         app = app if instance is None else app_of_instance(app, instance, self._cache)
         observed = {} if unread else await self._observe(record, robot)
-        if instance is not None and _must_not_start(instance, observed):
+        if instance is not None and self._must_not_start(app, instance, observed):
             return True
         templates = [item for item in observed.values() if names_domain(item)]
         fences = {item.metadata.name: Fence(item.metadata.uid, item.metadata.resource_version) for item in templates}
@@ -319,6 +320,13 @@ class Children:
         if not record.suspended:
             return False
         return bool(still_running(record.uid, observed) or self._claims_to_release(record, robot, observed))
+
+    def _must_not_start(self, app: App, instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
+        """It is unknown which node `@robot` is, or others of its sweep have their turn. An instance that is there already goes on as it is
+        written.
+        """
+        waits = instance.problem or instance.missing or describe_turn(app, instance.robot, self._cache)
+        return bool(waits) and not observed
 
     def _claims_to_release(
         self, record: Record, robot: str, observed: Mapping[ChildRef, Observed]
@@ -594,11 +602,6 @@ def domain_request(app: App, instance: Instance, *, scope_value: str) -> DomainR
 
 def find_instance(instances: tuple[Instance, ...], robot: str) -> Instance | None:
     return next((instance for instance in instances if instance.robot == robot), None)
-
-
-def _must_not_start(instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
-    """It is unknown which node `@robot` is. An instance that is there already goes on as it is written."""
-    return bool(instance.problem or instance.missing) and not observed
 
 
 def names_domain(item: Observed) -> TypeGuard[Deployment | Job]:

@@ -25,7 +25,7 @@ from robotapp_claims.rules.release import claims_domain, wanted_claim
 from robotapp_claims.rules.share import AppKey, Join, claim_to_join, owner_of
 from robotapp_client.api.times import whole_seconds
 from robotapp_operator.plan.diff.diff import deployment_domain
-from robotapp_operator.plan.diff.jobs import Progress, judge_progress
+from robotapp_operator.plan.diff.jobs import Progress, judge_progress, list_admitted
 from robotapp_operator.plan.diff.master_restarts import plan_restarts, ros_deployments
 from robotapp_operator.plan.diff.newer import Held
 from robotapp_operator.plan.moves.mass_loss import Losses, losses_of
@@ -85,6 +85,26 @@ def instances_by_name(app: App, cache: Cache) -> Mapping[str, Instance]:
     if kept:
         found = cache.answers.get(app, "instances out of sight too", (version, kept), lambda: work_out(kept))
     return found
+
+
+def admitted_instances(app: App, cache: Cache) -> frozenset[str]:
+    """Returns the unfinished instances of a sweep that may run now."""
+
+    def work_out() -> frozenset[str]:
+        jobs = {name: cache.jobs.of_instance(app.uid, name).values() for name in app.sweep}
+        return list_admitted(app, jobs, cache.running_instances(app.uid))
+
+    answer: frozenset[str] = cache.answers.get(app, "admitted", cache.version_of_app(app.uid), work_out)
+    return answer
+
+
+def describe_turn(app: App, instance: str, cache: Cache) -> str:
+    """Returns why an instance of a sweep does not begin yet, "" for one that may, or has begun."""
+    if app.spec.matrix is None or instance in cache.running_instances(app.uid):
+        return ""
+    if instance in admitted_instances(app, cache):
+        return ""
+    return f"waits for its turn: {app.spec.matrix.parallelism} of {len(app.sweep)} instances run at once (matrix.parallelism)"
 
 
 def app_of_instance(app: App, instance: Instance, cache: Cache) -> App:
@@ -237,7 +257,8 @@ def instance_facts(
     progress = judge_progress(app, cache.jobs.of_instance(app.uid, instance.robot).values(), now=now)
     has_ended = progress.ending is not None
     unmet = {} if has_ended else unmet_dependencies(app, owned, pods, progress.jobs)
-    sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress)
+    turn = describe_turn(app, instance.robot, cache)
+    sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress, turn)
     views = list(_view_components(app, instance.robot, sources))
     domain = None if has_ended else cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
@@ -255,8 +276,13 @@ def instance_facts(
         edges=tuple(_measured(app, instance, placed, cache)),
         domain=domain.id if domain else None,
         ending=progress.ending,
-        needs_domain=needs_domain(app) and not has_ended,
-        undecided=needs_domain(app) and not has_ended and domain is None and outcome is None and not instance.problem,
+        needs_domain=needs_domain(app) and not has_ended and not turn,
+        undecided=needs_domain(app)
+        and not has_ended
+        and not turn
+        and domain is None
+        and outcome is None
+        and not instance.problem,
         devices_wanted=wanted,
         devices_held=having,
         busy=_device_conflict(app, instance, cache) if having < wanted else "",
@@ -478,7 +504,8 @@ def _not_restarted(deployments: Iterable[Deployment], pods: Mapping[str, list[Po
 class ComponentSources(NamedTuple):
     """What the views of an instance's components are made of.
 
-    cluster_config: None for an app that names no ConfigMap or Secret. unmet: for which others each component waits.
+    cluster_config: None for an app that names no ConfigMap or Secret. unmet: for which others each component waits. turn: why the
+    instance does not begin yet.
     """
 
     deployments: Sequence[Deployment]
@@ -488,6 +515,7 @@ class ComponentSources(NamedTuple):
     cluster_config: ClusterConfig | None
     unmet: Mapping[str, Sequence[str]]
     progress: Progress
+    turn: str
 
 
 def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterator[ComponentView]:
@@ -498,6 +526,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
         deployment = by_component.get(component.name)
         job = sources.progress.jobs.get(component.name)
         workload = job if component.job is not None else deployment
+        wait = sources.turn or describe_wait(app, sources.unmet.get(component.name, ()))
         own_pods = sources.pods.get(workload.metadata.uid, ()) if workload else ()
         content = config_content(component, app, robot, sources.cluster_config) if sources.cluster_config else None
         if component.job is not None:
@@ -509,7 +538,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
                 lost=[pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)],
                 barred=sources.barred,
                 failures=cache.pod_failures,
-                wait=describe_wait(app, sources.unmet.get(component.name, ())),
+                wait=wait,
                 ending=sources.progress.ending,
             )
             continue
@@ -521,7 +550,7 @@ def _view_components(app: App, robot: str, sources: ComponentSources) -> Iterato
             lost=[pod.spec.node_name for pod in own_pods if cache.nodes.lost(pod.spec.node_name)],
             barred=sources.barred,
             failures=cache.pod_failures,
-            wait=describe_wait(app, sources.unmet.get(component.name, ())),
+            wait=wait,
         )
 
 

@@ -118,6 +118,8 @@ class App:
     unknown_fields: tuple[str, ...] = ()
     """Fields of the stored spec that a later version brought."""
     abilities: Abilities = NO_ABILITIES
+    queue: str = ""
+    """Queue of kueue that the app's Jobs wait in (a label of the RobotApp); "" for none. Then kueue alone suspends and resumes them."""
     overrides: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     """By component: the overrides that made the spec what it is for one robot."""
     spec_with_replicas: RobotAppSpec | None = None
