@@ -98,13 +98,13 @@ def matrix(instances: int, parallelism: int) -> Json:
     return {"parameters": parameters, "parallelism": parallelism}
 
 
-def count_live_pods(events: Iterable[Event], report: Report) -> None:
+def count_live_pods(events: Iterable[Event], report: Report, *, app: str = APP) -> None:
     """Counts pods, instances at once, and revisions at which an instance had two pods that were bound and had not ended."""
     live: dict[str, dict[str, str]] = {}
     seen: set[str] = set()
     for event in sorted(event for event in events if event.kind == "Pod"):
         labels = event.obj["metadata"].get("labels", {})
-        if labels.get(Label.APP.value) != APP:
+        if labels.get(Label.APP.value) != app:
             continue
         instance = labels.get(Label.INSTANCE.value, "")
         pods = live.setdefault(instance, {})
