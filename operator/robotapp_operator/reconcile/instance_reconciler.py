@@ -7,7 +7,7 @@ carries the Deployment's resourceVersion as it was before the claims were listed
 import logging
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from typing import Any, Final, TypeGuard
+from typing import Any, Final
 
 import msgspec
 
@@ -18,7 +18,6 @@ from robotapp_claims.rules.domain import DomainOutcome, DomainRequest, Fence, ch
 from robotapp_claims.rules.identity import holder_of_app
 from robotapp_claims.rules.instances import Instance, robot_of
 from robotapp_claims.rules.objects import App as ClaimsApp
-from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
 from robotapp_claims.rules.objects import ResourceClaim
 from robotapp_client import ApiClient, NotFound
 from robotapp_client.api.resources import DEPLOYMENTS, JOBS, NODES, ROBOTAPPS, SERVICES
@@ -35,7 +34,7 @@ from robotapp_operator.plan.diff.diff import (
     still_running,
     wanted_children,
 )
-from robotapp_operator.plan.diff.jobs import Progress, judge_progress
+from robotapp_operator.plan.diff.jobs import Progress, judge_progress, names_domain, protocol_view
 from robotapp_operator.plan.diff.master_restarts import (
     describe_restart,
     is_restart,
@@ -602,13 +601,3 @@ def domain_request(app: App, instance: Instance, *, scope_value: str) -> DomainR
 
 def find_instance(instances: tuple[Instance, ...], robot: str) -> Instance | None:
     return next((instance for instance in instances if instance.robot == robot), None)
-
-
-def names_domain(item: Observed) -> TypeGuard[Deployment | Job]:
-    """Whether pods may still be made of the object's template, which names a domain."""
-    return isinstance(item, Deployment) or (isinstance(item, Job) and item.verdict is None)
-
-
-def protocol_view(item: Deployment | Job) -> ClaimsDeployment:
-    """The Deployment or Job in the form the claim rules read."""
-    return msgspec.convert({"metadata": msgspec.to_builtins(item.metadata), "spec": item.spec}, ClaimsDeployment)

@@ -331,11 +331,10 @@ class Cache:
         A tenant could make Deployments for robots that never were, and these would count as robots out of sight.
         """
         known = self.claims.of_instance(uid, instance) or self.instance_objects.of_instance(uid, instance)
-        workloads = (
-            *self.deployments.of_instance(uid, instance).values(),
-            *self.jobs.of_instance(uid, instance).values(),
-        )
-        return bool(known) and any(owned_by(item, uid) for item in workloads)
+        deployments = self.deployments.of_instance(uid, instance).values()
+        jobs = self.jobs.of_instance(uid, instance).values()
+        owned = any(owned_by(item, uid) for item in deployments) or any(owned_by(item, uid) for item in jobs)
+        return bool(known) and owned
 
     def claimed_instances(self, uid: str) -> set[str]:
         return self.claims.instances(uid)

@@ -247,7 +247,6 @@ def instance_facts(
     now: datetime,
 ) -> InstanceFacts:
     """One instance as observed. Its edges are as measured now, in the order of the spec. `now_s`: monotonic; `now` is the wall clock.
-
     barred: uids of pods that keep our gate, because no node admits them.
     """
     cluster_config = cluster_config_of(cache) if names_config(app, cache) else None
@@ -258,17 +257,12 @@ def instance_facts(
     has_ended = progress.ending is not None
     unmet = {} if has_ended else unmet_dependencies(app, owned, pods, progress.jobs)
     turn = describe_turn(app, instance.robot, cache)
+    asks_domain = needs_domain(app) and not has_ended and not turn
     sources = ComponentSources(owned, pods, cache, barred, cluster_config, unmet, progress, turn)
     views = list(_view_components(app, instance.robot, sources))
     domain = None if has_ended else cached_domain(app, instance.robot, cache, outcome) or _last_joined(app, outcome)
     devices = cache.devices_held(app.uid, instance.robot)
-    begun = [
-        part
-        for part in app.spec.components
-        if part.replicas and part.name not in unmet and part.name not in progress.ended and not has_ended
-    ]
-    wanted = sum(claims_wanted(component.devices) for component in begun)
-    having = min(_having(devices, cache), wanted)
+    idle = {part.name for part in app.spec.components} if has_ended else {*unmet, *progress.ended}
     placed = {view.name: view.node for view in views if view.node}
     return InstanceFacts(
         instance=instance,
@@ -276,16 +270,9 @@ def instance_facts(
         edges=tuple(_measured(app, instance, placed, cache)),
         domain=domain.id if domain else None,
         ending=progress.ending,
-        needs_domain=needs_domain(app) and not has_ended and not turn,
-        undecided=needs_domain(app)
-        and not has_ended
-        and not turn
-        and domain is None
-        and outcome is None
-        and not instance.problem,
-        devices_wanted=wanted,
-        devices_held=having,
-        busy=_device_conflict(app, instance, cache) if having < wanted else "",
+        needs_domain=asks_domain,
+        undecided=asks_domain and domain is None and outcome is None and not instance.problem,
+        **_count_devices(app, instance, devices, cache, idle=idle),
         **(_ledger_facts(app, instance, views, owned, cache) if app.wants_devices else {}),
         claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
@@ -305,6 +292,17 @@ def instance_facts(
         links=_links(app, instance, placed, cache),
         cut_off=_not_restarted(ros_deployments(app, owned), pods) if app.managed_master else _cut_off(app, owned, pods),
     )
+
+
+def _count_devices(
+    app: App, instance: Instance, held: Collection[Claim], cache: Cache, *, idle: Collection[str]
+) -> dict[str, Any]:
+    """Returns how many devices the instance wants now, and has. idle: components that are not started yet, or have ended."""
+    begun = [part for part in app.spec.components if part.replicas and part.name not in idle]
+    wanted = sum(claims_wanted(component.devices) for component in begun)
+    having = min(_having(held, cache), wanted)
+    busy = _device_conflict(app, instance, cache) if having < wanted else ""
+    return {"devices_wanted": wanted, "devices_held": having, "busy": busy}
 
 
 def _links(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache) -> tuple[LinkView, ...]:

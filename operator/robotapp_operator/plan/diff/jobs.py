@@ -7,16 +7,19 @@ itself: neither another version of the operator nor another domain or ConfigMap 
 import dataclasses
 from collections.abc import Collection, Iterable, Mapping
 from datetime import UTC, datetime
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeGuard
+
+import msgspec
 
 from robotapp_api.model.names import QUEUE_NAME, Annotation, Label
 from robotapp_api.values.sweeps.matrix import choose_admitted
 from robotapp_claims.rules.instances import Ending, deadline_of, find_ending
+from robotapp_claims.rules.objects import Deployment as ClaimsDeployment
 from robotapp_operator.plan.diff.newer import binding_rules, is_newer
 from robotapp_operator.plan.diff.unowned import domain_literals
 from robotapp_operator.plan.render.child import Child
 from robotapp_operator.plan.spec.desired import App
-from robotapp_operator.plan.spec.objects import Job
+from robotapp_operator.plan.spec.objects import Deployment, Job
 
 _AT_ONCE: Final = 1
 """Deadline in seconds that ends a job whose instance has ended."""
@@ -136,3 +139,13 @@ def amend_job(app: App, child: Child, job: Job) -> dict[str, Any] | None:
         return None
     spec |= wanted
     return {field: value for field, value in spec.items() if value is not None}
+
+
+def names_domain(item: object) -> TypeGuard[Deployment | Job]:
+    """Whether pods may still be made of the object's template, which names a domain."""
+    return isinstance(item, Deployment) or (isinstance(item, Job) and item.verdict is None)
+
+
+def protocol_view(item: Deployment | Job) -> ClaimsDeployment:
+    """The Deployment or Job in the form the claim rules read."""
+    return msgspec.convert({"metadata": msgspec.to_builtins(item.metadata), "spec": item.spec}, ClaimsDeployment)

@@ -50,7 +50,7 @@ class DriverApp:
     def plug(self, *, present: bool) -> None:
         devices = [{"id": "can-can0", "type": "can", "present": present}]
         body = {"metadata": {"name": NODE, "uid": "t"}, "status": {"devices": devices}}
-        self.cache.put_telemetry(msgspec.convert(body, Telemetry), now_s=0.0, now=utc_now())
+        self.cache.put_telemetry(msgspec.convert(body, Telemetry), now_s=0.0)
 
     def claim(self, **status: Any) -> str:
         claim = device_claim(holder=HOLDER, node=NODE, **status)
