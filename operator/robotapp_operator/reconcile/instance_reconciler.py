@@ -321,11 +321,10 @@ class Children:
         return bool(still_running(record.uid, observed) or self._claims_to_release(record, robot, observed))
 
     def _must_not_start(self, app: App, instance: Instance, observed: Mapping[ChildRef, Observed]) -> bool:
-        """It is unknown which node `@robot` is, or others of its sweep have their turn. An instance that is there already goes on as it is
-        written.
-        """
-        waits = instance.problem or instance.missing or describe_turn(app, instance.robot, self._cache)
-        return bool(waits) and not observed
+        """Whether nothing of it may be made yet. An instance that is there already goes on as it is written."""
+        return not observed and bool(
+            instance.problem or instance.missing or describe_turn(app, instance.robot, self._cache)
+        )
 
     def _claims_to_release(
         self, record: Record, robot: str, observed: Mapping[ChildRef, Observed]
