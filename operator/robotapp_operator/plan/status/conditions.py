@@ -74,7 +74,9 @@ def _ended(facts: AppFacts) -> Verdict:
         )
     instance, ending = failed[0]
     text = _named(facts, instance, explain_ending(instance, ending))
-    return Verdict("False", ending.reason, f"{count_of(len(failed), len(endings), 'instance')} failed; {text}")
+    return Verdict(
+        "False", ending.reason, f"{count_of(len(failed), len(endings), 'instance', 'has', 'have')} failed; {text}"
+    )
 
 
 def accepted(facts: AppFacts) -> Verdict:

@@ -109,7 +109,12 @@ def test_a_job_that_has_ended_runs_again_when_it_was_edited_and_not_when_the_ope
 
 def test_a_failed_job_fails_its_instance_and_ends_the_components_that_run_on(unplaced: Tenant, ids: str) -> None:
     unplaced.apply(
-        "check", part("driver"), part("test", job={"backoffLimit": 0}), ros2={"pool": ids}, completion={"success": {}}
+        "check",
+        part("driver"),
+        part("test", job={"backoffLimit": 0}),
+        ros2={"pool": ids},
+        schedulerName="nobody",
+        completion={"success": {}},
     )
     eventually(lambda: unplaced.listed("batch/jobs"), what=unplaced.children)
     eventually(
@@ -126,7 +131,14 @@ def test_a_failed_job_fails_its_instance_and_ends_the_components_that_run_on(unp
 
 
 def test_jobs_that_are_not_done_at_the_deadline_are_ended(unplaced: Tenant, ids: str) -> None:
-    unplaced.apply("late", part("driver"), part("save", job={}), ros2={"pool": ids}, completion={"deadline": "3s"})
+    unplaced.apply(
+        "late",
+        part("driver"),
+        part("save", job={}),
+        ros2={"pool": ids},
+        schedulerName="nobody",
+        completion={"deadline": "3s"},
+    )
     wait_phase(unplaced, "late", "Failed")
     eventually(lambda: unplaced.deployments() == [], what=unplaced.children)
     eventually(lambda: not domains_of(unplaced), what=unplaced.claims)
@@ -134,7 +146,7 @@ def test_jobs_that_are_not_done_at_the_deadline_are_ended(unplaced: Tenant, ids:
 
 
 def test_a_suspended_app_suspends_its_jobs_and_goes_on_with_them(unplaced: Tenant, ids: str) -> None:
-    unplaced.apply("work", part("save", job={}), ros2={"pool": ids})
+    unplaced.apply("work", part("save", job={}), ros2={"pool": ids}, schedulerName="nobody")
     eventually(lambda: unplaced.listed("pods"), what=unplaced.children)
     (job,) = unplaced.listed("batch/jobs")
     unplaced.edit("work", suspend=True)
