@@ -1,5 +1,6 @@
 """The testbed's own small blocking client: JSON over one kept-alive connection per thread."""
 
+import copy
 import http.client
 import json
 import ssl
@@ -47,6 +48,13 @@ class Api:
         }
         self._local = threading.local()
         self._opened: list[http.client.HTTPSConnection] = []
+
+    def impersonate(self, user: str, group: str) -> "Api":
+        """Returns a client of its own that is treated as this user; the caller closes it."""
+        api = copy.copy(self)
+        api._headers = {**self._headers, "Impersonate-User": user, "Impersonate-Group": group}
+        api._local, api._opened = threading.local(), []
+        return api
 
     def get(self, path: str) -> Any:
         return self.request("GET", path)
