@@ -1,6 +1,5 @@
 """The testbed's own small blocking client: JSON over one kept-alive connection per thread."""
 
-import copy
 import http.client
 import json
 import ssl
@@ -25,7 +24,10 @@ APPLY = "application/apply-patch+yaml"
 
 
 class Api:
-    """Raw access as one identity. Paths are complete (`/api/v1/nodes/edge-1/status`); objects are JSON trees."""
+    """Raw access as one identity. Paths are complete (`/api/v1/nodes/edge-1/status`); objects are JSON trees.
+
+    headers: of every request, such as those of impersonation.
+    """
 
     def __init__(
         self,
@@ -33,6 +35,7 @@ class Api:
         *,
         ca_file: Path,
         token: str,
+        headers: Mapping[str, str] | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -45,16 +48,10 @@ class Api:
             "Authorization": f"Bearer {token}",
             "Accept": "application/json",
             "User-Agent": "robotapp-testbed",
+            **(headers or {}),
         }
         self._local = threading.local()
         self._opened: list[http.client.HTTPSConnection] = []
-
-    def impersonate(self, user: str, group: str) -> "Api":
-        """Returns a client of its own that is treated as this user; the caller closes it."""
-        api = copy.copy(self)
-        api._headers = {**self._headers, "Impersonate-User": user, "Impersonate-Group": group}
-        api._local, api._opened = threading.local(), []
-        return api
 
     def get(self, path: str) -> Any:
         return self.request("GET", path)

@@ -1,4 +1,4 @@
-"""Tokens of node agents as the kubelet mounts them, bound to a pod of the chart's ServiceAccount on one node; and the kubelet's own rights."""
+"""Tokens of node agents as the kubelet mounts them: bound to a pod of the chart's ServiceAccount on one node."""
 
 from robotapp_testbed import ControlPlane
 from robotapp_testbed.control_plane.api import Api
@@ -40,8 +40,3 @@ def remove(plane: ControlPlane, node: str) -> None:
 
 def api(plane: ControlPlane, bearer: str) -> Api:
     return Api(plane.server_url, ca_file=plane.ca_file, token=bearer)
-
-
-def kubelet(plane: ControlPlane, node: str) -> Api:
-    """The API server for the holder of the node's own credentials."""
-    return plane.api.impersonate(f"system:node:{node}", "system:nodes")

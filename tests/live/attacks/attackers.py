@@ -100,7 +100,8 @@ def attacked(plane: ControlPlane, own: str, victim: str) -> Iterator[Attackers]:
         plane.kubectl("create", "rolebinding", "editor", *role, "-n", own)
         tokens["editor"] = plane.kubectl("create", "token", "editor", "-n", own).strip()
         apis = {name: Api(plane.server_url, ca_file=plane.ca_file, token=token) for name, token in tokens.items()}
-        apis["kubelet"] = agent_tokens.kubelet(plane, NODE)
+        kubelet = {"Impersonate-User": f"system:node:{NODE}", "Impersonate-Group": "system:nodes"}
+        apis["kubelet"] = Api(plane.server_url, ca_file=plane.ca_file, token=_token(plane, "admin"), headers=kubelet)
         namespaces = {"own": own, "victim": victim, "system": "robotapp-system"}
         attackers = Attackers(plane.api, apis, namespaces)
         try:

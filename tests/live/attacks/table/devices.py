@@ -15,9 +15,14 @@ _TERM: Final = {"nodeSelectorTerms": [{"matchExpressions": [{"key": "robotics.io
 _REQUEST: Final = "spec.devices.requests[0].exactly"
 
 
-def _slice(key: str, text: str, changes: Json, *, who: str = "kubelet", node: str = NODE, stop: Stop = Stop.SLICE) -> Attack:
+def _slice(
+    key: str, text: str, changes: Json, *, who: str = "kubelet", node: str = NODE, stop: Stop = Stop.SLICE
+) -> Attack:
     pool = {"name": node, "generation": 1, "resourceSliceCount": 1}
-    good = {"metadata": {"labels": {ATTACKED: "true"}}, "spec": {"driver": DRIVER, "nodeName": node, "pool": pool, "devices": [_SERIAL]}}
+    good = {
+        "metadata": {"labels": {ATTACKED: "true"}},
+        "spec": {"driver": DRIVER, "nodeName": node, "pool": pool, "devices": [_SERIAL]},
+    }
     return Attack(key, text, who, kinds.RESOURCE_SLICE, good, changes, stop)
 
 
@@ -49,7 +54,7 @@ SLICES: Final = (
     _slice("slice-vendor", "devices of a node, under our driver's name", {"spec.pool.generation": 9}, who="vendor"),
     _slice("slice-vendor-pool", "a pool of our driver for all nodes", {**_ELSEWHERE, "spec.allNodes": True}, who="vendor"),
     *(
-        _slice(f"slice-{who}", "promise a device", {"spec.devices[0].name": "can-can0"}, who=who, stop=Stop.RBAC)
+        _slice(f"slice-{who}", f"promise a device as {who}", {"spec.devices[0].name": "can-can0"}, who=who, stop=Stop.RBAC)
         for who in ("tenant", "clerk", "deputy", "operator", "scheduler", "labeller")
     ),
 )  # fmt: skip
@@ -58,10 +63,10 @@ CLAIMS: Final = (
           {"spec.selectors": []}, name=DRIVER),
     _rbac("class-extended", "give devices away for a plain limit of a container", kinds.DEVICE_CLASS, _CLASS,
           {"spec.extendedResourceName": "example.com/arm"}),
-    _rbac("class-scheduler", "have our DeviceClass match devices of others", kinds.DEVICE_CLASS, _CLASS,
+    _rbac("class-scheduler", "the same with the scheduler's token", kinds.DEVICE_CLASS, _CLASS,
           {"spec.selectors": []}, who="scheduler", name=DRIVER),
     _rbac("taint-rule", "drive pods from devices by a taint", kinds.TAINT_RULE, _RULE, {"spec.taint.value": "x"}),
-    _rbac("taint-rule-scheduler", "drive pods from devices by a taint", kinds.TAINT_RULE, _RULE, {"spec.taint.value": "x"},
+    _rbac("taint-rule-scheduler", "such a taint with the scheduler's token", kinds.TAINT_RULE, _RULE, {"spec.taint.value": "x"},
           who="scheduler"),
     Attack("claim-admin", "use devices that others have, by admin access", "tenant", kinds.RESOURCE_CLAIM, claim_body(),
            {f"{_REQUEST}.adminAccess": True}, Stop.ADMIN_ACCESS),
