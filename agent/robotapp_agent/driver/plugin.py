@@ -227,11 +227,14 @@ class DevicePlugin:
                 return False
             allocated = set()
         # An equal entry is not enough: the claim may have been allocated, prepared and given back since it was read.
-        if self._ledger.claims.get(claim.uid) is not claim or (claim.device_ids and claim.device_ids <= allocated):
+        if self._ledger.claims.get(claim.uid) is not claim:
+            return False
+        ledger = self._ledger.forget_unallocated(claim.uid, allocated=allocated, boot_id=self._boot_id)
+        if ledger is self._ledger:
             return False
         try:
             self._folders.cdi.remove(claim.uid)
-            self._save(self._ledger.forget(claim.uid, allocated=allocated))
+            self._save(ledger)
         except OSError as error:
             log.warning("claim %s/%s still keeps its devices: %s", claim.namespace, claim.name, error)
             return False
