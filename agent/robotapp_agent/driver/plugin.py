@@ -15,8 +15,9 @@ from robotapp_agent.driver.rules.allocation import ResourceClaim, plan_preparati
 from robotapp_agent.driver.rules.cdi_spec import DeviceFile, cdi_id, files_of, spec_of
 from robotapp_agent.driver.rules.ledger import Held, Ledger, PreparedClaim
 from robotapp_agent.driver.rules.refusal import Refusal
+from robotapp_claims.rules.identity import claim_name_device
 from robotapp_client.api.client import ApiClient
-from robotapp_client.api.resources import RESOURCECLAIMS
+from robotapp_client.api.resources import RESOURCECLAIMS, ROBOTCLAIMS
 from robotapp_client.transport.errors import ClientError, NotFound, means_gone
 
 log = logging.getLogger(__name__)
@@ -129,9 +130,30 @@ class DevicePlugin:
         plan = plan_preparation(claim, uid=reference.uid, node=self._node, devices=self._devices, boot_id=self._boot_id)
         if isinstance(plan, Refusal):
             return plan.text
+        if reason := await self._find_robotclaim(plan):
+            return reason
         while (held := self._ledger.find_holder(plan)) and await self._forget_if_gone(held.holder):
             pass
         return plan
+
+    async def _find_robotclaim(self, plan: PreparedClaim) -> str:
+        """Returns why a device that the claim had never before is not handed over: a RobotClaim holds it, or that cannot be read.
+
+        Our scheduler allocates no such device. Another one sees the ResourceSlices alone, and those keep a device that a RobotClaim got
+        after it was published.
+        """
+        recorded_claim = self._ledger.claims.get(plan.uid)
+        known_ids = recorded_claim.device_ids if recorded_claim is not None else frozenset[str]()
+        for device_id in sorted(plan.device_ids - known_ids):
+            name = claim_name_device(self._node, device_id)
+            try:
+                await self._client.get(ROBOTCLAIMS, name, as_type=dict)
+            except NotFound:
+                continue
+            except ClientError as error:
+                return f"whether a RobotClaim holds device {device_id} of node {self._node} cannot be read: {error}"
+            return f"device {device_id} of node {self._node} is in use by RobotClaim {name}; the pod starts when it is free"
+        return ""
 
     async def _wait_until_free(self, plan: PreparedClaim) -> bool:
         """Returns when the claim's devices are free or the patience ends: whether it had to wait."""
@@ -230,11 +252,14 @@ class DevicePlugin:
         if allocated is None:
             return False
         # An equal entry is not enough: the claim may have been allocated, prepared and given back since it was read.
-        if self._ledger.claims.get(claim.uid) is not claim or (claim.device_ids and claim.device_ids <= allocated):
+        if self._ledger.claims.get(claim.uid) is not claim:
+            return False
+        ledger = self._ledger.forget_unallocated(claim.uid, allocated=allocated, boot_id=self._boot_id)
+        if ledger is self._ledger:
             return False
         try:
             self._folders.cdi.remove(claim.uid)
-            self._save(self._ledger.forget(claim.uid, allocated=allocated))
+            self._save(ledger)
         except OSError as error:
             log.warning("claim %s/%s still keeps its devices: %s", claim.namespace, claim.name, error)
             return False

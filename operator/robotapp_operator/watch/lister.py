@@ -11,11 +11,11 @@ from datetime import timedelta
 from typing import Any, NamedTuple
 
 from robotapp_api.model.app.component import Component
-from robotapp_api.model.names import Annotation, Label, Reason
+from robotapp_api.model.names import GPU, Annotation, Label, Reason
 from robotapp_api.values.overrides import select_overrides
 from robotapp_api.values.placement.tiers import ROBOT
 from robotapp_api.values.quantities.ranges import parse_ids
-from robotapp_claims.rules.device import claims_wanted
+from robotapp_claims.rules.device import claimed, claims_wanted
 from robotapp_claims.rules.domain import DomainOutcome
 from robotapp_claims.rules.identity import granted_devices, shared_devices
 from robotapp_claims.rules.instances import ANY, Instance, robot_of, too_many_missing
@@ -249,7 +249,7 @@ def instance_facts(
         undecided=needs_domain(app) and domain is None and outcome is None and not instance.problem,
         devices_wanted=wanted,
         devices_held=having,
-        busy=_device_conflict(app, instance, cache) if having < wanted else "",
+        busy=_device_conflict(app, instance, cache) if having < wanted or _waits_to_share(begun, views) else "",
         **(_ledger_facts(app, instance, views, owned, cache) if app.wants_devices else {}),
         claims=tuple(sorted(claim.name for claim in cache.claims.of_instance(app.uid, instance.robot).values())),
         refusal=(outcome.reason, outcome.message) if outcome and outcome.id is None and domain is None else None,
@@ -369,6 +369,17 @@ def _last_joined(app: App, outcome: DomainOutcome | None) -> Domain | None:
 
 def _measured(app: App, instance: Instance, placed: Mapping[str, str], cache: Cache) -> list[EdgeView]:
     return edge_views(app.edges_in_use, placed=placed, robot_node=instance.node, round_trips=cache.round_trips)
+
+
+def _waits_to_share(components: Iterable[Component], views: Iterable[ComponentView]) -> bool:
+    """Returns whether a component without a node wants a device that it would share: no claim shows that it lacks one."""
+    waiting = {view.name for view in views if not view.bound}
+    return any(
+        not claimed(device) and device.type != GPU
+        for component in components
+        if component.name in waiting
+        for device in component.devices
+    )
 
 
 def _device_conflict(app: App, instance: Instance, cache: Cache) -> str:

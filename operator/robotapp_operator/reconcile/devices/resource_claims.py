@@ -115,9 +115,9 @@ async def release_claims(client: ApiClient, resource_claims: Iterable[ResourceCl
 
 
 async def give_back(client: ApiClient, cache: Cache, pod: Pod) -> None:
-    """Replaces a pod, and the claim whose device another one keeps: its successor has a device chosen that is free.
+    """Replaces a pod that cannot have its device, and the claim whose device another one keeps: its successor has one that is free.
 
-    Two schedulers may give one device to two claims; the driver hands it to the first. The pod goes before the claim, in the state in
+    A claim that was made anew, after somebody deleted it below the pod, is the successor's. Two schedulers may give one device to two claims; the driver hands it to the first. The pod goes before the claim, in the state in
     which it was seen to wait: one that got its device meanwhile, or was replaced, keeps its claim. The claim goes in the state in which
     it was seen, too: where the next pod has joined it before, it stays until the driver has refused that pod as long. Who may have the
     device meanwhile is decided by the driver's lock.
@@ -131,9 +131,12 @@ async def give_back(client: ApiClient, cache: Cache, pod: Pod) -> None:
         and claim.metadata.namespace == meta.namespace
         and any(user.uid == meta.uid for user in claim.status.reserved_for)
     ]
-    if not own or await evict(client, pod, version=meta.resource_version) != "":
+    if not own and not cache.allocations.lacks_its_claim(pod):
         return
-    log.info("the driver refuses pod %s/%s its device: pod and claim are made anew", meta.namespace, meta.name)
+    if await evict(client, pod, version=meta.resource_version) != "":
+        return
+    what = "pod and claim are" if own else "its claim was made anew, and now the pod is"
+    log.info("pod %s/%s cannot have its device: %s made anew", meta.namespace, meta.name, what)
     await release_claims(client, own)
 
 

@@ -143,3 +143,24 @@ async def test_a_claim_that_was_written_or_made_anew_is_not_deleted_and_everythi
         await release_unused(client, [claim])
         await release_unused(client, [claim])
         assert (await client.list(RESOURCECLAIMS)).items == []
+
+
+async def test_a_pod_without_a_place_in_its_new_claim_is_evicted_and_the_claim_kept() -> None:
+    async with FakeApiServer() as api, client_for(api.endpoint) as client:
+        claim = await client.create(RESOURCECLAIMS, WANTED.body(APP), namespace=APP.namespace)
+        labels = {Label.APP_UID.value: APP.uid, Label.INSTANCE.value: "", Label.COMPONENT.value: "driver"}
+        body = {"metadata": {"name": "p", "namespace": APP.namespace, "labels": labels}, "spec": {"nodeName": "n"}}
+        waiting_pod = msgspec.convert(await client.create(PODS, body), Pod)
+        cache, evicted = Cache(), list[str]()
+
+        async def evict(path: str, _body: bytes) -> bytes:
+            evicted.append(path)
+            return b"{}"
+
+        client.post_raw = evict  # type: ignore[method-assign,assignment]
+        await give_back(client, cache, waiting_pod)
+        assert evicted == [], "its claim is not made anew yet"
+        cache.allocations.put_claim(msgspec.convert(claim, ResourceClaim), before=None)
+        await give_back(client, cache, waiting_pod)
+        assert evicted == [PODS.path(APP.namespace, "p", "eviction")]
+        assert len((await client.list(RESOURCECLAIMS)).items) == 1
