@@ -17,22 +17,27 @@ BUSY: Final = 0.9
 NOT_MISSED_MORE: Final = 0.02
 NOT_LATER_S: Final = 1.0
 ALL: Final = "all conditions"
-NO_NODE: Final = "none"
+ELSEWHERE: Final = "elsewhere or none"
 Block = Mapping[Arm, Deployment]
 
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """A figure of a deployment, how deployments are summed up, and how a value is written."""
+    """A figure of a deployment, how deployments are summed up, and how a value and a difference are written."""
 
     name: str
     read: Callable[[Figures], float]
     statistic: Statistic
     write: Callable[[float], str]
+    write_difference: Callable[[float], str]
 
 
 def _write_percent(value: float) -> str:
     return f"{100 * value:.1f} %"
+
+
+def _write_points(value: float) -> str:
+    return f"{100 * value:+.1f} points"
 
 
 def _write_ms(value: float) -> str:
@@ -43,13 +48,23 @@ def _write_seconds(value: float) -> str:
     return f"{value:.2f} s"
 
 
-MISSED: Final = Metric("missed deadlines", lambda figures: figures.missed_share, np.mean, _write_percent)
-P95: Final = Metric("p95", lambda figures: figures.p95_ms, np.median, _write_ms)
-FIRST_TRIP: Final = Metric("first trip", lambda figures: figures.first_trip_s, np.median, _write_seconds)
+def _write_more_ms(value: float) -> str:
+    return f"{value:+.1f} ms"
+
+
+def _write_more_seconds(value: float) -> str:
+    return f"{value:+.2f} s"
+
+
+MISSED: Final = Metric("missed deadlines", lambda figures: figures.missed_share, np.mean, _write_percent, _write_points)
+P95: Final = Metric("p95", lambda figures: figures.p95_ms, np.median, _write_ms, _write_more_ms)
+FIRST_TRIP: Final = Metric(
+    "first trip", lambda figures: figures.first_trip_s, np.median, _write_seconds, _write_more_seconds
+)
 METRICS: Final = (
-    Metric("p50", lambda figures: figures.p50_ms, np.median, _write_ms),
+    Metric("p50", lambda figures: figures.p50_ms, np.median, _write_ms, _write_more_ms),
     P95,
-    Metric("p99", lambda figures: figures.p99_ms, np.median, _write_ms),
+    Metric("p99", lambda figures: figures.p99_ms, np.median, _write_ms, _write_more_ms),
     MISSED,
     FIRST_TRIP,
 )
@@ -69,7 +84,7 @@ class Comparison:
 
     def to_cells(self) -> list[str]:
         values = (self.difference.value, self.difference.low, self.difference.high)
-        value, low, high = (self.metric.write(value) for value in values)
+        value, low, high = (self.metric.write_difference(value) for value in values)
         return [
             self.hypothesis,
             f"ROS {self.ros}",
@@ -128,7 +143,7 @@ def examine_hypotheses(blocks: Sequence[Block], ros: int) -> Iterator[Comparison
             difference = compare(chosen, metric, other)
             verdict = "holds" if difference.high < margin else "not shown"
             place = ", undisturbed" if chosen is calm_blocks else ""
-            text = f"{metric.name}{place}, ours less {other}: below {metric.write(margin)}"
+            text = f"{metric.name}{place}, ours less {other}: below {metric.write_difference(margin)}"
             yield Comparison(hypothesis, ros, text, metric, len(chosen), difference, verdict)
 
 
@@ -152,7 +167,7 @@ def report(results: Results) -> list[str]:
         ),
         "",
         *_make_table(
-            ["generation", "condition", "arm", *OPERATOR_NODES, NO_NODE, f"within {BUDGET_MS:g} ms"],
+            ["generation", "condition", "arm", *OPERATOR_NODES, ELSEWHERE, f"within {BUDGET_MS:g} ms"],
             list(_list_placements(valid)),
         ),
     ]
@@ -216,10 +231,11 @@ def _list_figures(deployments: Sequence[Deployment]) -> Iterator[list[str]]:
 
 def _list_placements(deployments: Sequence[Deployment]) -> Iterator[list[str]]:
     for ros, name, arm, chosen in _yield_groups(deployments):
-        nodes = [deployment.node or NO_NODE for deployment in chosen]
+        nodes = [deployment.node for deployment in chosen]
+        counts = [nodes.count(node) for node in OPERATOR_NODES]
         within = sum(keeps_budget(deployment) for deployment in chosen)
-        counts = [str(nodes.count(node)) for node in (*OPERATOR_NODES, NO_NODE)]
-        yield [f"ROS {ros}", name, arm, *counts, f"{within} of {len(chosen)}"]
+        cells = [str(count) for count in (*counts, len(chosen) - sum(counts))]
+        yield [f"ROS {ros}", name, arm, *cells, f"{within} of {len(chosen)}"]
 
 
 def _yield_groups(deployments: Sequence[Deployment]) -> Iterator[tuple[int, str, Arm, list[Deployment]]]:

@@ -56,7 +56,7 @@ class Condition:
         """Returns whether the round trip that is set between the robot and a node is within the budget."""
         if node == NEAR and self.worse_link:
             return 2 * WORSE_LINK["delay_ms"] <= BUDGET_MS
-        return RTT_MS[ROBOT, node] <= BUDGET_MS
+        return node == ROBOT or RTT_MS[ROBOT, node] <= BUDGET_MS
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         run(journal, limits)
     except KeyboardInterrupt:
         say("interrupted; go on with --resume")
-    except TestbedError as problem:
+    except (TestbedError, OSError) as problem:
         say(f"{problem}; go on with --resume")
         return 1
     pending = journal.results.list_pending(plan_turns(header.seed, header.rounds))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from campaigns.teleop import analysis, plot
-from campaigns.teleop.design import CLOUD, FAR, NEAR, Arm, Turn, plan_turns
+from campaigns.teleop.design import CLOUD, FAR, NEAR, ROBOT, Arm, Turn, plan_turns
 from campaigns.teleop.metrics import NO_TRIP, Figures
 from campaigns.teleop.records import Deployment, Header, Load, Results
 
@@ -85,6 +85,12 @@ def test_placements_are_counted_with_those_within_the_budget() -> None:
     text = analysis.report(results(place_well))
     assert "| ROS 2 | worse link | affinity | 4 | 0 | 0 | 0 | 0 of 4 |" in text
     assert "| ROS 1 | undisturbed | ours | 12 | 0 | 0 | 0 | 12 of 12 |" in text
+
+
+def test_operator_sides_that_are_on_the_robot_or_nowhere_are_counted_elsewhere() -> None:
+    text = analysis.report(results(lambda turn: (ROBOT if turn.arm is Arm.OURS else "", figures(1.0))))
+    assert "| ROS 2 | all conditions | ours | 0 | 0 | 0 | 32 | 32 of 32 |" in text
+    assert "| ROS 2 | all conditions | affinity | 0 | 0 | 0 | 32 | 0 of 32 |" in text
 
 
 def test_busy_blocks_are_left_out_of_the_sensitivity_analysis() -> None:
