@@ -59,6 +59,7 @@ class Attempt:
             began_at=began_at,
             node=find_operator_node(pods),
             helpers=list_helper_nodes(pods),
+            restarts=count_restarts(pods),
             figures=metrics.measure(commands, applied_s=self._applied_s),
             load=load,
             trips_ms=list_trips(commands),
@@ -142,6 +143,11 @@ def list_helper_nodes(pods: Sequence[dict[str, Any]]) -> dict[str, str]:
         for pod in pods
         if Label.COMPONENT.value not in pod["metadata"]["labels"]
     }
+
+
+def count_restarts(pods: Sequence[dict[str, Any]]) -> int:
+    statuses = (status for pod in pods for status in pod.get("status", {}).get("containerStatuses", ()))
+    return sum(status["restartCount"] for status in statuses)
 
 
 def list_trips(commands: Sequence[Command]) -> tuple[float | None, ...]:

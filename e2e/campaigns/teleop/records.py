@@ -46,7 +46,10 @@ class Load:
 
 @dataclass(frozen=True, slots=True)
 class Deployment:
-    """One deployment as it went. A void one has a reason and is repeated; `trips_ms` are those of the window."""
+    """One deployment as it went. A void one has a reason and is repeated; `trips_ms` are those of the window.
+
+    `restarts` counts those of all containers: a program that is started anew begins its file anew.
+    """
 
     turn: Turn
     session: int
@@ -54,6 +57,7 @@ class Deployment:
     began_at: str
     node: str = ""
     helpers: dict[str, str] = field(default_factory=dict)
+    restarts: int = 0
     figures: Figures | None = None
     load: Load | None = None
     trips_ms: tuple[float | None, ...] = ()

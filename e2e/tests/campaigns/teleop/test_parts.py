@@ -40,6 +40,13 @@ def test_the_newest_operator_counts_and_helpers_are_what_is_no_component() -> No
     assert deployments.find_operator_node([]) == ""
 
 
+def test_restarts_of_all_containers_are_counted() -> None:
+    restarted = pod("o1", "operator", NEAR) | {
+        "status": {"containerStatuses": [{"restartCount": 2}, {"restartCount": 1}]}
+    }
+    assert deployments.count_restarts([restarted, pod("r", "robot")]) == 3
+
+
 def test_residents_differ_in_name_and_node_alone_and_request_nothing() -> None:
     near, far = make_resident(NEAR), make_resident(FAR)
     assert (near["spec"].pop("nodeName"), far["spec"].pop("nodeName")) == (NEAR, FAR)
