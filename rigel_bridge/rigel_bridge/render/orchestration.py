@@ -60,6 +60,6 @@ def _component(section: Section, draft: Draft, index: int, everyone: frozenset[s
         draft.overlay(separate)
     for key, node in section.node.mapping().items():
         if key == "name":
-            raise node.fail("the component is named by its package")
+            raise node.fail("the component is named by its package, or by the key it stands under")
         if key != "scheduler":
             draft.merge(("components", index, key), section.plain(node), node)

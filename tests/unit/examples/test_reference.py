@@ -18,7 +18,9 @@ from ros_profile.main import main as profile
 
 FOLDER = Path(__file__).parents[3] / "examples" / "reference"
 APPS = sorted(path for path in FOLDER.iterdir() if path.is_dir())
-FILES = ("Dockerfile", "README.md", "Rigelfile", "compose.yaml", "robotapp.yaml")
+RIGELFILES = ("Rigelfile", "rigel-0.3/Rigelfile")
+"""In the form of Rigel 0.2 and in that of 0.3; the RobotApp is rendered from the first."""
+FILES = ("Dockerfile", "README.md", *RIGELFILES, "compose.yaml", "robotapp.yaml")
 
 
 @pytest.fixture(params=APPS, ids=lambda path: path.name)
@@ -27,11 +29,11 @@ def app(request: pytest.FixtureRequest) -> Path:
     return folder
 
 
-def render(app: Path, *flags: str) -> str:
+def render(rigelfile: Path, *flags: str) -> str:
     """Returns what rigel-bridge makes of the Rigelfile."""
     output = io.StringIO()
     with contextlib.redirect_stdout(output):
-        assert bridge(["render", str(app / "Rigelfile"), *flags]) == 0
+        assert bridge(["render", str(rigelfile), *flags]) == 0
     return output.getvalue()
 
 
@@ -59,9 +61,26 @@ def test_an_application_has_its_files_and_one_package(app: Path) -> None:
 
 
 def test_the_rigelfile_renders_to_the_robotapp(app: Path) -> None:
-    assert render(app) == (app / "robotapp.yaml").read_text()
+    assert render(app / "Rigelfile") == (app / "robotapp.yaml").read_text()
 
 
+def test_the_rigelfile_of_rigel_0_3_renders_to_the_same_app(app: Path) -> None:
+    rendered = yaml.safe_load(render(app / "rigel-0.3" / "Rigelfile"))
+    committed = yaml.safe_load((app / "robotapp.yaml").read_text())
+    assert rendered["metadata"]["annotations"]["rigel.robotics.io/generation"] == "g3"
+    assert rendered["metadata"]["name"] == committed["metadata"]["name"]
+    assert rendered["spec"] == committed["spec"]
+
+
+@pytest.mark.parametrize("rigelfile", RIGELFILES)
+def test_neither_rigelfile_has_a_mistake_in_any_job_or_sequence(app: Path, rigelfile: str) -> None:
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        assert bridge(["check", str(app / rigelfile)]) == 0
+    assert "error" not in output.getvalue()
+
+
+@pytest.mark.parametrize("rigelfile", RIGELFILES)
 @pytest.mark.parametrize(
     ("sequence", "scheduler", "has_wishes"),
     [
@@ -71,9 +90,9 @@ def test_the_rigelfile_renders_to_the_robotapp(app: Path) -> None:
     ],
 )
 def test_three_sequences_choose_the_scheduler_and_nothing_else_of_the_programs(
-    app: Path, sequence: str, scheduler: str, has_wishes: bool
+    app: Path, rigelfile: str, sequence: str, scheduler: str, has_wishes: bool
 ) -> None:
-    spec = yaml.safe_load(render(app, "--sequence", sequence))["spec"]
+    spec = yaml.safe_load(render(app / rigelfile, "--sequence", sequence))["spec"]
     committed = yaml.safe_load((app / "robotapp.yaml").read_text())["spec"]
     assert spec["schedulerName"] == scheduler
     assert any("policies" in component for component in spec["components"]) is has_wishes
